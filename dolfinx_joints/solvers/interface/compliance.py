@@ -93,6 +93,7 @@ class Compliance:
     Attributes:
         effective: The bulk, A.
         kind: Which of the kinds it is.
+        keeps_rows: Whether a rank may keep whole rows of S beside a compressed one.
         own: Compliance of each local point on its own area, normal and tangential (the mean of
             the directions in which it can move), shape (n, 2), [m/Pa].
         scale: s, three per local point, 1 where a point cannot move, [(m/N)^(1/2)].
@@ -118,6 +119,7 @@ class Compliance:
         self._comm, self._joints = operator.comm.tompi4py(), joints
         self._forces = UnitForces(effective, operator)
         size = operator.getSize()[0]
+        self.keeps_rows = kind != "compressed" or self._comm.size == 1
         self.kind = _chosen(kind, size, effective, joints)
         self.split: Split
         self.rough: Split | None = None
@@ -300,12 +302,28 @@ class Compressed(_Products):
         return self._entries
 
     def whole(self) -> Floats:
-        """The matrix, shape (size, size); on several ranks by a product for each column."""
+        """The matrix, shape (size, size), on every rank (collective)."""
+        columns = self.columns()
+        if self._comm.size == 1:
+            return columns
+        return np.hstack(self._comm.allgather(columns))
+
+    def columns(self) -> Floats:
+        """Columns of the rank's rows, one after the other, shape (size, local) (collective).
+
+        On several ranks by a product for each.
+        """
         if isinstance(self.matrix, RankedLowRankMatrix):
+            unit, columns = np.zeros(self.local), np.empty((self.size, self.local))
             first = Parts(self.local, self._comm).first
-            units = np.eye(self.size, self.local, -first)
-            columns = [self.product(unit, np.flatnonzero(unit)) for unit in units]
-            return np.hstack(self._comm.allgather(np.array(columns)))
+            for k in range(self.size):
+                mine = first <= k < first + self.local
+                if mine:
+                    unit[k - first] = 1.0
+                columns[k] = self.product(unit, np.flatnonzero(unit))
+                if mine:
+                    unit[k - first] = 0.0
+            return columns
         every = self.matrix.whole()
         every /= self._scale[:, None] * self._scale
         every[np.diag_indices(self.size)] -= 1.0

@@ -110,6 +110,7 @@ class Condensed:
             self.compliance.rough,
             self._stuck() if known else None,
             self._operator.comm.tompi4py(),
+            keeps_rows=self.compliance.keeps_rows,
         )
         if self._restored:
             corrections.load_state_dict(self._restored)

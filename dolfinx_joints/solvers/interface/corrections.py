@@ -82,18 +82,26 @@ class Corrections:
         stuck: T0, the diagonal of the tangent of the rank's points where they stick, shape
             (points, 3); None where the second set is of no use.
         comm: Communicator of the ranks.
+        keeps_rows: Whether a rank may have whole rows, and for a moment all, of S.
 
     Attributes:
         stuck: T0, None where there is no second set.
         missed: Entries that W would have saved to be read before it was made.
     """
 
-    def __init__(self, split: Split, rough: Split | None, stuck: Floats | None, comm: Any) -> None:
+    def __init__(
+        self,
+        split: Split,
+        rough: Split | None,
+        stuck: Floats | None,
+        comm: Any,
+        *,
+        keeps_rows: bool = True,
+    ) -> None:
         """Keep S; the second set is made when it pays."""
         self._split, self._rough, self._comm = split, rough, comm
         self._exact = isinstance(split, RowMatrix)
-        # On several ranks only beside what is on all of them anyway for a moment.
-        ties = split.size <= LARGEST_TIED and (self._exact or comm.size == 1)
+        ties = split.size <= LARGEST_TIED and (self._exact or keeps_rows)
         self.stuck = stuck if ties else None
         self._kept: Rows = np.empty(0, dtype=np.int64)
         self._points = split.local // 3
@@ -154,10 +162,10 @@ class Corrections:
                 self.stuck = None
 
     def tied(self) -> Floats | None:
-        """W, shape (m, m), once it pays; it is then not kept (collective)."""
+        """The rank's columns of W, shape (M, m), once it pays; it is then not kept (collective)."""
         self._tie()
         tied, self._tied = self._tied, None
-        return None if tied is None else tied.matrix.whole()
+        return None if tied is None else tied.matrix.columns()
 
     def _solve_active(self, residual: Floats, tangent: Floats, tolerance: float) -> Correction:
         rows, block = _rows_of(self._kept), self._block

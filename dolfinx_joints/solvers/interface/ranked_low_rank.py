@@ -77,10 +77,7 @@ class Shares:
         In the place of a block's panel is where its numbers are among those that pass.
         """
         data = np.concatenate([f.ravel() for f in self.factors])
-        at = 0
-        for i, factor in enumerate(self.factors):
-            self.factors[i] = data[at : at + factor.size].reshape(factor.shape)
-            at += factor.size
+        self._view(data)
         table, places, end = [], {}, 0
         for *block, rows, kind, panel in self.table:
             if kind == FACTOR or panel not in places:
@@ -93,6 +90,18 @@ class Shares:
                 place = places[panel]
             table.append((*block, rows, kind, place))
         return np.array(table, dtype=np.int64), data
+
+    def _view(self, data: NDArray[Any]) -> None:
+        """Let the factors be views of these entries."""
+        at = 0
+        for i, factor in enumerate(self.factors):
+            self.factors[i] = data[at : at + factor.size].reshape(factor.shape)
+            at += factor.size
+
+    def move(self, data: NDArray[Any]) -> None:
+        """Keep the entries here, where they have been copied to."""
+        self.__dict__["arrays"] = (self.arrays[0], data)
+        self._view(data)
 
     @cached_property
     def length(self) -> int:
@@ -249,16 +258,36 @@ class RankedLowRankMatrix:
         gone = []
         for rank, shares in self._sends.items():
             gone.append(np.zeros(shares.length, own.dtype))
-            _reduce(*shares.arrays, x, gone[-1])
+            reduce(*shares.arrays, x, gone[-1])
             waiting.append(comm.Isend(gone[-1], dest=rank))
         multiply_blocks(own.blocks, own.data, x, y)
         for request in waiting:
             request.Wait()
         for rank, shares in self._adds.items():
-            _expand(*shares.arrays, come[rank], y)
+            expand(*shares.arrays, come[rank], y)
         out = np.empty(own.size)
         out[own.order] = own.scale * y
         return out
+
+    def joined(self) -> tuple[Ints, NDArray[Any], list[int]]:
+        """What it has with all other ranks as one table with its entries, where it is symmetric.
+
+        Of the numbers that pass those with rank 0 come first; how many each takes is the third.
+        """
+        both = [self._sends.get(rank) for rank in range(self.comm.size)]
+        lengths = [0 if shares is None else shares.length for shares in both]
+        tables: list[Ints] = [np.empty((0, 5), dtype=np.int64)]
+        known = [shares for shares in both if shares is not None]
+        entries, at = np.empty(sum(len(s.arrays[1]) for s in known), dtype=self.own.dtype), 0
+        for shares, before in zip(both, np.cumsum(lengths) - lengths, strict=True):
+            if shares is not None:
+                table, data = shares.arrays
+                tables.append(table + np.array([0, 0, 0, 0, before]))
+                here = entries[at : at + len(data)]
+                here[:] = data
+                shares.move(here)
+                at += len(data)
+        return np.concatenate(tables), entries, lengths
 
     def products(self, vectors: list[Floats]) -> Sequence[Floats]:
         """`product` of several vectors (collective)."""
@@ -266,7 +295,7 @@ class RankedLowRankMatrix:
 
 
 @njit(cache=True, fastmath=SUMS)
-def _reduce(table: Ints, data: NDArray[Any], x: NDArray[Any], out: NDArray[Any]) -> None:
+def reduce(table: Ints, data: NDArray[Any], x: NDArray[Any], out: NDArray[Any]) -> None:
     """Add to out the products of the factors with their parts of x, or these themselves."""
     start = 0
     for b in range(len(table)):
@@ -283,7 +312,7 @@ def _reduce(table: Ints, data: NDArray[Any], x: NDArray[Any], out: NDArray[Any])
 
 
 @njit(cache=True, fastmath=SUMS)
-def _expand(table: Ints, data: NDArray[Any], values: NDArray[Any], y: NDArray[Any]) -> None:
+def expand(table: Ints, data: NDArray[Any], values: NDArray[Any], y: NDArray[Any]) -> None:
     """Add the transposed factors times values, or these themselves, to their parts of y."""
     start = 0
     for b in range(len(table)):

@@ -65,6 +65,10 @@ class RowMatrix:
         """Entries that a product with so many nonzero values of all ranks reads."""
         return float(rows * max(self._unknowns.counts))
 
+    def columns(self) -> Floats:
+        """Columns of the rank's rows, shape (size, local)."""
+        return self._columns
+
     def whole(self) -> Floats:
         """The matrix, shape (size, size), on every rank (collective)."""
         if self._comm.size == 1:

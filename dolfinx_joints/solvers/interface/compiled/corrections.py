@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import part
+from dolfinx_joints.common.ranks_in_loops import each_of_ranks, largest_of
 from dolfinx_joints.solvers.interface.compiled.deflation import Deflation
 from dolfinx_joints.solvers.interface.compiled.krylov import Space, gmres, turn
 from dolfinx_joints.solvers.interface.compiled.products import (
@@ -38,20 +39,22 @@ class Memory(NamedTuple):
         changed: Set of the points that do not stick, with their part of W.
         ties: Whether W has been made.
         tied: W, as S inside corrections.
-        stuck: T0, shape (m,), empty where there is no W to be had.
+        has_stuck: Whether there is a W to be had.
+        stuck: T0, shape (m,), empty where there is none.
         missed: Entries that W would have saved to be read so far, shape (1,).
         finest: Tolerance that systems are solved to at best.
         space: Room for GMRES.
         deflation: Of S.
         none: That of W, whose eigenvalues are below one.
         vectors: d and S d, in the rows `STEP` and `COUPLED`, and room for four more, shape (6, m).
-        numbers: Room for numbers of active points, changed points and rows, shape (3, m).
+        numbers: Room for numbers of active and of changed points, shape (2, m).
     """
 
     active: Kept
     changed: Kept
     ties: bool
     tied: Any
+    has_stuck: bool
     stuck: Floats
     missed: Floats
     finest: float
@@ -77,7 +80,7 @@ def correct(
     couples: bool,
     memory: Memory,
 ) -> None:
-    """Write d, and S d as exact as ``inner`` is, to the memory.
+    """Write d, and S d as exact as ``inner`` is, to the memory (collective).
 
     Args:
         inner: S, in single precision or rougher.
@@ -94,10 +97,14 @@ def correct(
         loaded += right[k] != 0.0
     tolerance = max(tolerance, memory.finest)
     active = _differing(tangent, stuck, False, numbers[0])
-    if len(stuck):
+    if memory.has_stuck:
         changed = _differing(tangent, stuck, True, numbers[1])
-        first = _cost_of_system(inner, active) + cost(inner, 3 * active)
-        second = _cost_of_system(inner, changed) + cost(inner, loaded) + cost(inner, 3 * changed)
+        mine = np.array([float(active), float(changed), float(loaded)])
+        every = each_of_ranks(inner.ranks, mine)
+        actives, changes = int(every[:, 0].sum()), int(every[:, 1].sum())
+        first = _cost_of_system(inner, actives) + cost(inner, 3 * actives)
+        second = cost(inner, int(every[:, 2].sum())) + cost(inner, 3 * changes)
+        second += _cost_of_system(inner, changes)
         if second < first:
             if memory.ties:
                 hold(memory.tied, memory.changed, numbers[1], changed)
@@ -152,10 +159,13 @@ def _spread(points: Ints, part: Floats, values: Floats) -> None:
 def _correct_active(
     inner: Any, tangent: Floats, tolerance: float, couples: bool, memory: Memory
 ) -> None:
-    """The system of the active points; the others' corrections are their residuals."""
-    kept, space, vectors, rows = memory.active, memory.space, memory.vectors, memory.numbers[2]
+    """The system of the active points; the others' corrections are their residuals.
+
+    (Collective.)
+    """
+    kept, space, vectors = memory.active, memory.space, memory.vectors
     step, coupled, residual, every = vectors[STEP], vectors[COUPLED], vectors[RIGHT], vectors[3]
-    points, size, others = kept.points, 3 * kept.number[0], False
+    points, size, others = kept.points, 3 * kept.number[0], 0.0
     right, found, caused = vectors[4, :size], vectors[5, :size], vectors[4]
     for k in range(len(step)):
         step[k] = residual[k]
@@ -165,34 +175,35 @@ def _correct_active(
             for b in range(3):
                 space.blocks[i, a, b] = tangent[points[i], a, b]
     for k in range(len(step)):
-        others = others or step[k] != 0.0
-    if others:
-        multiply(inner, step, rows, caused)
+        others = 1.0 if step[k] != 0.0 else others
+    others = largest_of(inner.ranks, others)
+    if others > 0.0:
+        multiply(inner, step, caused)
         _part_of(points, caused, every[:size])
         turn(space.blocks, every[:size], found)
     _part_of(points, residual, right)
     for k in range(size):
-        right[k] -= found[k] if others else 0.0
+        right[k] -= found[k] if others > 0.0 else 0.0
     gmres(inner, kept, right, tolerance, space, memory.deflation, found)
     for i in range(kept.number[0]):
         for a in range(3):
             step[3 * points[i] + a] = found[3 * i + a]
     if couples:
-        multiply(inner, step, rows, coupled)
+        multiply(inner, step, coupled)
 
 
 @part
 def _correct_changed(tangent: Floats, tolerance: float, memory: Memory) -> None:
     """The system of the points that do not stick.
 
-    With z = E y: (I + E W) z = E W r, q = r - z, d = q - T0 W q, S d = W q.
+    With z = E y: (I + E W) z = E W r, q = r - z, d = q - T0 W q, S d = W q. (Collective.)
     """
     kept, space, tied, vectors = memory.changed, memory.space, memory.tied, memory.vectors
     step, coupled, residual = vectors[STEP], vectors[COUPLED], vectors[RIGHT]
-    known, taken, rows = vectors[3], vectors[4], memory.numbers[2]
+    known, taken = vectors[3], vectors[4]
     points, size = kept.points, 3 * kept.number[0]
     right, found = vectors[4, :size], vectors[5, :size]
-    multiply(tied, residual, rows, known)
+    multiply(tied, residual, known)
     for i in range(kept.number[0]):
         for a in range(3):
             for b in range(3):
@@ -202,7 +213,7 @@ def _correct_changed(tangent: Floats, tolerance: float, memory: Memory) -> None:
     turn(space.blocks, found, right)
     gmres(tied, kept, right, tolerance, space, memory.none, found)
     _spread(points, found, taken)
-    multiply(tied, taken, rows, coupled)
+    multiply(tied, taken, coupled)
     for k in range(len(step)):
         coupled[k] = known[k] - coupled[k]
         step[k] = residual[k] - taken[k] - memory.stuck[k] * coupled[k]

@@ -20,9 +20,11 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from dolfinx_joints.common.kernels import njit, part
+from dolfinx_joints.common.ranks_in_loops import Ranks, sum_over
 from dolfinx_joints.solvers.interface.compiled.products import Kept
 from dolfinx_joints.solvers.interface.compliance import Split
 from dolfinx_joints.solvers.interface.low_rank import SUMS
+from dolfinx_joints.solvers.interface.row_matrix import Parts
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -41,7 +43,8 @@ class Deflation(NamedTuple):
     """The largest eigenvalues of S, and room for their vectors on a set.
 
     Attributes:
-        vectors: U, shape (k, m), k = 0 before it is known.
+        points: Points of all ranks.
+        vectors: U of the rank's unknowns, shape (k, m), k = 0 before it is known.
         inverse: 1 / lambda, shape (k,).
         here: U on a set, shape (k, m).
         turned: T U on a set, shape (k, m).
@@ -49,6 +52,7 @@ class Deflation(NamedTuple):
         amounts: Room for two vectors, shape (2, k).
     """
 
+    points: int
     vectors: Singles
     inverse: Floats
     here: Singles
@@ -57,23 +61,30 @@ class Deflation(NamedTuple):
     amounts: Floats
 
 
-def deflation_of(split: Split | None) -> Deflation:
-    """The largest eigenvalues of a symmetric S; none of None."""
-    size = 0 if split is None else split.size
+def deflation_of(split: Split | None, comm: Any) -> Deflation:
+    """The largest eigenvalues of a symmetric S; none of None (collective).
+
+    Vectors of all ranks are on each of them for a moment.
+    """
+    size, local = (0, 0) if split is None else (split.size, split.local)
     values: Floats = np.empty(0)
-    vectors: Singles = np.empty((0, size), dtype=np.float32)
+    vectors: Singles = np.empty((0, local), dtype=np.float32)
     if split is not None and size > 4 * VECTORS:
-        every = np.arange(size)
+        parts, rows = Parts(local, comm), np.arange(local)
+        mine = slice(parts.first, parts.first + local)
         product = LinearOperator(
-            (size, size), matvec=lambda x: split.product(x.ravel(), every), dtype=np.float64
+            (size, size),
+            matvec=lambda x: parts.all_of(split.product(x.ravel()[mine], rows)),
+            dtype=np.float64,
         )
         # Without it steps take longer and nothing else: where S is zero, or the search fails.
         with suppress(ArpackError):
             values, found = eigsh(product, k=VECTORS, which="LA", v0=np.ones(size), tol=1e-3)
             large = values > SMALLEST
             values = values[large]
-            vectors = np.ascontiguousarray(found.T[large], dtype=np.float32)
+            vectors = np.ascontiguousarray(found[mine].T[large], dtype=np.float32)
     return Deflation(
+        size // 3,
         vectors,
         np.reciprocal(values),
         np.empty_like(vectors),
@@ -93,10 +104,10 @@ def dot(a: NDArray[Any], b: NDArray[Any]) -> Any:
 
 
 @part
-def prepare(deflation: Deflation, kept: Kept, blocks: Singles) -> bool:
-    """Set up the preconditioner of a set with its blocks of T; whether it pays."""
+def prepare(deflation: Deflation, kept: Kept, blocks: Singles, ranks: Ranks) -> bool:
+    """Set up the preconditioner of a set with its blocks of T; whether it pays (collective)."""
     count, points = kept.number[0], kept.points
-    if not len(deflation.vectors) or count < LEAST_SHARE * len(points):
+    if not len(deflation.vectors) or kept.number[1] < LEAST_SHARE * deflation.points:
         return False
     for v in range(len(deflation.vectors)):
         vector, here, turned = deflation.vectors[v], deflation.here[v], deflation.turned[v]
@@ -113,6 +124,8 @@ def prepare(deflation: Deflation, kept: Kept, blocks: Singles) -> bool:
     for v in range(len(small)):
         for w in range(len(small)):
             small[v, w] = dot(deflation.here[v, : 3 * count], deflation.turned[w, : 3 * count])
+    sum_over(ranks, small.reshape(-1))
+    for v in range(len(small)):
         small[v, v] += deflation.inverse[v]
     return _invert(small)
 
@@ -137,11 +150,12 @@ def _invert(matrix: Floats) -> bool:
 
 
 @part
-def deflate(deflation: Deflation, values: Singles, out: Singles) -> None:
-    """Values less T U (L^-1 + U^T T U)^-1 U^T values."""
+def deflate(deflation: Deflation, values: Singles, out: Singles, ranks: Ranks) -> None:
+    """Values less T U (L^-1 + U^T T U)^-1 U^T values (collective)."""
     size, amounts = len(values), deflation.amounts
     for v in range(len(deflation.here)):
         amounts[0, v] = dot(deflation.here[v, :size], values)
+    sum_over(ranks, amounts[0])
     for k in range(size):
         out[k] = values[k]
     for v in range(len(deflation.here)):

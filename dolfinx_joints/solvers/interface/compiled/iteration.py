@@ -3,7 +3,7 @@
 """Semi-smooth Newton on the joint forces of one step, from starts to convergence.
 
 Functions and their steps are those of `InterfaceSolver`, `JointStep` and `Corrections`. Each works
-on arrays that it is given, of the points of this rank.
+on arrays that it is given, of the points of this rank, and all ranks wait in it for each other.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit, part
+from dolfinx_joints.common.ranks_in_loops import Ranks, each_of_ranks, largest_of
 from dolfinx_joints.laws.discrete_gradient import discrete_gradient_points
 from dolfinx_joints.laws.friction import backward_euler_points
 from dolfinx_joints.laws.return_mapping import Answer, Start
@@ -36,23 +37,27 @@ EPSILON = float(np.finfo(np.float64).eps)
 STALE, NEXT = 0.1, 0.3
 
 # Columns of the sizes of iterates.
-SCALE, NORM, LARGEST, ERROR = 0, 1, 2, 3
+SCALE, NORM, LARGEST, ERROR, REACH = 0, 1, 2, 3, 4
 
 
 class Points(NamedTuple):
     """The joint points in a step.
 
     Attributes:
+        ranks: The ranks.
+        first: Number of the rank's first point among all.
         whole_step: Whether laws are asked over the whole step, or at its end.
         start: State and laws.
         trial_gap: Gap without joint forces, shape (n, 3), [m].
         own: Compliance of each point on its own area, shape (n, 2), [m/Pa].
         scale: s, zero where a point cannot move, shape (m,).
         root: s w, shape (m,).
-        reach: Largest scaled gap, before and in the step.
+        reach: Largest scaled gap of all ranks, before and in the step.
         all_colours: 0 and 1: all points are of one colour.
     """
 
+    ranks: Ranks
+    first: int
     whole_step: bool
     start: Start
     trial_gap: Floats
@@ -72,8 +77,8 @@ class Iterates(NamedTuple):
         residual: r, likewise.
         tangent: T, shape (3, n, 3, 3).
         answer: Of the laws, its arrays one for each of the three.
-        sizes: Largest force that the laws give; 2-norm and largest of r; error of S f, shape
-            (3, 4).
+        sizes: Largest force that the laws give; 2-norm and largest of r; error of S f; largest of
+            f plus that of S f; all of all ranks, shape (3, 5).
     """
 
     force: Floats
@@ -139,23 +144,38 @@ def answer_of(iterates: Iterates, at: int) -> Answer:
 
 @part
 def evaluate(points: Points, iterates: Iterates, at: int) -> None:
-    """Residual f - s w t and tangent s w T s of the forces of an iterate."""
+    """Residual f - s w t and tangent s w T s of the forces of an iterate (collective)."""
     answer, scale, root = answer_of(iterates, at), points.scale, points.root
     force, residual, tangent = iterates.force[at], iterates.residual[at], iterates.tangent[at]
     _ask(points, iterates.coupled[at], answer, points.all_colours)
-    largest, total, worst = 0.0, 0.0, 0.0
+    coupled, total, mine = iterates.coupled[at], 0.0, np.zeros(5)
     for i in range(len(points.own)):
         for a in range(3):
             k = 3 * i + a
             given = root[k] * answer.traction[i, a]
             left = force[k] - given if root[k] > 0.0 else 0.0
             residual[k] = left
-            largest, total = max(largest, abs(given)), total + left * left
-            worst = max(worst, abs(left)) if left == left else np.nan
+            total += left * left
+            mine[0] = max(mine[0], abs(given))
+            mine[1] = max(mine[1], abs(left)) if left == left else np.nan
+            mine[2], mine[3] = max(mine[2], abs(force[k])), max(mine[3], abs(coupled[k]))
             for b in range(3):
                 tangent[i, a, b] = root[k] * answer.tangent[i, a, b] * scale[3 * i + b]
-    sizes = iterates.sizes[at]
-    sizes[SCALE], sizes[NORM], sizes[LARGEST] = largest, np.sqrt(total), worst
+    mine[4] = total
+    _gather_sizes(points.ranks, mine, iterates.sizes[at])
+
+
+@part
+def _gather_sizes(ranks: Ranks, mine: Floats, sizes: Floats) -> None:
+    """Sizes of all ranks from the largest entries and the sum of each (collective)."""
+    every = each_of_ranks(ranks, mine)
+    for r in range(1, len(every)):
+        every[0, 4] += every[r, 4]
+        for k in range(4):
+            if not every[0, k] >= every[r, k]:
+                every[0, k] = every[r, k] if every[0, k] == every[0, k] else np.nan
+    sizes[SCALE], sizes[LARGEST], sizes[NORM] = every[0, 0], every[0, 1], np.sqrt(every[0, 4])
+    sizes[REACH] = every[0, 2] + every[0, 3]
 
 
 @part
@@ -167,16 +187,17 @@ def _sweep(
     force, coupled, answer = iterates.force[out], iterates.coupled[out], answer_of(iterates, out)
     for k in range(len(force)):
         force[k], coupled[k] = iterates.force[at, k], iterates.coupled[at, k]
-    for colour in range(min(colours, len(points.own))):
-        _ask(points, coupled, answer, (colour, colours))
+    for colour in range(colours):
+        first = (colour - points.first) % colours
+        _ask(points, coupled, answer, (first, colours))
         for k in range(len(force)):
             change[k] = 0.0
-        for i in range(colour, len(points.own), colours):
+        for i in range(first, len(points.own), colours):
             for a in range(3):
                 k = 3 * i + a
                 change[k] = points.root[k] * answer.traction[i, a] - force[k]
                 force[k] += change[k]
-        multiply(split, change, memory.numbers[2], moved)
+        multiply(split, change, moved)
         for k in range(len(moved)):
             coupled[k] += moved[k]
     iterates.sizes[out, ERROR] = iterates.sizes[at, ERROR]
@@ -226,7 +247,7 @@ def _couple_exactly(split: Any, iterates: Iterates, here: int, memory: Memory) -
     step, coupled, after = memory.vectors[STEP], memory.vectors[COUPLED], memory.vectors[FREE]
     for k in range(len(step)):
         after[k] = iterates.force[here, k] - step[k]
-    multiply(split, after, memory.numbers[2], coupled)
+    multiply(split, after, coupled)
     for k in range(len(step)):
         coupled[k] = iterates.coupled[here, k] - coupled[k]
 
@@ -234,7 +255,7 @@ def _couple_exactly(split: Any, iterates: Iterates, here: int, memory: Memory) -
 @part
 def _renew(points: Points, split: Any, iterates: Iterates, at: int, memory: Memory) -> None:
     """Compute S f anew."""
-    multiply(split, iterates.force[at], memory.numbers[2], iterates.coupled[at])
+    multiply(split, iterates.force[at], iterates.coupled[at])
     iterates.sizes[at, ERROR] = 0.0
     evaluate(points, iterates, at)
 
@@ -247,13 +268,6 @@ def _largest(values: Floats) -> float:
     return largest
 
 
-@part
-def _rounding(points: Points, iterates: Iterates, at: int) -> float:
-    """Scaled force that rounding of the gaps may leave."""
-    force, coupled = _largest(iterates.force[at]), _largest(iterates.coupled[at])
-    return 64.0 * EPSILON * (points.reach + force + coupled)
-
-
 @njit(cache=True, no_cfunc_wrapper=True)
 def iterate(
     points: Points,
@@ -264,7 +278,7 @@ def iterate(
     limits: Limits,
     memory: Memory,
 ) -> tuple[bool, int, int, float]:
-    """Solve r(f) = 0.
+    """Solve r(f) = 0 (collective).
 
     Args:
         points: The points in the step.
@@ -292,7 +306,8 @@ def iterate(
             _renew(points, split, iterates, here, memory)
         size = sizes[here, LARGEST]
         scale = sizes[here, SCALE] or size or 1.0
-        relative, rounding = size / scale, _rounding(points, iterates, here) / scale
+        reach = points.reach + sizes[here, REACH]  # the largest scaled gaps may be rounded to
+        relative, rounding = size / scale, 64.0 * EPSILON * reach / scale
         # As in `InterfaceSolver._iterate`.
         accepted = max(limits.tolerance, min(rounding, 1e-6 if rounding < 1.0 else 1e-3))
         done = relative <= limits.enough or (relative <= accepted and size >= 0.5 * last)
@@ -309,7 +324,8 @@ def iterate(
         correct(inner, residual, tangent, least, tolerance, not exactly, memory)
         if exactly:
             _couple_exactly(split, iterates, here, memory)
-        error = sizes[here, ERROR] + limits.rough * _largest(memory.vectors[COUPLED])
+        moved = largest_of(points.ranks, _largest(memory.vectors[COUPLED]))
+        error = sizes[here, ERROR] + limits.rough * moved
         # As in `LineSearch`.
         norms[since], since, cuts = sizes[here, NORM], since + 1, limits.cuts
         if since > PATIENCE and norms[since - 1] > FALL * norms[since - 1 - PATIENCE]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import part
+from dolfinx_joints.common.ranks_in_loops import Ranks, sum_over
 from dolfinx_joints.solvers.interface.compiled.deflation import Deflation, deflate, dot, prepare
 from dolfinx_joints.solvers.interface.compiled.products import Kept, multiply_part
 
@@ -23,8 +24,11 @@ Singles = NDArray[np.float32]
 # What is left of a direction that depends on the others, relative to it.
 ROUNDING = 1e-6
 
+# Part of its square that a direction keeps where once is enough to make it orthogonal.
+AGAIN = 0.01
+
 # Columns of `Space.small` behind the triangle.
-LEFT, COLUMN, COSINE, SINE = -1, -2, -3, -4
+LEFT, COLUMN, COSINE, SINE, SHIFT = -1, -2, -3, -4, -5
 
 
 class Space(NamedTuple):
@@ -33,24 +37,28 @@ class Space(NamedTuple):
     Attributes:
         basis: Its directions, shape (products + 1, m).
         small: R of the Hessenberg matrix; then what is left of the right-hand side, a column of the
-            Hessenberg matrix, and its rotations; shape (products + 1, products + 4).
+            Hessenberg matrix, its rotations and what is on its diagonal; shape (products + 1,
+            products + 5).
+        sums: Products of a direction with the others, shape (products + 2,).
         blocks: Blocks of the points of a set, shape (points, 3, 3).
-        vectors: Vectors of the length of a set, shape (2, m), and one of all unknowns.
+        vectors: Vectors of the length of a set, shape (2, m).
     """
 
     basis: Singles
     small: Floats
+    sums: Floats
     blocks: Singles
     vectors: Singles
 
 
 def space_of(size: int, products: int) -> Space:
-    """Room for m unknowns."""
+    """Room for m unknowns of the rank."""
     return Space(
         np.empty((products + 1, size), dtype=np.float32),
-        np.zeros((products + 1, products + 4)),
+        np.zeros((products + 1, products + 5)),
+        np.zeros(products + 2),
         np.empty((size // 3, 3, 3), dtype=np.float32),
-        np.empty((3, size), dtype=np.float32),
+        np.empty((2, size), dtype=np.float32),
     )
 
 
@@ -74,7 +82,7 @@ def gmres(
     deflation: Deflation,
     solution: Floats,
 ) -> int:
-    """Solve (I + T P) x = b for the part P of S; the number of products.
+    """Solve (I + T P) x = b for the part P of S; the number of products (collective).
 
     Args:
         split: S.
@@ -85,29 +93,33 @@ def gmres(
         deflation: Its preconditioner, where it has one for the set.
         solution: x, written to.
     """
-    size, small = len(right), space.small
-    product, deflated, every = space.vectors[0, :size], space.vectors[1, :size], space.vectors[2]
-    norm, most, count = np.sqrt(dot(right, right)), min(len(space.basis) - 1, size), 0
+    size, small, ranks, shift = len(right), space.small, split.ranks, 0.0
+    product, deflated = space.vectors[0, :size], space.vectors[1, :size]
+    norm, most, count = np.sqrt(_square(ranks, right)), len(space.basis) - 1, 0
+    most = min(most, 3 * kept.number[1])
     if norm > 0.0:
         for k in range(size):
             space.basis[0, k] = right[k] / norm
-        deflates = prepare(deflation, kept, space.blocks)
+        deflates = prepare(deflation, kept, space.blocks, ranks)
         small[0, LEFT] = 1.0
         while count < most:
             old, new = space.basis[count, :size], space.basis[count + 1, :size]
+            given = old
             if deflates:
-                deflate(deflation, old, deflated)
-                old = deflated
-            multiply_part(split, kept, old, every, product)
+                deflate(deflation, old, deflated, ranks)
+                given = deflated
+            multiply_part(split, kept, given, product)
             turn(space.blocks, product, new)
+            off = np.float32(shift)
             for k in range(size):
-                new[k] += old[k]
-            ended, count = _orthogonalise(space, size, count), count + 1
+                new[k] += given[k] - off * old[k]
+            ended, count = _orthogonalise(space, size, count, shift, ranks), count + 1
+            shift = small[count - 1, SHIFT]
             if ended or abs(small[count, LEFT]) <= tolerance:
                 break
         _combine(space, count, product)
         if deflates:
-            deflate(deflation, product, deflated)
+            deflate(deflation, product, deflated, ranks)
             product = deflated
     for k in range(size):
         solution[k] = norm * product[k] if norm > 0.0 else 0.0
@@ -115,20 +127,55 @@ def gmres(
 
 
 @part
-def _orthogonalise(space: Space, size: int, j: int) -> bool:
-    """Take up the direction j + 1 and rotate its column; whether it is the last."""
+def _square(ranks: Ranks, values: Floats) -> float:
+    """Sum of squares over the ranks (collective)."""
+    total = np.array([dot(values, values)])
+    sum_over(ranks, total)
+    return float(total[0])
+
+
+@part
+def _along(space: Space, size: int, j: int, ranks: Ranks) -> None:
+    """Products of the direction j + 1 with those before it and itself, as sums (collective)."""
+    new, found = space.basis[j + 1, :size], space.sums[: j + 2]
+    for i in range(j + 2):
+        found[i] = dot(space.basis[i, :size], new)
+    sum_over(ranks, found)
+
+
+@part
+def _take_off(space: Space, size: int, j: int) -> float:
+    """Take these amounts off the direction; what that leaves of its square, by Pythagoras."""
+    new, found = space.basis[j + 1, :size], space.sums
+    rest = found[j + 1]
+    for i in range(j + 1):
+        old, along = space.basis[i, :size], np.float32(found[i])
+        space.small[i, COLUMN] += found[i]
+        rest -= found[i] * found[i]
+        for k in range(size):
+            new[k] -= along * old[k]
+    return rest
+
+
+@part
+def _orthogonalise(space: Space, size: int, j: int, shift: float, ranks: Ranks) -> bool:
+    """Take up the direction j + 1 and rotate its column; whether it is the last (collective).
+
+    As in `gmres`: directions are those of A - shift, by which little goes for A near the identity.
+    """
     new, small = space.basis[j + 1, :size], space.small
-    whole = np.sqrt(dot(new, new))
     for i in range(j + 2):
         small[i, COLUMN] = 0.0
-    for _ in range(2):  # twice: a single pass loses orthogonality
-        for i in range(j + 1):
-            old = space.basis[i, :size]
-            along = dot(old, new)
-            small[i, COLUMN] += along
-            for k in range(size):
-                new[k] -= along * old[k]
-    length = np.sqrt(dot(new, new))
+    _along(space, size, j, ranks)
+    square, last = space.sums[j + 1], space.sums[j]
+    whole = np.sqrt(max(square + 2.0 * shift * last + shift * shift, 0.0))
+    rest = _take_off(space, size, j)
+    if not rest > AGAIN * square:
+        _along(space, size, j, ranks)
+        rest = _take_off(space, size, j)
+    small[j, COLUMN] += shift
+    small[j, SHIFT] = small[j, COLUMN]
+    length = np.sqrt(max(rest, 0.0))
     for i in range(j):
         c, s = small[i, COSINE], small[i, SINE]
         a, b = small[i, COLUMN], small[i + 1, COLUMN]

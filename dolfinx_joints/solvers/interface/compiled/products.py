@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Products with S, the compliance less its diagonal, and with parts of it kept in single precision.
 
-S is `Dense` or `LowRank`; which, is settled when a function that multiplies is compiled.
+S is `Dense` or `LowRank`; which, is settled when a function that multiplies is compiled. Vectors
+are those of the rank's unknowns, m of them; of all ranks there are M.
 """
 
 from __future__ import annotations
@@ -14,7 +15,16 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit, part
+from dolfinx_joints.common.ranks_in_loops import (
+    Lengths,
+    Ranks,
+    each_of_ranks,
+    exchange,
+    lengths_of,
+    put_together,
+)
 from dolfinx_joints.solvers.interface.low_rank import multiply_blocks
+from dolfinx_joints.solvers.interface.ranked_low_rank import expand, reduce
 from dolfinx_joints.solvers.interface.row_matrix import add_rows
 
 Floats = NDArray[np.float64]
@@ -30,32 +40,54 @@ class Dense(NamedTuple):
     """S as it stands.
 
     Attributes:
-        rows: Shape (m, m), symmetric.
-        work: Room for a product, shape (m,), of the type of the rows.
+        ranks: The ranks.
+        columns: Columns of the rank's rows, one after the other, shape (M, m).
+        work: Room for a product, shape (m,), of the type of the columns.
+        nonzero: Room for numbers of unknowns, shape (M,).
+        lengths: Of vectors.
+        every: Room for one of all ranks, shape (M,), on several.
     """
 
-    rows: NDArray[Any]
+    ranks: Ranks
+    columns: NDArray[Any]
     work: NDArray[Any]
+    nonzero: Ints
+    lengths: Lengths
+    every: Floats
 
 
 class LowRank(NamedTuple):
     """S in the blocks of a `LowRankMatrix`, which have its unit diagonal as well.
 
     Attributes:
-        blocks: Table of the blocks.
+        ranks: The ranks.
+        blocks: Table of the blocks of the rank's points among themselves.
         data: Their entries.
+        table: Of the blocks with points of other ranks, as of `RankedLowRankMatrix`.
+        shares: Entries that the rank has of those.
+        lengths: Of what passes between it and each other.
+        passing: Room for that, shape (2, n).
         order: Unknowns in the order of the blocks, shape (m,).
+        rows: Place of each unknown in that order, shape (m,).
         live: Whether an unknown can move, shape (m,).
         work: Room for a vector and a product, shape (2, m), of the type of the entries.
-        whole: S as it stands for small sets, which read less of it than the blocks have; shape
-            (m, m) or (0, 0).
+        entries: Of all ranks.
+        whole: S as it stands for small sets, which read less of it than the blocks have, as the
+            columns of `Dense`; shape (M, m) or (0, 0).
     """
 
+    ranks: Ranks
     blocks: Ints
     data: NDArray[Any]
+    table: Ints
+    shares: NDArray[Any]
+    lengths: Lengths
+    passing: NDArray[Any]
     order: Ints
+    rows: Ints
     live: NDArray[np.bool_]
     work: NDArray[Any]
+    entries: float
     whole: Singles
 
 
@@ -63,72 +95,98 @@ class Kept(NamedTuple):
     """A set of points with its part of S, kept while the points asked for are among them.
 
     Attributes:
-        points: Their numbers, in order, the first ``number`` entries, shape (points,).
-        number: How many, -1 before the first set, shape (1,).
-        part: Their rows and columns of S, the first 9 number^2 entries; of a `LowRank` S where that
-            is no more than it has.
+        points: Numbers of the rank's, in order, the first entries, shape (points,).
+        number: How many, -1 before the first set, and of all ranks, shape (2,).
+        lengths: Of vectors over the set, in single precision.
+        every: Room for such a vector of all ranks, shape (M,).
+        numbers: Numbers of all ranks' points among all, shape (M / 3,).
+        part: Columns of the set, of the rank's rows in it, the first entries; of a `LowRank` S
+            where those are no more than it has.
     """
 
     points: Ints
     number: Ints
+    lengths: Lengths
+    every: Singles
+    numbers: Ints
     part: Singles
 
 
-def kept_of(points: int, split: Dense | LowRank) -> Kept:
-    """Room for sets of so many points."""
-    entries = 9 * points**2
+def kept_of(points: int, every: int, split: Dense | LowRank) -> Kept:
+    """Room for sets of so many points of the rank, and of all."""
+    most, ranks = every, split.ranks.size
     if isinstance(split, LowRank):
-        entries = len(split.data) if len(split.whole) else 0
+        most = min(every, int(np.sqrt(split.entries) / 3.0)) if len(split.whole) else 0
+    several = every if ranks > 1 else 0
     return Kept(
         np.zeros(points, dtype=np.int64),
-        np.full(1, -1),
-        np.empty(entries, dtype=np.float32),
+        np.array([-1, 0]),
+        lengths_of(np.zeros(ranks)),
+        np.empty(3 * several, dtype=np.float32),
+        np.empty(several, dtype=np.int64),
+        np.empty(9 * most * min(points, most), dtype=np.float32),
     )
 
 
-def _dense_product(split: Dense, values: Floats, nonzero: Ints, out: Floats) -> None:
+def _dense_product(split: Dense, values: Floats, out: Floats) -> None:
+    every = put_together(split.ranks, values, split.lengths, split.every)
     count, product = 0, split.work
-    for k in range(len(values)):
-        product[k] = 0.0
-        if values[k] != 0.0:
-            nonzero[count] = k
+    for k in range(len(every)):
+        if every[k] != 0.0:
+            split.nonzero[count] = k
             count += 1
-    add_rows(split.rows, nonzero[:count], values, product)
-    for k in range(len(values)):
+    for k in range(len(product)):
+        product[k] = 0.0
+    add_rows(split.columns, split.nonzero[:count], every, product)
+    for k in range(len(product)):
         out[k] = product[k]
 
 
-def _low_rank_product(split: LowRank, values: Floats, nonzero: Ints, out: Floats) -> None:
+@part
+def _multiply_blocks(split: LowRank) -> None:
+    """The matrix times the first row of the room, to the second."""
+    x, y = split.work[0], split.work[1]
+    for k in range(len(y)):
+        y[k] = 0.0
+    multiply_blocks(split.blocks, split.data, x, y)
+    if split.ranks.size > 1:
+        gone, come = split.passing[0], split.passing[1]
+        gone[:] = 0.0
+        reduce(split.table, split.shares, x, gone)
+        exchange(split.ranks, gone, split.lengths, come)
+        expand(split.table, split.shares, come, y)
+
+
+def _low_rank_product(split: LowRank, values: Floats, out: Floats) -> None:
     x, y = split.work[0], split.work[1]
     for k in range(len(values)):
-        x[k], y[k] = values[split.order[k]], 0.0
-    multiply_blocks(split.blocks, split.data, x, y)
+        x[k] = values[split.order[k]]
+    _multiply_blocks(split)
     for k in range(len(values)):
         at = split.order[k]
         out[at] = y[k] - values[at] if split.live[at] else 0.0
 
 
-def multiply(split: Any, values: Floats, nonzero: Ints, out: Floats) -> None:
-    """S times values, shape (m,), with room for as many numbers of rows."""
-    chosen = _dense_product if isinstance(split, Dense) else _low_rank_product
-    chosen(split, values, nonzero, out)
+def multiply(split: Any, values: Floats, out: Floats) -> None:
+    """S times values, shape (m,) (collective)."""
+    (_dense_product if isinstance(split, Dense) else _low_rank_product)(split, values, out)
 
 
 @overload(multiply, strict=False)
-def _(split: Any, values: Any, nonzero: Any, out: Any) -> Any:
+def _(split: Any, values: Any, out: Any) -> Any:
     return _dense_product if split.instance_class is Dense else _low_rank_product
 
 
 def _dense_cost(split: Dense, unknowns: int) -> float:
-    return float(unknowns) * len(split.rows)
+    return float(unknowns) * len(split.columns)
 
 
 def _low_rank_cost(split: LowRank, unknowns: int) -> float:
-    return float(len(split.data))
+    return split.entries
 
 
 def cost(split: Any, unknowns: int) -> float:
-    """Entries that a product with so many nonzero values reads."""
+    """Entries that a product with so many nonzero values reads, both of all ranks."""
     return (_dense_cost if isinstance(split, Dense) else _low_rank_cost)(split, unknowns)
 
 
@@ -138,28 +196,29 @@ def _(split: Any, unknowns: Any) -> Any:
 
 
 def _hold_dense(split: Dense, kept: Kept) -> None:
-    _pick(split.rows, kept)
+    _pick(split.columns, kept, split.ranks)
 
 
 def _hold_low_rank(split: LowRank, kept: Kept) -> None:
-    if _is_held(kept):
-        _pick(split.whole, kept)
+    if _is_held(split, kept):
+        _pick(split.whole, kept, split.ranks)
 
 
 @part
-def _is_held(kept: Kept) -> bool:
-    """Whether the part of a set fits into its room."""
-    return bool(9 * kept.number[0] ** 2 <= len(kept.part))
+def _is_held(split: LowRank, kept: Kept) -> bool:
+    """Whether the part of a set is kept."""
+    return len(split.whole) > 0 and 9.0 * float(kept.number[1]) ** 2 <= split.entries
 
 
 @part
-def _pick(matrix: NDArray[Any], kept: Kept) -> None:
-    """Rows and columns of the points kept."""
+def _pick(matrix: NDArray[Any], kept: Kept, ranks: Ranks) -> None:
+    """Columns of the points kept, of the rank's rows among them."""
     count, points = kept.number[0], kept.points
-    rows = kept.part[: 9 * count * count].reshape(3 * count, 3 * count)
-    for i in range(count):
+    every = kept.points if ranks.size == 1 else kept.numbers
+    columns = kept.part[: 9 * kept.number[1] * count].reshape(3 * kept.number[1], 3 * count)
+    for i in range(kept.number[1]):
         for a in range(3):
-            line, out = matrix[3 * points[i] + a], rows[3 * i + a]
+            line, out = matrix[3 * every[i] + a], columns[3 * i + a]
             for j in range(count):
                 for b in range(3):
                     out[3 * j + b] = line[3 * points[j] + b]
@@ -176,16 +235,25 @@ def _(split: Any, kept: Any) -> Any:
 
 @part
 def hold(split: Any, kept: Kept, wanted: Ints, count: int) -> None:
-    """Keep a set that holds the points wanted, sorted: that kept, with these, or these alone."""
+    """Keep a set that holds the points wanted, sorted: that kept, with these, or these alone.
+
+    (Collective.)
+    """
     points, known, both, place = kept.points, kept.number[0], 0, 0
     for k in range(count):
         while place < known and points[place] < wanted[k]:
             place += 1
         both += place < known and points[place] == wanted[k]
     union = known + count - both
-    if known >= 0 and both == count and known <= 2 * count + SPARE:
-        return
-    if known < 0 or union > GROWN * count + SPARE:
+    if known >= 0:
+        mine = np.array([float(known), float(count), float(both)])
+        every = each_of_ranks(split.ranks, mine)
+        knowns, counts, boths = every[:, 0].sum(), every[:, 1].sum(), every[:, 2].sum()
+        if boths == counts and knowns <= 2 * counts + SPARE:
+            return
+        if knowns + counts - boths > GROWN * counts + SPARE:
+            known = -1
+    if known < 0:
         take(split, kept, wanted, count)
         return
     old, new = known - 1, count - 1
@@ -200,48 +268,67 @@ def hold(split: Any, kept: Kept, wanted: Ints, count: int) -> None:
 
 @njit(cache=True)
 def take(split: Any, kept: Kept, points: Ints, count: int) -> None:
-    """Keep these points."""
-    kept.number[0] = count
+    """Keep these points (collective)."""
+    kept.number[0], kept.number[1] = count, count
     for k in range(count):
         kept.points[k] = points[k]
+    if split.ranks.size > 1:
+        _tell(split, kept, count)
     _hold(split, kept)
 
 
-def _dense_part(split: Dense, kept: Kept, values: Singles, every: Singles, out: Singles) -> None:
-    size = 3 * kept.number[0]
-    np.dot(values, kept.part[: size * size].reshape(size, size), out)
+@part
+def _tell(split: Any, kept: Kept, count: int) -> None:
+    """Numbers of the points kept, to all ranks (collective)."""
+    ranks = split.ranks
+    every = each_of_ranks(ranks, np.array([float(count), float(len(kept.points))]))
+    counts, starts, total, before = kept.lengths.counts, kept.lengths.starts, 0, 0
+    for r in range(ranks.size):
+        counts[r], starts[r] = np.int32(8 * every[r, 0]), np.int32(8 * total)
+        before += int(every[r, 1]) if r < ranks.rank else 0
+        total += int(every[r, 0])
+    mine = kept.points[:count] + before
+    put_together(ranks, mine, kept.lengths, kept.numbers)
+    kept.number[1] = total
+    for r in range(ranks.size):  # of three numbers of four bytes instead of one of eight
+        counts[r], starts[r] = counts[r] // 2 * 3, starts[r] // 2 * 3
 
 
-def _low_rank_part(
-    split: LowRank, kept: Kept, values: Singles, every: Singles, out: Singles
-) -> None:
-    if _is_held(kept):
-        size = 3 * kept.number[0]
-        np.dot(values, kept.part[: size * size].reshape(size, size), out)
+@part
+def _multiply_kept(ranks: Ranks, kept: Kept, values: Singles, out: Singles) -> None:
+    """The part that is kept times values."""
+    every = put_together(ranks, values, kept.lengths, kept.every)[: 3 * kept.number[1]]
+    if len(values):
+        size = len(every) * len(values)
+        np.dot(every, kept.part[:size].reshape(len(every), len(values)), out)
+
+
+def _dense_part(split: Dense, kept: Kept, values: Singles, out: Singles) -> None:
+    _multiply_kept(split.ranks, kept, values, out)
+
+
+def _low_rank_part(split: LowRank, kept: Kept, values: Singles, out: Singles) -> None:
+    if _is_held(split, kept):
+        _multiply_kept(split.ranks, kept, values, out)
         return
-    for k in range(len(every)):
-        every[k] = np.float32(0.0)
+    x, y, rows = split.work[0], split.work[1], split.rows
+    for k in range(len(x)):
+        x[k] = 0.0
     for i in range(kept.number[0]):
         for a in range(3):
-            every[3 * kept.points[i] + a] = values[3 * i + a]
-    x, y = split.work[0], split.work[1]
-    for k in range(len(every)):
-        x[k], y[k] = every[split.order[k]], 0.0
-    multiply_blocks(split.blocks, split.data, x, y)
-    for k in range(len(every)):
-        at = split.order[k]
-        every[at] = y[k] - every[at] if split.live[at] else 0.0
+            x[rows[3 * kept.points[i] + a]] = values[3 * i + a]
+    _multiply_blocks(split)
     for i in range(kept.number[0]):
         for a in range(3):
-            out[3 * i + a] = every[3 * kept.points[i] + a]
+            k = 3 * kept.points[i] + a
+            out[3 * i + a] = y[rows[k]] - values[3 * i + a] if split.live[k] else 0.0
 
 
-def multiply_part(split: Any, kept: Kept, values: Singles, every: Singles, out: Singles) -> None:
-    """The kept part of S times values, shape (3 number,); ``every`` is room for all unknowns."""
-    chosen = _dense_part if isinstance(split, Dense) else _low_rank_part
-    chosen(split, kept, values, every, out)
+def multiply_part(split: Any, kept: Kept, values: Singles, out: Singles) -> None:
+    """The kept part of S times values, shape (3 number,) (collective)."""
+    (_dense_part if isinstance(split, Dense) else _low_rank_part)(split, kept, values, out)
 
 
 @overload(multiply_part, strict=False)
-def _(split: Any, kept: Any, values: Any, every: Any, out: Any) -> Any:
+def _(split: Any, kept: Any, values: Any, out: Any) -> Any:
     return _dense_part if split.instance_class is Dense else _low_rank_part

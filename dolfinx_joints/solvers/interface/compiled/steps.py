@@ -11,6 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.mpi import blocks_of, of_ranks, rank_of, sent_to
+from dolfinx_joints.common.ranks_in_loops import lengths_of, ranks_of
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT, JointState, Response, Rule
 from dolfinx_joints.laws.return_mapping import Answer, Start, empty_answer
@@ -31,12 +34,13 @@ from dolfinx_joints.solvers.interface.compliance import (
     Split,
 )
 from dolfinx_joints.solvers.interface.corrections import FINEST, MOST_PRODUCTS, Corrections
-from dolfinx_joints.solvers.interface.low_rank import LowRankMatrix
-from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
+from dolfinx_joints.solvers.interface.ranked_low_rank import RankedLowRankMatrix
+from dolfinx_joints.solvers.interface.row_matrix import Parts, RowMatrix
 
 Floats = NDArray[np.float64]
 
 # The whole of S is kept in single precision beside a compressed one up to so many unknowns: 0.15 GB
+# over all ranks.
 LARGEST_WHOLE = 6000
 
 # Error of products in single precision, relative to them.
@@ -61,22 +65,25 @@ class Solved:
 
 
 class CompiledSteps:
-    """Solves steps with one compliance on one rank.
+    """Solves steps with one compliance.
 
     Args:
         contact: The joints; all laws have loops.
         compliance: S and its scale.
         corrections: Of the same, for W and when it is made.
-        areas: Area of the points, three per point, shape (m,), [m^2].
+        areas: Area of the rank's points, three per point, shape (m,), [m^2].
     """
 
     def __init__(
         self, contact: Contact, compliance: Compliance, corrections: Corrections, areas: Floats
     ) -> None:
-        """Set the room aside."""
+        """Set the room aside (collective)."""
         self._contact, self._compliance, self._corrections = contact, compliance, corrections
-        size, forms = len(areas), _forms_of(compliance)
-        self._split, self._inner = forms.split, forms.inner
+        self._comm = contact.operator.comm
+        size, forms = len(areas), _forms_of(compliance, self._comm)
+        self._split, self._inner, self._ranks = forms.split, forms.inner, forms.split.ranks
+        self._blocks = blocks_of(self._comm, size // 3)
+        points = int(self._blocks[-1])
         self._own, dead = np.ascontiguousarray(compliance.own), compliance.dead.ravel()
         self._scale = np.where(dead, 0.0, compliance.scale)
         self._root = areas * self._scale
@@ -85,26 +92,25 @@ class CompiledSteps:
         stuck = corrections.stuck
         self._rough = SINGLE_ERROR if single else ROUGH_TOLERANCE
         self._memory = Memory(
-            active=kept_of(size // 3, self._inner),
-            changed=kept_of(0 if stuck is None else size // 3, self._inner),
+            active=kept_of(size // 3, points, self._inner),
+            changed=kept_of(*((0, 0) if stuck is None else (size // 3, points)), self._inner),
             ties=False,
             tied=self._inner,
+            has_stuck=stuck is not None,
             stuck=np.empty(0) if stuck is None else stuck.ravel(),
             missed=np.array([corrections.missed]),
             finest=FINEST_SINGLE if single else FINEST,
-            space=space_of(size, min(MOST_PRODUCTS, size)),
+            space=space_of(size, min(MOST_PRODUCTS, 3 * points)),
             deflation=forms.deflation,
-            none=deflation_of(None),
+            none=deflation_of(None, self._comm),
             vectors=np.empty((6, size)),
-            numbers=np.empty((3, size), dtype=np.int64),
+            numbers=np.empty((2, size // 3), dtype=np.int64),
         )
 
     @staticmethod
     def serves(contact: Contact, compliance: Compliance) -> bool:
-        """Whether it can: one rank, laws with loops, S kept."""
-        if contact.operator.comm.size > 1 or not contact.has_loops:
-            return False
-        return all(
+        """Whether it can: laws with loops, S kept."""
+        return contact.has_loops and all(
             isinstance(s, RowMatrix) or (isinstance(s, Compressed) and s.matrix.symmetric)
             for s in _splits(compliance)
         )
@@ -117,7 +123,7 @@ class CompiledSteps:
         starts: Sequence[tuple[Floats, Floats]],
         limits: Limits,
     ) -> Solved | None:
-        """The joint forces of a step, None where the iteration does not converge.
+        """The joint forces of a step, None where the iteration does not converge (collective).
 
         Args:
             trial_gap: Gap without joint forces, shape (n, 3), [m].
@@ -130,14 +136,17 @@ class CompiledSteps:
         self._tie()
         start, live = self._contact.start_of_loops(rule, state), self._scale > 0.0
         passed = np.maximum(np.abs(trial_gap), np.abs(state.gap)).ravel()[live]
+        reach = np.array([(passed / self._scale[live]).max(initial=0.0)])
         points = Points(
+            ranks=self._ranks,
+            first=int(self._blocks[self._comm.rank]),
             whole_step=rule.name == DISCRETE_GRADIENT.name,
             start=start,
             trial_gap=trial_gap,
             own=self._own,
             scale=self._scale,
             root=self._root,
-            reach=float((passed / self._scale[live]).max(initial=0.0)),
+            reach=float(of_ranks(self._comm, reach).max()),
         )
         iterates, limits = self._room(start), limits._replace(rough=self._rough)
         for i, (force, coupled) in enumerate(starts):
@@ -157,19 +166,18 @@ class CompiledSteps:
         )
 
     def _tie(self) -> None:
-        """Take up W once it pays."""
-        if len(self._memory.stuck) and not self._memory.ties:
-            whole = self._corrections.tied()
-            if whole is not None:
-                dense = isinstance(self._inner, Dense)
+        """Take up W once it pays (collective)."""
+        if self._memory.has_stuck and not self._memory.ties:
+            columns = self._corrections.tied()
+            if columns is not None:
                 tied = (
-                    _rows_of(whole, np.float32)
-                    if dense
-                    else _blocks_of(self._compliance.roughly(whole), whole)
+                    _columns_of(columns, self._comm, np.float32)
+                    if isinstance(self._inner, Dense)
+                    else _blocks_of(self._compliance.roughly(columns), columns, self._comm)
                 )
                 self._memory = self._memory._replace(ties=True, tied=tied)
             elif self._corrections.stuck is None:
-                self._memory = self._memory._replace(stuck=np.empty(0))
+                self._memory = self._memory._replace(has_stuck=False, stuck=np.empty(0))
 
     def _room(self, start: Start) -> Iterates:
         """Iterates for a history of this length."""
@@ -179,23 +187,32 @@ class CompiledSteps:
         return known
 
     def state_dict(self) -> dict[str, Any]:
-        """Sets that later corrections depend on; the rest is in that of `Corrections`."""
+        """Sets that later corrections depend on; the rest is in that of `Corrections`.
+
+        (Collective.)
+        """
         kept = {"kept": self._memory.active, "changed": self._memory.changed}
+        first = self._blocks[self._comm.rank]
         return {
-            name: each.points[: each.number[0]].copy()
+            name: Dealt(self._comm, each.points[: each.number[0]] + first)
             for name, each in kept.items()
             if each.number[0] >= 0
         }
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Take up what another's ``state_dict`` gave."""
+        """Take up what another's ``state_dict`` gave (collective)."""
         self._tie()
         if "kept" in state_dict:
-            kept = state_dict["kept"]
+            kept = self._own_of(state_dict["kept"])
             take(self._inner, self._memory.active, kept, len(kept))
         if "changed" in state_dict and self._memory.ties:
-            changed = state_dict["changed"]
+            changed = self._own_of(state_dict["changed"])
             take(self._memory.tied, self._memory.changed, changed, len(changed))
+
+    def _own_of(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Those of this rank among points that are dealt (collective)."""
+        own = sent_to(self._comm, rank_of(self._blocks, points), points)
+        return own - self._blocks[self._comm.rank]
 
 
 class _Forms(NamedTuple):
@@ -209,16 +226,26 @@ class _Forms(NamedTuple):
     deflation: Deflation
 
 
-def _forms_of(compliance: Compliance) -> _Forms:
+def _forms_of(compliance: Compliance, comm: Any) -> _Forms:
+    """Those of a compliance, made once (collective)."""
     if compliance.forms is None:
         split, inner = _splits(compliance)
         # A run that waited for others here would hold the lock of what finds eigenvalues.
         alone = split.alone if isinstance(split, Compressed) else split
-        known = deflation_of(alone if compliance.effective.symmetric else None)
-        beside = split.whole() if split.size <= LARGEST_WHOLE else None
-        compliance.forms = _Forms(_form_of(split, None), _form_of(inner, beside, np.float32), known)
-    forms: _Forms = compliance.forms
-    return forms
+        few = compliance.keeps_rows and split.size <= LARGEST_WHOLE
+        deflates = compliance.effective.symmetric and (few or comm.size == 1)
+        known = deflation_of(alone if deflates else None, comm)
+        if isinstance(split, RowMatrix) and isinstance(inner, RowMatrix):
+            exact = _columns_of(split.columns(), comm)
+            forms = _Forms(exact, _columns_of(split.columns(), comm, np.float32), known)
+        else:
+            assert isinstance(split, RowMatrix | Compressed)
+            assert isinstance(inner, Compressed)
+            beside = split.columns() if few else None
+            forms = _Forms(_form_of(split, comm), _blocks_of(inner, beside, comm), known)
+        compliance.forms = forms
+    made: _Forms = compliance.forms
+    return made
 
 
 def _splits(compliance: Compliance) -> tuple[Split, Split]:
@@ -226,28 +253,48 @@ def _splits(compliance: Compliance) -> tuple[Split, Split]:
     return compliance.split, compliance.rough or compliance.split
 
 
-def _form_of(split: Split, whole: Floats | None, dtype: type = np.float64) -> Dense | LowRank:
-    """S as the compiled functions take it, a compressed one beside its whole if that is given."""
+def _form_of(split: Split, comm: Any) -> Dense | LowRank:
+    """S as the compiled functions take it (collective)."""
     if isinstance(split, RowMatrix):
-        return _rows_of(split.whole(), dtype)
+        return _columns_of(split.columns(), comm)
     assert isinstance(split, Compressed)
-    return _blocks_of(split, whole)
+    return _blocks_of(split, None, comm)
 
 
-def _rows_of(whole: Floats, dtype: type = np.float64) -> Dense:
-    return Dense(whole.astype(dtype, copy=False), np.empty(len(whole), dtype))
+def _columns_of(columns: Floats, comm: Any, dtype: type = np.float64) -> Dense:
+    """The rank's columns of a dense S, shape (M, m) (collective)."""
+    size, local = columns.shape
+    return Dense(
+        ranks_of(comm),
+        np.ascontiguousarray(columns, dtype),
+        np.empty(local, dtype),
+        np.empty(size, dtype=np.int64),
+        lengths_of(8 * np.array(Parts(local, comm).counts)),
+        np.empty(size if comm.size > 1 else 0),
+    )
 
 
-def _blocks_of(split: Compressed, whole: Floats | None) -> LowRank:
-    matrix = split.matrix
-    assert isinstance(matrix, LowRankMatrix)  # of one rank
+def _blocks_of(split: Compressed, columns: Floats | None, comm: Any) -> LowRank:
+    """A compressed S, beside the rank's columns of it if given (collective)."""
+    matrix, table, shares, lengths = split.matrix, np.empty((0, 5), dtype=np.int64), None, [0]
+    own = matrix.own if isinstance(matrix, RankedLowRankMatrix) else matrix
+    if isinstance(matrix, RankedLowRankMatrix):
+        table, shares, lengths = matrix.joined()
+    shares = np.empty(0, dtype=own.data.dtype) if shares is None else shares
     return LowRank(
-        matrix.blocks,
-        matrix.data,
-        matrix.order,
+        ranks_of(comm),
+        own.blocks,
+        own.data,
+        table,
+        shares,
+        lengths_of(own.data.itemsize * np.array(lengths)),
+        np.empty((2, sum(lengths)), dtype=own.data.dtype),
+        own.order,
+        np.argsort(own.order),
         split.live,
-        np.empty((2, matrix.size), dtype=matrix.data.dtype),
-        np.empty((0, 0), dtype=np.float32) if whole is None else whole.astype(np.float32),
+        np.empty((2, own.size), dtype=own.data.dtype),
+        float(comm.allreduce(len(own.data) + len(shares))),
+        np.empty((0, 0), dtype=np.float32) if columns is None else columns.astype(np.float32),
     )
 
 

@@ -106,18 +106,18 @@ class DirectSolver:
                 columns.
 
         Returns:
-            Owned rows of X, of the same shape, [m].
+            Owned rows of X, of the same shape, each column contiguous, [m].
         """
         factored = self._factor_if_stale()
         if right.shape[1] == 0:
             return right.copy()
-        b, x = self._dense(right), self._dense(np.empty_like(right))
+        b, x = self._dense(right), self._empty(right.shape[1])
         with self._reported():
             self._ksp.getPC().getFactorMatrix().matSolve(b, x)
         if factored and not self._solves_block(b, x):
             self._stale = True
             raise JointsError(why_singular(self._matrix))
-        solution = x.getDenseArray(readonly=True).copy()
+        solution = x.getDenseArray(readonly=True).copy(order="F")
         b.destroy()
         x.destroy()
         return solution
@@ -132,17 +132,16 @@ class DirectSolver:
             rows: B^T, sparse, all of its rows on rank 0, [N].
 
         Returns:
-            Owned rows of X, shape (local rows, columns), [m].
+            Owned rows of X, shape (local rows, columns), each column contiguous, [m].
         """
         if self._stale:
             right, found = self._matrix.createVecs()
             right.setRandom()
             self.solve(right, found)  # factors, and sees whether that solves
-        columns = np.zeros((self._matrix.getLocalSize()[0], rows.getSize()[0]))
-        right, x = PETSc.Mat().createTranspose(rows), self._dense(columns)
+        right, x = PETSc.Mat().createTranspose(rows), self._empty(rows.getSize()[0])
         with self._reported():
             self._ksp.getPC().getFactorMatrix().matSolve(right, x)
-        solution: Floats = x.getDenseArray(readonly=True).copy()
+        solution: Floats = x.getDenseArray(readonly=True).copy(order="F")
         right.destroy()
         x.destroy()
         return solution
@@ -151,6 +150,12 @@ class DirectSolver:
         """A dense matrix of the ranks' rows."""
         size = (self._matrix.getSizes()[0], (PETSc.DECIDE, rows.shape[1]))
         return PETSc.Mat().createDense(size, array=np.asfortranarray(rows), comm=self._matrix.comm)
+
+    def _empty(self, columns: int) -> PETSc.Mat:
+        """Room for as many solutions."""
+        rows = self._matrix.getSizes()[0]
+        room = PETSc.Mat().createDense((rows, (PETSc.DECIDE, columns)), comm=self._matrix.comm)
+        return room.setUp()
 
     def _solves(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
         """Whether a new factor gives a solution: LU of a singular matrix may end without error."""

@@ -106,6 +106,15 @@ def test_a_rougher_one(comm, symmetric, empty):
     np.testing.assert_array_equal(times(comm, fine, vector), before)
 
 
+@pytest.mark.parametrize("empty", [None, 0])
+def test_its_columns_are_those_of_the_products(comm, empty):
+    points, joint = one_by_one(across=8, joints=5)
+    small = ranked(comm, kernel(points, joint), points, joint, empty=empty, leaf=16, tolerance=1e-6)
+    units = np.eye(3 * len(points))
+    products = [small.product(own_part(comm, unit, small.own.size)) for unit in units]
+    assert small.columns() == pytest.approx(np.array(products), rel=0, abs=1e-12)
+
+
 @pytest.mark.parametrize("symmetric", [True, False])
 def test_blocks_are_those_of_one_rank(comm, symmetric):
     # A joint on each rank: clusters are the same; products add the blocks in another order.

@@ -29,7 +29,7 @@ def test_no_array_of_all_points(comm, read, wall_file, monkeypatch, compliance):
         return solvers[-1]
 
     make_solver = module.make_solver
-    model = wall(read(wall_file()))
+    model = wall(read(wall_file(divisions=(4, 1, 4))))
     simulation = dj.Simulation(model, options=dj.SolverOptions(compliance=compliance))
     simulation.statics()
     monkeypatch.setattr(module, "make_solver", made)

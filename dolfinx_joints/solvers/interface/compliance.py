@@ -309,25 +309,12 @@ class Compressed(_Products):
         return np.hstack(self._comm.allgather(columns))
 
     def columns(self) -> Floats:
-        """Columns of the rank's rows, one after the other, shape (size, local) (collective).
-
-        On several ranks by a product for each.
-        """
-        if isinstance(self.matrix, RankedLowRankMatrix):
-            unit, columns = np.zeros(self.local), np.empty((self.size, self.local))
-            first = Parts(self.local, self._comm).first
-            for k in range(self.size):
-                mine = first <= k < first + self.local
-                if mine:
-                    unit[k - first] = 1.0
-                columns[k] = self.product(unit, np.flatnonzero(unit))
-                if mine:
-                    unit[k - first] = 0.0
-            return columns
-        every = self.matrix.whole()
-        every /= self._scale[:, None] * self._scale
-        every[np.diag_indices(self.size)] -= 1.0
-        every[~self.live] = 0.0
+        """Columns of the rank's rows, one after the other, shape (size, local) (collective)."""
+        every = self.matrix.columns() if self._comm.size > 1 else self.matrix.whole()
+        parts = Parts(self.local, self._comm)
+        every /= parts.all_of(self._scale)[:, None] * self._scale
+        every[parts.first + np.arange(self.local), np.arange(self.local)] -= 1.0
+        every[~parts.all_of(self.live)] = 0.0
         return every
 
 

@@ -289,6 +289,34 @@ class RankedLowRankMatrix:
                 at += len(data)
         return np.concatenate(tables), entries, lengths
 
+    def columns(self) -> Floats:
+        """All columns of the rank's rows, one after the other, shape (all rows, own) (collective).
+
+        The matrix is symmetric.
+        """
+        comm, own = self.comm, self.own
+        sizes = comm.allgather(own.size)
+        firsts = np.cumsum(sizes) - sizes
+        out = np.zeros((sum(sizes), own.size))
+        out[firsts[comm.rank] : firsts[comm.rank] + own.size] = own.whole()
+        told: list[Any] = [None] * comm.size
+        for rank, shares in self._sends.items():
+            told[rank] = shares.table, shares.factors, own.order, own.scale
+        for rank, theirs in enumerate(comm.alltoall(told)):
+            if theirs is None:
+                continue
+            mine, (table, factors, order, scale) = self._sends[rank], theirs
+            for i, factor in enumerate(mine.factors):
+                (first, unknowns, _, kind, _), (at, others, *_) = mine.table[i], table[i]
+                here, there = slice(first, first + unknowns), slice(at, at + others)
+                block = factors[i].T @ factor if kind == FACTOR else factor
+                if kind == PLACE:
+                    block = factors[i].T
+                rows = firsts[rank] + order[there]
+                scaled = scale[there, None] * block * own.scale[here]
+                out[np.ix_(rows, own.order[here])] = scaled
+        return out
+
     def products(self, vectors: list[Floats]) -> Sequence[Floats]:
         """`product` of several vectors (collective)."""
         return [self.product(vector) for vector in vectors]

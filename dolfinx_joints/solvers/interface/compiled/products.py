@@ -98,8 +98,9 @@ class Kept(NamedTuple):
         points: Numbers of the rank's, in order, the first entries, shape (points,).
         number: How many, -1 before the first set, and of all ranks, shape (2,).
         lengths: Of vectors over the set, in single precision.
-        every: Room for such a vector of all ranks, shape (M,).
-        numbers: Numbers of all ranks' points among all, shape (M / 3,).
+        every: Room for such a vector of all ranks, shape (M,), where there is a part and more than
+            one of them.
+        numbers: Numbers of their points among all, likewise, shape (M / 3,).
         part: Columns of the set, of the rank's rows in it, the first entries; of a `LowRank` S
             where those are no more than it has.
     """
@@ -117,7 +118,7 @@ def kept_of(points: int, every: int, split: Dense | LowRank) -> Kept:
     most, ranks = every, split.ranks.size
     if isinstance(split, LowRank):
         most = min(every, int(np.sqrt(split.entries) / 3.0)) if len(split.whole) else 0
-    several = every if ranks > 1 else 0
+    several = every if ranks > 1 and most > 0 else 0
     return Kept(
         np.zeros(points, dtype=np.int64),
         np.array([-1, 0]),
@@ -287,9 +288,9 @@ def _tell(split: Any, kept: Kept, count: int) -> None:
         counts[r], starts[r] = np.int32(8 * every[r, 0]), np.int32(8 * total)
         before += int(every[r, 1]) if r < ranks.rank else 0
         total += int(every[r, 0])
-    mine = kept.points[:count] + before
-    put_together(ranks, mine, kept.lengths, kept.numbers)
     kept.number[1] = total
+    if len(kept.numbers):
+        put_together(ranks, kept.points[:count] + before, kept.lengths, kept.numbers)
     for r in range(ranks.size):  # of three numbers of four bytes instead of one of eight
         counts[r], starts[r] = counts[r] // 2 * 3, starts[r] // 2 * 3
 

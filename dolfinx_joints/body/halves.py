@@ -4,6 +4,7 @@
 
 Steps wait for these products, which take what reading the matrices takes: 84 bytes for two blocks
 of K and of M, where PETSc reads 224. What is not read leaves the factor in the processor's cache.
+Blocks between nodes of two ranks are on both, as they are multiplied.
 """
 
 from __future__ import annotations
@@ -31,27 +32,35 @@ class Halves:
     """Blocks of M and K on their diagonals and right of them, by nodes.
 
     Args:
-        starts: First block of each node, and their number at the end, shape (nodes + 1,).
+        starts: First block of each node of this rank, and their number at the end, shape
+            (nodes + 1,).
         columns: Node that each block multiplies, that of the diagonal first, shape (blocks,).
         blocks: Nine entries of K and the one that M has three times, shape (blocks, 10).
+        others: Blocks with nodes of other ranks; None on one rank.
         rest: What M has besides, as added masses on inclined faces; None for nothing.
     """
 
     def __init__(
-        self, starts: Indices, columns: Indices, blocks: Floats, rest: PETSc.Mat | None
+        self,
+        starts: Indices,
+        columns: Indices,
+        blocks: Floats,
+        others: Others | None,
+        rest: PETSc.Mat | None,
     ) -> None:
         """Keep the arrays."""
-        self._arrays, self._rest = (starts, columns, blocks), rest
+        self._arrays, self._others, self._rest = (starts, columns, blocks), others, rest
 
     @classmethod
     def of(cls, mass: PETSc.Mat, stiffness: PETSc.Mat) -> Self | None:
-        """Halves of two matrices; None where they have none, or are to be left to PETSc.
+        """Halves of two matrices (collective).
 
-        That is on several ranks, in the plane, above `MOST_ENTRIES`, and where K or M is not
-        symmetric.
+        None where they have none, or are to be left to PETSc: in the plane, above `MOST_ENTRIES`,
+        and where K or M is not symmetric.
         """
-        several = stiffness.comm.size > 1 or stiffness.getBlockSize() != 3
-        if several or stiffness.getInfo()["nz_used"] > MOST_ENTRIES:
+        comm = stiffness.comm.tompi4py()
+        entries = stiffness.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
+        if stiffness.getBlockSize() != 3 or entries > MOST_ENTRIES:
             return None
         k, m = _by_nodes(stiffness), _by_nodes(mass)
         once, places, of_mass = m.data[:, 0, 0], _places(k), _places(m)
@@ -61,60 +70,133 @@ class Halves:
         blocks = np.zeros((len(places), 10))
         blocks[:, :9] = k.data.reshape(-1, 9)
         blocks[at[taken], 9] = once[taken]
-        nodes = k.shape[0] // 3
-        rows, columns = np.divmod(places, nodes)
-        turned = np.searchsorted(places, columns * nodes + rows)
-        there = np.append(places, -1)[turned] == columns * nodes + rows
-        flipped = [0, 3, 6, 1, 4, 7, 2, 5, 8, 9]
-        if not np.all(there) or np.count_nonzero(rows == columns) < nodes:
+        rows, columns = np.divmod(places, k.shape[1] // 3)
+        nodes, first = k.shape[0] // 3, stiffness.getOwnershipRange()[0] // 3
+        columns -= first
+        here = (columns >= 0) & (columns < nodes)
+        inner = rows[here], columns[here], blocks[here]
+        if not all(comm.allgather(_is_symmetric(*inner, nodes, once.max(initial=0.0)))):
             return None
-        error = np.abs(blocks[turned][:, flipped] - blocks)
-        own = np.sqrt(np.abs(blocks[rows == columns, :9]).max(axis=1))
-        if np.any(error[:, :9].max(axis=1) > ROUNDING * own[rows] * own[columns]):
-            return None
-        if error[:, 9].max() > ROUNDING * once.max():
-            return None
-        right = columns >= rows
-        starts = np.append(0, np.cumsum(np.bincount(rows[right], minlength=nodes)))
         m.data[taken] = 0.0
+        others = None
+        if comm.size > 1:
+            outer = rows[~here], columns[~here] + first, blocks[~here]
+            others = Others(*outer, nodes, stiffness.createVecRight())
+        right = here & (columns >= rows)
         return cls(
-            starts.astype(np.uint32), columns[right].astype(np.uint32), blocks[right], _rest(m)
+            _starts(rows[right], nodes),
+            columns[right].astype(np.uint32),
+            blocks[right],
+            others,
+            _rest(m, mass),
         )
 
     def multiply(self, x: PETSc.Vec, mass: PETSc.Vec, stiffness: PETSc.Vec) -> None:
-        """M x and K x written to ``mass`` and ``stiffness``."""
+        """M x and K x written to ``mass`` and ``stiffness`` (collective)."""
         mass.set(0.0)
         stiffness.set(0.0)
         each = (x.getArray(readonly=True), mass.getArray(), stiffness.getArray())
-        _multiply(*self._arrays, *(values.reshape(-1, 3) for values in each))
+        own, into_mass, into_stiffness = (values.reshape(-1, 3) for values in each)
+        if self._others is not None:
+            self._others.ask(x)
+        _multiply(*self._arrays, own, into_mass, into_stiffness)
+        if self._others is not None:
+            self._others.add(x, into_mass, into_stiffness)
         if self._rest is not None:
             self._rest.multAdd(x, mass, mass)
 
 
+class Others:
+    """Blocks of this rank's nodes with those of other ranks.
+
+    Args:
+        rows: Nodes of this rank, in order, shape (blocks,).
+        columns: Nodes among all ranks', likewise.
+        blocks: As in `Halves`.
+        nodes: Number of this rank's nodes.
+        like: A vector of nodal values.
+    """
+
+    def __init__(
+        self,
+        rows: NDArray[np.int64],
+        columns: NDArray[np.int64],
+        blocks: Floats,
+        nodes: int,
+        like: PETSc.Vec,
+    ) -> None:
+        """Settle what comes from which rank (collective)."""
+        asked, place = np.unique(columns, return_inverse=True)
+        self._arrays = _starts(rows, nodes), place.ravel().astype(np.uint32), blocks
+        self._values = PETSc.Vec().createSeq(3 * len(asked), comm=PETSc.COMM_SELF)
+        wanted = PETSc.IS().createBlock(3, asked.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
+        self._scatter = PETSc.Scatter().create(like, wanted, self._values, None)
+
+    def ask(self, x: PETSc.Vec) -> None:
+        """Ask other ranks for their values (collective)."""
+        self._scatter.begin(x, self._values)
+
+    def add(self, x: PETSc.Vec, mass: Floats, stiffness: Floats) -> None:
+        """Add the products with them, shape (nodes, 3) (collective)."""
+        self._scatter.end(x, self._values)
+        values = self._values.getArray(readonly=True).reshape(-1, 3)
+        _multiply_others(*self._arrays, values, mass, stiffness)
+
+
+def _is_symmetric(
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    blocks: Floats,
+    nodes: int,
+    largest: float,
+) -> bool:
+    """Whether blocks of a rank's nodes, sorted, are those of symmetric K and M to rounding.
+
+    The largest entry of M is given.
+    """
+    places = rows * nodes + columns
+    turned = np.searchsorted(places, columns * nodes + rows)
+    there = np.append(places, -1)[turned] == columns * nodes + rows
+    flipped = [0, 3, 6, 1, 4, 7, 2, 5, 8, 9]
+    if not np.all(there) or np.count_nonzero(rows == columns) < nodes:
+        return False
+    error = np.abs(blocks[turned][:, flipped] - blocks)
+    own = np.sqrt(np.abs(blocks[rows == columns, :9]).max(axis=1))
+    if np.any(error[:, :9].max(axis=1) > ROUNDING * own[rows] * own[columns]):
+        return False
+    return bool(error[:, 9].max(initial=0.0) <= ROUNDING * largest)
+
+
 def _by_nodes(matrix: PETSc.Mat) -> Any:
-    """The matrix of this process in blocks of three, sorted."""
+    """The rows of this rank in blocks of three, sorted."""
     single = matrix.convert("aij", PETSc.Mat())
     starts, columns, values = single.getValuesCSR()
     single.destroy()
-    blocks = sp.csr_matrix((values, columns, starts), shape=matrix.getSize()).tobsr((3, 3))
+    shape = matrix.getLocalSize()[0], matrix.getSize()[1]
+    blocks = sp.csr_matrix((values, columns, starts), shape=shape).tobsr((3, 3))
     blocks.sort_indices()
     return blocks
 
 
 def _places(blocks: Any) -> NDArray[np.int64]:
-    """Row times the number of nodes, plus column, of each block; they grow."""
-    nodes = len(blocks.indptr) - 1
-    return np.repeat(np.arange(nodes), np.diff(blocks.indptr)) * nodes + blocks.indices
+    """Row times the number of columns, plus column, of each block; they grow."""
+    rows = np.repeat(np.arange(len(blocks.indptr) - 1), np.diff(blocks.indptr))
+    return rows * (blocks.shape[1] // 3) + blocks.indices
 
 
-def _rest(blocks: Any) -> PETSc.Mat | None:
-    """A matrix of the entries that are not zero, if there are any."""
+def _starts(rows: NDArray[np.int64], nodes: int) -> Indices:
+    """First block of each row, and their number at the end."""
+    return np.append(0, np.cumsum(np.bincount(rows, minlength=nodes))).astype(np.uint32)
+
+
+def _rest(blocks: Any, like: PETSc.Mat) -> PETSc.Mat | None:
+    """A matrix of the entries that are not zero, if there are any (collective)."""
     single = blocks.tocsr()
     single.eliminate_zeros()
-    if not single.nnz:
+    if not any(like.comm.tompi4py().allgather(single.nnz)):
         return None
     parts = single.indptr.astype(PETSc.IntType), single.indices.astype(PETSc.IntType), single.data
-    rest = PETSc.Mat().createAIJ(single.shape, csr=parts, comm=PETSc.COMM_SELF)
+    rest = PETSc.Mat().createAIJ(like.getSizes(), csr=parts, comm=like.comm)
     rest.assemble()
     return rest
 
@@ -148,3 +230,17 @@ def _multiply(
             mass[j, 2] += m * x2
         stiffness[i, 0], stiffness[i, 1], stiffness[i, 2] = s0, s1, s2
         mass[i, 0], mass[i, 1], mass[i, 2] = m0, m1, m2
+
+
+@njit(cache=True, fastmath={"contract"})
+def _multiply_others(
+    starts: Indices, columns: Indices, blocks: Floats, x: Floats, mass: Floats, stiffness: Floats
+) -> None:
+    """Add M x and K x of blocks that multiply once, x of the columns."""
+    for i in range(len(starts) - 1):
+        for at in range(starts[i], starts[i + 1]):
+            k, j = blocks[at], columns[at]
+            for a in range(3):
+                total = k[3 * a] * x[j, 0] + k[3 * a + 1] * x[j, 1] + k[3 * a + 2] * x[j, 2]
+                stiffness[i, a] += total
+                mass[i, a] += k[9] * x[j, a]

@@ -128,8 +128,8 @@ def test_products_between_ranks(monkeypatch):
 
     def work():
         reduced, expanded = np.zeros(shares.length), np.ones(12)
-        ranked_low_rank._reduce(*shares.arrays, x, reduced)
-        ranked_low_rank._expand(*shares.arrays, values, expanded)
+        ranked_low_rank.reduce(*shares.arrays, x, reduced)
+        ranked_low_rank.expand(*shares.arrays, values, expanded)
         return reduced, expanded
 
     reduced, expanded = check(monkeypatch, ranked_low_rank, work)

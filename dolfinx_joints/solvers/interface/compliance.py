@@ -310,7 +310,8 @@ class Compressed(_Products):
 
     def columns(self) -> Floats:
         """Columns of the rank's rows, one after the other, shape (size, local) (collective)."""
-        every = self.matrix.columns() if self._comm.size > 1 else self.matrix.whole()
+        matrix = self.matrix
+        every = matrix.whole() if isinstance(matrix, LowRankMatrix) else matrix.columns()
         parts = Parts(self.local, self._comm)
         every /= parts.all_of(self._scale)[:, None] * self._scale
         every[parts.first + np.arange(self.local), np.arange(self.local)] -= 1.0

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import part
-from dolfinx_joints.common.ranks_in_loops import each_of_ranks, largest_of
 from dolfinx_joints.solvers.interface.compiled.deflation import Deflation
 from dolfinx_joints.solvers.interface.compiled.krylov import Space, gmres, turn
 from dolfinx_joints.solvers.interface.compiled.products import (
@@ -19,6 +18,7 @@ from dolfinx_joints.solvers.interface.compiled.products import (
     hold,
     multiply,
 )
+from dolfinx_joints.solvers.interface.compiled.ranks import each_of_ranks, largest_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from dolfinx_joints.common.kernels import njit, part
-from dolfinx_joints.common.ranks_in_loops import Ranks, sum_over
 from dolfinx_joints.solvers.interface.compiled.products import Kept
+from dolfinx_joints.solvers.interface.compiled.ranks import Ranks, sum_over
 from dolfinx_joints.solvers.interface.compliance import Split
 from dolfinx_joints.solvers.interface.low_rank import SUMS
 from dolfinx_joints.solvers.interface.row_matrix import Parts

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit, part
-from dolfinx_joints.common.ranks_in_loops import Ranks, each_of_ranks, largest_of
 from dolfinx_joints.laws.discrete_gradient import discrete_gradient_points
 from dolfinx_joints.laws.friction import backward_euler_points
 from dolfinx_joints.laws.return_mapping import Answer, Start
@@ -26,6 +25,7 @@ from dolfinx_joints.solvers.interface.compiled.corrections import (
     correct,
 )
 from dolfinx_joints.solvers.interface.compiled.products import multiply
+from dolfinx_joints.solvers.interface.compiled.ranks import Ranks, each_of_ranks, largest_of
 from dolfinx_joints.solvers.line_search import FALL, PATIENCE, WHOLE
 
 Floats = NDArray[np.float64]

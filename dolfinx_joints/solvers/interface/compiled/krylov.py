@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import part
-from dolfinx_joints.common.ranks_in_loops import Ranks, sum_over
 from dolfinx_joints.solvers.interface.compiled.deflation import Deflation, deflate, dot, prepare
 from dolfinx_joints.solvers.interface.compiled.products import Kept, multiply_part
+from dolfinx_joints.solvers.interface.compiled.ranks import Ranks, sum_over
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]

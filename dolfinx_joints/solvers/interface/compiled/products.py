@@ -15,7 +15,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit, part
-from dolfinx_joints.common.ranks_in_loops import (
+from dolfinx_joints.solvers.interface.compiled.ranks import (
     Lengths,
     Ranks,
     each_of_ranks,

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.mpi import blocks_of, of_ranks, rank_of, sent_to
-from dolfinx_joints.common.ranks_in_loops import lengths_of, ranks_of
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT, JointState, Response, Rule
 from dolfinx_joints.laws.return_mapping import Answer, Start, empty_answer
@@ -27,6 +26,7 @@ from dolfinx_joints.solvers.interface.compiled.products import (
     kept_of,
     take,
 )
+from dolfinx_joints.solvers.interface.compiled.ranks import lengths_of, ranks_of
 from dolfinx_joints.solvers.interface.compliance import (
     ROUGH_TOLERANCE,
     Compliance,
@@ -276,11 +276,12 @@ def _columns_of(columns: Floats, comm: Any, dtype: type = np.float64) -> Dense:
 
 def _blocks_of(split: Compressed, columns: Floats | None, comm: Any) -> LowRank:
     """A compressed S, beside the rank's columns of it if given (collective)."""
-    matrix, table, shares, lengths = split.matrix, np.empty((0, 5), dtype=np.int64), None, [0]
-    own = matrix.own if isinstance(matrix, RankedLowRankMatrix) else matrix
+    matrix = split.matrix
     if isinstance(matrix, RankedLowRankMatrix):
-        table, shares, lengths = matrix.joined()
-    shares = np.empty(0, dtype=own.data.dtype) if shares is None else shares
+        own, (table, shares, lengths) = matrix.own, matrix.joined()
+    else:
+        own, table, lengths = matrix, np.empty((0, 5), dtype=np.int64), [0]
+        shares = np.empty(0, dtype=own.data.dtype)
     return LowRank(
         ranks_of(comm),
         own.blocks,

@@ -10,11 +10,11 @@ from __future__ import annotations
 import ctypes
 from typing import Any, NamedTuple
 
-from llvmlite import binding
 from mpi4py import MPI
-from numba import types
 
 import numpy as np
+from llvmlite import binding
+from numba import types
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import part

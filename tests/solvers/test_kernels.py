@@ -128,7 +128,7 @@ def test_products_between_ranks(monkeypatch):
 
     def work():
         reduced, expanded = np.zeros(shares.length), np.ones(12)
-        ranked_low_rank.reduce(*shares.arrays, x, reduced)
+        ranked_low_rank.reduce(*shares.arrays, x, reduced, True)
         ranked_low_rank.expand(*shares.arrays, values, expanded)
         return reduced, expanded
 

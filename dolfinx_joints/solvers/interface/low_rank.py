@@ -324,7 +324,7 @@ def multiply_blocks(blocks: Ints, data: NDArray[Any], x: NDArray[Any], y: NDArra
         if rank < 0:
             dense = data[start : start + height * width].reshape(height, width)
             if mirrored:
-                _dense_and_mirror(
+                dense_and_mirror(
                     dense, x_across, x[top : top + height], y_down, y[left : left + width]
                 )
             else:
@@ -369,7 +369,7 @@ def _dense(dense: NDArray[Any], x: NDArray[Any], y: NDArray[Any]) -> None:
 
 
 @njit(cache=True, fastmath=SUMS)
-def _dense_and_mirror(
+def dense_and_mirror(
     dense: NDArray[Any],
     x_across: NDArray[Any],
     x_down: NDArray[Any],

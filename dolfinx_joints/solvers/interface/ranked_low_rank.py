@@ -25,6 +25,7 @@ from dolfinx_joints.solvers.interface.low_rank import (
     SUMS,
     Cluster,
     LowRankMatrix,
+    dense_and_mirror,
     factors_if_worth,
     multiply_blocks,
     rank_of,
@@ -258,7 +259,7 @@ class RankedLowRankMatrix:
         gone = []
         for rank, shares in self._sends.items():
             gone.append(np.zeros(shares.length, own.dtype))
-            reduce(*shares.arrays, x, gone[-1])
+            reduce(*shares.arrays, x, gone[-1], True)
             waiting.append(comm.Isend(gone[-1], dest=rank))
         multiply_blocks(own.blocks, own.data, x, y)
         for request in waiting:
@@ -323,19 +324,27 @@ class RankedLowRankMatrix:
 
 
 @njit(cache=True, fastmath=SUMS)
-def reduce(table: Ints, data: NDArray[Any], x: NDArray[Any], out: NDArray[Any]) -> None:
-    """Add to out the products of the factors with their parts of x, or these themselves."""
+def reduce(
+    table: Ints, data: NDArray[Any], x: NDArray[Any], out: NDArray[Any], dense: bool
+) -> None:
+    """Add to out the products of the factors with their parts of x, or these themselves.
+
+    Those of dense blocks only if asked for.
+    """
     start = 0
     for b in range(len(table)):
         first, unknowns, rows, kind, at = table[b]
         if kind == PLACE:
             out[at : at + unknowns] = x[first : first + unknowns]
             continue
-        for k in range(rows):
-            total = data.dtype.type(0.0)
-            for j in range(unknowns):
-                total += data[start + k * unknowns + j] * x[first + j]
-            out[at + k] += total
+        if kind == FACTOR or dense:
+            factor = data[start : start + rows * unknowns].reshape(rows, unknowns)
+            own, given = x[first : first + unknowns], out[at : at + rows]
+            for k in range(rows):
+                row, total = factor[k], data.dtype.type(0.0)
+                for j in range(row.size):
+                    total += row[j] * own[j]
+                given[k] += total
         start += rows * unknowns
 
 
@@ -348,7 +357,47 @@ def expand(table: Ints, data: NDArray[Any], values: NDArray[Any], y: NDArray[Any
         if kind == PLACE:
             y[first : first + unknowns] += values[at : at + unknowns]
             continue
-        for k in range(rows):
-            for j in range(unknowns):
-                y[first + j] += data[start + k * unknowns + j] * values[at + k]
+        factor = data[start : start + rows * unknowns].reshape(rows, unknowns)
+        _add_transposed(factor, values[at : at + rows], y[first : first + unknowns])
         start += rows * unknowns
+
+
+@njit(cache=True, fastmath=SUMS)
+def _add_transposed(factor: NDArray[Any], values: NDArray[Any], y: NDArray[Any]) -> None:
+    for k in range(len(factor)):
+        row, value = factor[k], values[k]
+        for j in range(row.size):
+            y[j] += row[j] * value
+
+
+@njit(cache=True, fastmath=SUMS)
+def expand_and_return(
+    table: Ints,
+    data: NDArray[Any],
+    values: NDArray[Any],
+    x: NDArray[Any],
+    y: NDArray[Any],
+    back: NDArray[Any],
+) -> None:
+    """`expand` but for places, and the products of dense blocks with x in the same pass."""
+    start = 0
+    for b in range(len(table)):
+        first, unknowns, rows, kind, at = table[b]
+        if kind == PLACE:
+            continue
+        factor = data[start : start + rows * unknowns].reshape(rows, unknowns)
+        given, mine = values[at : at + rows], y[first : first + unknowns]
+        if kind == DENSE:
+            dense_and_mirror(factor, x[first : first + unknowns], given, back[at : at + rows], mine)
+        else:
+            _add_transposed(factor, given, mine)
+        start += rows * unknowns
+
+
+@njit(cache=True)
+def add_at_places(table: Ints, values: NDArray[Any], y: NDArray[Any]) -> None:
+    """Add to y what comes back to its places."""
+    for b in range(len(table)):
+        first, unknowns, _, kind, at = table[b]
+        if kind == PLACE:
+            y[first : first + unknowns] += values[at : at + unknowns]

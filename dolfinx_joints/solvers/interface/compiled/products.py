@@ -24,7 +24,11 @@ from dolfinx_joints.solvers.interface.compiled.ranks import (
     put_together,
 )
 from dolfinx_joints.solvers.interface.low_rank import multiply_blocks
-from dolfinx_joints.solvers.interface.ranked_low_rank import expand, reduce
+from dolfinx_joints.solvers.interface.ranked_low_rank import (
+    add_at_places,
+    expand_and_return,
+    reduce,
+)
 from dolfinx_joints.solvers.interface.row_matrix import add_rows
 
 Floats = NDArray[np.float64]
@@ -145,7 +149,11 @@ def _dense_product(split: Dense, values: Floats, out: Floats) -> None:
 
 @part
 def _multiply_blocks(split: LowRank) -> None:
-    """The matrix times the first row of the room, to the second."""
+    """The matrix times the first row of the room, to the second (collective).
+
+    Dense blocks with other ranks are read once: what they are multiplied with comes first, and what
+    they give goes back.
+    """
     x, y = split.work[0], split.work[1]
     for k in range(len(y)):
         y[k] = 0.0
@@ -153,9 +161,12 @@ def _multiply_blocks(split: LowRank) -> None:
     if split.ranks.size > 1:
         gone, come = split.passing[0], split.passing[1]
         gone[:] = 0.0
-        reduce(split.table, split.shares, x, gone)
+        reduce(split.table, split.shares, x, gone, False)
         exchange(split.ranks, gone, split.lengths, come)
-        expand(split.table, split.shares, come, y)
+        gone[:] = 0.0
+        expand_and_return(split.table, split.shares, come, x, y, gone)
+        exchange(split.ranks, gone, split.lengths, come)
+        add_at_places(split.table, come, y)
 
 
 def _low_rank_product(split: LowRank, values: Floats, out: Floats) -> None:

@@ -389,6 +389,48 @@ def test_dynamics_from_a_static_state(name):
     assert max(still.imbalance, shaken.imbalance) <= 1e-10
 
 
+def wall_on_a_wall(law: Any) -> Any:
+    """Two blocks side by side on a third: three joints' ends meet in a line, of which two tie."""
+    mesh = create_box(COMM, [[0, 0, 0], [1, 1, 1]], [4, 2, 4], CellType.hexahedron)
+    mesh.topology.create_connectivity(2, 3)
+    found = [
+        locate_entities(mesh, 2, lambda x: np.isclose(x[0], 0.5) & (x[2] > 0.5 - 1e-9)),
+        locate_entities(mesh, 2, lambda x: np.isclose(x[2], 0.5)),
+        locate_entities(mesh, 2, lambda x: np.isclose(x[2], 0.0)),
+    ]
+    facets, order = np.unique(np.concatenate(found), return_index=True)
+    tags = np.repeat(np.arange(3, dtype=np.int32), [len(f) for f in found])[order]
+    names = {"joints": {"upright": 0, "level": 1}, "groups": {"base": 2}}
+    return Model(
+        split_mesh(mesh, meshtags(mesh, 2, facets, tags), **names),
+        material=Elastic(young=YOUNG, poisson=0.2, density=DENSITY),
+        joints=law,
+        supports=[Fixed(group="base")],
+        loads=[Gravity()],
+    )
+
+
+@pytest.mark.mpi
+@pytest.mark.filterwarnings("ignore:A single step errs")
+@pytest.mark.parametrize("kind", ["dense", "matrix-free"])
+def test_rigid_joints_that_meet(kind):
+    """Where they meet, forces of points that stick are not unique, but nothing else depends on it.
+
+    At rest no step is cut, and nothing moves; shaken, the lines of the ledger add up.
+    """
+    options = SolverOptions(compliance=kind)
+    run = Simulation(wall_on_a_wall(RIGID), options=options)
+    static = run.statics()
+    still = run.dynamics(dt=0.002, steps=30)
+    assert still.counts.rejected == 0
+    assert difference(still.state.displacement, static.displacement) <= 1e-8
+    run = Simulation(wall_on_a_wall(RigidJoint(friction_angle_deg=80.0)), options=options)
+    run.statics()
+    shaken = run.dynamics(dt=0.002, steps=30, motion=shaking)
+    assert shaken.energy.friction > 0.0
+    assert max(still.imbalance, shaken.imbalance) <= 1e-10
+
+
 def test_load_steps_of_a_rigid_joint():
     # Nothing slides at half of the limit: all loads are in proportion and the path is a line.
     one, four = (Simulation(slope(RIGID, 0.5)).statics(steps=steps) for steps in (1, 4))

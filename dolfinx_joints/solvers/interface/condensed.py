@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
+from scipy.sparse import csr_array
+from scipy.sparse.linalg import splu
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.model.system import MatrixSystem
@@ -26,6 +28,9 @@ from dolfinx_joints.solvers.interface.springs import JointSprings
 from dolfinx_joints.solvers.step_solver import SolverOptions
 
 Floats = NDArray[np.float64]
+
+# A pivot of B B^T, beside the largest, that is rounding.
+DEPENDENT = 1e-10
 
 
 class Condensed:
@@ -111,6 +116,7 @@ class Condensed:
             self._stuck() if known else None,
             self._operator.comm.tompi4py(),
             keeps_rows=self.compliance.keeps_rows,
+            rigid=self._contact.rigid,
         )
         if self._restored:
             corrections.load_state_dict(self._restored)
@@ -121,10 +127,27 @@ class Condensed:
         """The compiled iteration, None where it does not serve (collective when first asked)."""
         if self.static or not CompiledSteps.serves(self._contact, self.compliance):
             return None
+        if self._contact.rigid and self._tied_twice():
+            return None
         areas = np.repeat(self._contact.operator.areas, 3)
         compiled = CompiledSteps(self._contact, self.compliance, self.corrections, areas)
         compiled.load_state_dict(self._restored.get("compiled", {}))
         return compiled
+
+    def _tied_twice(self) -> bool:
+        """Whether rigid points tie each other, as where joints meet: rows of B that depend."""
+        rigid = np.isinf(np.repeat(self._contact.closed_stiffness(), (1, 2), axis=1))
+        rows = np.flatnonzero((rigid & ~self.compliance.dead).ravel())
+        if len(rows) == 0:
+            return False
+        start, columns, values = self._operator.getValuesCSR()
+        shape = (len(start) - 1, self._operator.getLocalSize()[1])
+        tied = csr_array((values, columns, start), shape=shape)[rows]
+        try:
+            pivots = np.abs(splu((tied @ tied.T).tocsc()).U.diagonal())
+        except RuntimeError:  # exactly singular
+            return True
+        return bool(pivots.min() < DEPENDENT * pivots.max())
 
     def state_dict(self) -> dict[str, Any]:
         """State that later corrections depend on, empty before the first."""

@@ -57,6 +57,10 @@ SINGULAR = 1e-10
 # A change of T (between 0 and 1) that is none.
 SAME = 1e-12
 
+# Added to the diagonal of I + T S where joints are rigid: it is singular where points that stick
+# tie each other, and corrections would chase what rounding leaves there.
+DAMPING = 1e-8
+
 
 @dataclass(frozen=True, kw_only=True)
 class Correction:
@@ -83,6 +87,7 @@ class Corrections:
             (points, 3); None where the second set is of no use.
         comm: Communicator of the ranks.
         keeps_rows: Whether a rank may have whole rows, and for a moment all, of S.
+        rigid: Whether joints are rigid.
 
     Attributes:
         stuck: T0, None where there is no second set.
@@ -97,8 +102,10 @@ class Corrections:
         comm: Any,
         *,
         keeps_rows: bool = True,
+        rigid: bool = False,
     ) -> None:
         """Keep S; the second set is made when it pays."""
+        self._diagonal = 1.0 + DAMPING * rigid
         self._split, self._rough, self._comm = split, rough, comm
         self._exact = isinstance(split, RowMatrix)
         ties = split.size <= LARGEST_TIED and (self._exact or keeps_rows)
@@ -177,7 +184,7 @@ class Corrections:
         if of_ranks(self._comm, np.array([len(others)])).any():
             right = right - _turned(here, self._split.product(step, others)[rows])
         step[rows], products = gmres(
-            lambda v: v + _turned(here, block.product(v)),
+            lambda v: self._diagonal * v + _turned(here, block.product(v)),
             right,
             tolerance=max(tolerance, self._finest),
             most=MOST_PRODUCTS,

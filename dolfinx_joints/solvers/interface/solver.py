@@ -20,6 +20,8 @@ from dataclasses import asdict
 from functools import cached_property
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
@@ -37,6 +39,7 @@ from dolfinx_joints.solvers.effective_matrix import (
 )
 from dolfinx_joints.solvers.interface.compiled.iteration import Limits
 from dolfinx_joints.solvers.interface.compiled.steps import Solved
+from dolfinx_joints.solvers.interface.compliance import TOLERANCE
 from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.solvers.interface.corrections import Correction
 from dolfinx_joints.solvers.interface.residual import Colours, Iterate, JointStep
@@ -58,6 +61,9 @@ INNER_TOLERANCE = 0.03
 # the next. With fewer colours it does less (measured in docs/decisions).
 HARD, EASY = 7, 4
 POOR, COLOURS = 0.03, 32
+
+# Openings of rigid points are resolved to so many residuals of the step.
+RESOLVED = 10.0
 
 # Times that a static solution is corrected by the gaps of the body itself.
 REFINEMENTS = 3
@@ -125,6 +131,7 @@ class InterfaceSolver:
         else:
             self._expand_all(condensed, found.force, x)
         self._sweeps = found.iterations >= (EASY if self._sweeps else HARD)
+        self._close(condensed, found)
         return found.response, SolveReport(
             iterations=found.iterations,
             factorizations=int(factored),
@@ -184,6 +191,24 @@ class InterfaceSolver:
             iterations=iterations,
             relative=relative,
         )
+
+    def _close(self, condensed: Condensed, found: Solved) -> None:
+        """Take openings of rigid points that the step does not resolve for none (collective).
+
+        Where rigid joints meet, points that stick determine whether others are open: such an
+        opening would contradict them in later steps, by more the shorter these are.
+        """
+        if not self._contact.rigid:
+            return
+        largest = self._contact.operator.comm.allreduce(
+            np.abs(found.force).max(initial=0.0), MPI.MAX
+        )
+        accuracy = (
+            RESOLVED * max(found.relative, TOLERANCE) * largest * condensed.compliance.scale[::3]
+        )
+        gap = found.response.state.gap[:, 0]
+        rigid = np.isinf(self._contact.closed_stiffness()[:, 0]) & ~condensed.compliance.dead[:, 0]
+        gap[rigid & (gap > 0.0) & (gap <= accuracy)] = 0.0
 
     def condensed(self, effective: MatrixCoefficients, rule: Rule) -> Condensed:
         """The bulk of some coefficients and its compliance at the joints (collective)."""

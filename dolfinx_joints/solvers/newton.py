@@ -39,6 +39,9 @@ Floats = NDArray[np.float64]
 # Parts of the closed joints' stiffness tried in turn where a tangent is singular.
 REGULARISATIONS = (0.0, 1e-4, 1e-2)
 
+# A static solution accepted for rounding moves by no more than this part of it in a correction.
+SETTLED = 1e-5
+
 # Corrections of iterative solvers leave this part of the residual at first, the last one that.
 INNER_TOLERANCE, POLISH = 0.1, 0.01
 
@@ -131,12 +134,14 @@ class NewtonSolver:
         balance.accept()
         factorizations, iteration, norms = 0, 0, [norm]
         line_search = LineSearch(options.max_cuts, leaps=self.system.bulk is None)
-        while not norm <= balance.tolerance:
+        while not norm <= (balance.tolerance if balance.inertia else balance.wanted):
             if iteration == options.max_iterations or not np.isfinite(norm):
                 residual = norm / balance.scale
                 raise solve_failure(internal_forces, response, state, iteration, residual, options)
             inner = _inner_tolerance(norms, balance.tolerance)
             factorizations += self._correct(internal_forces, tangent, response, balance, inner)
+            if norm <= balance.tolerance and self._settled(balance.change):
+                break
             response, norm = self._search(balance, norm, line_search.cuts(norm))
             balance.accept()
             iteration += 1
@@ -185,6 +190,10 @@ class NewtonSolver:
         if facts.get("law"):
             raise ConvergenceError(**facts) from failure
         raise failure
+
+    def _settled(self, change: PETSc.Vec) -> bool:
+        """Whether the correction is small: a block that nothing holds would go on and on."""
+        return bool(self._correction.norm() <= SETTLED * change.norm())
 
     def _polish(self, balance: _Balance, response: Response, norm: float) -> tuple[Response, float]:
         """One more correction, kept if it is one: energy is balanced to rounding, not to less."""
@@ -241,7 +250,7 @@ class _Balance:
         self.change = x.copy()
         self.residual, self.out_of_balance = b.duplicate(), b.duplicate()
         self.scale, self._trial_scale, self._first_scale = 0.0, 0.0, 0.0
-        self._rounding = 0.0
+        self._rounding, self.inertia = 0.0, matrix.inertia
 
     def evaluate(self, change: PETSc.Vec) -> tuple[Response, float]:
         """Response to a change, and the norm of the residual at the unconstrained dofs."""
@@ -269,9 +278,14 @@ class _Balance:
         return 4.0 * float(np.finfo(float).eps) * (bulk + laws)
 
     @property
+    def wanted(self) -> float:
+        """Largest residual that is wanted, relative to the forces."""
+        return self._relative * self.scale
+
+    @property
     def tolerance(self) -> float:
-        """Largest residual accepted: relative to the forces, or what rounding leaves."""
-        return max(self._relative * self.scale, min(self._rounding, 1e-6 * self.scale))
+        """Largest residual accepted: that, or what rounding leaves."""
+        return max(self.wanted, min(self._rounding, 1e-6 * self.scale))
 
 
 def solve_without_joints(

@@ -87,11 +87,18 @@ def stack(blocks: int, size: tuple[float, float], height: float, cells: int = 2)
     return split_mesh(mesh, meshtags(mesh, 2, facets, tags), joints=numbers, groups=groups)
 
 
-def column(law: Any, *, blocks: int = 4, loads: tuple[Any, ...] = (), poisson: float = 0.0) -> Any:
+def column(
+    law: Any,
+    *,
+    blocks: int = 4,
+    loads: tuple[Any, ...] = (),
+    poisson: float = 0.0,
+    young: float = YOUNG,
+) -> Any:
     """A column under its own weight; only the lowest block is held."""
     return Model(
         stack(blocks, (0.5, 0.5), HEIGHT),
-        material=Elastic(young=YOUNG, poisson=poisson, density=DENSITY),
+        material=Elastic(young=young, poisson=poisson, density=DENSITY),
         joints=law,
         supports=[Fixed(group="base")],
         loads=[Gravity(), *loads],
@@ -240,6 +247,35 @@ def test_nothing_holds_a_smooth_block_sideways(name):
     model = column(LAWS[name], blocks=2, loads=(Traction(group="top", value=(1.0, 0.0, 0.0)),))
     with pytest.raises(JointsError):
         statics(model)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("young", "solver", "linear"),
+    [
+        (YOUNG, "condensed", "direct"),
+        (1e15, "condensed", "direct"),
+        (YOUNG, "monolithic", "direct"),
+        (1e15, "monolithic", "direct"),
+        (1e15, "auto", "iterative"),
+    ],
+)
+def test_rounding_holds_no_block(young, solver, linear):
+    """Of products with A it grows as a block goes, until it is more than what pushes the block.
+
+    0.001 N/m^2, 1e-7 of the weight: without friction nothing holds it. With friction it stands,
+    under its weight, however stiff it is and however much rounding is left then.
+    """
+    push = Traction(group="top", value=(1e-3, 0.0, 0.0))
+    smooth, rough = (
+        column(friction(1e9, angle), blocks=2, loads=(push,), poisson=0.2, young=young)
+        for angle in (0.0, 30.0)
+    )
+    with pytest.raises(JointsError):
+        statics(smooth, solver, linear=linear)
+    found = statics(rough, solver, linear=linear)
+    total = COMM.allreduce(rough.operator.areas @ found.joints.traction)
+    assert total[0] == pytest.approx(-DENSITY * G * HEIGHT * 0.5**2, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", ["smooth", "rigid and smooth"])

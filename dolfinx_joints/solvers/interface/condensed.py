@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
@@ -21,8 +23,8 @@ from dolfinx_joints.solvers.effective_matrix import (
     MatrixCoefficients,
     unconstrained_dofs,
 )
-from dolfinx_joints.solvers.interface.compiled.steps import CompiledSteps
-from dolfinx_joints.solvers.interface.compliance import Compliance
+from dolfinx_joints.solvers.interface.compiled.steps import CompiledSteps, Solved
+from dolfinx_joints.solvers.interface.compliance import TOLERANCE, Compliance
 from dolfinx_joints.solvers.interface.corrections import Corrections
 from dolfinx_joints.solvers.interface.springs import JointSprings
 from dolfinx_joints.solvers.step_solver import SolverOptions
@@ -31,6 +33,9 @@ Floats = NDArray[np.float64]
 
 # A pivot of B B^T, beside the largest, that is rounding.
 DEPENDENT = 1e-10
+
+# Openings of rigid points are resolved to so many residuals of the step.
+RESOLVED = 10.0
 
 
 class Condensed:
@@ -160,6 +165,21 @@ class Condensed:
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Take up what another's ``state_dict`` gave, once corrections are asked for."""
         self._restored = state_dict
+
+    def close(self, found: Solved) -> None:
+        """Take openings of rigid points that a step does not resolve for none (collective).
+
+        Where rigid joints meet, points that stick determine whether others are open: such an
+        opening would contradict them in later steps, by more the shorter these are.
+        """
+        if not self._contact.rigid:
+            return
+        comm, compliance = self._contact.operator.comm, self.compliance
+        largest = comm.allreduce(float(np.abs(found.force).max(initial=0.0)), MPI.MAX)
+        resolved = RESOLVED * max(found.relative, TOLERANCE) * largest * compliance.scale[::3]
+        rigid = np.isinf(self._contact.closed_stiffness()[:, 0]) & ~compliance.dead[:, 0]
+        gap = found.response.state.gap[:, 0]
+        gap[rigid & (gap > 0.0) & (gap <= resolved)] = 0.0
 
     def _stuck(self) -> Floats:
         """T0 of sticking points, shape (n, 3): c / (c + weight / k)."""

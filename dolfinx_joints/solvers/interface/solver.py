@@ -20,13 +20,12 @@ from dataclasses import asdict
 from functools import cached_property
 from typing import Any
 
-from mpi4py import MPI
-
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.internal_forces import JointInternalForces
 from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
@@ -39,11 +38,11 @@ from dolfinx_joints.solvers.effective_matrix import (
 )
 from dolfinx_joints.solvers.interface.compiled.iteration import Limits
 from dolfinx_joints.solvers.interface.compiled.steps import Solved
-from dolfinx_joints.solvers.interface.compliance import TOLERANCE
 from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.solvers.interface.corrections import Correction
 from dolfinx_joints.solvers.interface.residual import Colours, Iterate, JointStep
 from dolfinx_joints.solvers.line_search import LineSearch
+from dolfinx_joints.solvers.newton import SETTLED
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, solve_failure
 
 Floats = NDArray[np.float64]
@@ -61,9 +60,6 @@ INNER_TOLERANCE = 0.03
 # the next. With fewer colours it does less (measured in docs/decisions).
 HARD, EASY = 7, 4
 POOR, COLOURS = 0.03, 32
-
-# Openings of rigid points are resolved to so many residuals of the step.
-RESOLVED = 10.0
 
 # Times that a static solution is corrected by the gaps of the body itself.
 REFINEMENTS = 3
@@ -131,7 +127,7 @@ class InterfaceSolver:
         else:
             self._expand_all(condensed, found.force, x)
         self._sweeps = found.iterations >= (EASY if self._sweeps else HARD)
-        self._close(condensed, found)
+        condensed.close(found)
         return found.response, SolveReport(
             iterations=found.iterations,
             factorizations=int(factored),
@@ -184,7 +180,13 @@ class InterfaceSolver:
             if more == 0:
                 break
             iterations += more
+            moved = found.force - found.residual - self._last[1]
             self._expand(condensed, found.force - found.residual, x)
+        else:
+            if condensed.springs is not None and not self._settled(moved):
+                joints = JointInternalForces(self._contact)
+                state, options = step.state, self.options
+                raise solve_failure(joints, found.response, state, iterations, relative, options)
         return Solved(
             force=found.force - found.residual,
             response=found.response,
@@ -192,23 +194,11 @@ class InterfaceSolver:
             relative=relative,
         )
 
-    def _close(self, condensed: Condensed, found: Solved) -> None:
-        """Take openings of rigid points that the step does not resolve for none (collective).
-
-        Where rigid joints meet, points that stick determine whether others are open: such an
-        opening would contradict them in later steps, by more the shorter these are.
-        """
-        if not self._contact.rigid:
-            return
-        largest = self._contact.operator.comm.allreduce(
-            np.abs(found.force).max(initial=0.0), MPI.MAX
-        )
-        accuracy = (
-            RESOLVED * max(found.relative, TOLERANCE) * largest * condensed.compliance.scale[::3]
-        )
-        gap = found.response.state.gap[:, 0]
-        rigid = np.isinf(self._contact.closed_stiffness()[:, 0]) & ~condensed.compliance.dead[:, 0]
-        gap[rigid & (gap > 0.0) & (gap <= accuracy)] = 0.0
+    def _settled(self, moved: Floats) -> bool:
+        """Whether forces changed little: those of a block that nothing holds go on (collective)."""
+        sizes = [np.abs(each).max(initial=0.0) for each in (moved, self._last[1])]
+        most, largest = of_ranks(self._contact.operator.comm, np.array(sizes)).max(axis=0)
+        return bool(most <= SETTLED * largest)
 
     def condensed(self, effective: MatrixCoefficients, rule: Rule) -> Condensed:
         """The bulk of some coefficients and its compliance at the joints (collective)."""

@@ -100,17 +100,18 @@ class WholeSolver(NewtonSolver):
         at = equations.evaluate(x.copy(), np.zeros_like(state.gap))
         at = equations.evaluate(at.change, at.response.traction)
         factorizations, norms, line_search = 0, [at.norm], LineSearch(options.max_cuts)
-        while not at.solved(options.relative_tolerance):
+        inertia, wanted = tangent.effective.inertia, options.relative_tolerance
+        while not (at.solved(wanted) if inertia else at.relative.max() <= wanted):
             iteration, residual = len(norms) - 1, float(at.relative.max())
             if iteration == options.max_iterations or not np.isfinite(at.norm):
                 joints = JointInternalForces(self._contact)
                 raise solve_failure(joints, at.response, state, iteration, residual, options)
             fallen = at.norm / norms[-2] if iteration else 1.0
             # As rough as Newton's method lets corrections be, no finer than is asked for.
-            inner = max(
-                min(INNER_TOLERANCE, fallen**2), 0.3 * options.relative_tolerance / residual
-            )
+            inner = max(min(INNER_TOLERANCE, fallen**2), 0.3 * wanted / residual)
             factorizations += self._correct_both(equations, tangent, at, inner)
+            if at.solved(wanted) and self._settled(at.change):
+                break
             at = equations.search(at, self._correction, line_search.cuts(at.norm))
             norms.append(at.norm)
         at.change.copy(x)

@@ -187,6 +187,24 @@ def test_loose_blocks_with_every_compliance(kind, linear):
 
 
 @pytest.mark.mpi
+@pytest.mark.parametrize("kind", ["dense", "compressed", "matrix-free"])
+def test_a_soft_joint_among_stiff_ones(kind):
+    """It moves a million times as far, and the rounding of that is none of the stiff ones' forces.
+
+    On each the weight above it; rounding as in a column of loose blocks.
+    """
+    young, soft, size = 1e12, 1e8, DENSITY * G * 5 * HEIGHT
+    stiff = friction(1e14)
+    laws = {"joint_1": stiff, "joint_2": stiff, "joint_3": friction(soft), "joint_4": stiff}
+    model = column(laws, blocks=5, young=young)
+    weight = DENSITY * G * (5 * HEIGHT - model.operator.points[:, 2])
+    found = statics(model, compliance=kind).joints.traction
+    moved = np.finfo(float).eps * (young / (0.5 * HEIGHT)) * 5 * size / soft
+    expected = np.column_stack([-weight, np.zeros((len(weight), 2))])
+    assert largest(found - expected) <= 1e-11 * size + 5**2 * moved
+
+
+@pytest.mark.mpi
 @pytest.mark.parametrize("factor", [0.1, 30.0])
 @pytest.mark.parametrize("name", ["soft", "medium", "rigid"])
 def test_the_springs_leave_no_trace(name, factor, monkeypatch):

@@ -6,8 +6,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mpi4py import MPI
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,6 +36,7 @@ class Iterate:
         largest: Largest scaled force that the law gives, of all ranks.
         norm: 2-norm of r, of all ranks.
         worst: Largest |r|, of all ranks.
+        reach: Largest scaled gap that forces follow from, of all ranks.
         size: Largest |f| plus the largest |S f| of all ranks.
     """
 
@@ -49,6 +48,7 @@ class Iterate:
     largest: float
     norm: float
     worst: float
+    reach: float
     size: float
 
 
@@ -68,18 +68,19 @@ class JointStep:
         self._areas = np.repeat(contact.operator.areas, 3)
         self._trial_gap, self.state, self._rule = trial_gap, state, rule
         passed = np.maximum(np.abs(trial_gap), np.abs(state.gap)).ravel()
-        reach = float((passed / self._compliance.scale).max(initial=0.0))
-        self._reach = self._comm.allreduce(reach, MPI.MAX)
+        self._passed = passed / self._compliance.scale
 
-    def rounding(self, at: Iterate) -> float:
+    @staticmethod
+    def rounding(at: Iterate) -> float:
         """Scaled force that rounding of the gaps may leave."""
-        return 64.0 * float(np.finfo(float).eps) * (self._reach + at.size)
+        return 64.0 * float(np.finfo(float).eps) * (at.reach + at.size)
 
     def evaluate(self, force: Floats, coupled: Floats) -> Iterate:
         """Residual, tangent and response (collective)."""
         scale, dead = self._compliance.scale, self._compliance.dead
         gap = self._trial_gap - (scale * coupled).reshape(-1, 3)
         own, springs = self._compliance.own, self.condensed.springs
+        reach = self._passed
         if springs is None:
             response = self._contact.respond_condensed(gap, own, self.state, self._rule)
             traction, tangent = response.traction, response.tangent
@@ -91,9 +92,14 @@ class JointStep:
         # Where nothing can move, the scale has no meaning.
         given = np.where(dead.ravel(), 0.0, self._areas * scale * response.traction.ravel())
         residual, scaled = _scaled(force, traction, tangent, scale, self._areas, dead)
-        sizes = [np.abs(v).max(initial=0.0) for v in (given, residual, force, coupled)]
+        if springs is not None:
+            # Soft joints may move far, but make little of it.
+            share = np.repeat(springs.stiffness * own, (1, 2), axis=1)
+            felt = np.minimum(np.maximum(np.abs(scaled).max(axis=1), share), 1.0)
+            reach = felt.ravel() * reach
+        sizes = [np.abs(v).max(initial=0.0) for v in (given, residual, force, coupled, reach)]
         every = of_ranks(self._comm, np.array([*sizes, residual @ residual]))
-        largest, worst, forces, gaps = (float(v) for v in every[:, :4].max(axis=0))
+        largest, worst, forces, gaps, far = (float(v) for v in every[:, :5].max(axis=0))
         return Iterate(
             force=force,
             coupled=coupled,
@@ -101,8 +107,9 @@ class JointStep:
             tangent=scaled,
             response=response,
             largest=largest,
-            norm=float(np.sqrt(every[:, 4].sum())),
+            norm=float(np.sqrt(every[:, 5].sum())),
             worst=worst,
+            reach=far,
             size=forces + gaps,
         )
 

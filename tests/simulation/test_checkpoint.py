@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -179,18 +180,20 @@ def test_sweeps_over_the_joints_go_on_with_the_same_bits(wall_file, read, tmp_pa
 
 @pytest.mark.mpi
 @pytest.mark.parametrize(
-    ("solver", "water"),
+    ("solver", "joints", "water"),
     [
-        ("condensed", lambda: None),
-        ("monolithic", lambda: None),
-        ("condensed", lambda: WAVES),
-        ("condensed", valley),
+        ("condensed", LAW, lambda: None),
+        ("monolithic", LAW, lambda: None),
+        ("condensed", LAW, lambda: WAVES),
+        ("condensed", LAW, valley),
+        # Flanks of 60 degrees and friction of 30 lock: which of many forces is found is rounding.
+        ("condensed", replace(KEYS, flank_angle_deg=45.0), lambda: None),
     ],
-    ids=["condensed", "monolithic", "waves", "waves above a bed"],
+    ids=["condensed", "monolithic", "waves", "waves above a bed", "shear keys"],
 )
 @pytest.mark.parametrize("grows", [True, False])
 def test_continued_on_another_number_of_ranks(
-    comm, wall_file, read, new_path, solver, water, grows
+    comm, wall_file, read, new_path, solver, joints, water, grows
 ):
     """On one rank first and then on all, and the other way round."""
     path, file = new_path("ranks"), wall_file()
@@ -204,7 +207,7 @@ def test_continued_on_another_number_of_ranks(
             return
         results = ResultsMonitor(path / name, points=POINTS, every=3, envelopes=True)
         monitors = [results, Killer(kill)]
-        model = wall(read(file, on), reservoir=water())
+        model = wall(read(file, on), joints, reservoir=water())
         simulation = Simulation(model, monitors=monitors, solver=solver)
         if not more.get("resume"):
             simulation.statics()

@@ -13,8 +13,6 @@ from mpi4py import MPI
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
-from scipy.sparse import csr_array
-from scipy.sparse.linalg import splu
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.model.system import MatrixSystem
@@ -30,9 +28,6 @@ from dolfinx_joints.solvers.interface.springs import JointSprings
 from dolfinx_joints.solvers.step_solver import SolverOptions
 
 Floats = NDArray[np.float64]
-
-# A pivot of B B^T, beside the largest, that is rounding.
-DEPENDENT = 1e-10
 
 # Openings of rigid points are resolved to so many residuals of the step.
 RESOLVED = 10.0
@@ -140,19 +135,15 @@ class Condensed:
         return compiled
 
     def _tied_twice(self) -> bool:
-        """Whether rigid points tie each other, as where joints meet: rows of B that depend."""
+        """Whether a node is at several rigid points, which may then tie each other (collective)."""
         rigid = np.isinf(np.repeat(self._contact.closed_stiffness(), (1, 2), axis=1))
-        rows = np.flatnonzero((rigid & ~self.compliance.dead).ravel())
-        if len(rows) == 0:
-            return False
-        start, columns, values = self._operator.getValuesCSR()
-        shape = (len(start) - 1, self._operator.getLocalSize()[1])
-        tied = csr_array((values, columns, start), shape=shape)[rows]
-        try:
-            pivots = np.abs(splu((tied @ tied.T).tocsc()).U.diagonal())
-        except RuntimeError:  # exactly singular
-            return True
-        return bool(pivots.min() < DEPENDENT * pivots.max())
+        squares, points, nodes = self._operator.copy(), *self._operator.createVecs()[::-1]
+        start, columns, values = squares.getValuesCSR()
+        squares.setValuesCSR(start, columns, values**2)
+        squares.assemble()
+        points.setArray(rigid.ravel().astype(float))
+        squares.multTranspose(points, nodes)  # of a node's direction the three rows of a point: 1
+        return bool(nodes.max()[1] > 1.5)
 
     def state_dict(self) -> dict[str, Any]:
         """State that later corrections depend on, empty before the first."""

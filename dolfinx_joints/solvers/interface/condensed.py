@@ -137,7 +137,8 @@ class Condensed:
     def _tied_twice(self) -> bool:
         """Whether a node is at several rigid points, which may then tie each other (collective)."""
         rigid = np.isinf(np.repeat(self._contact.closed_stiffness(), (1, 2), axis=1))
-        squares, points, nodes = self._operator.copy(), *self._operator.createVecs()[::-1]
+        squares = self._operator.copy()
+        points, nodes = squares.createVecLeft(), squares.createVecRight()
         start, columns, values = squares.getValuesCSR()
         squares.setValuesCSR(start, columns, values**2)
         squares.assemble()

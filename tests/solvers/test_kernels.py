@@ -32,11 +32,12 @@ import dolfinx_joints
 from dolfinx_joints.laws import discrete_gradient, friction
 from dolfinx_joints.laws.law import JointState
 from dolfinx_joints.laws.return_mapping import Answer, Coulomb, Start, empty_answer
-from dolfinx_joints.solvers.interface import corrections, gmres, ranked_low_rank
+from dolfinx_joints.solvers.interface import blocks_between_ranks, corrections, gmres
 from dolfinx_joints.solvers.interface import low_rank as lowrank
 from dolfinx_joints.solvers.interface import residual as joint_step
 from dolfinx_joints.solvers.interface import row_matrix as row_matrices
-from dolfinx_joints.solvers.interface.ranked_low_rank import DENSE, FACTOR, PLACE, Shares
+from dolfinx_joints.solvers.interface.blocks_between_ranks import DENSE, FACTOR, PLACE
+from dolfinx_joints.solvers.interface.ranked_low_rank import Shares
 
 RANDOM = np.random.default_rng(20)
 ROUNDING = 1e-13
@@ -128,13 +129,22 @@ def test_products_between_ranks(monkeypatch):
 
     def work():
         reduced, expanded = np.zeros(shares.length), np.ones(12)
-        ranked_low_rank.reduce(*shares.arrays, x, reduced, True)
-        ranked_low_rank.expand(*shares.arrays, values, expanded)
+        blocks_between_ranks.reduce(*shares.arrays, x, reduced, True)
+        blocks_between_ranks.expand(*shares.arrays, values, expanded)
         return reduced, expanded
 
-    reduced, expanded = check(monkeypatch, ranked_low_rank, work)
-    np.testing.assert_allclose(reduced, matrix @ x, atol=1e-14)
-    np.testing.assert_allclose(expanded, 1.0 + matrix.T @ values, atol=1e-14)
+    def in_one_pass():
+        """As `reduce` and `expand`, dense blocks read once."""
+        gone, once, back = np.zeros(shares.length), np.ones(12), np.zeros(shares.length)
+        blocks_between_ranks.reduce(*shares.arrays, x, gone, False)
+        blocks_between_ranks.expand_and_return(*shares.arrays, values, x, once, back)
+        blocks_between_ranks.add_at_places(shares.arrays[0], values, once)
+        return gone + back, once
+
+    for kernels in (work, in_one_pass):
+        reduced, expanded = check(monkeypatch, blocks_between_ranks, kernels)
+        np.testing.assert_allclose(reduced, matrix @ x, atol=1e-14)
+        np.testing.assert_allclose(expanded, 1.0 + matrix.T @ values, atol=1e-14)
 
 
 @pytest.mark.parametrize("count", [0, 1, 4, 7])

@@ -19,13 +19,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.solvers.interface.blocks_between_ranks import (
+    DENSE,
+    FACTOR,
+    PLACE,
+    expand,
+    reduce,
+)
 from dolfinx_joints.solvers.interface.low_rank import (
     LEAF,
-    SUMS,
     Cluster,
     LowRankMatrix,
-    dense_and_mirror,
     factors_if_worth,
     multiply_blocks,
     rank_of,
@@ -33,10 +37,6 @@ from dolfinx_joints.solvers.interface.low_rank import (
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-# What a rank has of a block with another's points: a factor; all of a dense one, transposed; or
-# nothing but the place of its unknowns.
-FACTOR, DENSE, PLACE = 0, 1, 2
 
 
 @dataclass(eq=False)
@@ -321,83 +321,3 @@ class RankedLowRankMatrix:
     def products(self, vectors: list[Floats]) -> Sequence[Floats]:
         """`product` of several vectors (collective)."""
         return [self.product(vector) for vector in vectors]
-
-
-@njit(cache=True, fastmath=SUMS)
-def reduce(
-    table: Ints, data: NDArray[Any], x: NDArray[Any], out: NDArray[Any], dense: bool
-) -> None:
-    """Add to out the products of the factors with their parts of x, or these themselves.
-
-    Those of dense blocks only if asked for.
-    """
-    start = 0
-    for b in range(len(table)):
-        first, unknowns, rows, kind, at = table[b]
-        if kind == PLACE:
-            out[at : at + unknowns] = x[first : first + unknowns]
-            continue
-        if kind == FACTOR or dense:
-            factor = data[start : start + rows * unknowns].reshape(rows, unknowns)
-            own, given = x[first : first + unknowns], out[at : at + rows]
-            for k in range(rows):
-                row, total = factor[k], data.dtype.type(0.0)
-                for j in range(row.size):
-                    total += row[j] * own[j]
-                given[k] += total
-        start += rows * unknowns
-
-
-@njit(cache=True, fastmath=SUMS)
-def expand(table: Ints, data: NDArray[Any], values: NDArray[Any], y: NDArray[Any]) -> None:
-    """Add the transposed factors times values, or these themselves, to their parts of y."""
-    start = 0
-    for b in range(len(table)):
-        first, unknowns, rows, kind, at = table[b]
-        if kind == PLACE:
-            y[first : first + unknowns] += values[at : at + unknowns]
-            continue
-        factor = data[start : start + rows * unknowns].reshape(rows, unknowns)
-        _add_transposed(factor, values[at : at + rows], y[first : first + unknowns])
-        start += rows * unknowns
-
-
-@njit(cache=True, fastmath=SUMS)
-def _add_transposed(factor: NDArray[Any], values: NDArray[Any], y: NDArray[Any]) -> None:
-    for k in range(len(factor)):
-        row, value = factor[k], values[k]
-        for j in range(row.size):
-            y[j] += row[j] * value
-
-
-@njit(cache=True, fastmath=SUMS)
-def expand_and_return(
-    table: Ints,
-    data: NDArray[Any],
-    values: NDArray[Any],
-    x: NDArray[Any],
-    y: NDArray[Any],
-    back: NDArray[Any],
-) -> None:
-    """`expand` but for places, and the products of dense blocks with x in the same pass."""
-    start = 0
-    for b in range(len(table)):
-        first, unknowns, rows, kind, at = table[b]
-        if kind == PLACE:
-            continue
-        factor = data[start : start + rows * unknowns].reshape(rows, unknowns)
-        given, mine = values[at : at + rows], y[first : first + unknowns]
-        if kind == DENSE:
-            dense_and_mirror(factor, x[first : first + unknowns], given, back[at : at + rows], mine)
-        else:
-            _add_transposed(factor, given, mine)
-        start += rows * unknowns
-
-
-@njit(cache=True)
-def add_at_places(table: Ints, values: NDArray[Any], y: NDArray[Any]) -> None:
-    """Add to y what comes back to its places."""
-    for b in range(len(table)):
-        first, unknowns, _, kind, at = table[b]
-        if kind == PLACE:
-            y[first : first + unknowns] += values[at : at + unknowns]

@@ -15,6 +15,11 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit, part
+from dolfinx_joints.solvers.interface.blocks_between_ranks import (
+    add_at_places,
+    expand_and_return,
+    reduce,
+)
 from dolfinx_joints.solvers.interface.compiled.ranks import (
     Lengths,
     Ranks,
@@ -24,11 +29,6 @@ from dolfinx_joints.solvers.interface.compiled.ranks import (
     put_together,
 )
 from dolfinx_joints.solvers.interface.low_rank import multiply_blocks
-from dolfinx_joints.solvers.interface.ranked_low_rank import (
-    add_at_places,
-    expand_and_return,
-    reduce,
-)
 from dolfinx_joints.solvers.interface.row_matrix import add_rows
 
 Floats = NDArray[np.float64]

@@ -191,12 +191,16 @@ class CompiledSteps:
 
         (Collective.)
         """
-        kept = {"kept": self._memory.active, "changed": self._memory.changed}
         first = self._blocks[self._comm.rank]
+        counts = {
+            "kept": self._memory.active.number[0],
+            "changed": self._memory.changed.number[0],
+        }
+        points = {"kept": self._memory.active.points, "changed": self._memory.changed.points}
         return {
-            name: Dealt(self._comm, each.points[: each.number[0]] + first)
-            for name, each in kept.items()
-            if each.number[0] >= 0
+            name: Dealt(self._comm, points[name][:count] + first)
+            for name, count in counts.items()
+            if count >= 0
         }
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:

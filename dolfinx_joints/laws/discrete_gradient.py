@@ -138,6 +138,8 @@ def _opens(h: float, c: float, gap: float, energy: float, law: Coulomb) -> Norma
 def _closes(c: float, gap: float, ahead: float, law: Coulomb) -> Normal:
     """Y = -g1 from (2d + c) y^2 + 2d (g0 + gh) y + 2d gh g0 = 0, t_n = -psi1 / (y + g0)."""
     d = law.normal_compliance
+    if c + d == 0.0:  # both sides of a rigid point are constrained
+        return Normal(0.0, 0.0, 0.0, 0.0, np.inf, 0.0)
     if d == 0.0:
         y, traction, stiffness = 0.0, ahead / c, 1.0 / c
         energy = -traction * gap

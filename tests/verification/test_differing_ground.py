@@ -31,6 +31,7 @@ from dolfinx_joints import (
     EnergyConsistent,
     Fixed,
     FrictionNoTension,
+    Gravity,
     HilberHughesTaylor,
     MeshError,
     Model,
@@ -40,11 +41,13 @@ from dolfinx_joints import (
     Prescribed,
     Results,
     ResultsMonitor,
+    RigidJoint,
     Simulation,
     Spring,
     motion_from_displacement,
     split_mesh,
     stiffness_proportional,
+    synthetic_motion,
 )
 from dolfinx_joints.common.errors import PlausibilityWarning
 from dolfinx_joints.simulation.monitor import Monitor
@@ -312,6 +315,31 @@ def test_a_jointed_wall_on_any_number_of_ranks(comm, wall_file, read, new_path):
             assert scale > 0.0
             np.testing.assert_allclose(alone, expected, rtol=0, atol=1e-9 * scale, err_msg=name)
     comm.barrier()
+
+
+@pytest.mark.parametrize("rebounds", [True, False])
+def test_a_rigid_joint_down_to_ground_that_differs(wall_file, read, rebounds):
+    """Where the ground holds both faces, its rounding is no force: nothing can give way there."""
+    law = RigidJoint(friction_angle_deg=30.0, restitution=int(rebounds))
+    model = Model(
+        read(wall_file(divisions=(4, 1, 2), joints=1)),
+        material=Elastic(young=24e9, poisson=0.2, density=2400.0),
+        joints=law,
+        supports=[Fixed(group="base")],
+        loads=[Gravity()],
+        damping=stiffness_proportional(ratio=0.02, frequency=5.0),
+    )
+    record = synthetic_motion(duration=2.0)
+    ground = DifferingMotion(
+        motions={"left": record, "right": record.scaled(0.9)},
+        positions={"left": (0.0, 0.0, 0.0), "right": (20.0, 0.0, 0.0)},
+        reference="left",
+    )
+    simulation = Simulation(model)
+    simulation.statics()
+    outcome = simulation.dynamics(dt=0.01, steps=40, motion=ground)
+    assert outcome.counts.rejected == 0
+    assert outcome.imbalance <= 1e-11
 
 
 @pytest.mark.mpi

@@ -24,7 +24,6 @@ from dolfinx_joints.solvers.interface.compiled.products import Kept
 from dolfinx_joints.solvers.interface.compiled.ranks import Ranks, sum_over
 from dolfinx_joints.solvers.interface.compliance import Split
 from dolfinx_joints.solvers.interface.low_rank import SUMS
-from dolfinx_joints.solvers.interface.row_matrix import Parts
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -62,27 +61,12 @@ class Deflation(NamedTuple):
 
 
 def deflation_of(split: Split | None, comm: Any) -> Deflation:
-    """The largest eigenvalues of a symmetric S; none of None (collective).
-
-    Vectors of all ranks are on each of them for a moment.
-    """
+    """The largest eigenvalues of a symmetric S; none of None (collective)."""
     size, local = (0, 0) if split is None else (split.size, split.local)
     values: Floats = np.empty(0)
     vectors: Singles = np.empty((0, local), dtype=np.float32)
     if split is not None and size > 4 * VECTORS:
-        parts, rows = Parts(local, comm), np.arange(local)
-        mine = slice(parts.first, parts.first + local)
-        product = LinearOperator(
-            (size, size),
-            matvec=lambda x: parts.all_of(split.product(x.ravel()[mine], rows)),
-            dtype=np.float64,
-        )
-        # Without it steps take longer and nothing else: where S is zero, or the search fails.
-        with suppress(ArpackError):
-            values, found = eigsh(product, k=VECTORS, which="LA", v0=np.ones(size), tol=1e-3)
-            large = values > SMALLEST
-            values = values[large]
-            vectors = np.ascontiguousarray(found[mine].T[large], dtype=np.float32)
+        values, vectors = _largest(split, comm)
     return Deflation(
         size // 3,
         vectors,
@@ -92,6 +76,34 @@ def deflation_of(split: Split | None, comm: Any) -> Deflation:
         np.empty((len(values), len(values))),
         np.empty((2, len(values))),
     )
+
+
+def _largest(split: Split, comm: Any) -> tuple[Floats, Singles]:
+    """Eigenvalues and the rank's part of their vectors, shape (k, m) (collective).
+
+    Rank 0 searches and hands out what is to be multiplied, None at the end: ranks whose rounding
+    differs could not search alike.
+    """
+    rows, ends = np.arange(split.local), np.cumsum(comm.allgather(split.local))[:-1]
+    if comm.rank > 0:
+        while (part := comm.scatter(None)) is not None:
+            comm.gather(split.product(part, rows))
+        found: tuple[Floats, Singles] = comm.scatter(None)
+        return found
+
+    def multiply(x: Floats) -> Floats:
+        part = comm.scatter(np.split(x.ravel(), ends))
+        return np.concatenate(comm.gather(split.product(part, rows)))
+
+    values, every = np.empty(0), np.empty((split.size, 0))
+    product = LinearOperator((split.size, split.size), matvec=multiply, dtype=np.float64)
+    # Without it steps take longer and nothing else: where S is zero, or the search fails.
+    with suppress(ArpackError):
+        values, every = eigsh(product, k=VECTORS, which="LA", v0=np.ones(split.size), tol=1e-3)
+    comm.scatter([None] * comm.size)
+    large = values > SMALLEST
+    vectors = np.split(np.ascontiguousarray(every[:, large], dtype=np.float32), ends)
+    return comm.scatter([(values[large], np.ascontiguousarray(part.T)) for part in vectors])
 
 
 @njit(fastmath=SUMS, no_cpython_wrapper=True, no_cfunc_wrapper=True)

@@ -73,7 +73,7 @@ def ranks_of(comm: Any) -> Ranks:
     """Those of an mpi4py communicator, which has to live as long."""
     room = np.empty((comm.size, MOST))
     # An address or, with MPICH, a number of 32 bits, which is passed in the same register.
-    return Ranks(int(comm.handle), int(MPI.BYTE.handle), comm.rank, comm.size, room)
+    return Ranks(MPI._handleof(comm), MPI._handleof(MPI.BYTE), comm.rank, comm.size, room)
 
 
 def lengths_of(counts: Any) -> Lengths:

@@ -311,7 +311,9 @@ def test_a_user_defined_load_may_follow_the_joints():
         assert system.water.names == [f"{type(load).__name__}_joint"]
         assert list(system.in_joints) == [load]
         forces.append(dj.Simulation(model).statics().displacement)
-    assert (forces[0] - forces[1]).norm() == 0.0 < forces[0].norm()
+    # To rounding: on several ranks MUMPS adds in the order in which messages come.
+    assert (forces[0] - forces[1]).norm() <= 1e-12 * forces[0].norm()
+    assert forces[0].norm() > 0.0
 
 
 def test_water_keeps_a_joint_open_that_it_does_not_open():

@@ -144,7 +144,10 @@ class Condensed:
         squares.assemble()
         points.setArray(rigid.ravel().astype(float))
         squares.multTranspose(points, nodes)  # of a node's direction the three rows of a point: 1
-        return bool(nodes.max()[1] > 1.5)
+        twice = bool(nodes.max()[1] > 1.5)
+        for each in (squares, points, nodes):
+            each.destroy()
+        return twice
 
     def state_dict(self) -> dict[str, Any]:
         """State that later corrections depend on, empty before the first."""

@@ -306,7 +306,7 @@ def iterate(
             _renew(points, split, iterates, here, memory)
         size = sizes[here, LARGEST]
         scale = sizes[here, SCALE] or size or 1.0
-        reach = points.reach + sizes[here, REACH]  # the largest scaled gaps may be rounded to
+        reach = points.reach + sizes[here, REACH]  # what rounding of the gaps is relative to
         relative, rounding = size / scale, 64.0 * EPSILON * reach / scale
         # As in `InterfaceSolver._iterate`.
         accepted = max(limits.tolerance, min(rounding, 1e-6 if rounding < 1.0 else 1e-3))

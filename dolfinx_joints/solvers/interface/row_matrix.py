@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.solvers.interface.low_rank import SUMS
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -145,6 +146,28 @@ def add_rows(matrix: NDArray[Any], rows: Rows, values: Floats, out: NDArray[Any]
         for j in range(len(out)):
             out[j] += value * row[j]
         k += 1
+
+
+@njit(cache=True, fastmath=SUMS)
+def multiply_lower(matrix: NDArray[Any], values: NDArray[Any], out: NDArray[Any]) -> None:
+    """Write a symmetric matrix times a vector, of which the lower triangle is read.
+
+    Three rows at a time, a point's, pass over both vectors once. All arrays are of one type.
+    """
+    number = matrix.dtype.type
+    out[:] = number(0.0)
+    for i in range(0, len(values), 3):
+        r_0, r_1, r_2 = matrix[i], matrix[i + 1], matrix[i + 2]
+        v_0, v_1, v_2 = values[i], values[i + 1], values[i + 2]
+        sum_0, sum_1, sum_2 = number(0.0), number(0.0), number(0.0)
+        for j in range(i):
+            sum_0 += r_0[j] * values[j]
+            sum_1 += r_1[j] * values[j]
+            sum_2 += r_2[j] * values[j]
+            out[j] += r_0[j] * v_0 + r_1[j] * v_1 + r_2[j] * v_2
+        out[i] += sum_0 + r_0[i] * v_0 + r_1[i] * v_1 + r_2[i] * v_2
+        out[i + 1] += sum_1 + r_1[i] * v_0 + r_1[i + 1] * v_1 + r_2[i + 1] * v_2
+        out[i + 2] += sum_2 + r_2[i] * v_0 + r_2[i + 1] * v_1 + r_2[i + 2] * v_2
 
 
 @njit(cache=True)

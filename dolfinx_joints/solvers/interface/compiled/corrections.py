@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import part
 from dolfinx_joints.solvers.interface.compiled.deflation import Deflation
-from dolfinx_joints.solvers.interface.compiled.krylov import Space, gmres, turn
+from dolfinx_joints.solvers.interface.compiled.krylov import Space, gmres
 from dolfinx_joints.solvers.interface.compiled.products import (
     Kept,
     cost,
     hold,
     multiply,
+    turn,
 )
 from dolfinx_joints.solvers.interface.compiled.ranks import each_of_ranks, largest_of
 

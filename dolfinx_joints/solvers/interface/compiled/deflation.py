@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from dolfinx_joints.common.kernels import njit, part
-from dolfinx_joints.solvers.interface.compiled.products import Kept
+from dolfinx_joints.solvers.interface.compiled.products import Kept, turn
 from dolfinx_joints.solvers.interface.compiled.ranks import Ranks, sum_over
 from dolfinx_joints.solvers.interface.compliance import Split
 from dolfinx_joints.solvers.interface.low_rank import SUMS
@@ -45,8 +45,8 @@ class Deflation(NamedTuple):
         points: Points of all ranks.
         vectors: U of the rank's unknowns, shape (k, m), k = 0 before it is known.
         inverse: 1 / lambda, shape (k,).
-        here: U on a set, shape (k, m).
-        turned: T U on a set, shape (k, m).
+        here: Room for U on a set, shape (k, m).
+        turned: Room for T U on a set, likewise.
         small: (L^-1 + U^T T U)^-1, shape (k, k).
         amounts: Room for two vectors, shape (2, k).
     """
@@ -121,25 +121,26 @@ def prepare(deflation: Deflation, kept: Kept, blocks: Singles, ranks: Ranks) -> 
     count, points = kept.number[0], kept.points
     if not len(deflation.vectors) or kept.number[1] < LEAST_SHARE * deflation.points:
         return False
-    for v in range(len(deflation.vectors)):
-        vector, here, turned = deflation.vectors[v], deflation.here[v], deflation.turned[v]
+    many, size = len(deflation.vectors), 3 * count
+    here, turned = _rows(deflation.here, size), _rows(deflation.turned, size)
+    for v in range(many):
+        vector = deflation.vectors[v]
         for i in range(count):
             for a in range(3):
-                here[3 * i + a] = vector[3 * points[i] + a]
-        for i in range(count):
-            for a in range(3):
-                total = np.float32(0.0)
-                for b in range(3):
-                    total += blocks[i, a, b] * here[3 * i + b]
-                turned[3 * i + a] = total
+                here[v, 3 * i + a] = vector[3 * points[i] + a]
+        turn(blocks, here[v], turned[v])
     small = deflation.small
-    for v in range(len(small)):
-        for w in range(len(small)):
-            small[v, w] = dot(deflation.here[v, : 3 * count], deflation.turned[w, : 3 * count])
+    small[:] = np.dot(here, turned.T)
     sum_over(ranks, small.reshape(-1))
     for v in range(len(small)):
         small[v, v] += deflation.inverse[v]
     return _invert(small)
+
+
+@part
+def _rows(room: Singles, size: int) -> Singles:
+    """Rows of this length, one after the other in the room."""
+    return room.reshape(-1)[: len(room) * size].reshape(len(room), size)
 
 
 @part
@@ -165,13 +166,13 @@ def _invert(matrix: Floats) -> bool:
 def deflate(deflation: Deflation, values: Singles, out: Singles, ranks: Ranks) -> None:
     """Values less T U (L^-1 + U^T T U)^-1 U^T values (collective)."""
     size, amounts = len(values), deflation.amounts
-    for v in range(len(deflation.here)):
-        amounts[0, v] = dot(deflation.here[v, :size], values)
+    here, turned = _rows(deflation.here, size), _rows(deflation.turned, size)
+    for v in range(len(here)):
+        amounts[0, v] = dot(here[v], values)
     sum_over(ranks, amounts[0])
     for k in range(size):
         out[k] = values[k]
-    for v in range(len(deflation.here)):
-        amount = np.float32(dot(deflation.small[v], amounts[0]))
-        turned = deflation.turned[v]
+    for v in range(len(here)):
+        amount, away = np.float32(dot(deflation.small[v], amounts[0])), turned[v]
         for k in range(size):
-            out[k] -= amount * turned[k]
+            out[k] -= amount * away[k]

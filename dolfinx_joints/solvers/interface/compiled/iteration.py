@@ -179,14 +179,29 @@ def _gather_sizes(ranks: Ranks, mine: Floats, sizes: Floats) -> None:
 
 
 @part
+def _largest(values: Floats) -> float:
+    largest = 0.0
+    for k in range(len(values)):
+        largest = max(largest, abs(values[k]))
+    return largest
+
+
+@part
 def _sweep(
-    points: Points, split: Any, iterates: Iterates, at: int, out: int, colours: int, memory: Memory
+    points: Points,
+    inner: Any,
+    iterates: Iterates,
+    at: int,
+    out: int,
+    limits: Limits,
+    memory: Memory,
 ) -> None:
     """Each point solved with the others' forces fixed, one colour after the other."""
     change, moved = memory.vectors[STEP], memory.vectors[COUPLED]
     force, coupled, answer = iterates.force[out], iterates.coupled[out], answer_of(iterates, out)
     for k in range(len(force)):
         force[k], coupled[k] = iterates.force[at, k], iterates.coupled[at, k]
+    colours, error = limits.colours, iterates.sizes[at, ERROR]
     for colour in range(colours):
         first = (colour - points.first) % colours
         _ask(points, coupled, answer, (first, colours))
@@ -197,23 +212,24 @@ def _sweep(
                 k = 3 * i + a
                 change[k] = points.root[k] * answer.traction[i, a] - force[k]
                 force[k] += change[k]
-        multiply(split, change, moved)
+        multiply(inner, change, moved)
         for k in range(len(moved)):
             coupled[k] += moved[k]
-    iterates.sizes[out, ERROR] = iterates.sizes[at, ERROR]
+        error += limits.rough * largest_of(points.ranks, _largest(moved))
+    iterates.sizes[out, ERROR] = error
     evaluate(points, iterates, out)
 
 
 @part
 def _better(
-    points: Points, split: Any, iterates: Iterates, here: int, limits: Limits, memory: Memory
+    points: Points, inner: Any, iterates: Iterates, here: int, limits: Limits, memory: Memory
 ) -> int:
     """The iterate, or that after a sweep where it is poor and the sweep better."""
     sizes = iterates.sizes
     if not sizes[here, LARGEST] > limits.poor * sizes[here, SCALE]:
         return here
     swept = (here + 1) % 3
-    _sweep(points, split, iterates, here, swept, limits.colours, memory)
+    _sweep(points, inner, iterates, here, swept, limits, memory)
     return swept if sizes[swept, NORM] < sizes[here, NORM] else here
 
 
@@ -260,14 +276,6 @@ def _renew(points: Points, split: Any, iterates: Iterates, at: int, memory: Memo
     evaluate(points, iterates, at)
 
 
-@part
-def _largest(values: Floats) -> float:
-    largest = 0.0
-    for k in range(len(values)):
-        largest = max(largest, abs(values[k]))
-    return largest
-
-
 @njit(cache=True, no_cfunc_wrapper=True)
 def iterate(
     points: Points,
@@ -301,7 +309,7 @@ def iterate(
     iteration, last, inner_tolerance = 0, np.inf, limits.inner
     norms, since, whole = np.empty(limits.iterations + 1), 0, 0
     while True:
-        here = _better(points, split, iterates, here, limits, memory)
+        here = _better(points, inner, iterates, here, limits, memory)
         if sizes[here, ERROR] > STALE * sizes[here, LARGEST]:
             _renew(points, split, iterates, here, memory)
         size = sizes[here, LARGEST]

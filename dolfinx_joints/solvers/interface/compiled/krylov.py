@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import part
 from dolfinx_joints.solvers.interface.compiled.deflation import Deflation, deflate, dot, prepare
-from dolfinx_joints.solvers.interface.compiled.products import Kept, multiply_part
+from dolfinx_joints.solvers.interface.compiled.products import Kept, multiply_part, turn
 from dolfinx_joints.solvers.interface.compiled.ranks import Ranks, sum_over
 
 Floats = NDArray[np.float64]
@@ -60,16 +60,6 @@ def space_of(size: int, products: int) -> Space:
         np.empty((size // 3, 3, 3), dtype=np.float32),
         np.empty((2, size), dtype=np.float32),
     )
-
-
-@part
-def turn(blocks: Singles, values: NDArray[Any], out: NDArray[Any]) -> None:
-    """Blocks, of which there may be more, times a vector (3 n,)."""
-    for i in range(len(values) // 3):
-        t, a, b, c = blocks[i], values[3 * i], values[3 * i + 1], values[3 * i + 2]
-        out[3 * i] = t[0, 0] * a + t[0, 1] * b + t[0, 2] * c
-        out[3 * i + 1] = t[1, 0] * a + t[1, 1] * b + t[1, 2] * c
-        out[3 * i + 2] = t[2, 0] * a + t[2, 1] * b + t[2, 2] * c
 
 
 @part

@@ -29,15 +29,20 @@ from dolfinx_joints.solvers.interface.compiled.ranks import (
     put_together,
 )
 from dolfinx_joints.solvers.interface.low_rank import multiply_blocks
-from dolfinx_joints.solvers.interface.row_matrix import add_rows
+from dolfinx_joints.solvers.interface.row_matrix import add_rows, multiply_lower
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Singles = NDArray[np.float32]
 
 
-# Sets grow to so many times the points wanted and some more before they are taken anew.
-GROWN, SPARE = 1.25, 20
+# Part of the entries of a vector that are not zero, beyond which half of a symmetric S costs less to
+# read than its columns of these.
+MANY = 0.6
+
+# Sets grow to so many times the points wanted and some more before they are taken anew, and are held
+# while they have no more than so many times those.
+GROWN, HELD, SPARE = 1.25, 1.4, 20
 
 
 class Dense(NamedTuple):
@@ -46,7 +51,8 @@ class Dense(NamedTuple):
     Attributes:
         ranks: The ranks.
         columns: Columns of the rank's rows, one after the other, shape (M, m).
-        work: Room for a product, shape (m,), of the type of the columns.
+        by_half: Whether products read half of it: it is symmetric, and of one rank.
+        work: Room for a vector and a product, shape (2, m), of the type of the columns.
         nonzero: Room for numbers of unknowns, shape (M,).
         lengths: Of vectors.
         every: Room for one of all ranks, shape (M,), on several.
@@ -54,6 +60,7 @@ class Dense(NamedTuple):
 
     ranks: Ranks
     columns: NDArray[Any]
+    by_half: bool
     work: NDArray[Any]
     nonzero: Ints
     lengths: Lengths
@@ -135,14 +142,19 @@ def kept_of(points: int, every: int, split: Dense | LowRank) -> Kept:
 
 def _dense_product(split: Dense, values: Floats, out: Floats) -> None:
     every = put_together(split.ranks, values, split.lengths, split.every)
-    count, product = 0, split.work
+    count, product = 0, split.work[1]
     for k in range(len(every)):
         if every[k] != 0.0:
             split.nonzero[count] = k
             count += 1
-    for k in range(len(product)):
-        product[k] = 0.0
-    add_rows(split.columns, split.nonzero[:count], every, product)
+    if split.by_half and count > MANY * len(every):
+        for k in range(len(values)):
+            split.work[0, k] = values[k]
+        multiply_lower(split.columns, split.work[0], product)
+    else:
+        for k in range(len(product)):
+            product[k] = 0.0
+        add_rows(split.columns, split.nonzero[:count], every, product)
     for k in range(len(product)):
         out[k] = product[k]
 
@@ -207,13 +219,23 @@ def _(split: Any, unknowns: Any) -> Any:
     return _dense_cost if split.instance_class is Dense else _low_rank_cost
 
 
+@part
+def turn(blocks: Singles, values: NDArray[Any], out: NDArray[Any]) -> None:
+    """Blocks, of which there may be more, times a vector (3 n,)."""
+    for i in range(len(values) // 3):
+        t, a, b, c = blocks[i], values[3 * i], values[3 * i + 1], values[3 * i + 2]
+        out[3 * i] = t[0, 0] * a + t[0, 1] * b + t[0, 2] * c
+        out[3 * i + 1] = t[1, 0] * a + t[1, 1] * b + t[1, 2] * c
+        out[3 * i + 2] = t[2, 0] * a + t[2, 1] * b + t[2, 2] * c
+
+
 def _hold_dense(split: Dense, kept: Kept) -> None:
-    _pick(split.columns, kept, split.ranks)
+    _pick(split.columns, kept, split.ranks, split.by_half)
 
 
 def _hold_low_rank(split: LowRank, kept: Kept) -> None:
     if _is_held(split, kept):
-        _pick(split.whole, kept, split.ranks)
+        _pick(split.whole, kept, split.ranks, split.ranks.size == 1)
 
 
 @part
@@ -223,15 +245,15 @@ def _is_held(split: LowRank, kept: Kept) -> bool:
 
 
 @part
-def _pick(matrix: NDArray[Any], kept: Kept, ranks: Ranks) -> None:
-    """Columns of the points kept, of the rank's rows among them."""
+def _pick(matrix: NDArray[Any], kept: Kept, ranks: Ranks, by_half: bool) -> None:
+    """Columns of the points kept, of the rank's rows among them; the lower half if that will do."""
     count, points = kept.number[0], kept.points
     every = kept.points if ranks.size == 1 else kept.numbers
     columns = kept.part[: 9 * kept.number[1] * count].reshape(3 * kept.number[1], 3 * count)
     for i in range(kept.number[1]):
         for a in range(3):
             line, out = matrix[3 * every[i] + a], columns[3 * i + a]
-            for j in range(count):
+            for j in range(i + 1 if by_half else count):
                 for b in range(3):
                     out[3 * j + b] = line[3 * points[j] + b]
 
@@ -261,7 +283,7 @@ def hold(split: Any, kept: Kept, wanted: Ints, count: int) -> None:
         mine = np.array([float(known), float(count), float(both)])
         every = each_of_ranks(split.ranks, mine)
         knowns, counts, boths = every[:, 0].sum(), every[:, 1].sum(), every[:, 2].sum()
-        if boths == counts and knowns <= 2 * counts + SPARE:
+        if boths == counts and knowns <= HELD * counts + SPARE:
             return
         if knowns + counts - boths > GROWN * counts + SPARE:
             known = -1
@@ -307,21 +329,25 @@ def _tell(split: Any, kept: Kept, count: int) -> None:
 
 
 @part
-def _multiply_kept(ranks: Ranks, kept: Kept, values: Singles, out: Singles) -> None:
+def _multiply_kept(ranks: Ranks, kept: Kept, values: Singles, out: Singles, by_half: bool) -> None:
     """The part that is kept times values."""
     every = put_together(ranks, values, kept.lengths, kept.every)[: 3 * kept.number[1]]
     if len(values):
         size = len(every) * len(values)
-        np.dot(every, kept.part[:size].reshape(len(every), len(values)), out)
+        columns = kept.part[:size].reshape(len(every), len(values))
+        if by_half:
+            multiply_lower(columns, values, out)
+        else:
+            np.dot(every, columns, out)
 
 
 def _dense_part(split: Dense, kept: Kept, values: Singles, out: Singles) -> None:
-    _multiply_kept(split.ranks, kept, values, out)
+    _multiply_kept(split.ranks, kept, values, out, split.by_half)
 
 
 def _low_rank_part(split: LowRank, kept: Kept, values: Singles, out: Singles) -> None:
     if _is_held(split, kept):
-        _multiply_kept(split.ranks, kept, values, out)
+        _multiply_kept(split.ranks, kept, values, out, split.ranks.size == 1)
         return
     x, y, rows = split.work[0], split.work[1], split.rows
     for k in range(len(x)):

@@ -171,7 +171,7 @@ class CompiledSteps:
             columns = self._corrections.tied()
             if columns is not None:
                 tied = (
-                    _columns_of(columns, self._comm, np.float32)
+                    _columns_of(columns, True, self._comm, np.float32)
                     if isinstance(self._inner, Dense)
                     else _blocks_of(self._compliance.roughly(columns), columns, self._comm)
                 )
@@ -240,13 +240,15 @@ def _forms_of(compliance: Compliance, comm: Any) -> _Forms:
         deflates = compliance.effective.symmetric and (few or comm.size == 1)
         known = deflation_of(alone if deflates else None, comm)
         if isinstance(split, RowMatrix) and isinstance(inner, RowMatrix):
-            exact = _columns_of(split.columns(), comm)
-            forms = _Forms(exact, _columns_of(split.columns(), comm, np.float32), known)
+            columns, symmetric = split.columns(), compliance.effective.symmetric
+            exact = _columns_of(columns, symmetric, comm)
+            forms = _Forms(exact, _columns_of(columns, symmetric, comm, np.float32), known)
         else:
             assert isinstance(split, RowMatrix | Compressed)
             assert isinstance(inner, Compressed)
             beside = split.columns() if few else None
-            forms = _Forms(_form_of(split, comm), _blocks_of(inner, beside, comm), known)
+            exact = _form_of(compliance, comm)
+            forms = _Forms(exact, _blocks_of(inner, beside, comm), known)
         compliance.forms = forms
     made: _Forms = compliance.forms
     return made
@@ -257,21 +259,23 @@ def _splits(compliance: Compliance) -> tuple[Split, Split]:
     return compliance.split, compliance.rough or compliance.split
 
 
-def _form_of(split: Split, comm: Any) -> Dense | LowRank:
+def _form_of(compliance: Compliance, comm: Any) -> Dense | LowRank:
     """S as the compiled functions take it (collective)."""
+    split = compliance.split
     if isinstance(split, RowMatrix):
-        return _columns_of(split.columns(), comm)
+        return _columns_of(split.columns(), compliance.effective.symmetric, comm)
     assert isinstance(split, Compressed)
     return _blocks_of(split, None, comm)
 
 
-def _columns_of(columns: Floats, comm: Any, dtype: type = np.float64) -> Dense:
+def _columns_of(columns: Floats, symmetric: bool, comm: Any, dtype: type = np.float64) -> Dense:
     """The rank's columns of a dense S, shape (M, m) (collective)."""
     size, local = columns.shape
     return Dense(
         ranks_of(comm),
         np.ascontiguousarray(columns, dtype),
-        np.empty(local, dtype),
+        symmetric and comm.size == 1,
+        np.empty((2, local), dtype),
         np.empty(size, dtype=np.int64),
         lengths_of(8 * np.array(Parts(local, comm).counts)),
         np.empty(size if comm.size > 1 else 0),

@@ -113,15 +113,16 @@ def _not_in_steps(in_python: Any) -> Any:
     return solve
 
 
+@pytest.mark.parametrize("by_half", [True, False])
 @pytest.mark.parametrize("kind", ["one closed", "mostly open", "mixed", "mostly stuck", "sliding"])
-def test_gmres_with_and_without_deflation(kind, monkeypatch):
+def test_gmres_with_and_without_deflation(kind, by_half, monkeypatch):
     """Against dense solves, to what single precision leaves; deflated it takes fewer products."""
     s, stuck = scaled_compliance(), stuck_tangent(1e3)
     blocks, r = tangents(states(kind), stuck), right_side("all")
     # A compliance whose points move together, as those of one body do.
     together = np.tile(np.linspace(1.0, 2.0, POINTS)[:, None], (1, 3)).ravel()
     s = s + 3.0 * np.outer(together, together) / len(together)
-    split = steps._columns_of(s, MPI.COMM_SELF)
+    split = steps._columns_of(s, by_half, MPI.COMM_SELF)
     kept = products.kept_of(POINTS, POINTS, split)
     points = np.flatnonzero(np.abs(blocks).max(axis=(1, 2)) > 0.0)
     products.take(split, kept, points, len(points))

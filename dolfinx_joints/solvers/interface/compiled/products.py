@@ -36,12 +36,12 @@ Ints = NDArray[np.int64]
 Singles = NDArray[np.float32]
 
 
-# Part of the entries of a vector that are not zero, beyond which half of a symmetric S costs less to
-# read than its columns of these.
+# Part of the entries of a vector that are not zero, beyond which half of a symmetric S costs less
+# to read than its columns of these.
 MANY = 0.6
 
-# Sets grow to so many times the points wanted and some more before they are taken anew, and are held
-# while they have no more than so many times those.
+# Sets grow to so many times the points wanted and some more before they are taken anew, and are
+# held while they have no more than so many times those.
 GROWN, HELD, SPARE = 1.25, 1.4, 20
 
 

@@ -241,14 +241,14 @@ def _forms_of(compliance: Compliance, comm: Any) -> _Forms:
         known = deflation_of(alone if deflates else None, comm)
         if isinstance(split, RowMatrix) and isinstance(inner, RowMatrix):
             columns, symmetric = split.columns(), compliance.effective.symmetric
-            exact = _columns_of(columns, symmetric, comm)
-            forms = _Forms(exact, _columns_of(columns, symmetric, comm, np.float32), known)
+            single = _columns_of(columns, symmetric, comm, np.float32)
+            forms = _Forms(_form_of(compliance, comm), single, known)
         else:
             assert isinstance(split, RowMatrix | Compressed)
             assert isinstance(inner, Compressed)
             beside = split.columns() if few else None
-            exact = _form_of(compliance, comm)
-            forms = _Forms(exact, _blocks_of(inner, beside, comm), known)
+            rough = _blocks_of(inner, beside, comm)
+            forms = _Forms(_form_of(compliance, comm), rough, known)
         compliance.forms = forms
     made: _Forms = compliance.forms
     return made

@@ -15,8 +15,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Self
 
+from mpi4py import MPI
+
 from numba import config
 from numba import njit as njit
+from numba.core import event
+
+from dolfinx_joints.common.progress import LOGGER
 
 # For functions that only other loops call: they need no way in from Python, which takes long to
 # compile, and are kept with the loops.
@@ -75,3 +80,23 @@ class Locator:
 
 if not getattr(config, "CACHE_LOCATOR_CLASSES", ""):  # not set by the user; none before numba 0.62
     config.CACHE_LOCATOR_CLASSES = ",".join([f"{__name__}.{Locator.__name__}", *_OTHERS])
+
+
+class _Told(event.Listener):
+    """Tells once that loops of this package are being compiled, which the first run waits for."""
+
+    told = False
+
+    def on_start(self, event: Any) -> None:
+        """Machine code was not found and is about to be made."""
+        ours = event.data["dispatcher"].py_func.__module__.startswith(__name__.split(".")[0])
+        if ours and not self.told and MPI.COMM_WORLD.rank == 0:
+            LOGGER.info("compiling loops, once for this version: up to a minute")
+        self.told |= ours
+
+    def on_end(self, event: Any) -> None:
+        """It has been made."""
+
+
+_LISTENER = _Told()
+event.register("numba:compile", _LISTENER)

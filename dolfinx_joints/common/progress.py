@@ -17,10 +17,10 @@ Level = Literal["DEBUG", "INFO", "WARNING", "ERROR"]
 def set_log_level(level: Level) -> None:
     """Show what runs do on standard error, from a level on.
 
-    ``INFO`` tells how far static stages, compliances, time steps, reports and films are and how
-    long they will still take, which meshes were written and which cases of a study have ended;
-    ``WARNING``, with which a program begins, tells nothing of that. A program that has set up
-    `logging` itself gets the lines of the logger ``dolfinx_joints`` without this.
+    ``INFO`` tells that loops are compiled, how far static stages, compliances, time steps, reports
+    and films are and how long they will still take, which meshes were written and which cases of a
+    study have ended; ``WARNING``, with which a program begins, tells nothing of that. A program
+    that has set up `logging` itself gets the lines of the logger ``dolfinx_joints`` without this.
 
     Args:
         level: The lowest level that is shown.

@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from dolfinx_joints.common import progress
+from dolfinx_joints.common import kernels, progress
 from dolfinx_joints.common.progress import Progress, duration
 
 
@@ -26,6 +26,19 @@ def test_the_time_left_does_not_count_the_first_part(monkeypatch, caplog):
     assert caplog.messages == expected
     work.finish()
     assert caplog.messages[-1] == "statics: 3 steps in 1 min 57 s"
+
+
+def test_compiling_is_told_once_and_only_of_loops_of_this_package(monkeypatch, caplog):
+    caplog.set_level(logging.INFO, "dolfinx_joints")
+    monkeypatch.setattr(kernels._LISTENER, "told", False)
+    for module, lines in (("other", 0), ("dolfinx_joints.any", 1), ("dolfinx_joints.any", 1)):
+
+        def double(x):
+            return 2.0 * x
+
+        double.__module__ = module
+        assert kernels.njit(double)(1.0) == 2.0
+        assert len(caplog.messages) == lines, module
 
 
 def test_a_part_that_was_cut_is_none(monkeypatch, caplog):

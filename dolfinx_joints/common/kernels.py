@@ -15,8 +15,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Self
 
-from mpi4py import MPI
-
 from numba import config
 from numba import njit as njit
 from numba.core import event
@@ -82,7 +80,7 @@ if not getattr(config, "CACHE_LOCATOR_CLASSES", ""):  # not set by the user; non
     config.CACHE_LOCATOR_CLASSES = ",".join([f"{__name__}.{Locator.__name__}", *_OTHERS])
 
 
-class _Told(event.Listener):
+class _Told(event.Listener):  # type: ignore[misc]
     """Tells once that loops of this package are being compiled, which the first run waits for."""
 
     told = False
@@ -90,7 +88,7 @@ class _Told(event.Listener):
     def on_start(self, event: Any) -> None:
         """Machine code was not found and is about to be made."""
         ours = event.data["dispatcher"].py_func.__module__.startswith(__name__.split(".")[0])
-        if ours and not self.told and MPI.COMM_WORLD.rank == 0:
+        if ours and not self.told:
             LOGGER.info("compiling loops, once for this version: up to a minute")
         self.told |= ours
 

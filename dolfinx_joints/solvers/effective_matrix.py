@@ -162,14 +162,14 @@ class EffectiveMatrix:
         return self._complete.solve_block(right)
 
     @property
-    def takes_sparse(self) -> bool:
-        """Whether right-hand sides with few entries may go to `solve_sparse`."""
-        return isinstance(self._complete, DirectSolver) and self._complete.package == "mumps"
+    def positive(self) -> bool:
+        """Whether A is factored as a positive matrix."""
+        return self.symmetric and self._signs is None and not self._iterates
 
-    def solve_sparse(self, rows: PETSc.Mat) -> Floats:
-        """Solve A X = B for B^T with few entries, see `DirectSolver.solve_sparse` (collective)."""
-        assert isinstance(self._complete, DirectSolver)
-        return self._complete.solve_sparse(rows)
+    def modal_parts(self) -> tuple[Floats, Floats] | None:
+        """Z and W of `ChangedSolver`, beside `solver`; None without modes (collective)."""
+        complete = self._complete
+        return complete.parts() if isinstance(complete, ChangedSolver) else None
 
     def multiply(self, x: PETSc.Vec, out: PETSc.Vec) -> None:
         """A x written to ``out`` (collective)."""

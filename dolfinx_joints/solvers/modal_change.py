@@ -97,11 +97,15 @@ class ChangedSolver:
 
     def _correction(self, y: Floats) -> Floats:
         """What y has too much (collective)."""
+        responses, small = self.parts()
+        correction: Floats = responses @ (small @ self._change.amounts(y))
+        return correction
+
+    def parts(self) -> tuple[Floats, Floats]:
+        """Z and W: the inverse is that of A less Z W Z^T (collective)."""
         change = self._change
         if self._made is None:
             responses = np.asfortranarray(self._original.solve_block(change.columns))
             small = np.eye(len(change.delta)) + change.amounts(responses) * change.delta
             self._made = responses, change.delta[:, None] * np.linalg.inv(small)
-        responses, small = self._made
-        correction: Floats = responses @ (small @ change.amounts(y))
-        return correction
+        return self._made

@@ -36,6 +36,13 @@ AnyLowRank = LowRankMatrix | RankedLowRankMatrix
 # inside corrections pays beyond it too.
 LARGEST_DENSE = 2000
 
+# The whole of S is kept in single precision beside a compressed one up to so many unknowns, 0.15 GB
+# over all ranks; rank 0 may have all of G for a moment.
+LARGEST_WHOLE = 6000
+
+# Fewer columns are solved for: all at once take another factorization.
+SMALLEST_AT_ONCE = 300
+
 # Error of the compressed S, relative to its unit diagonal, and of a rougher one inside corrections,
 # whose products take a fifth of the time.
 TOLERANCE, ROUGH_TOLERANCE = 1e-12, 1e-4
@@ -129,7 +136,9 @@ class Compliance:
             if joints.points is not None and size > LARGEST_DENSE:
                 self.rough = self.roughly(columns)
             return
-        self._scale(self._forces.diagonal(), joints.areas, largest)
+        known = self._at_once(size) if self.kind == "compressed" else None
+        diagonal = self._forces.diagonal() if known is None else known[_own(operator)]
+        self._scale(diagonal, joints.areas, largest)
         if self.kind == "matrix-free":
             self.split = _Products(self._forces.product, self.scale, self.dead, self._comm)
             if isinstance(effective.solver, IterativeSolver):
@@ -137,17 +146,19 @@ class Compliance:
                 self.rough = _Products(rough, self.scale, self.dead, self._comm)
             return
         scale = np.where(self.dead.ravel(), 0.0, self.scale)
-        fine = self._compressed(self._forces.gaps, scale, TOLERANCE)
+        gaps = self._forces.gaps if known is None else lambda numbers: known[numbers].T
+        fine = self._compressed(gaps, scale, TOLERANCE)
         self.split = self._products(fine)
         self.rough = self._products(fine.rougher(ROUGH_TOLERANCE))
 
     def _dense(self, operator: PETSc.Mat, joints: GapOperator, largest: Floats | None) -> Floats:
         """The rank's columns of S, shape (size, local); sets the scale (collective)."""
-        columns = self._columns(operator.getSize()[0])
-        start, stop = operator.getOwnershipRange()
-        own = (np.arange(start, stop), np.arange(stop - start))
+        size, own = operator.getSize()[0], _own(operator)
+        columns = self._at_once(size)
+        if columns is None:
+            columns = self._columns(size)
         self._scale(columns[own], joints.areas, largest)
-        every = Parts(stop - start, self._comm)
+        every = Parts(self._forces.local, self._comm)
         columns /= every.all_of(self.scale)[:, None]
         columns /= self.scale
         columns[own] -= 1.0
@@ -171,6 +182,11 @@ class Compliance:
 
     def _products(self, matrix: AnyLowRank) -> Split:
         return Compressed(matrix, self.scale, self.dead, self._comm, self.effective.rounds)
+
+    def _at_once(self, size: int) -> Floats | None:
+        """The rank's columns of G, shape (size, local), None where at once is no better, [m/N]."""
+        fits = self.keeps_rows and SMALLEST_AT_ONCE <= size <= LARGEST_WHOLE
+        return self._forces.at_once() if fits and self.effective.positive else None
 
     def _columns(self, size: int) -> Floats:
         """The rank's columns of G, shape (size, local), [m/N]."""
@@ -224,6 +240,12 @@ class Compliance:
     def destroy(self) -> None:
         """Free what the products need; the bulk's factor is left."""
         self._forces.destroy()
+
+
+def _own(operator: PETSc.Mat) -> tuple[Rows, Rows]:
+    """Where the rank's columns have the diagonal."""
+    start, stop = operator.getOwnershipRange()
+    return np.arange(start, stop), np.arange(stop - start)
 
 
 def _chosen(kind: str, size: int, effective: EffectiveMatrix, joints: GapOperator) -> str:

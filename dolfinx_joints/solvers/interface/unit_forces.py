@@ -11,21 +11,29 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import of_ranks
+from dolfinx_joints.common.progress import LOGGER
 from dolfinx_joints.joints.operator import diagonal_compliance
-from dolfinx_joints.solvers.direct import BLOCK
+from dolfinx_joints.solvers.direct import BLOCK, DirectSolver
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
+from dolfinx_joints.solvers.interface.schur_complement import schur_complement
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
-# Points at which the diagonal is found by solving, where it is not needed exactly.
+# Points at which the diagonal is found by solving, where it is not needed exactly, and columns that
+# are compared.
 SAMPLES = 8
+
+# Error of columns that are made at once, relative to the largest entry, beyond which something has
+# gone wrong.
+LARGEST_ERROR = 1e-8
 
 
 class UnitForces:
-    """G of a factored or iterated bulk, by back-substitutions.
+    """G of a factored or iterated bulk, by back-substitutions or all at once.
 
     Args:
         effective: The bulk, A.
@@ -73,15 +81,48 @@ class UnitForces:
             columns[:, first : first + BLOCK] = self._block(numbers[first : first + BLOCK])
         return columns
 
+    def at_once(self) -> Floats | None:
+        """All columns of G at the rank's points, shape (size, local), [m/N] (collective).
+
+        None, with a line of the log, where the way over a Schur complement fails.
+        """
+        size, rank = self._operator.getSize()[0], self._operator.comm.rank
+        some = np.unique(np.linspace(0, size - 1, SAMPLES).astype(np.int64))
+        known = self.gaps(some)  # sees whether the bulk is singular
+        if rank == 0:
+            LOGGER.info("compliance of the joints: %d columns at once, by a factorization", size)
+        try:
+            columns = schur_complement(self._effective.constrained, self._operator)
+        except (JointsError, PETSc.Error) as error:
+            return self._without(str(error))
+        for first in range(0, size, BLOCK):
+            numbers = np.arange(first, min(first + BLOCK, size))
+            columns[numbers] -= np.transpose(self._of_modes(numbers))
+        errors = np.abs(columns[some].T - known).max(initial=0.0), np.abs(known).max(initial=0.0)
+        error, largest = of_ranks(self._operator.comm.tompi4py(), np.array(errors)).max(axis=0)
+        if not error <= LARGEST_ERROR * largest:
+            return self._without(f"columns differ by {error:.1e} of at most {largest:.1e} m/N")
+        return columns
+
+    def _without(self, why: str) -> None:
+        """Say why columns are solved for."""
+        if self._operator.comm.rank == 0:
+            LOGGER.warning("compliance of the joints column by column: %s", why)
+
     def _block(self, numbers: Rows) -> Floats:
         """Some columns, solved for at once."""
-        if self._effective.takes_sparse:
+        solver = self._effective.solver
+        if isinstance(solver, DirectSolver) and solver.package == "mumps":
             rows = self._on_rank_0(numbers)
-            moved = self._effective.solve_sparse(rows)
+            moved = solver.solve_sparse(rows)
             rows.destroy()
         else:
-            moved = self._effective.solve_block(self._right(numbers))
-        size = (self._operator.getSizes()[1], (PETSc.DECIDE, len(numbers)))
+            moved = solver.solve_block(self._right(numbers))
+        return self._product(moved) - self._of_modes(numbers)
+
+    def _product(self, moved: Floats) -> Floats:
+        """B times owned rows of displacements, shape (local dofs, k) (collective)."""
+        size = (self._operator.getSizes()[1], (PETSc.DECIDE, moved.shape[1]))
         dense = PETSc.Mat().createDense(
             size, array=np.asfortranarray(moved), comm=self._operator.comm
         )
@@ -90,6 +131,25 @@ class UnitForces:
         product.destroy()
         dense.destroy()
         return gaps
+
+    @cached_property
+    def _modal(self) -> tuple[Floats, Floats] | None:
+        """B Z and W of `EffectiveMatrix.modal_parts` (collective when first asked for)."""
+        parts = self._effective.modal_parts()
+        return None if parts is None else (self._product(parts[0]), parts[1])
+
+    def _of_modes(self, numbers: Rows) -> Floats | float:
+        """What exact and damped modes take from columns of G, shape (local, k) (collective)."""
+        if self._modal is None:
+            return 0.0
+        gaps, small = self._modal
+        first, stop = self._operator.getOwnershipRange()
+        here = np.flatnonzero((numbers >= first) & (numbers < stop))
+        loaded = np.zeros((len(numbers), len(small)))
+        loaded[here] = gaps[numbers[here] - first]
+        loaded = of_ranks(self._operator.comm.tompi4py(), loaded).sum(axis=0)
+        taken: Floats = gaps @ (small @ loaded.T)
+        return taken
 
     def _right(self, numbers: Rows) -> Floats:
         """Owned rows of B^T for some unknowns, shape (local dofs, k)."""

@@ -28,6 +28,7 @@ from dolfinx_joints.solvers.interface.compiled.products import (
 )
 from dolfinx_joints.solvers.interface.compiled.ranks import lengths_of, ranks_of
 from dolfinx_joints.solvers.interface.compliance import (
+    LARGEST_WHOLE,
     ROUGH_TOLERANCE,
     Compliance,
     Compressed,
@@ -38,10 +39,6 @@ from dolfinx_joints.solvers.interface.ranked_low_rank import RankedLowRankMatrix
 from dolfinx_joints.solvers.interface.row_matrix import Parts, RowMatrix
 
 Floats = NDArray[np.float64]
-
-# The whole of S is kept in single precision beside a compressed one up to so many unknowns: 0.15 GB
-# over all ranks.
-LARGEST_WHOLE = 6000
 
 # Error of products in single precision, relative to them.
 SINGLE_ERROR = 1e-6

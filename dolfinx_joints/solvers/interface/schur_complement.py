@@ -1,0 +1,110 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""G = B A^-1 B^T of all joint unknowns at once, a Schur complement that MUMPS makes, (20a).
+
+In a factorization the fronts carry the joint unknowns along in dense products shared by the ranks,
+where back-substitutions read the factor for each block of columns, twice.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.solvers.diagnosis import reported_by_package
+
+Floats = NDArray[np.float64]
+
+# MUMPS' ICNTL: no factor is kept; workspace beyond the estimate, in per cent.
+CONTROLS = {31: 1, 14: 60}
+
+# Its CNTL(1): a positive matrix needs no pivots, and entries of B, in other units, have no say.
+THRESHOLD = 1
+
+# Rows that are mirrored at once.
+ROWS = 256
+
+
+def schur_complement(matrix: PETSc.Mat, operator: PETSc.Mat) -> Floats:
+    """Columns of G at the rank's points, shape (size, local), [m/N] (collective).
+
+    Rank 0 holds all of G for a moment.
+
+    Args:
+        matrix: A, symmetric and positive.
+        operator: B.
+
+    Raises:
+        JointsError: MUMPS could not, for want of memory perhaps.
+    """
+    transposed = PETSc.Mat().createTranspose(operator)
+    bordered = PETSc.Mat().createNest([[matrix, transposed], [operator, None]], comm=matrix.comm)
+    bordered.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+    pc, numbers = PETSc.PC().create(matrix.comm), _last_unknowns(matrix, operator)
+    pc.setOptionsPrefix("dolfinx_joints_compliance_")
+    pc.setOperators(bordered)
+    pc.setType("cholesky")
+    pc.setFactorSolverType("mumps")
+    pc.setFactorSetUpSolverType()
+    factor, stage = pc.getFactorMatrix(), PETSc.Log.Stage("compliance of the joints")
+    for number, value in CONTROLS.items():
+        factor.setMumpsIcntl(number, value)
+    factor.setMumpsCntl(THRESHOLD, 0.0)
+    try:
+        _call("MatFactorSetSchurIS", factor.handle, numbers.handle)
+        stage.push()
+        try:
+            pc.setUp()
+        finally:
+            stage.pop()
+        if pc.getFailedReason():
+            raise JointsError(f"it could not be factored at once{reported_by_package(pc)}")
+        rows = _rows_of_ranks(factor, operator)
+    finally:
+        for each in (factor, pc, bordered, transposed, numbers):
+            each.destroy()
+    return np.subtract(0.0, rows.T, order="C")
+
+
+def _last_unknowns(matrix: PETSc.Mat, operator: PETSc.Mat) -> PETSc.IS:
+    """Numbers of the joint unknowns, which on each rank come after its dofs, all on rank 0."""
+    counts = np.diff(operator.getOwnershipRanges())
+    numbers = np.arange(operator.getSize()[0]) + np.repeat(matrix.getOwnershipRanges()[1:], counts)
+    here = numbers if matrix.comm.rank == 0 else numbers[:0]
+    return PETSc.IS().createGeneral(here.astype(PETSc.IntType), comm=matrix.comm)
+
+
+def _rows_of_ranks(factor: PETSc.Mat, operator: PETSc.Mat) -> Floats:
+    """The ranks' rows of the Schur complement -G, from rank 0 (collective)."""
+    comm = operator.comm.tompi4py()
+    local, size = operator.getLocalSize()[0], operator.getSize()[0]
+    rows, counts = np.empty((local, size)), comm.gather(local * size, root=0)
+    comm.Scatterv(None if counts is None else [_whole(factor, size), counts], rows, root=0)
+    return rows
+
+
+def _whole(factor: PETSc.Mat, size: int) -> Floats:
+    """The Schur complement, of which PETSc keeps the lower triangle by columns."""
+    dense, entries = ctypes.c_void_p(), ctypes.POINTER(ctypes.c_double)()
+    _call("MatFactorGetSchurComplement", factor.handle, ctypes.byref(dense), None)
+    _call("MatDenseGetArray", dense, ctypes.byref(entries))
+    whole = np.ctypeslib.as_array(entries, (size, size))
+    for first in range(0, size, ROWS):
+        stop = min(first + ROWS, size)
+        corner = whole[first:stop, first:stop]
+        corner[:] = np.triu(corner) + np.triu(corner, 1).T
+        whole[stop:, first:stop] = whole[first:stop, stop:].T
+    return whole
+
+
+def _call(name: str, *arguments: Any) -> None:
+    """A function of the PETSc that petsc4py has loaded, which lacks it."""
+    function = getattr(ctypes.CDLL(PETSc.__file__), name)
+    pointers = (ctypes.c_void_p(a) if isinstance(a, int) else a for a in arguments)
+    if code := function(*pointers):
+        raise PETSc.Error(code)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -26,6 +27,8 @@ from dolfinx_joints.solvers.effective_matrix import (
 from dolfinx_joints.solvers.interface import compliance as module
 from dolfinx_joints.solvers.interface.compliance import Compliance
 from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
+from dolfinx_joints.solvers.interface.schur_complement import CONTROLS, schur_complement
+from dolfinx_joints.solvers.interface.unit_forces import UnitForces
 
 pytestmark = pytest.mark.mpi
 
@@ -298,6 +301,88 @@ def test_free_with_an_iterative_bulk(scene):
     expected = reference.gaps(force)
     size = np.abs(expected).max()
     np.testing.assert_allclose(case.by_split(found, force), expected, rtol=0, atol=1e-9 * size)
+
+
+MODES = replace(STEP, exact_modes=6)
+
+
+@pytest.mark.parametrize("linear", ["direct", "mumps"])
+@pytest.mark.parametrize(
+    ("name", "effective"),
+    [("wall", STEP), ("wall", MODES), ("wall", STATIC), ("plane", STEP), ("blocks", STEP)],
+)
+def test_all_columns_at_once(scene, name, effective, linear):
+    """The Schur complement against back-substitutions; 0 where points cannot move."""
+    case = scene(name, effective, linear=linear)
+    found = UnitForces(case.bulk, case.operator).at_once()
+    expected = UnitForces(case.bulk, case.operator).gaps(np.arange(case.size)).T
+    assert found is not None
+    size = case.comm.allreduce(np.abs(expected).max(initial=0.0), op=MPI.MAX)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * size)
+    dead = case.all_of(case.compliance("dense").dead.ravel())
+    assert dead.any() or name == "blocks"
+    assert not found[dead].any()
+    force = forces(case.size)[0]
+    points, nodal = case.operator.createVecs()[::-1]
+    points.setArray(force[slice(*case.operator.getOwnershipRange())])
+    case.operator.multTranspose(points, nodal)
+    moved = nodal.duplicate()
+    case.bulk.solve(nodal, moved)
+    case.operator.mult(moved, points)
+    gap = points.getArray(readonly=True)
+    np.testing.assert_allclose(force @ found, gap, rtol=0, atol=1e-10 * np.linalg.norm(gap))
+
+
+def test_all_columns_in_other_units(scene):
+    # Forces in EN make A 1e-18 and G 1e18 times as large: entries of B choose no pivots.
+    case = scene("blocks")
+    expected = schur_complement(case.bulk.constrained, case.operator)
+    case.bulk.constrained.scale(1e-18)
+    found = schur_complement(case.bulk.constrained, case.operator)
+    size = case.comm.allreduce(np.abs(expected).max(initial=0.0), op=MPI.MAX)
+    np.testing.assert_allclose(1e-18 * found, expected, rtol=0, atol=1e-12 * size)
+
+
+@pytest.mark.parametrize("kind", ["dense", "compressed"])
+def test_columns_one_by_one_after_a_failure(scene, kind, monkeypatch, caplog):
+    # MUMPS is given 5 % of the workspace that it estimates.
+    case = scene("blocks")
+    monkeypatch.setattr(module, "SMALLEST_AT_ONCE", 1)
+    monkeypatch.setitem(CONTROLS, 14, -95)
+    caplog.set_level("WARNING", "dolfinx_joints")
+    found, force = case.compliance(kind), forces(case.size)[0]
+    expected = case.gaps(force)
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(case.by_split(found, force), expected, rtol=0, atol=1e-10 * size)
+    if case.comm.size == 1 or kind == "dense":
+        text = "column by column: the bordered matrix could not be factored (MUMPS: "
+        assert [text in each for each in caplog.messages] == [True] * (case.comm.rank == 0)
+
+
+def test_what_is_made_at_once(scene, monkeypatch):
+    """Of positive matrices and neither few unknowns nor many; not what is asked to be small."""
+    made = []
+    monkeypatch.setattr(UnitForces, "at_once", lambda self: made.append(1))
+    case = scene("plane")
+
+    def at_once(kind: str, least: int, most: int) -> bool:
+        made.clear()
+        monkeypatch.setattr(module, "SMALLEST_AT_ONCE", least)
+        monkeypatch.setattr(module, "LARGEST_WHOLE", most)
+        case.compliance(kind)
+        return bool(made)
+
+    size = case.size
+    assert at_once("dense", size, size)
+    assert not at_once("dense", size + 1, size + 1)
+    assert not at_once("dense", size - 1, size - 1)
+    assert at_once("compressed", size, size) == (case.comm.size == 1)
+    assert not at_once("matrix-free", size, size)
+    monkeypatch.setattr(case.bulk, "_signs", case.operator.createVecRight())  # waves in water
+    assert not at_once("dense", size, size)
+    monkeypatch.setattr(case.bulk, "_signs", None)
+    monkeypatch.setattr(case.bulk, "symmetric", False)
+    assert not at_once("dense", size, size)
 
 
 def test_a_dense_one_without_a_mesh():

@@ -63,7 +63,7 @@ def schur_complement(matrix: PETSc.Mat, operator: PETSc.Mat) -> Floats:
         finally:
             stage.pop()
         if pc.getFailedReason():
-            raise JointsError(f"it could not be factored at once{reported_by_package(pc)}")
+            raise JointsError(f"the bordered matrix could not be factored{reported_by_package(pc)}")
         rows = _rows_of_ranks(factor, operator)
     finally:
         for each in (factor, pc, bordered, transposed, numbers):

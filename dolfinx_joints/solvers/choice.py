@@ -19,6 +19,7 @@ from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import iterates
 from dolfinx_joints.solvers.first_that_works import FirstThatWorks
+from dolfinx_joints.solvers.interface.compliance import LARGEST_WHOLE
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.interface.whole import WholeSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
@@ -116,10 +117,10 @@ def _for_steps(options: SolverOptions | None, contact: Contact, static_steps: in
     """Options with no compliance kept where few solves do not pay for it.
 
     A static solve takes some 250 products, and a column of the compliance in a block of them a
-    seventh of a back-substitution.
+    seventh of a back-substitution; smaller ones are made at once in less.
     """
-    options = options or SolverOptions()
-    few = 0 < 7 * 250 * static_steps < 3 * contact.operator.num_points
+    options, unknowns = options or SolverOptions(), 3 * contact.operator.num_points
+    few = unknowns > LARGEST_WHOLE and 0 < 7 * 250 * static_steps < unknowns
     if few and options.compliance == "auto":
         return replace(options, compliance="matrix-free")
     return options

@@ -136,7 +136,7 @@ def test_the_whole_correction_is_tried_where_no_halving_is_allowed():
 )
 def test_few_static_solves_keep_no_compliance(points, steps, asked, kept):
     # A column costs a seventh of a back-substitution, and a static solve takes 250 products: what
-    # is kept pays from m / 1750 solves on, and always where it is made at once: up to 6000 unknowns.
+    # is kept pays from m / 1750 solves on, and always up to 6000 unknowns, which are made at once.
     law = FrictionNoTension(normal_stiffness=1.0, shear_stiffness=1.0, friction_angle_deg=30.0)
     gap = np.zeros((3 * points, 1))
     gap[0] = 1.0

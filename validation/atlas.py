@@ -133,7 +133,7 @@ class Result:
     @property
     def title(self) -> str:
         """First line of the case's docstring."""
-        return (inspect.getdoc(self.module) or self.name).splitlines()[0].rstrip(".")
+        return title_of(self.module)
 
     @property
     def wrong(self) -> list[Row]:
@@ -146,6 +146,17 @@ def names() -> list[str]:
     return [name for group in GROUPS.values() for name in group]
 
 
+def module_of(name: str) -> ModuleType:
+    """The module of a case."""
+    group = next(group for group, members in GROUPS.items() if name in members)
+    return import_module(f"validation.{group}.{name}")
+
+
+def title_of(module: ModuleType) -> str:
+    """First line of a case's docstring."""
+    return (inspect.getdoc(module) or "").splitlines()[0].rstrip(".")
+
+
 def run_case(name: str, *, quick: bool = False) -> Result:
     """Run a case.
 
@@ -153,8 +164,7 @@ def run_case(name: str, *, quick: bool = False) -> Result:
         name: One of `names`.
         quick: A shorter run with the same rows.
     """
-    group = next(group for group, members in GROUPS.items() if name in members)
-    module = import_module(f"validation.{group}.{name}")
+    module = module_of(name)
     run: Callable[..., Outcome] = module.run
     began = processor_time()
     try:

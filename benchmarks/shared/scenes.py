@@ -57,8 +57,9 @@ class Scene:
         shear_ratio: k_s / k_n of the joints.
         load_steps: Steps of the static stage.
         shaking: Ground acceleration, given how long the run is to last [s].
-        onset: How long it takes to become strong [s].
         crest: Point whose peaks are reported [m].
+        friction_angle: Of the joints [degrees].
+        onset: How long it takes to become strong [s].
         tied_peaks_mm: What these are without joints in `TIED_STEPS` steps, where others know it.
     """
 
@@ -71,6 +72,7 @@ class Scene:
     load_steps: int
     shaking: Callable[[float], Acceleration]
     crest: Sequence[float]
+    friction_angle: float = 30.0
     onset: float = 0.0
     tied_peaks_mm: Sequence[float] | None = None
 
@@ -89,8 +91,9 @@ class Scene:
         shaking = self.shaking(self.onset + length)
         return lambda time: shaking(self.onset + time)
 
-    def law(self, stiffness: float = 1e11, angle: float = 30.0) -> Law:
+    def law(self, stiffness: float = 1e11, angle: float | None = None) -> Law:
         """Friction without tension, k_n in [Pa/m] and the angle in degrees; rigid if infinite."""
+        angle = self.friction_angle if angle is None else angle
         if math.isinf(stiffness):
             return dj.RigidJoint(friction_angle_deg=angle, stiffness_ratio=1.0 / self.shear_ratio)
         return dj.FrictionNoTension(

@@ -133,6 +133,6 @@ def run(quick: bool) -> Outcome:
             ax.plot(time, 1e3 * exact, "k:", label="rigid block")
         ax.set_title(name)
         ax.set_xlabel("time [s]")
-    axes[0].set_ylabel("displacement of the top [mm]")
+        ax.set_ylabel("displacement of the top [mm]")
     axes[0].legend()
     return Outcome(rows=rows, figure=figure)

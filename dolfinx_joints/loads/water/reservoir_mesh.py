@@ -17,13 +17,18 @@ from dolfinx import fem
 from dolfinx.mesh import locate_entities_boundary, meshtags
 from scipy.sparse import coo_array, csr_array
 
-from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_kind_of, shown
 from dolfinx_joints.loads.loaded_body import LoadedBody
-from dolfinx_joints.loads.water.water import Water, WaterCells, WaterRows, reflected
+from dolfinx_joints.loads.water.water import (
+    Water,
+    WaterCells,
+    WaterRows,
+    reflected,
+    surface_inertia,
+)
 from dolfinx_joints.loads.water.wet_face import ON_LEVEL
 from dolfinx_joints.loads.water.wetted_facets import WettedPoints, wetted_facets
 from dolfinx_joints.mesh import dolfinx_versions
@@ -55,7 +60,7 @@ class MeshedReservoir:
         sound_speed: In the water [m/s].
         bottom_reflection: What floor and banks reflect of a wave's pressure that meets them along
             the normal, alpha.
-        gravity_waves: Whether the free surface moves: p = rho g times its height, instead of zero.
+        gravity_waves: Whether the surface moves: p = rho g times its height instead of zero.
     """
 
     group: str
@@ -110,7 +115,7 @@ class _Meshed:
 
     Attributes:
         size: Number of unknowns.
-        driven: Integrals of shape functions times the outward normal of the bottom [m^2].
+        driven: Integrals of shape functions times the outward normal of bottom and surface [m^2].
         places: Coordinates of the unknowns' nodes [m].
         level: Height of the water [m].
     """
@@ -131,12 +136,10 @@ class _Meshed:
         self._assemble()
 
     def _assemble(self) -> None:
-        given, ds = self._given, self._jointed.ds
+        given, ds, surface = self._given, self._jointed.ds, self._surface()
         u, v = ufl.TrialFunction(self._space), ufl.TestFunction(self._space)
         n, rho, c = ufl.FacetNormal(self._jointed.mesh), given.density, given.sound_speed
-        mass = rho * u * v * ufl.dx
-        if given.gravity_waves:
-            mass += rho * c**2 / STANDARD_GRAVITY * u * v * self._surface()
+        mass = rho * u * v * ufl.dx + surface_inertia(rho, c) * u * v * surface
         zero = fem.Constant(self._jointed.mesh, 0.0)
         losses = zero * u * v * ufl.dx
         share = rho * c * reflected(given.bottom_reflection)
@@ -147,9 +150,9 @@ class _Meshed:
         stiffness = rho * c**2 * ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
         self._matrices = [self._matrix(form) for form in (mass, stiffness, losses)]
         self.driven = np.zeros((self.size, self._gdim))
-        for name in given.bottom:
+        for bound in (*(ds(name) for name in given.bottom), surface):
             for axis in range(self._gdim):
-                flux = fem.assemble_vector(fem.form(n[axis] * v * ds(name))).array
+                flux = fem.assemble_vector(fem.form(n[axis] * v * bound)).array
                 self.driven[:, axis] += flux[self._kept]
 
     def _matrix(self, form: Any) -> csr_array:
@@ -158,7 +161,7 @@ class _Meshed:
         return csr_array(found)[self._kept][:, self._kept]
 
     def _surface(self) -> ufl.Measure:
-        """The free surface."""
+        """The surface, of whose nodes all are unknowns or none."""
         mesh = self._jointed.mesh
         up, fdim = self._gdim - 1, mesh.topology.dim - 1
         top = np.sort(

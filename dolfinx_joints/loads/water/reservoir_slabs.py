@@ -25,7 +25,7 @@ THINNEST = 0.1
 # What reaches through a stack of slabs, of what stays at its ends, where it counts as endless.
 ENDLESS = 1e-14
 
-# Number of a corner at the level, where there is no pressure.
+# Number of a corner at the level, which is none of the whole.
 SURFACE = -1
 
 
@@ -34,14 +34,24 @@ class WaterFace:
     """A face of water made of lines (in 2-D) or triangles.
 
     Attributes:
-        count: Number of its nodes below the level.
-        nodes: Nodes of the parts, `SURFACE` at the level, shape (parts, gdim).
+        below: Number of its nodes below the level; the others are on it.
+        count: Number of nodes with a pressure: those below the level, or all.
+        nodes: Nodes of the parts, shape (parts, gdim).
         corners: Coordinates of these nodes, shape (parts, gdim, gdim), [m].
     """
 
+    below: int
     count: int
     nodes: Ints
     corners: Floats
+
+    def matrix(self, nodes: Ints, elements: Floats) -> coo_array:
+        """The matrix of elements, shape (n, k, k), of their nodes with a pressure, shape (n, k)."""
+        rows = np.broadcast_to(nodes[:, :, None], elements.shape)
+        columns = np.broadcast_to(nodes[:, None, :], elements.shape)
+        kept = (rows < self.count) & (columns < self.count)
+        entries = (elements[kept], (rows[kept], columns[kept]))
+        return coo_array(entries, shape=(self.count, self.count))
 
 
 def clipped(depths: Floats) -> tuple[Ints, Floats, Ints]:
@@ -95,8 +105,8 @@ _PARTS: dict[int, dict[int, list[list[tuple[int, int]]]]] = {
 
 def lidded(face: WaterFace) -> int:
     """Number of the face's separate regions that do not reach the level, so have no solution."""
-    ends = np.where(face.nodes == SURFACE, face.count, face.nodes)
-    return int(connected(np.repeat(ends[:, 0], ends.shape[1]), ends.ravel(), face.count + 1).max())
+    ends = np.minimum(face.nodes, face.below)
+    return int(connected(np.repeat(ends[:, 0], ends.shape[1]), ends.ravel(), face.below + 1).max())
 
 
 def resistance(
@@ -173,11 +183,4 @@ def face_matrices(face: WaterFace, upstream: Floats) -> list[coo_array]:
     mass = np.einsum("t,ij->tij", volume, same)
     across = np.einsum("td,td,tij->tij", along, along, mass)
     each = (in_face, np.repeat(mixed[:, :, None], axes, axis=2), across, mass)
-    found = []
-    for elements in each:
-        rows = np.broadcast_to(face.nodes[:, :, None], elements.shape)
-        columns = np.broadcast_to(face.nodes[:, None, :], elements.shape)
-        kept = (rows != SURFACE) & (columns != SURFACE)
-        entries = (elements[kept], (rows[kept], columns[kept]))
-        found.append(coo_array(entries, shape=(face.count, face.count)))
-    return found
+    return [face.matrix(face.nodes, elements) for elements in each]

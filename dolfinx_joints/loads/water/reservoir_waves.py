@@ -6,10 +6,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import annotated_types as at
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, kron
 
 from dolfinx_joints.common.declared import checked
@@ -18,15 +19,20 @@ from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.loads.load import Vector
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.loads.water.far_field import Section
-from dolfinx_joints.loads.water.reservoir_slabs import SURFACE, WaterFace, face_matrices
-from dolfinx_joints.loads.water.water import Water, WaterCells, WaterRows, reflected
+from dolfinx_joints.loads.water.reservoir_slabs import WaterFace, face_matrices
+from dolfinx_joints.loads.water.water import (
+    Water,
+    WaterCells,
+    WaterRows,
+    reflected,
+    surface_inertia,
+)
 from dolfinx_joints.loads.water.wet_face import (
     WetFace,
     check_reaches_level,
     check_upstream,
     wet_face,
 )
-from dolfinx_joints.mesh.blocks import same_places
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 
@@ -35,17 +41,14 @@ LAYER = 2.0
 
 QUADRILATERAL, WEDGE = 9, 13  # VTK's numbers
 
-# Of the shortest of some edges: the same edge of two triangles has its middle nearer than this.
-SAME_EDGE = 0.01
-
 
 @dataclass(frozen=True, kw_only=True)
 @checked
 class ReservoirWaves:
     """Compressible water in a reservoir with the cross-section of the wet face, for time steps.
 
-    The face is moved horizontally upstream, its edges make floor and banks. The pressure is zero at
-    the level. All of it moves with the ground where that is given as the motion of a stage.
+    The face is moved horizontally upstream, its edges make floor and banks. All of it moves with
+    the ground where that is given as the motion of a stage.
 
     Attributes:
         group: Name of the facet group, which reaches up to the level or higher.
@@ -57,6 +60,7 @@ class ReservoirWaves:
         sound_speed: In the water [m/s].
         bottom_reflection: What floor and banks reflect of a wave's pressure that meets them along
             the normal, alpha.
+        gravity_waves: Whether the surface moves: p = rho g times its height instead of zero.
         far_end: ``radiating``: plane waves along the reservoir leave it; or ``rigid``: a wall.
         absorbing_length: Of the part before the far end in which waves are damped more and more,
             which takes the slow ones near the frequencies of the cross-section as well; zero or at
@@ -72,6 +76,7 @@ class ReservoirWaves:
     density: Annotated[float, at.Gt(0), at.Unit("kg/m^3")] = 1000.0
     sound_speed: Annotated[float, at.Gt(0), at.Unit("m/s")] = 1440.0
     bottom_reflection: Annotated[float, at.Ge(0), at.Le(1)] = 1.0
+    gravity_waves: bool = False
     far_end: Literal["radiating", "rigid"] = "radiating"
     absorbing_length: Annotated[float, at.Ge(0), at.Unit("m")] = 0.0
     layers: Annotated[int, at.Ge(1)] | None = None
@@ -98,7 +103,8 @@ class ReservoirWaves:
             MeshError: There is no such group, or some of its facets lie inside the body.
         """
         comm = model.jointed.mesh.comm
-        wet = wet_face(model, self, NodeNumbering(model.V))
+        order = NodeNumbering(model.V)
+        wet = wet_face(model, self, order, surface_moves=self.gravity_waves)
 
         def whole() -> WetFace:
             if not wet.face.count:
@@ -126,48 +132,52 @@ class _Moved:
             )
         self._s: Floats = np.linspace(0.0, waves.length, count + 1).astype(np.float64)
         self._face_matrices = [m.tocsr() for m in face_matrices(face, wet.upstream)]
-        self._bottom, self._floor = _edges(face, wet.upstream)
+        self._bottom, floor = _moved(face, _outer(face), wet.upstream)
+        self._surface, surface = _moved(face, _on_level(face), wet.upstream)
+        self._driven = floor + surface
 
     def water(self) -> Water:
         waves, count = self._waves, self._wet.face.count
         size = count * len(self._s)
         rows, dofs, values = self._wet.coupling
         coupling = coo_array((values, (rows, dofs)), shape=(size, self._dofs)).tocsr()
-        floor = np.multiply.outer(_lengths(self._s), self._floor)
+        driven = np.multiply.outer(_lengths(self._s), self._driven)
         if waves.far_end == "rigid":
             wall = self._face_matrices[3] @ np.ones(count)
-            floor[-1] += np.multiply.outer(wall, self._wet.upstream)
-        floor = floor.reshape(size, self._gdim)
+            driven[-1] += np.multiply.outer(wall, self._wet.upstream)
+        driven = driven.reshape(size, self._gdim)
         uniform = np.tile(np.eye(self._gdim), (self._dofs // self._gdim, 1))
-        places = np.zeros((count, self._gdim))
-        wet = self._wet.face.nodes != SURFACE
-        places[self._wet.face.nodes[wet]] = self._wet.face.corners[wet]
         return Water(
             size=size,
             impedance=waves.density * waves.sound_speed,
             rows=self._rows,
             coupling=coupling,
-            driven=floor - coupling @ uniform,
-            places=(places + np.multiply.outer(self._s, self._wet.upstream)[:, None]).reshape(
-                size, -1
-            ),
+            driven=driven - coupling @ uniform,
+            places=self._along(self._places()[:count]),
             face=np.arange(count),
             cells=self._cells,
             section=self._section(),
         )
 
+    def _places(self) -> Floats:
+        """Of the nodes of the face, shape (n, gdim), [m]."""
+        face = self._wet.face
+        places = np.zeros((int(face.nodes.max()) + 1, self._gdim))
+        places[face.nodes] = face.corners
+        return places
+
+    def _along(self, places: Floats) -> Floats:
+        """Places of the face in all layers, shape (layers n, gdim), [m]."""
+        moved = np.multiply.outer(self._s, self._wet.upstream)[:, None]
+        return (places + moved).reshape(-1, self._gdim)
+
     def _cells(self) -> WaterCells:
-        """Quadrilaterals or wedges between the layers; the level's corners are each part's own."""
-        face, upstream, layers = self._wet.face, self._wet.upstream, len(self._s)
-        dry = face.nodes == SURFACE
-        surface = face.corners[dry]
-        moved = np.multiply.outer(self._s, upstream)[:, None]
-        above = np.cumsum(dry.ravel()).reshape(dry.shape) - 1
-        below, size = face.count, face.count * layers
-        layer = np.arange(layers)[:, None, None]
-        nodes = np.where(
-            dry, size + layer * len(surface) + above, layer * below + np.where(dry, 0, face.nodes)
-        )
+        """Quadrilaterals or wedges between the layers."""
+        face, upstream, count = self._wet.face, self._wet.upstream, self._wet.face.count
+        surface = self._places()[count:]
+        layer = np.arange(len(self._s))[:, None, None]
+        dry = len(self._s) * count + layer * len(surface) + face.nodes - count
+        nodes = np.where(face.nodes < count, layer * count + face.nodes, dry)
         near, far = nodes[:-1], nodes[1:]
         if self._gdim == 2:
             far = far[:, :, ::-1]
@@ -176,7 +186,7 @@ class _Moved:
             inward = np.cross(sides[:, 0], sides[:, 1]) @ upstream > 0.0
             near, far = (np.where(inward[:, None], each[..., ::-1], each) for each in (near, far))
         return WaterCells(
-            surface=(surface + moved).reshape(-1, self._gdim),
+            surface=self._along(surface),
             nodes=np.concatenate([near, far], axis=2).reshape(-1, 2 * self._gdim),
             kind=QUADRILATERAL if self._gdim == 2 else WEDGE,
         )
@@ -187,17 +197,22 @@ class _Moved:
         if waves.far_end == "rigid" and not waves.absorbing_length:
             return None
         rho, c = waves.density, waves.sound_speed
-        in_face, mixed, _, mass = self._face_matrices
+        in_face, mixed, _, volume = self._face_matrices
         whole = csr_array(np.ones((end + 1, 1)))
         last = csr_array(([1.0], ([end], [0])), shape=(end + 1, 1))
         return Section(
-            mass=rho * mass,
+            mass=self._mass(),
             stiffness=rho * c**2 * in_face,
             losses=rho * c * reflected(waves.bottom_reflection) * self._bottom,
-            driven=rho * c * self._floor,
-            by_rate=rho * c * kron(self._absorbing() @ whole, mass, format="csr"),
+            driven=rho * c * self._driven,
+            by_rate=rho * c * kron(self._absorbing() @ whole, volume, format="csr"),
             by_place=rho * c**2 * kron(last, mixed.T, format="csr"),
         )
+
+    def _mass(self) -> csr_array:
+        """Of water and surface per length, (12u), [kg/m]."""
+        rho, c = self._waves.density, self._waves.sound_speed
+        return rho * self._face_matrices[3] + surface_inertia(rho, c) * self._surface
 
     def _absorbing(self) -> csr_array:
         """Dashpots of the far end and before it along the reservoir, over rho c times D."""
@@ -215,7 +230,7 @@ class _Moved:
         rho, c = waves.density, waves.sound_speed
         layers = slice(first // count, -(-last // count))
         rows = slice(first - layers.start * count, last - layers.start * count)
-        in_face, mixed, across, mass = self._face_matrices
+        in_face, mixed, across, volume = self._face_matrices
 
         def along(matrix: csr_array, of_face: csr_array) -> csr_array:
             return kron(matrix[layers], of_face, format="csr")
@@ -224,9 +239,9 @@ class _Moved:
         stiffness = along(whole, in_face) + along(slope, mixed) + along(slope.T.tocsr(), mixed.T)
         stiffness = stiffness + along(stretch, across)
         losses = reflected(waves.bottom_reflection) * along(whole, self._bottom)
-        losses = losses + along(self._absorbing(), mass)
+        losses = losses + along(self._absorbing(), volume)
         return WaterRows(
-            mass=(rho * along(whole, mass))[rows],
+            mass=along(whole, self._mass())[rows],
             stiffness=(rho * c**2 * stiffness)[rows],
             losses=(rho * c * losses)[rows],
         )
@@ -266,49 +281,65 @@ def _line(s: Floats, weight: Callable[[Floats], Floats] | None = None) -> list[c
     ]
 
 
-def _edges(face: WaterFace, upstream: Floats) -> tuple[csr_array, Floats]:
-    """Floor and banks per length of water: their mass matrix, and integrals of outward normals.
+@dataclass(frozen=True, kw_only=True)
+class _Edges:
+    """Edges of a face, ends of lines in the plane.
 
-    They are the edges of the face below the level, ends of lines in the plane, moved upstream.
+    Attributes:
+        nodes: Shape (n, gdim - 1).
+        ends: Coordinates of these, shape (n, gdim - 1, gdim), [m].
+        apex: Coordinates of the corner across, on the inner side, shape (n, gdim), [m].
     """
+
+    nodes: Ints
+    ends: Floats
+    apex: Floats
+
+    def __getitem__(self, chosen: NDArray[Any]) -> _Edges:
+        """Some of them."""
+        return _Edges(nodes=self.nodes[chosen], ends=self.ends[chosen], apex=self.apex[chosen])
+
+
+def _edges(face: WaterFace) -> _Edges:
+    """Those of all parts."""
     axes = face.corners.shape[2]
     others = [[j for j in range(axes) if j != i] for i in range(axes)]
-    nodes = np.concatenate([face.nodes[:, other] for other in others])
-    ends = np.concatenate([face.corners[:, other] for other in others])
-    apex = np.concatenate([face.corners[:, i] for i in range(axes)])
-    outer = _outer(nodes, ends)
-    nodes, ends, apex = nodes[outer], ends[outer], apex[outer]
+    return _Edges(
+        nodes=np.concatenate([face.nodes[:, other] for other in others]),
+        ends=np.concatenate([face.corners[:, other] for other in others]),
+        apex=np.concatenate([face.corners[:, i] for i in range(axes)]),
+    )
+
+
+def _on_level(face: WaterFace) -> _Edges:
+    """Edges on the level."""
+    edges = _edges(face)
+    return edges[(edges.nodes >= face.below).all(axis=1)]
+
+
+def _outer(face: WaterFace) -> _Edges:
+    """Edges below the level that belong to one part of the face only."""
+    edges = _edges(face)
+    edges = edges[(edges.nodes < face.below).any(axis=1)]
+    _, place, times = np.unique(
+        np.sort(edges.nodes, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    return edges[place[times == 1]]
+
+
+def _moved(face: WaterFace, edges: _Edges, upstream: Floats) -> tuple[csr_array, Floats]:
+    """Of edges moved upstream, per length: mass matrix, and integrals of outward normals."""
+    nodes, ends, axes = edges.nodes, edges.ends, len(upstream)
     if axes == 2:
         normal = np.tile([-upstream[1], upstream[0]], (len(ends), 1))
     else:
         normal = np.cross(ends[:, 1] - ends[:, 0], upstream)
-    inward = np.einsum("nd,nd->n", apex - ends[:, 0], normal) > 0.0
+    inward = np.einsum("nd,nd->n", edges.apex - ends[:, 0], normal) > 0.0
     normal[inward] *= -1.0
     area = np.linalg.norm(normal, axis=1)
     same = (np.ones((axes - 1, axes - 1)) + np.eye(axes - 1)) / (axes * (axes - 1))
-    elements = area[:, None, None] * same
-    rows = np.broadcast_to(nodes[:, :, None], elements.shape)
-    columns = np.broadcast_to(nodes[:, None, :], elements.shape)
-    wet = (rows != SURFACE) & (columns != SURFACE)
-    entries = (elements[wet], (rows[wet], columns[wet]))
     driven = np.zeros((face.count, axes))
     for end in range(axes - 1):
-        there = nodes[:, end] != SURFACE
+        there = nodes[:, end] < face.count
         np.add.at(driven, nodes[there, end], normal[there] / (axes - 1))
-    return csr_array(coo_array(entries, shape=(face.count, face.count))), driven
-
-
-def _outer(nodes: Ints, ends: Floats) -> Ints:
-    """Edges (ends of lines) that belong to one part of the face only and are not on the level."""
-    wet = (nodes != SURFACE).all(axis=1)
-    _, place, times = np.unique(
-        np.sort(nodes[wet], axis=1), axis=0, return_index=True, return_counts=True
-    )
-    outer = [np.flatnonzero(wet)[place[times == 1]]]
-    cut = np.flatnonzero((nodes != SURFACE).any(axis=1) & ~wet)
-    if len(cut):
-        shortest = float(np.linalg.norm(ends[cut, 1] - ends[cut, 0], axis=1).min())
-        numbers = same_places(ends[cut].mean(axis=1), SAME_EDGE * shortest)
-        _, place, times = np.unique(numbers, return_index=True, return_counts=True)
-        outer.append(cut[place[times == 1]])
-    return np.concatenate(outer)
+    return csr_array(face.matrix(nodes, area[:, None, None] * same)), driven

@@ -14,6 +14,7 @@ from typing import Protocol
 
 from scipy.sparse import csr_array
 
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.loads.water.far_field import Section
 from dolfinx_joints.mesh.cells import Floats, Ints
@@ -24,7 +25,7 @@ class WaterRows:
     """Some rows of the water's matrices; columns are those of all its unknowns.
 
     Attributes:
-        mass: Of the pressure's energy [kg].
+        mass: Of the energy of the pressure and of a surface that moves [kg].
         stiffness: Of the energy of motion [N/m].
         losses: Dashpots of the bottom, of the far end and before it [N s/m].
     """
@@ -88,3 +89,8 @@ class Reservoir(Protocol):
 def reflected(alpha: float) -> float:
     """Dashpot over rho c of a bound that reflects the share alpha of a wave's pressure, (12s)."""
     return (1.0 - alpha) / (1.0 + alpha)
+
+
+def surface_inertia(density: float, sound_speed: float) -> float:
+    """Mass per area of a surface whose height makes the pressure on it, rho c^2 / g, (12u)."""
+    return density * sound_speed**2 / STANDARD_GRAVITY

@@ -31,6 +31,9 @@ ON_LEVEL = 1e-6
 # Of the shortest edge: nodes of two blocks that are nearer are one node of the water.
 SAME_NODE = 0.01
 
+# Of the shortest side of a part that ends at the level: corners there that are nearer are one.
+SAME_CORNER = 0.01
+
 # Least cosine of the angle between the face's normal and upstream.
 STEEPEST = 0.05
 
@@ -90,13 +93,21 @@ def check_upstream(water: MovedFace) -> None:
         )
 
 
-def wet_face(model: LoadedBody, water: MovedFace, order: NodeNumbering | None = None) -> WetFace:
+def wet_face(
+    model: LoadedBody,
+    water: MovedFace,
+    order: NodeNumbering | None = None,
+    *,
+    surface_moves: bool = False,
+) -> WetFace:
     """The wet face of a reservoir (collective).
 
     Args:
         model: The body.
         water: The reservoir.
-        order: Numbers the nodes of the body; those of the water are then in the same order.
+        order: Numbers the nodes of the body; those of the water are then in the same order, first
+            those below the level and then those on it.
+        surface_moves: Whether nodes on the level have a pressure.
 
     Raises:
         ValueError: The face ends below the level, or a part of it does not look upstream.
@@ -104,17 +115,18 @@ def wet_face(model: LoadedBody, water: MovedFace, order: NodeNumbering | None = 
     """
     comm = model.jointed.mesh.comm
     face = _Face(wetted_facets(model.V, model.jointed, water.group, float(water.level)))
-    numbers, count = face.numbers(comm, water)
+    numbers, below = face.numbers(comm, water)
     if order is not None:
-        numbers = face.in_order(comm, numbers, count, order)
-    parts = face.wet_parts(numbers)
+        numbers = face.in_order(comm, numbers, below, order)
+    parts, every = face.wet_parts(comm, numbers, below, order)
+    count = every if surface_moves else below
     areas = parts.points.areas.sum(axis=1)
     upstream = _direction(water, np.sum(comm.allgather(areas.sum(axis=0)), axis=0))
     _check_looks(water, comm, areas, upstream)
     nodes, corners = _gathered(comm, parts.nodes), _gathered(comm, parts.corners)
-    rows, dofs, values = (_gathered(comm, part) for part in parts.coupling(model))
+    rows, dofs, values = (_gathered(comm, part) for part in parts.coupling(model, count))
     return WetFace(
-        face=WaterFace(count=count, nodes=nodes, corners=corners),
+        face=WaterFace(below=below, count=count, nodes=nodes, corners=corners),
         upstream=upstream,
         coupling=(rows, dofs, values),
     )
@@ -225,8 +237,17 @@ class _Face:
         place[np.argsort(least)] = np.arange(count)
         return np.append(place, SURFACE)[numbers]
 
-    def wet_parts(self, numbers: Ints) -> _WetParts:
-        """The parts below the level."""
+    def wet_parts(
+        self, comm: Any, numbers: Ints, below: int, order: NodeNumbering | None
+    ) -> tuple[_WetParts, int]:
+        """The parts below the level, and the number of all their nodes (collective).
+
+        Args:
+            comm: Communicator.
+            numbers: Of the corners of the face, from `numbers` or `in_order`.
+            below: Number of nodes below the level; those on it are numbered after them.
+            order: Numbers the nodes of the body.
+        """
         depths = self._level - self._corners[:, :, -1]
         depths = np.where(numbers == SURFACE, np.minimum(depths, 0.0), depths)
         depths[np.abs(depths) <= self._on_level] = 0.0
@@ -237,11 +258,22 @@ class _Face:
         kept = size > 1e-12
         whole, corners, places, which = whole[kept], corners[kept], places[kept], which[kept]
         nodes = np.take_along_axis(numbers[whole], np.maximum(which, 0), axis=1)
-        nodes[which == SURFACE] = SURFACE
+        level = which == SURFACE
+        keys = np.zeros(int(level.sum()), dtype=np.int64)
+        if order is not None:  # a corner on the level is known by the ends of the edge it cuts
+            part, corner = np.nonzero(level)
+            ends = order.number[self._nodes[whole[part]]]
+            cut = shares[kept][part, corner] > 0.0
+            least = np.where(cut, ends, order.count).min(axis=1)
+            keys = least * order.count + np.where(cut, ends, 0).max(axis=1)
+        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        shortest = float(sides[level | np.roll(level, 1, axis=1)].min(initial=np.inf))
+        each, count = _level_numbers(comm, corners[level], keys, shortest)
+        nodes[level] = below + each
         cell = (basix.CellType.interval, basix.CellType.triangle)[places.shape[1] - 2]
         points, weights = basix.make_quadrature(cell, DEGREE)
         pressures = np.column_stack([1.0 - points.sum(axis=1), points])
-        return _WetParts(
+        parts = _WetParts(
             nodes=nodes,
             corners=corners,
             pressures=pressures,
@@ -251,6 +283,32 @@ class _Face:
                 size[kept][:, None] * weights,
             ),
         )
+        return parts, below + count
+
+
+def _level_numbers(comm: Any, points: Floats, keys: Ints, shortest: float) -> tuple[Ints, int]:
+    """Number of each corner on the level, and of all of them, in the order of keys (collective).
+
+    Args:
+        comm: Communicator.
+        points: Coordinates of this rank's corners, shape (n, gdim), [m].
+        keys: One for each, shape (n,).
+        shortest: Side of a part at one of them [m].
+    """
+    every = comm.gather((points, keys, shortest), root=0)
+
+    def work() -> tuple[list[Ints], int]:
+        places, keys = (np.concatenate([each[i] for each in every]) for i in (0, 1))
+        distance = SAME_CORNER * min(each[2] for each in every)
+        _, label = np.unique(same_places(places, distance), return_inverse=True)
+        least = np.full(int(label.max(initial=-1)) + 1, np.iinfo(np.int64).max)
+        np.minimum.at(least, label, keys)
+        number = np.empty(len(least), dtype=np.int64)
+        number[np.argsort(least, kind="stable")] = np.arange(len(least))
+        return np.split(number[label], np.cumsum([len(each[0]) for each in every])[:-1]), len(least)
+
+    each, count = on_root(comm, work)
+    return each[comm.rank], count
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -258,7 +316,7 @@ class _WetParts:
     """Lines or triangles of this rank below the level.
 
     Attributes:
-        nodes: Nodes of the water at their corners, or `SURFACE`, shape (parts, gdim).
+        nodes: Nodes of the water at their corners, shape (parts, gdim).
         corners: Coordinates, shape (parts, gdim, gdim), [m].
         pressures: Shape functions of the corners at the points, shape (points, gdim).
         points: Quadrature points of the body.
@@ -269,8 +327,8 @@ class _WetParts:
     pressures: Floats
     points: WettedPoints
 
-    def coupling(self, model: LoadedBody) -> tuple[Ints, Ints, Floats]:
-        """Forces of unit pressures at the water's nodes: these nodes, dofs, values [m^2]."""
+    def coupling(self, model: LoadedBody, count: int) -> tuple[Ints, Ints, Floats]:
+        """Forces of unit pressures at the first nodes: these nodes, dofs, values [m^2]."""
         gdim = model.gdim
         nodes = self.points.nodes
         blocks = model.V.dofmap.index_map.local_to_global(nodes.ravel().astype(np.int32))
@@ -280,7 +338,7 @@ class _WetParts:
         )
         rows = np.broadcast_to(self.nodes[:, :, None, None], values.shape)
         columns = np.broadcast_to(dofs[:, None], values.shape)
-        wet = rows != SURFACE
+        wet = rows < count
         return rows[wet], columns[wet], values[wet]
 
 

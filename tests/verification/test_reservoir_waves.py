@@ -13,6 +13,18 @@ A floor that accelerates upwards under such water, all alike along the reservoir
 
     p = rho a sin k (H - z) / (k cos k H + i w q sin k H),  k = w / c.
 
+On a surface that moves, p = rho g times its height: waves of a rigid basin have
+
+    w^2 = g K tanh K H,  K^2 = k^2 - (w / c)^2,
+
+k = n pi / L in the plane; a wall of it, 2 H from the other and moving like it, feels with k of odd n
+and quick sound
+
+    F = -rho a (L H / 2 + sum 4 w^2 tanh k H / (L k^3 (g k tanh k H - w^2))),
+
+and under a floor that accelerates upwards p = -rho a f with f'' = -k^2 f, f' = 1 + i w q f on the
+floor and f' = 1 + w^2 f / g on the surface, heights and pressures being those seen from the ground.
+
 The field y = z - H has no pressure at the level, is linear, and flows through floor and face only:
 K y is the flux of its gradient there, for any shape of the face and wherever the level cuts it.
 """
@@ -20,6 +32,8 @@ K y is the flux of its gradient there, for any shape of the face and wherever th
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -29,7 +43,8 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 from dolfinx.mesh import CellType, create_box, create_rectangle, locate_entities_boundary, meshtags
-from scipy.linalg import eigh
+from scipy.optimize import brentq
+from scipy.sparse.linalg import eigsh
 from shaken_wall import CONCRETE, shaking, wall
 
 import dolfinx_joints as dj
@@ -39,6 +54,7 @@ from dolfinx_joints.postprocessing.energy_lines import energy_lines
 from dolfinx_joints.simulation.monitor import Monitor
 
 mpi = pytest.mark.mpi
+TETRAHEDRON = CellType.tetrahedron
 
 H, RHO, C = 100.0, 1000.0, 1440.0
 FIRST = C / (4.0 * H)
@@ -298,6 +314,12 @@ def test_energies_of_a_box_of_water(comm):
     assert y @ (rows.mass @ y) == pytest.approx(RHO * volume * 10.0**3 / 3.0)
     assert y @ (rows.stiffness @ y) == pytest.approx(RHO * C**2 * volume * 10.0)
     assert y @ (rows.losses @ y) == pytest.approx(RHO * C * (floor + banks + end))
+    # With the surface at y = 1 higher: rho g eta^2 / 2 = rho c^2 / g dy/dt^2 / 2 there.
+    water = replace(waves, gravity_waves=True).water(dj.Model(jointed, material=CONCRETE))
+    y = 11.0 - water.places[:, 2]
+    squares = volume * (11.0**3 - 1.0) / 3.0 + C**2 / STANDARD_GRAVITY * 20.0 * 12.0
+    assert y @ (water.rows(0, water.size).mass @ y) == pytest.approx(RHO * squares)
+    np.testing.assert_allclose(water.driven[:, 2].sum(), 0.0, atol=1e-9)  # a closed box
 
 
 def meshed(mesh, groups, place=None, **options):
@@ -350,7 +372,7 @@ def test_a_linear_field_flows_through_a_floor_of_any_shape(comm):
         "far": lambda x: x[0] < 1e-9 - 20.0,
     }
     waves = meshed(mesh, groups, rising, far_end="far")
-    body = create_box(comm, [[0.0, 0.0, 0.0], [4.0, 12.0, 10.0]], [1, 3, 3], CellType.tetrahedron)
+    body = create_box(comm, [[0.0, 0.0, 0.0], [4.0, 12.0, 10.0]], [1, 3, 3], TETRAHEDRON)
     bent = lambda x: rising(x * [0.0, 1.0, 1.0]) + x * [1.0, 0.0, 0.0]  # noqa: E731
     model = dj.Model(tagged(body, {"up": lambda x: x[0] < 1e-9}, bent), material=CONCRETE)
     water = waves.water(model)
@@ -362,28 +384,99 @@ def test_a_linear_field_flows_through_a_floor_of_any_shape(comm):
     np.testing.assert_allclose(flux[inner], expected[inner], atol=1e-9 * abs(expected).max())
 
 
-def test_waves_on_the_surface_of_a_basin(comm):
-    """Slow ones of a rigid basin: omega^2 = g k tanh k H, k = n pi / L."""
-    length, depth = 40.0, 10.0
+def basin(height, length, cells, **options):
+    """Closed water with a mesh of its own, twice as long as high or so."""
     mesh = create_rectangle(
-        MPI.COMM_SELF, [[-length, 0.0], [0.0, depth]], [40, 20], CellType.quadrilateral
+        MPI.COMM_SELF, [[-length, 0.0], [0.0, height]], [2 * cells, cells], CellType.quadrilateral
     )
-    groups = {"face": lambda x: x[0] > -1e-9, "floor": lambda x: x[1] < 1e-9}
-    waves = meshed(mesh, groups, gravity_waves=True, sound_speed=1e5)
-    body = create_rectangle(comm, [[0.0, 0.0], [4.0, depth]], [1, 20], CellType.quadrilateral)
-    dam = dj.Model(tagged(body, {"up": lambda x: x[0] < 1e-9}), material=CONCRETE)
-    water = waves.water(dam)
-    rows = water.rows(0, water.size)
-    squares = eigh(rows.stiffness.toarray(), rows.mass.toarray(), eigvals_only=True)
-    k = np.arange(1, 4) * np.pi / length
-    exact = STANDARD_GRAVITY * k * np.tanh(k * depth)
-    np.testing.assert_allclose(squares[1:4], exact, rtol=5e-3)
+    groups = {
+        "face": lambda x: x[0] > -1e-9,
+        "floor": lambda x: x[1] < 1e-9,
+        "far bank": lambda x: x[0] < 1e-9 - length,
+    }
+    return meshed(mesh, groups, gravity_waves=True, **options)
+
+
+def moved(height, length, cells, far_end="rigid", **options):
+    """The same by its face alone."""
+    extent = {"level": height, "length": length, "layers": 2 * cells, "far_end": far_end}
+    return dj.ReservoirWaves(group="up", gravity_waves=True, **extent, **options)
+
+
+@mpi
+@pytest.mark.parametrize(
+    ("make", "gdim"), [(basin, 2), (moved, 2), (moved, 3)], ids=["mesh", "plane", "space"]
+)
+def test_waves_on_the_surface_of_a_basin(comm, make, gdim):
+    """Squares of frequencies, in sound slow enough to change them by 7 %, are of second order."""
+    length, depth, width, sound = 40.0, 10.0, 25.0, 30.0
+    along, across = np.meshgrid(np.arange(5), np.arange(5 if gdim == 3 else 1))
+    wave_numbers = np.sort(np.hypot(along * np.pi / length, across * np.pi / width).ravel())[1:5]
+
+    def miss(square, k):
+        inner = np.emath.sqrt(k**2 - square / sound**2)
+        return square - (STANDARD_GRAVITY * inner * np.tanh(inner * depth)).real
+
+    exact = [brentq(miss, 0.0, STANDARD_GRAVITY * k, args=(k,)) for k in wave_numbers]
+    errors = []
+    for cells in (6, 12):
+        if gdim == 3:
+            top = [4.0, width, 12.0]  # the level cuts its cells
+            body = create_box(comm, [[0.0, 0.0, 0.0], top], [1, cells, cells], TETRAHEDRON)
+        else:
+            body = create_rectangle(comm, [[0.0, 0.0], [4.0, 12.0]], [1, cells], CellType.triangle)
+        dam = dj.Model(tagged(body, {"up": lambda x: x[0] < 1e-9}), material=CONCRETE)
+        water = make(depth, length, cells, sound_speed=sound).water(dam)
+        rows = water.rows(0, water.size)
+        found = eigsh(rows.stiffness, 5, rows.mass, sigma=-0.1, return_eigenvectors=False)
+        errors.append(np.abs(np.sort(found)[1:] / exact - 1.0).max())
+    assert errors[1] < 0.02
+    assert errors[1] < errors[0] / 3.5
+
+
+@pytest.mark.filterwarnings("ignore:.*sound_speed")
+@mpi
+@pytest.mark.parametrize("make", [basin, moved])
+def test_force_of_waves_on_the_surface(comm, make):
+    """Along the stream, below, between and above the frequencies of the first two."""
+    length = 2.0 * H
+    k = (2.0 * np.arange(400) + 1.0) * np.pi / length
+    free = STANDARD_GRAVITY * k * np.tanh(k * H)
+    omega = np.sqrt(free[0]) * np.array([0.3, 0.8, 1.2, 1.5, 2.5])
+    square = omega[:, None] ** 2
+    each = 4.0 * square * np.tanh(k * H) / (length * k**3 * (free - square))
+    exact = -RHO * (length * H / 2.0 + each.sum(axis=1))
+    model = rigid_dam(comm, make(H, length, 32, sound_speed=1e5))
+    found = dj.frequency_response(model, omega / (2.0 * np.pi), points={"crest": (0.0, H)})
+    np.testing.assert_allclose(found.reservoir_force[:, 0], exact, rtol=0.01)
+
+
+@mpi
+@pytest.mark.parametrize("make", [basin, moved, partial(moved, far_end="radiating")])
+def test_surface_over_a_floor_that_shakes_upwards(comm, make):
+    """However slowly: the surface goes with the ground, and no pressure is left of that."""
+    frequencies = np.array([0.01, 0.1, 0.5, 1.3, 2.2]) * FIRST
+    k, steep = 2.0 * np.pi * frequencies / C, (2.0 * np.pi * frequencies) ** 2 / STANDARD_GRAVITY
+    sine, cosine = np.sin(k * H), np.cos(k * H)
+    # f = A cos k z + sin k z / k
+    factor = (cosine - steep * sine / k - 1.0) / (k * sine + steep * cosine)
+    exact = -RHO * (factor * sine / k + (1.0 - cosine) / k**2)
+    model = rigid_dam(comm, make(H, H, 16))
+    points = {"crest": (0.0, H)}
+    found = dj.frequency_response(model, frequencies, points=points, direction=(0.0, 1.0))
+    np.testing.assert_allclose(found.reservoir_force[:, 0], exact, rtol=0.02)
 
 
 @pytest.fixture(scope="module")
 def jointed_dam(wall_file, read):
-    def make(on=None, **options):
-        waves = dj.ReservoirWaves(group="y_min", level=19.0, length=50.0, bottom_reflection=0.8)
+    def make(on=None, gravity_waves=False, **options):
+        waves = dj.ReservoirWaves(
+            group="y_min",
+            level=19.0,
+            length=50.0,
+            bottom_reflection=0.8,
+            gravity_waves=gravity_waves,
+        )
         return wall(read(wall_file(divisions=(8, 2, 6)), on), reservoir=waves, **options)
 
     return make
@@ -413,13 +506,15 @@ def test_fast_sound_is_the_added_mass(comm):
 
 
 @mpi
-@pytest.mark.parametrize("solver", ["condensed", "monolithic"])
+@pytest.mark.parametrize(
+    ("solver", "gravity_waves"), [("condensed", False), ("condensed", True), ("monolithic", True)]
+)
 @pytest.mark.parametrize(
     "scheme", [dj.EnergyConsistent(), dj.EnergyConsistent(spectral_radius=0.8)], ids=["1", "0.8"]
 )
-def test_jointed_dam_balances_its_energy(comm, jointed_dam, solver, scheme):
+def test_jointed_dam_balances_its_energy(comm, jointed_dam, solver, gravity_waves, scheme):
     """The ledger with the energy and losses of the water closes, at joints that slide and open."""
-    simulation = dj.Simulation(jointed_dam(), solver=solver)
+    simulation = dj.Simulation(jointed_dam(gravity_waves=gravity_waves), solver=solver)
     simulation.statics()
     outcome = simulation.dynamics(dt=4e-3, steps=100, motion=shaking, scheme=scheme)
     assert outcome.energy_error < 1e-10
@@ -430,10 +525,11 @@ def test_jointed_dam_balances_its_energy(comm, jointed_dam, solver, scheme):
 
 
 @mpi
-def test_results_do_not_depend_on_the_ranks(comm, jointed_dam):
+@pytest.mark.parametrize("gravity_waves", [False, True])
+def test_results_do_not_depend_on_the_ranks(comm, jointed_dam, gravity_waves):
     def run(on):
         kept = Kept()
-        simulation = dj.Simulation(jointed_dam(on), monitors=[kept])
+        simulation = dj.Simulation(jointed_dam(on, gravity_waves), monitors=[kept])
         simulation.statics()
         outcome = simulation.dynamics(dt=4e-3, steps=30, motion=shaking)
         return np.array(kept.forces), outcome.state.displacement.norm(), outcome.energy.water

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -142,7 +144,12 @@ WATER = dj.ReservoirWaves(group="y_min", level=18.5, length=30.0, bottom_reflect
 
 
 @pytest.mark.parametrize(
-    ("waves", "volume"), [(lambda: WATER, 18.5 * 30.0 * 20.0), (valley, 60.0 * 20.0 * 16.35)]
+    ("waves", "volume"),
+    [
+        (lambda: WATER, 18.5 * 30.0 * 20.0),
+        (lambda: replace(WATER, gravity_waves=True), 18.5 * 30.0 * 20.0),
+        (valley, 60.0 * 20.0 * 16.35),
+    ],
 )
 def test_pressure_in_the_reservoir(comm, wall_file, read, new_path, waves, volume):
     """p = -rho dphi/dt: all pressures in time make the potential; those on the face the force."""

@@ -154,6 +154,7 @@ CASES = {
     "internal variables": {"joints": BOND},
     "shear keys": {"joints": KEYS},
     "reservoir waves": {"reservoir": WAVES},
+    "gravity waves": {"reservoir": replace(WAVES, gravity_waves=True)},
 }
 
 
@@ -184,7 +185,7 @@ def test_sweeps_over_the_joints_go_on_with_the_same_bits(wall_file, read, tmp_pa
     [
         ("condensed", LAW, lambda: None),
         ("monolithic", LAW, lambda: None),
-        ("condensed", LAW, lambda: WAVES),
+        ("condensed", LAW, lambda: replace(WAVES, gravity_waves=True)),
         ("condensed", LAW, valley),
         # Flanks of 60 degrees and friction of 30 lock: which of many forces is found is rounding.
         ("condensed", replace(KEYS, flank_angle_deg=45.0), lambda: None),

@@ -92,5 +92,5 @@ def reflected(alpha: float) -> float:
 
 
 def surface_inertia(density: float, sound_speed: float) -> float:
-    """Mass per area of a surface whose height makes the pressure on it, rho c^2 / g, (12u)."""
+    """Mass per area of a surface whose height makes the pressure on it, rho c^2 / g, (12af)."""
     return density * sound_speed**2 / STANDARD_GRAVITY

@@ -6,11 +6,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, kron
 
 from dolfinx_joints.common.declared import checked
@@ -295,7 +294,7 @@ class _Edges:
     ends: Floats
     apex: Floats
 
-    def __getitem__(self, chosen: NDArray[Any]) -> _Edges:
+    def __getitem__(self, chosen: Ints) -> _Edges:
         """Some of them."""
         return _Edges(nodes=self.nodes[chosen], ends=self.ends[chosen], apex=self.apex[chosen])
 
@@ -314,13 +313,13 @@ def _edges(face: WaterFace) -> _Edges:
 def _on_level(face: WaterFace) -> _Edges:
     """Edges on the level."""
     edges = _edges(face)
-    return edges[(edges.nodes >= face.below).all(axis=1)]
+    return edges[np.flatnonzero((edges.nodes >= face.below).all(axis=1))]
 
 
 def _outer(face: WaterFace) -> _Edges:
     """Edges below the level that belong to one part of the face only."""
     edges = _edges(face)
-    edges = edges[(edges.nodes < face.below).any(axis=1)]
+    edges = edges[np.flatnonzero((edges.nodes < face.below).any(axis=1))]
     _, place, times = np.unique(
         np.sort(edges.nodes, axis=1), axis=0, return_index=True, return_counts=True
     )

@@ -259,13 +259,7 @@ class _Face:
         whole, corners, places, which = whole[kept], corners[kept], places[kept], which[kept]
         nodes = np.take_along_axis(numbers[whole], np.maximum(which, 0), axis=1)
         level = which == SURFACE
-        keys = np.zeros(int(level.sum()), dtype=np.int64)
-        if order is not None:  # a corner on the level is known by the ends of the edge it cuts
-            part, corner = np.nonzero(level)
-            ends = order.number[self._nodes[whole[part]]]
-            cut = shares[kept][part, corner] > 0.0
-            least = np.where(cut, ends, order.count).min(axis=1)
-            keys = least * order.count + np.where(cut, ends, 0).max(axis=1)
+        keys = _edge_keys(self._nodes[whole[level.nonzero()[0]]], shares[kept][level], order)
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
         shortest = float(sides[level | np.roll(level, 1, axis=1)].min(initial=np.inf))
         each, count = _level_numbers(comm, corners[level], keys, shortest)
@@ -284,6 +278,22 @@ class _Face:
             ),
         )
         return parts, below + count
+
+
+def _edge_keys(nodes: Ints, shares: Floats, order: NodeNumbering | None) -> Ints:
+    """What sorts corners on the level in the order of the body's nodes, shape (n,).
+
+    Args:
+        nodes: Of the whole triangle or line that each is of, shape (n, gdim).
+        shares: Barycentric coordinates in it, zero but for the ends of the edge that the level
+            cuts, or the node on it, shape (n, gdim).
+        order: Numbers the nodes of the body; all keys are alike without it.
+    """
+    if order is None:
+        return np.zeros(len(nodes), dtype=np.int64)
+    ends, cut = order.number[nodes], shares > 0.0
+    least = np.where(cut, ends, order.count).min(axis=1)
+    return np.asarray(least * order.count + np.where(cut, ends, 0).max(axis=1))
 
 
 def _level_numbers(comm: Any, points: Floats, keys: Ints, shortest: float) -> tuple[Ints, int]:

@@ -93,7 +93,7 @@ def run(quick: bool) -> Outcome:
                 reason="periods printed to 0.001 s",
             )
         )
-    figure, ax = new_figure(height=4.2)
+    figure, ax = new_figure(width=8.0, height=4.2)
     places = np.arange(len(rows))
     ax.barh(places, [100.0 * row.deviation for row in rows])
     ax.set_yticks(places, [row.quantity.partition(" [")[0] for row in rows], fontsize=8)

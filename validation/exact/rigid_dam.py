@@ -60,5 +60,5 @@ def run(quick: bool) -> Outcome:
     ax.set_ylim(0.0, 4.0)
     ax.set_xlabel("frequency / first frequency of the reservoir")
     ax.set_ylabel("|force| / (ρ H² acceleration); dots: ours")
-    ax.legend(fontsize=8, title="bottom reflects 0.75 or all", title_fontsize=8)
+    ax.legend(fontsize=8, title="bottom reflects 0.75 unless said", title_fontsize=8)
     return Outcome(rows=rows, figure=figure)

@@ -103,6 +103,33 @@ def test_as_in_python(comm, wall_file, read, monkeypatch, laws, compliance):
         assert outcome.iterations <= 1.2 * in_python.iterations + 10
 
 
+def test_points_that_do_not_stick_have_the_room_that_w_needs(wall_file, read, monkeypatch):
+    """W may have more entries than S, and then sets of more points are kept whole."""
+    made = []
+    solve = CompiledSteps.solve
+    monkeypatch.setattr(
+        CompiledSteps, "solve", lambda self, *given: (made.append(self), solve(self, *given))[1]
+    )
+    monkeypatch.setattr("dolfinx_joints.solvers.interface.compliance.LARGEST_DENSE", 10)
+    march(wall(read(wall_file(divisions=(8, 2, 3))), joints=SOFT))
+    compiled = made[-1]
+    beside = compiled._inner
+    tied = beside._replace(entries=1.5 * beside.entries)
+    monkeypatch.setattr(steps, "_blocks_of", lambda *_: tied)
+    monkeypatch.setattr(compiled._corrections, "missed", 1e30)  # W pays
+    compiled._tie()
+    assert compiled._memory.ties
+    changed = compiled._memory.changed
+    most = min(len(changed.points), int(np.sqrt(tied.entries) / 3.0))
+    assert 9.0 * most**2 > beside.entries
+    products.take(tied, changed, np.arange(most), most)
+    values = np.ones(3 * most, dtype=np.float32)
+    found = np.empty_like(values)
+    _called(products.multiply_part, tied, changed, values, found)
+    expected = tied.whole[: 3 * most, : 3 * most] @ values
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
+
+
 def _not_in_steps(in_python: Any) -> Any:
     """Python is for statics: a step that comes to it has not been solved by what is tested."""
 
@@ -138,7 +165,7 @@ def test_gmres_with_and_without_deflation(kind, by_half, monkeypatch):
         space.blocks[: len(points)] = blocks[points]
         found = np.empty(len(rows))
         of = deflation.deflation_of(deflated, MPI.COMM_SELF)
-        taken.append(_gmres(split, kept, r[rows], 1e-5, space, of, found))
+        taken.append(_called(krylov.gmres, split, kept, r[rows], 1e-5, space, of, found))
         left = np.linalg.norm(matrix @ found - r[rows])
         assert left <= 3e-5 * np.linalg.norm(r[rows])
     if len(points) < deflation.LEAST_SHARE * POINTS:
@@ -157,12 +184,12 @@ class _Split:
         return self._matrix @ values
 
 
-def _gmres(*arguments: Any) -> int:
-    """The compiled function, which only other compiled ones can call."""
+def _called(function: Any, *arguments: Any) -> Any:
+    """What a compiled function gives that only other compiled ones can call."""
     from dolfinx_joints.common.kernels import njit
 
     @njit
-    def call(split, kept, right, tolerance, space, of, found):  # type: ignore[no-untyped-def]
-        return krylov.gmres(split, kept, right, tolerance, space, of, found)
+    def call(*arguments):  # type: ignore[no-untyped-def]
+        return function(*arguments)
 
-    return int(call(*arguments))
+    return call(*arguments)

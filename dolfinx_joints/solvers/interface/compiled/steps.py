@@ -90,7 +90,7 @@ class CompiledSteps:
         self._rough = SINGLE_ERROR if single else ROUGH_TOLERANCE
         self._memory = Memory(
             active=kept_of(size // 3, points, self._inner),
-            changed=kept_of(*((0, 0) if stuck is None else (size // 3, points)), self._inner),
+            changed=kept_of(0, 0, self._inner),
             ties=False,
             tied=self._inner,
             has_stuck=stuck is not None,
@@ -172,7 +172,8 @@ class CompiledSteps:
                     if isinstance(self._inner, Dense)
                     else _blocks_of(self._compliance.roughly(columns), columns, self._comm)
                 )
-                self._memory = self._memory._replace(ties=True, tied=tied)
+                changed = kept_of(len(self._own), int(self._blocks[-1]), tied)
+                self._memory = self._memory._replace(ties=True, tied=tied, changed=changed)
             elif self._corrections.stuck is None:
                 self._memory = self._memory._replace(has_stuck=False, stuck=np.empty(0))
 

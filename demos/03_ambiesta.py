@@ -244,6 +244,6 @@ if __name__ == "__main__":
     dj.abort_on_error(MPI.COMM_WORLD)
     try:
         main()
-    except (dj.JointsError, ValueError) as error:
+    except (dj.JointsError, ValueError, OSError) as error:
         say(f"03_ambiesta: {error}")
         raise SystemExit(2) from None

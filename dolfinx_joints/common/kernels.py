@@ -10,6 +10,7 @@ does. Here it is kept in the user's cache folder, by the content of all files th
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 from functools import cache
 from pathlib import Path
@@ -87,10 +88,11 @@ class _Told(event.Listener):  # type: ignore[misc]
 
     def on_start(self, event: Any) -> None:
         """Machine code was not found and is about to be made."""
-        ours = event.data["dispatcher"].py_func.__module__.startswith(__name__.split(".")[0])
-        if ours and not self.told:
+        module = event.data["dispatcher"].py_func.__module__ or ""  # none where code was executed
+        ours = module.startswith("dolfinx_joints.")
+        if ours and not self.told and LOGGER.isEnabledFor(logging.INFO):
             LOGGER.info("compiling loops, once for this version: up to a minute")
-        self.told |= ours
+            self.told = True
 
     def on_end(self, event: Any) -> None:
         """It has been made."""

@@ -163,7 +163,7 @@ class EffectiveMatrix:
 
     @property
     def positive(self) -> bool:
-        """Whether A is factored as a positive matrix."""
+        """Whether A is symmetric and factored, and has no rows of water, which change its sign."""
         return self.symmetric and self._signs is None and not self._iterates
 
     def modal_parts(self) -> tuple[Floats, Floats] | None:

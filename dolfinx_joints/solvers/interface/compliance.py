@@ -40,7 +40,7 @@ LARGEST_DENSE = 2000
 # over all ranks; rank 0 may have all of G for a moment.
 LARGEST_WHOLE = 6000
 
-# Fewer columns are solved for: all at once take another factorization.
+# Columns are solved for where there are fewer, since all at once take another factorization.
 SMALLEST_AT_ONCE = 300
 
 # Error of the compressed S, relative to its unit diagonal, and of a rougher one inside corrections,
@@ -91,10 +91,12 @@ class Compliance:
         effective: The bulk, A.
         operator: B with zero columns at constrained dofs, three rows per joint point.
         joints: The joints' operator, of which areas and places are taken.
-        kind: ``dense``: all of S, one back-substitution per unknown, 8 m^2 bytes over the ranks;
-            ``compressed``: the same back-substitutions, less memory; ``matrix-free``: nothing is
-            kept, each product takes a back-substitution; ``auto``: matrix-free if the bulk is
-            solved by iteration, else dense up to `LARGEST_DENSE` unknowns, compressed above.
+        kind: ``dense``: all of S, made at once from `SMALLEST_AT_ONCE` to `LARGEST_WHOLE` unknowns
+            and else by one back-substitution for each, 8 m^2 bytes over the ranks; ``compressed``:
+            made in the same way (on several ranks by back-substitutions), less memory;
+            ``matrix-free``: nothing is kept, each product takes a back-substitution; ``auto``:
+            matrix-free if the bulk is solved by iteration, else dense up to `LARGEST_DENSE`
+            unknowns, compressed above.
         largest: Own compliance to be used at most, shape (n, 2), [m/Pa].
 
     Attributes:

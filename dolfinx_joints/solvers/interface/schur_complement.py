@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.solvers.diagnosis import reported_by_package
 
 Floats = NDArray[np.float64]
@@ -84,7 +85,9 @@ def _rows_of_ranks(factor: PETSc.Mat, operator: PETSc.Mat) -> Floats:
     comm = operator.comm.tompi4py()
     local, size = operator.getLocalSize()[0], operator.getSize()[0]
     rows, counts = np.empty((local, size)), comm.gather(local * size, root=0)
-    comm.Scatterv(None if counts is None else [_whole(factor, size), counts], rows, root=0)
+    whole: list[Floats] = []
+    on_root(comm, lambda: whole.append(_whole(factor, size)))  # a failure is one of all ranks
+    comm.Scatterv(None if counts is None else [whole[0], counts], rows, root=0)
     return rows
 
 
@@ -103,7 +106,7 @@ def _whole(factor: PETSc.Mat, size: int) -> Floats:
 
 
 def _call(name: str, *arguments: Any) -> None:
-    """A function of the PETSc that petsc4py has loaded, which lacks it."""
+    """A function of PETSc's library that petsc4py does not offer."""
     function = getattr(ctypes.CDLL(PETSc.__file__), name)
     pointers = (ctypes.c_void_p(a) if isinstance(a, int) else a for a in arguments)
     if code := function(*pointers):

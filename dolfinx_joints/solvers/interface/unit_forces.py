@@ -97,7 +97,7 @@ class UnitForces:
                 numbers = np.arange(first, min(first + BLOCK, size))
                 columns[numbers] -= self._of_modes(numbers).T
             self._compare(columns[some].T, known)
-        except (JointsError, PETSc.Error) as error:
+        except (JointsError, PETSc.Error, MemoryError) as error:
             if rank == 0:
                 LOGGER.warning("compliance of the joints, column by column: %s", error)
             return None

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.model.modes import whole_groups
+from dolfinx_joints.model.modes import SAME_FREQUENCY, whole_groups
 from dolfinx_joints.model.system import MatrixSystem
 
 Floats = NDArray[np.float64]
@@ -64,6 +64,7 @@ class LowestModes:
         weighted[system.constrained] = 0.0
         # Orthonormal to rounding, on which the balance of energies depends.
         factor = np.linalg.inv(np.linalg.cholesky(self._sum(shapes.T @ weighted))).T
+        factor = factor @ self._uncoupled(system, shapes @ factor)
         self._shapes = np.asfortranarray(shapes @ factor)
         self._weighted = np.asfortranarray(weighted @ factor)
         self._at_supports = at_supports @ factor
@@ -75,6 +76,22 @@ class LowestModes:
         self.damping = np.array([v.dot(system.damping_force(v, work)) for v in vectors])
         self.loads = np.array([[v.dot(p) for p, _ in system.patterns] for v in vectors])
         self.step: Callable[[float], ModalStep] = lru_cache(maxsize=32)(self._step)
+
+    def _uncoupled(self, system: MatrixSystem, shapes: Floats) -> Floats:
+        """Turn of modes of equal frequencies that uncouples their damping (collective).
+
+        Any turn of them are modes too, and which are found depends on rounding and ranks.
+        """
+        work = system.mass.createVecRight
+        forces = _columns([system.damping_force(_vector(system, s), work()) for s in shapes.T])
+        forces[system.constrained] = 0.0
+        damping = self._sum(shapes.T @ forces)
+        apart = np.diff(self.frequencies) > SAME_FREQUENCY * self.frequencies[1:]
+        turn = np.zeros_like(damping)
+        for group in np.split(np.arange(len(turn)), np.flatnonzero(apart) + 1):
+            at = np.ix_(group, group)
+            turn[at] = np.linalg.eigh(0.5 * (damping[at] + damping[at].T))[1]
+        return turn
 
     def _step(self, rate: float) -> ModalStep:
         """What a step needs, by its rate 2 / dt."""

@@ -282,6 +282,22 @@ def test_equal_modes_are_taken_together():
     np.testing.assert_array_equal(displacements(plain), displacements(exact))
 
 
+def test_equal_modes_that_damping_couples():
+    # Masses that swing alike, a dashpot between them and on each: (1, 1) has c, (1, -1) c + 2 d.
+    # Each vibrates exactly, q_2 = 2 exp(-c T/2) cos(w T) q_1 - exp(-c T) q_0, whatever modes of the
+    # pair were found.
+    c, d, length = 0.2, 0.3, 0.25
+    damping = np.array([[c + d, -d], [-d, c + d]])
+    system = MatrixSystem.from_arrays(mass=np.eye(2), stiffness=4.0 * np.eye(2), damping=damping)
+    states, _ = march(system, [length] * 8, exact=2, u0=[1.0, 0.2])
+    np.testing.assert_allclose(system.lowest_modes[2].damping, [c, c + 2.0 * d], rtol=1e-12)
+    amounts = displacements(states)[1:] @ np.array([[1.0, 1.0], [1.0, -1.0]])
+    for q, rate in zip(amounts.T, (c, c + 2.0 * d), strict=True):
+        w, decay = math.sqrt(4.0 - 0.25 * rate**2), math.exp(-0.5 * rate * length)
+        expected = 2.0 * decay * math.cos(w * length) * q[1:-1] - decay**2 * q[:-2]
+        np.testing.assert_allclose(q[2:], expected, rtol=0, atol=1e-12)
+
+
 def test_a_loose_mass_under_a_growing_load():
     # u = t^3 / 6 beside a mass on a spring; midpoint is off by t dt^2 / 12.
     system = MatrixSystem.from_arrays(

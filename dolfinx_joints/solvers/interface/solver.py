@@ -61,8 +61,9 @@ INNER_TOLERANCE = 0.03
 HARD, EASY = 7, 4
 POOR, COLOURS = 0.03, 32
 
-# Times that a static solution is corrected by the gaps of the body itself.
-REFINEMENTS = 3
+# Times that a static solution is corrected by the gaps of the body itself, and what rounding may
+# leave of the largest force of loose blocks: to correct it would move those that can rest anywhere.
+REFINEMENTS, BALANCED = 3, 1e-12
 
 
 class InterfaceSolver:
@@ -174,9 +175,13 @@ class InterfaceSolver:
         self._expand_all(condensed, found.force - found.residual, x)
         for _ in range(REFINEMENTS * condensed.static):
             # From the gaps of the body as it stands: stiff joints turn their rounding to forces.
-            if step.condensed.springs is not None:
-                self._balance(step.condensed, b, x)
-            found, more, relative = self._iterate(step, step.evaluate(*self._last[1:]))
+            if condensed.springs is not None:
+                self._balance(condensed, b, x)
+            at = step.evaluate(*self._last[1:])
+            if condensed.springs is not None and _is_balanced(step, at):
+                found, relative = at, at.worst / at.largest
+                break
+            found, more, relative = self._iterate(step, at)
             if more == 0:
                 break
             iterations += more
@@ -335,7 +340,8 @@ class InterfaceSolver:
         """The solution, iterations, and residual relative to the largest force."""
         iteration, last, tolerance = 0, np.inf, self.options.relative_tolerance
         # Statics, where little is solved, go as far as rounding lets them.
-        enough = 1e-14 if step.condensed.static else 0.01 * tolerance
+        static = BALANCED if step.condensed.springs is not None else 1e-14
+        enough = static if step.condensed.static else 0.01 * tolerance
         before, line_search = at, LineSearch(self.options.max_cuts)
         first = inner = 0.01 * INNER_TOLERANCE if step.condensed.static else INNER_TOLERANCE
         while True:
@@ -387,3 +393,8 @@ class InterfaceSolver:
             if trial.norm < at.norm:
                 break
         return best
+
+
+def _is_balanced(step: JointStep, at: Iterate) -> bool:
+    """Whether no more than rounding is left, and blocks have not gone far."""
+    return max(at.worst, step.rounding(at)) <= BALANCED * at.largest

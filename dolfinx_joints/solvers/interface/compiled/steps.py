@@ -315,5 +315,5 @@ def _iterates_of(start: Start) -> Iterates:
         residual,
         np.zeros((3, points, 3, 3)),
         Answer._make(np.zeros((3, *array.shape), array.dtype) for array in one),
-        np.zeros((3, 4)),
+        np.zeros((3, 5)),
     )

@@ -179,7 +179,7 @@ class InterfaceSolver:
                 self._balance(condensed, b, x)
             at = step.evaluate(*self._last[1:])
             if condensed.springs is not None and _is_balanced(step, at):
-                found, relative = at, at.worst / at.largest
+                found, relative = at, at.worst / (at.largest or 1.0)
                 break
             found, more, relative = self._iterate(step, at)
             if more == 0:

@@ -17,6 +17,7 @@ from dolfinx_joints.solvers.interface.compiled.products import (
     cost,
     hold,
     multiply,
+    multiply_part,
     turn,
 )
 from dolfinx_joints.solvers.interface.compiled.ranks import each_of_ranks, largest_of
@@ -204,17 +205,43 @@ def _correct_changed(tangent: Floats, tolerance: float, memory: Memory) -> None:
     known, taken = vectors[3], vectors[4]
     points, size = kept.points, 3 * kept.number[0]
     right, found = vectors[4, :size], vectors[5, :size]
-    multiply(tied, residual, known)
+    # Where only points of the set have a residual, its part of W gives the right-hand side.
+    among = largest_of(tied.ranks, _outside(points[: kept.number[0]], residual)) == 0.0
+    if among:
+        _part_of(points, residual, found)
+        space.vectors[0, :size] = found
+        multiply_part(tied, kept, space.vectors[0, :size], space.vectors[1, :size])
+        found[:] = space.vectors[1, :size]
+    else:
+        multiply(tied, residual, known)
+        _part_of(points, known, found)
     for i in range(kept.number[0]):
         for a in range(3):
             for b in range(3):
                 space.blocks[i, a, b] = tangent[points[i], a, b]
             space.blocks[i, a, a] = tangent[points[i], a, a] - memory.stuck[3 * points[i] + a]
-    _part_of(points, known, found)
     turn(space.blocks, found, right)
     gmres(tied, kept, right, tolerance, space, memory.none, found)
     _spread(points, found, taken)
-    multiply(tied, taken, coupled)
     for k in range(len(step)):
-        coupled[k] = known[k] - coupled[k]
-        step[k] = residual[k] - taken[k] - memory.stuck[k] * coupled[k]
+        step[k] = residual[k] - taken[k]
+    if among:
+        multiply(tied, step, coupled)
+    else:
+        multiply(tied, taken, coupled)
+        for k in range(len(step)):
+            coupled[k] = known[k] - coupled[k]
+    for k in range(len(step)):
+        step[k] -= memory.stuck[k] * coupled[k]
+
+
+@part
+def _outside(points: Ints, values: Floats) -> float:
+    """1 if there is a value at another than these points, which are sorted, else 0."""
+    place = 0
+    for i in range(len(values) // 3):
+        if place < len(points) and points[place] == i:
+            place += 1
+        elif values[3 * i] != 0.0 or values[3 * i + 1] != 0.0 or values[3 * i + 2] != 0.0:
+            return 1.0
+    return 0.0

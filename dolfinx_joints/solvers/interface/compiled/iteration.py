@@ -34,7 +34,8 @@ EPSILON = float(np.finfo(np.float64).eps)
 
 # Where the error of S f is more than this part of the residual, S f is computed anew; more than
 # this part of the next residual, were convergence quadratic, the next S f is computed exactly.
-STALE, NEXT = 0.1, 0.3
+# Neither where it is less than this part of the residual that is enough.
+STALE, NEXT, LITTLE = 0.1, 0.3, 0.1
 
 # Columns of the sizes of iterates.
 SCALE, NORM, LARGEST, ERROR, REACH = 0, 1, 2, 3, 4
@@ -310,7 +311,8 @@ def iterate(
     norms, since, whole = np.empty(limits.iterations + 1), 0, 0
     while True:
         here = _better(points, inner, iterates, here, limits, memory)
-        if sizes[here, ERROR] > STALE * sizes[here, LARGEST]:
+        little = LITTLE * limits.enough * (sizes[here, SCALE] or sizes[here, LARGEST])
+        if sizes[here, ERROR] > max(STALE * sizes[here, LARGEST], little):
             _renew(points, split, iterates, here, memory)
         size = sizes[here, LARGEST]
         scale = sizes[here, SCALE] or size or 1.0
@@ -328,7 +330,7 @@ def iterate(
         tolerance = max(inner_tolerance, 0.3 * limits.enough / relative)
         residual, tangent = iterates.residual[here], iterates.tangent[here]
         error = sizes[here, ERROR] + limits.rough * size
-        exactly = error > NEXT * relative * size
+        exactly = error > max(NEXT * relative * size, little)
         correct(inner, residual, tangent, least, tolerance, not exactly, memory)
         if exactly:
             _couple_exactly(split, iterates, here, memory)

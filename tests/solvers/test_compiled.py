@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -64,13 +67,13 @@ class Last(Monitor):
         self.seen.append(np.hstack(columns))
 
 
-def march(model: Any, **options: Any) -> tuple[np.ndarray, Any]:
-    """Gaps, tractions and friction work of 20 steps, shape (20, points, 7), and the outcome."""
+def march(model: Any, steps: int = 20, **options: Any) -> tuple[np.ndarray, Any]:
+    """Gaps, tractions and friction work of steps, shape (steps, points, 7), and the outcome."""
     seen = Last()
     options = {"relative_tolerance": 1e-12, **options}
     simulation = Simulation(model, options=SolverOptions(**options), monitors=[seen])
     simulation.statics()
-    outcome = simulation.dynamics(dt=0.005, steps=20, motion=shaking)
+    outcome = simulation.dynamics(dt=0.005, steps=steps, motion=shaking)
     return np.array(seen.seen), outcome
 
 
@@ -101,6 +104,31 @@ def test_as_in_python(comm, wall_file, read, monkeypatch, laws, compliance):
         assert np.all(np.abs(found - expected).max(axis=(0, 1)) <= 1e-8 * size)
         assert outcome.imbalance <= 1e-10
         assert outcome.iterations <= 1.2 * in_python.iterations + 10
+
+
+@pytest.mark.parametrize("compliance", ["dense", "compressed"])
+def test_with_w_and_sweeps_from_the_first_step(wall_file, read, monkeypatch, compliance):
+    """All parts of the iteration within a few steps of a few points."""
+    model = wall(read(wall_file(divisions=(4, 1, 1))), joints=SOFT)
+    monkeypatch.setattr("dolfinx_joints.solvers.interface.solver.HARD", 0)
+    monkeypatch.setattr(corrections, "OPERATIONS_PER_ENTRY", 1e30)
+    found, _ = march(model, steps=3, compliance=compliance)
+    monkeypatch.setattr(CompiledSteps, "serves", lambda *_: False)
+    expected, _ = march(model, steps=3, compliance=compliance)
+    assert np.all(np.abs(found - expected) <= 1e-8 * np.abs(expected).max(axis=(0, 1)))
+
+
+def test_no_index_is_beyond_an_array():
+    """Compiled loops read and write there without an error; Python does not."""
+    case = f"{__file__}::{test_with_w_and_sweeps_from_the_first_step.__name__}"
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", case],
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
 
 
 def test_points_that_do_not_stick_have_the_room_that_w_needs(wall_file, read, monkeypatch):

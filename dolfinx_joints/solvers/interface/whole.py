@@ -47,6 +47,7 @@ class _Iterate:
         traction: t, shape (n, 3), [Pa].
         response: Answer of the laws on the compliances c.
         left: t less the answer's tractions, shape (n, 3), [Pa].
+        inverse: (I - T c)^-1 of each point with T = dt/dh, shape (n, 3, 3).
         unbalanced: A x + B^T (w t) - b at the unconstrained dofs [N].
         norm: Of both residuals, [J^(1/2)].
         forces: Norm of both as forces of nodes [N].
@@ -59,6 +60,7 @@ class _Iterate:
     traction: Floats
     response: Response
     left: Floats
+    inverse: Floats
     unbalanced: PETSc.Vec
     norm: float
     forces: float
@@ -195,6 +197,7 @@ class _Equations:
             traction=traction,
             response=response,
             left=left,
+            inverse=np.linalg.inv(np.eye(3) - response.tangent * self._c[:, None, :]),
             unbalanced=unbalanced,
             norm=float(np.sqrt(energy + more)),
             forces=forces,
@@ -218,22 +221,15 @@ class _Equations:
         largest = largest or worst or 1.0
         return worst / largest, 64.0 * EPS * rounding / largest, float(every[:, 3].sum())
 
-    def _tangents(self, at: _Iterate) -> tuple[Floats, Floats]:
-        """T c and (I - T c)^-1, shape (n, 3, 3)."""
-        tangent = at.response.tangent
-        inverse = np.linalg.inv(np.eye(3) - tangent * self._c[:, None, :])
-        return tangent, inverse
-
     def stiffness(self, at: _Iterate) -> Floats:
         """D = (I - T c)^-1 T of each point, shape (n, 3, 3), [Pa/m]."""
-        tangent, inverse = self._tangents(at)
-        found: Floats = inverse @ tangent
+        found: Floats = at.inverse @ at.response.tangent
         return found
 
     def right(self, at: _Iterate) -> PETSc.Vec:
         """Right-hand side of (13b), its sign changed [N] (collective)."""
-        _, inverse = self._tangents(at)
-        force = self._contact.operator.force(np.einsum("nij,nj->ni", inverse, at.left), self._force)
+        traction = np.einsum("nij,nj->ni", at.inverse, at.left)
+        force = self._contact.operator.force(traction, self._force)
         right = at.unbalanced.copy()
         right.axpy(-1.0, force)
         right.pointwiseMult(right, self._free)
@@ -241,9 +237,9 @@ class _Equations:
 
     def search(self, at: _Iterate, correction: PETSc.Vec, cuts: int) -> _Iterate:
         """Take the correction, halved while it does not make the residual smaller (collective)."""
-        tangent, inverse = self._tangents(at)
         gaps = self._contact.operator.jump(correction)
-        back = np.einsum("nij,nj->ni", inverse, np.einsum("nij,nj->ni", tangent, gaps) + at.left)
+        back = np.einsum("nij,nj->ni", at.response.tangent, gaps) + at.left
+        back = np.einsum("nij,nj->ni", at.inverse, back)
         smallest = np.inf
         for cut in range(cuts + 1):
             share, change = 0.5**cut, at.change.duplicate()

@@ -290,17 +290,18 @@ class Contact:
 
         Arguments are those of `LawWithLosses.losses`, of all local points.
         """
+        friction, numerical, impact = every = Losses(*np.empty((3, len(traction))))
         if len(self._laws) == 1:
             found = self._laws[0].losses(rule, before, answer, traction)
-            return Losses(*np.broadcast_arrays(*found))
-        friction, numerical, impact = np.empty((3, len(traction)))
+            friction[:], numerical[:], impact[:] = found
+            return every
         for part in self._laws:
             here = part.points
             given = part.losses(
                 rule, part.state_of(before), part.response_of(answer), traction[here]
             )
             friction[here], numerical[here], impact[here] = given
-        return Losses(friction, numerical, impact)
+        return every
 
     def integrals(self, density: Floats) -> Floats:
         """Sum of area times a value per point, for each joint over all ranks (collective).
@@ -309,9 +310,10 @@ class Contact:
         """
         operator = self.operator
         values = np.atleast_2d(operator.areas * density)
-        sums = [np.bincount(operator.joint, each, len(operator.names)) for each in values]
-        # As floats: bincount gives integers where a rank has no points.
-        total = of_ranks(operator.comm, np.array(sums, dtype=np.float64)).sum(axis=0)
+        sums = np.empty((len(values), len(operator.names)))
+        for each, of_joints in zip(values, sums, strict=True):
+            of_joints[:] = np.bincount(operator.joint, each, len(operator.names))
+        total = of_ranks(operator.comm, sums).sum(axis=0)
         return total if density.ndim > 1 else total[0]
 
     def integral(self, density: Floats) -> float:

@@ -260,6 +260,8 @@ def whole_step_from(
 
 def stored_by(state: JointState, normal_stiffness: float, shear_stiffness: float) -> Floats:
     """Stored psi and q of elastic points, shape (n, 3); see `whole_step_from`."""
+    stored = np.empty_like(state.gap)
     overlap = np.minimum(state.gap[:, 0], 0.0)
-    normal = 0.5 * normal_stiffness * overlap * overlap
-    return np.column_stack([normal, math.sqrt(shear_stiffness) * state.elastic_slip])
+    stored[:, 0] = 0.5 * normal_stiffness * overlap * overlap
+    stored[:, 1:] = math.sqrt(shear_stiffness) * state.elastic_slip
+    return stored

@@ -53,7 +53,6 @@ class Points(NamedTuple):
         own: Compliance of each point on its own area, shape (n, 2), [m/Pa].
         scale: s, zero where a point cannot move, shape (m,).
         root: s w, shape (m,).
-        reach: Largest scaled gap of all ranks, before and in the step.
         all_colours: 0 and 1: all points are of one colour.
     """
 
@@ -65,7 +64,6 @@ class Points(NamedTuple):
     own: Floats
     scale: Floats
     root: Floats
-    reach: float
     all_colours: tuple[int, int] = (0, 1)
 
 
@@ -164,6 +162,18 @@ def evaluate(points: Points, iterates: Iterates, at: int) -> None:
                 tangent[i, a, b] = root[k] * answer.tangent[i, a, b] * scale[3 * i + b]
     mine[4] = total
     _gather_sizes(points.ranks, mine, iterates.sizes[at])
+
+
+@part
+def _reach(points: Points) -> float:
+    """Largest scaled gap before and in the step."""
+    largest, gap = 0.0, points.start.gap
+    for i in range(len(points.own)):
+        for a in range(3):
+            scale = points.scale[3 * i + a]
+            if scale > 0.0:
+                largest = max(largest, max(abs(points.trial_gap[i, a]), abs(gap[i, a])) / scale)
+    return largest
 
 
 @part
@@ -309,6 +319,7 @@ def iterate(
         here = at if sizes[at, NORM] < sizes[here, NORM] else here
     iteration, last, inner_tolerance = 0, np.inf, limits.inner
     norms, since, whole = np.empty(limits.iterations + 1), 0, 0
+    passed = largest_of(points.ranks, _reach(points))
     while True:
         here = _better(points, inner, iterates, here, limits, memory)
         little = LITTLE * limits.enough * (sizes[here, SCALE] or sizes[here, LARGEST])
@@ -316,7 +327,7 @@ def iterate(
             _renew(points, split, iterates, here, memory)
         size = sizes[here, LARGEST]
         scale = sizes[here, SCALE] or size or 1.0
-        reach = points.reach + sizes[here, REACH]  # what rounding of the gaps is relative to
+        reach = passed + sizes[here, REACH]  # what rounding of the gaps is relative to
         relative, rounding = size / scale, 64.0 * EPSILON * reach / scale
         # As in `InterfaceSolver._iterate`.
         accepted = max(limits.tolerance, min(rounding, 1e-6 if rounding < 1.0 else 1e-3))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.dealt import Dealt
-from dolfinx_joints.common.mpi import blocks_of, of_ranks, rank_of, sent_to
+from dolfinx_joints.common.mpi import blocks_of, rank_of, sent_to
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT, JointState, Response, Rule
 from dolfinx_joints.laws.return_mapping import Answer, Start, empty_answer
@@ -131,9 +131,7 @@ class CompiledSteps:
         """
         self._memory.missed[0] = self._corrections.missed
         self._tie()
-        start, live = self._contact.start_of_loops(rule, state), self._scale > 0.0
-        passed = np.maximum(np.abs(trial_gap), np.abs(state.gap)).ravel()[live]
-        reach = np.array([(passed / self._scale[live]).max(initial=0.0)])
+        start = self._contact.start_of_loops(rule, state)
         points = Points(
             ranks=self._ranks,
             first=int(self._blocks[self._comm.rank]),
@@ -143,7 +141,6 @@ class CompiledSteps:
             own=self._own,
             scale=self._scale,
             root=self._root,
-            reach=float(of_ranks(self._comm, reach).max()),
         )
         iterates, limits = self._room(start), limits._replace(rough=self._rough)
         for i, (force, coupled) in enumerate(starts):

@@ -174,13 +174,16 @@ def print_row(name: str, row: dict[str, Any]) -> None:
 
 
 def passed(rows: list[dict[str, Any]]) -> bool:
-    """Whether energies balance, joints open, and iterations hardly grow."""
+    """Whether energies balance, joints open, and iterations hardly grow in walls of one shape."""
     sound = all(
         row["ledger"] <= LARGEST_LEDGER and (row["kind"] == "linear" or row["opened"] > 0.0)
         for row in rows
     )
-    counts = [row["iterations"] for row in rows if row["kind"] == "linear"]
-    grown = (b > LARGEST_GROWTH * a for a, b in itertools.pairwise(counts))
+    linear = [row for row in rows if row["kind"] == "linear"]
+    grown = (
+        a["joints"] == b["joints"] and b["iterations"] > LARGEST_GROWTH * a["iterations"]
+        for a, b in itertools.pairwise(linear)
+    )
     return sound and not any(grown)
 
 
@@ -210,7 +213,7 @@ def main(arguments: list[str] | None = None) -> int:
     for name, body in sizes.items():
         with wall_file(*body) as mesh:
             for kind in options.kinds:
-                rows.append(measure(kind, body, mesh, options))
+                rows.append({"joints": body[1], **measure(kind, body, mesh, options)})
                 if comm.rank == 0:
                     print_row(name, rows[-1])
     if options.json and comm.rank == 0:

@@ -290,18 +290,18 @@ class Contact:
 
         Arguments are those of `LawWithLosses.losses`, of all local points.
         """
-        friction, numerical, impact = every = Losses(*np.empty((3, len(traction))))
+        friction, numerical, impact = np.empty((3, len(traction)))
         if len(self._laws) == 1:
             found = self._laws[0].losses(rule, before, answer, traction)
             friction[:], numerical[:], impact[:] = found
-            return every
+            return Losses(friction, numerical, impact)
         for part in self._laws:
             here = part.points
             given = part.losses(
                 rule, part.state_of(before), part.response_of(answer), traction[here]
             )
             friction[here], numerical[here], impact[here] = given
-        return every
+        return Losses(friction, numerical, impact)
 
     def integrals(self, density: Floats) -> Floats:
         """Sum of area times a value per point, for each joint over all ranks (collective).

@@ -468,6 +468,22 @@ def wall_on_a_wall(law: Any) -> Any:
 
 @pytest.mark.mpi
 @pytest.mark.filterwarnings("ignore:A single step errs")
+@pytest.mark.parametrize("k_n", [1e11, 1e13])
+def test_stiff_joints_that_meet_take_no_more_iterations(k_n):
+    """With W than without: it is another way to solve the same system."""
+    taken = {}
+    for kind in ("matrix-free", "dense", "compressed"):
+        options = SolverOptions(compliance=kind)
+        run = Simulation(wall_on_a_wall(friction(k_n)), solver="condensed", options=options)
+        run.statics()
+        taken[kind] = run.dynamics(dt=0.002, steps=40, motion=lambda time: 3.0 * shaking(time))
+    for outcome in taken.values():
+        assert outcome.counts.rejected <= 1
+        assert outcome.iterations <= 1.3 * taken["matrix-free"].iterations
+
+
+@pytest.mark.mpi
+@pytest.mark.filterwarnings("ignore:A single step errs")
 @pytest.mark.parametrize("kind", ["dense", "matrix-free"])
 def test_rigid_joints_that_meet(kind):
     """Where they meet, forces of points that stick are not unique, but nothing else depends on it.

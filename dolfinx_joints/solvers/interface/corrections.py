@@ -51,8 +51,9 @@ PRODUCTS = 15
 # when a quarter of that has been spent without it: most runs go on for long.
 OPERATIONS_PER_ENTRY = 40.0
 
-# A pivot of I + T0 S, whose diagonal is one, that is rounding.
-SINGULAR = 1e-10
+# A pivot of I + T0 S, whose diagonal is one, below which W is so large that what corrections leave
+# of their systems, times W, is no longer small: where points that stick tie each other.
+SINGULAR = 0.03
 
 # A change of T (between 0 and 1) that is none.
 SAME = 1e-12
@@ -226,7 +227,7 @@ class Corrections:
 
 
 def _tied(whole: Floats, stuck: Floats, comm: Any) -> _Tied | None:
-    """W, or None where I + T0 S is singular: rigid joints that meet, more points than dofs.
+    """W, or None where I + T0 S is nearly singular: stiff joints that meet, more points than dofs.
 
     All of S is on every rank, T0 of the rank's unknowns.
     """
@@ -268,10 +269,13 @@ class _Tied:
             block = self.matrix.block(rows)
             change = tangent[changed].copy()
             change[:, [0, 1, 2], [0, 1, 2]] -= self._stuck[rows].reshape(-1, 3)
+            # What is left is to be small beside r, and W r may be larger.
+            squares = np.array([residual @ residual, known[rows] @ known[rows]])
+            of_residual, of_system = of_ranks(self._comm, squares).sum(axis=0)
             y, products = gmres(
                 lambda v: v + block.product(_turned(change, v)),
                 known[rows],
-                tolerance=tolerance,
+                tolerance=tolerance * min(1.0, (of_residual / (of_system or 1.0)) ** 0.5),
                 most=MOST_PRODUCTS,
                 comm=self._comm,
             )

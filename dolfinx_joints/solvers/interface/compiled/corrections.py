@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import part
-from dolfinx_joints.solvers.interface.compiled.deflation import Deflation
+from dolfinx_joints.solvers.interface.compiled.deflation import Deflation, dot
 from dolfinx_joints.solvers.interface.compiled.krylov import Space, gmres
 from dolfinx_joints.solvers.interface.compiled.products import (
     Kept,
@@ -20,7 +20,7 @@ from dolfinx_joints.solvers.interface.compiled.products import (
     multiply_part,
     turn,
 )
-from dolfinx_joints.solvers.interface.compiled.ranks import each_of_ranks, largest_of
+from dolfinx_joints.solvers.interface.compiled.ranks import each_of_ranks, largest_of, sum_over
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -221,6 +221,11 @@ def _correct_changed(tangent: Floats, tolerance: float, memory: Memory) -> None:
                 space.blocks[i, a, b] = tangent[points[i], a, b]
             space.blocks[i, a, a] = tangent[points[i], a, a] - memory.stuck[3 * points[i] + a]
     turn(space.blocks, found, right)
+    # What is left is to be small beside r, and E W r may be larger.
+    squares = np.array([dot(residual, residual), dot(right, right)])
+    sum_over(tied.ranks, squares)
+    if squares[0] < squares[1]:
+        tolerance = max(tolerance * np.sqrt(squares[0] / squares[1]), memory.finest)
     gmres(tied, kept, right, tolerance, space, memory.none, found)
     _spread(points, found, taken)
     for k in range(len(step)):

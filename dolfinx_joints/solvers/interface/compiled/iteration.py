@@ -34,8 +34,9 @@ EPSILON = float(np.finfo(np.float64).eps)
 
 # Where the error of S f is more than this part of the residual, S f is computed anew; more than
 # this part of the next residual, were convergence quadratic, the next S f is computed exactly.
-# Neither where it is less than this part of the residual that is enough.
-STALE, NEXT, LITTLE = 0.1, 0.3, 0.1
+# Neither where it is less than this part of the residual that is enough; with W the error has been
+# up to eight times what is made of it here.
+STALE, NEXT, LITTLE = 0.1, 0.3, 0.03
 
 # Columns of the sizes of iterates.
 SCALE, NORM, LARGEST, ERROR, REACH = 0, 1, 2, 3, 4

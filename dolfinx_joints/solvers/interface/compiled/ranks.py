@@ -122,7 +122,7 @@ def largest_of(ranks: Ranks, value: float) -> float:
     mine = np.array([value])
     every = each_of_ranks(ranks, mine)
     for r in range(ranks.size):
-        if not value >= every[r, 0]:
+        if value == value and not every[r, 0] <= value:
             value = every[r, 0]
     return value
 

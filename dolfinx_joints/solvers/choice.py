@@ -23,6 +23,7 @@ from dolfinx_joints.solvers.interface.compliance import LARGEST_WHOLE
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.interface.whole import WholeSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
+from dolfinx_joints.solvers.pseudo_time import PseudoTime
 from dolfinx_joints.solvers.step_solver import SolverOptions, StepSolver
 
 # Stiffness of a closed joint point beside that of the nodes around it, up to which the whole is
@@ -89,8 +90,9 @@ def make_solver(
     first, second = condensed, monolithic
     if kind == "auto" and _takes_whole(system, contact, options or SolverOptions()):
         first, second = whole, condensed
-    if static_steps and kind == "auto" and not rigid:
-        return FirstThatWorks(first(), second)
+    if static_steps and kind == "auto":
+        others = [] if rigid else [lambda _: second()]
+        return FirstThatWorks(first(), *others, PseudoTime)
     return first()
 
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Two solvers of the same steps, the second asked where the first does not converge."""
+"""Solvers of the same steps, each asked where those before it do not converge."""
 
 from __future__ import annotations
 
@@ -16,18 +16,17 @@ from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
 
 
 class FirstThatWorks:
-    """Takes each step by one solver and, where that does not converge, by another.
+    """Takes each step by one solver and, where that does not converge, by the next.
 
     Args:
         first: Asked first.
-        make_second: Makes the other one, when first needed.
+        others: Make the others, each when first needed, from the one before.
     """
 
-    def __init__(self, first: StepSolver, make_second: Callable[[], StepSolver]) -> None:
+    def __init__(self, first: StepSolver, *others: Callable[[StepSolver], StepSolver]) -> None:
         """Make nothing yet."""
         self.system, self.name, self.options = first.system, first.name, first.options
-        self._first, self._make = first, make_second
-        self._second: StepSolver | None = None
+        self._solvers, self._others = [first], others
 
     def solve(
         self,
@@ -40,29 +39,28 @@ class FirstThatWorks:
         """Solve for ``x`` in place; see `NewtonSolver.solve` (collective).
 
         Raises:
-            ConvergenceError: Neither converged; what is said is of the nearer one.
+            ConvergenceError: None converged; what is said is of the nearest one.
         """
-        start = x.copy()
-        try:
-            return self._first.solve(effective, b, x, state, rule)
-        except ConvergenceError as failure:
-            if failure.law is not None:
-                raise
-            known = failure
-        start.copy(x)
-        self._second = self._second or self._make()
-        try:
-            return self._second.solve(effective, b, x, state, rule)
-        except ConvergenceError as failure:
-            raise min(known, failure, key=_distance) from None
+        start, failures = x.copy(), []
+        for i in range(len(self._others) + 1):
+            if i == len(self._solvers):
+                self._solvers.append(self._others[i - 1](self._solvers[-1]))
+            start.copy(x)
+            try:
+                return self._solvers[i].solve(effective, b, x, state, rule)
+            except ConvergenceError as failure:
+                if failure.law is not None:
+                    raise
+                failures.append(failure)
+        raise min(failures, key=_distance) from None
 
     def state_dict(self) -> dict[str, Any]:
-        """That of the first solver; the second keeps nothing."""
-        return self._first.state_dict()
+        """That of the first solver; the others keep nothing."""
+        return self._solvers[0].state_dict()
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Take up what another's ``state_dict`` gave."""
-        self._first.load_state_dict(state_dict)
+        self._solvers[0].load_state_dict(state_dict)
 
 
 def _distance(failure: ConvergenceError) -> float:

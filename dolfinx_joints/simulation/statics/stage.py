@@ -170,7 +170,7 @@ def _remedy(failure: ConvergenceError, kind: str, solver: str, reached: float) -
     if reached == 0.0 and not failure.yielding:
         limit = "Is each block held by supports, springs or joints pressed enough not to slide?"
     if kind != "auto":
-        return f'solver="auto" takes the solver that works. {limit}'
+        return f'solver="auto" tries more, and finds most equilibria. {limit}'
     if solver != "condensed":
         softer = "" if failure.yielding else " or softer joints"
         return f"SolverOptions(max_iterations=100){softer} may go further. {limit}"

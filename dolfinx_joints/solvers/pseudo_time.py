@@ -1,0 +1,97 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Statics in pseudo-time: the way to an equilibrium that Newton's method does not find at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from dolfinx_joints.common.errors import ConvergenceError
+from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
+from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
+from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver, solve_failure
+
+# 1/dt^2 of the first and the last step relative to |K|/|M|, what the next one has of it, and the
+# most steps tried (measured in docs/decisions).
+FIRST, LAST, NEXT, MOST = 1e-2, 1e-13, 0.1, 20
+
+
+class PseudoTime:
+    """Solves a static step by ever longer steps in pseudo-time.
+
+    Each is a backward Euler step from rest,
+
+        M (x - x0) / dt^2 + K x + B^T w t(g + B x) = b,
+
+    from the x0 of the last one, until the inertia is within the residual. Laws are asked from
+    the state at the start of the static step: the solution is one of the static equations, whatever
+    the way. Near the limit of what joints carry, and where rigid joints open, Newton's method may
+    go round in circles between sets of open and sliding points; inertia lets few of them change at
+    a time. A mechanism moves on and on, and fails in the end.
+
+    Args:
+        inner: Takes the steps.
+    """
+
+    def __init__(self, inner: StepSolver) -> None:
+        """Keep the solver."""
+        self._inner = inner
+        self.system, self.name, self.options = inner.system, inner.name, inner.options
+
+    def solve(
+        self,
+        effective: MatrixCoefficients,
+        b: PETSc.Vec,
+        x: PETSc.Vec,
+        state: JointState | None,
+        rule: Rule = BACKWARD_EULER,
+    ) -> tuple[Response | None, SolveReport]:
+        """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
+        stiffness, mass = self.system.stiffness, self.system.mass
+        known, right, force = x.copy(), b.duplicate(), b.duplicate()
+        unit = float(stiffness.norm()) / (float(mass.norm()) or np.inf)
+        rate, share, tries, iterations = FIRST * unit, NEXT, 0, 0
+        while True:
+            mass.mult(known, right)
+            right.aypx(rate, b)
+            tries += 1
+            try:
+                step = replace(effective, mass=rate)
+                response, report = self._inner.solve(step, right, x, state, rule)
+            except ConvergenceError as failure:
+                if failure.law is not None or tries == MOST or not rate > 0.0:
+                    raise
+                known.copy(x)
+                share **= 0.5
+                rate /= share
+                continue
+            iterations += report.iterations
+            stiffness.mult(x, force)
+            forces = max(float(force.norm()), float(b.norm()))
+            known.axpy(-1.0, x)
+            mass.mult(known, right)
+            inertia = rate * float(right.norm()) / (forces or 1.0)
+            if inertia <= max(self.options.relative_tolerance, report.residual):
+                return response, replace(report, iterations=iterations)
+            if rate <= LAST * unit or tries == MOST:
+                assert self.system.internal_forces is not None
+                assert response is not None
+                assert state is not None
+                raise solve_failure(
+                    self.system.internal_forces, response, state, iterations, inertia, self.options
+                )
+            x.copy(known)
+            rate *= share
+
+    def state_dict(self) -> dict[str, Any]:
+        """That of the solver."""
+        return self._inner.state_dict()
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Take up what another's ``state_dict`` gave."""
+        self._inner.load_state_dict(state_dict)

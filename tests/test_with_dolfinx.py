@@ -3,6 +3,7 @@
 """The set-up script, inside and outside the environment that it provides."""
 
 import os
+import signal
 import subprocess
 from pathlib import Path
 
@@ -19,13 +20,22 @@ SETUP_FAILED = 125
 def run(
     *command: str, cwd: Path | None = None, **variables: str | None
 ) -> subprocess.CompletedProcess:
-    """Run a command in this environment with variables changed, or removed if None."""
+    """Run a command in this environment with variables changed, or removed if None.
+
+    A shell in the background lets those that it starts ignore SIGINT.
+    """
     environment = {k: v for k, v in os.environ.items() if not k.startswith("DOLFINX_JOINTS_")}
     environment.update({k: v for k, v in variables.items() if v is not None})
     for name in [k for k, v in variables.items() if v is None]:
         environment.pop(name, None)
     return subprocess.run(
-        command, env=environment, cwd=cwd, capture_output=True, text=True, timeout=60
+        command,
+        env=environment,
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
 
 

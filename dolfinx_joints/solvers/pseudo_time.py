@@ -26,7 +26,7 @@ class PseudoTime:
 
     Each is a backward Euler step from rest,
 
-        M (x - x0) / dt^2 + K x + B^T w t(g + B x) = b,
+        M (x - x0) / dt^2 + K x + B^T w t(g + B x) = b,                                       (28a)
 
     from the x0 of the last one, until the inertia is within the residual. Laws are asked from
     the state at the start of the static step: the solution is one of the static equations, whatever

@@ -4,7 +4,7 @@
 
 With A = m M + k K of one length of step, Z = A^-1 B^T and shapes Phi, the displacement is
 
-    u = V y,   V = [Z, Phi] L^-T,   L L^T = [Z, Phi]^T A [Z, Phi],   V^T A V = 1.             (28a)
+    u = V y,   V = [Z, Phi] L^-T,   L L^T = [Z, Phi]^T A [Z, Phi],   V^T A V = 1.             (28b)
 
 The joints' compliance B V V^T B^T = B A^-1 B^T is that of the whole body. Z is not kept: a product
 with it is a back-substitution, and [Z, Phi]^T A u = [B u, Phi^T A u]. A step
@@ -13,7 +13,7 @@ with it is a back-substitution, and [Z, Phi]^T A u = [B u, Phi^T A u]. A step
 
 of V y_u and V y_v misses, as K = (A - m M)/k and f acts through Z,
 
-    x_e = (1 - V V^T A) A^-1 (M V y_s + F),   y_s = r y_v + (m/k) y_u,                        (28b)
+    x_e = (1 - V V^T A) A^-1 (M V y_s + F),   y_s = r y_v + (m/k) y_u,                        (28c)
 
 whose energy x_e . A x_e is a quadratic form of y_s and the factors of F.
 """
@@ -99,7 +99,7 @@ class ReducedBasis:
     # ------------------------------------------------------------ steps
 
     def error(self, inertia: Floats, loads: Floats) -> float:
-        """Energy x_e . A x_e of the error of a step, (28c) [J].
+        """Energy x_e . A x_e of the error of a step, (28d) [J].
 
         Args:
             inertia: y_s, shape (size,).

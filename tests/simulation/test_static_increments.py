@@ -146,6 +146,24 @@ def test_a_push_beyond_the_friction_stops_at_the_load_factor(comm, solver):
     assert ('solver="auto"' in text) == (solver != "auto")
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize("share", [0.5, 1.00001, 1.1])
+def test_a_block_on_a_rigid_joint_slides_from_mu_times_its_weight(comm, share):
+    """In pseudo-time as well, where next to no inertia holds it in the end."""
+    friction = np.tan(np.radians(30.0))
+    push = dj.Traction(group="top", value=(share * friction * DENSITY * G * 5.0, 0.0))
+    rigid = dj.RigidJoint(friction_angle_deg=30.0)
+    shape = CellType.quadrilateral
+    model = square(comm, rigid, cut="y", cells=(4, 4), shape=shape, loads=[push])
+    simulation = dj.Simulation(model)
+    simulation.statics(loads=[model.loads[0]])
+    if share < 1.0:
+        check(model, simulation.statics(), DENSITY * G * 100.0, friction)
+    else:
+        with pytest.raises(dj.ConvergenceError, match="worst joint 'joint_y'"):
+            simulation.statics()
+
+
 def test_increments_are_halved_and_grow_again():
     """A ramp of two steps, then one in time, whose shares count from its own start."""
     increments, ends = LoadIncrements([(None, 0.5), (None, 1.0), (2.0, 1.0)]), []

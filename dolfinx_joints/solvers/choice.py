@@ -49,10 +49,9 @@ def make_solver(
         options: Tolerances and limits.
         kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws have
             condensed forms, monolithic elsewhere and where the bulk is solved by iteration and
-            joints are not too stiff beside its elements (`LARGEST_RATIO`); in statics each as well
-            where the other does not converge and no joint is rigid. ``forms`` is monolithic with
-            the joints
-            by interior-facet integrals, a reference.
+            joints are not too stiff beside its elements (`LARGEST_RATIO`); in statics, where
+            that does not converge, the other as well unless joints are rigid, then pseudo-time.
+            ``forms`` is monolithic with the joints by interior-facet integrals, a reference.
         rule: Response that the time scheme will ask the laws for.
         static_steps: Number of solves with K alone that are to come; 0 in dynamics.
     """

@@ -9,7 +9,7 @@ from typing import Any
 
 from petsc4py import PETSc
 
-from dolfinx_joints.common.errors import ConvergenceError
+from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
@@ -52,6 +52,9 @@ class FirstThatWorks:
                 if failure.law is not None:
                     raise
                 failures.append(failure)
+            except JointsError:
+                if not failures:
+                    raise
         raise min(failures, key=_distance) from None
 
     def state_dict(self) -> dict[str, Any]:

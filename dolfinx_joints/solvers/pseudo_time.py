@@ -59,7 +59,7 @@ class PseudoTime:
         stiffness, mass = self.system.stiffness, self.system.mass
         known, right, force = x.copy(), b.duplicate(), b.duplicate()
         unit = float(stiffness.norm()) / (float(mass.norm()) or np.inf)
-        rate, share, tries, iterations = FIRST * unit, NEXT, 0, 0
+        rate, share, tries, iterations, factorizations = FIRST * unit, NEXT, 0, 0, 0
         moving: ConvergenceError | None = None
         while True:
             mass.mult(known, right)
@@ -79,6 +79,7 @@ class PseudoTime:
                 # With next to no inertia the matrix of what moves on is singular.
                 raise moving or failure from None
             iterations += report.iterations
+            factorizations += report.factorizations
             stiffness.mult(x, force)
             forces = max(float(force.norm()), float(b.norm()))
             known.axpy(-1.0, x)
@@ -86,7 +87,9 @@ class PseudoTime:
             inertia = rate * float(right.norm()) / (forces or 1.0)
             rounded = inertia <= report.residual and known.norm() <= SETTLED * x.norm()
             if inertia <= self.options.relative_tolerance or rounded:
-                return response, replace(report, iterations=iterations)
+                counted = {"iterations": iterations, "factorizations": factorizations}
+                left = max(report.residual, inertia)
+                return response, replace(report, residual=left, residuals=(), **counted)
             assert self.system.internal_forces is not None
             assert response is not None
             assert state is not None

@@ -87,9 +87,13 @@ class PseudoTime:
             inertia = rate * float(right.norm()) / (forces or 1.0)
             rounded = inertia <= report.residual and known.norm() <= SETTLED * x.norm()
             if inertia <= self.options.relative_tolerance or rounded:
-                counted = {"iterations": iterations, "factorizations": factorizations}
-                left = max(report.residual, inertia)
-                return response, replace(report, residual=left, residuals=(), **counted)
+                return response, replace(
+                    report,
+                    iterations=iterations,
+                    factorizations=factorizations,
+                    residual=max(report.residual, inertia),
+                    residuals=(),
+                )
             assert self.system.internal_forces is not None
             assert response is not None
             assert state is not None

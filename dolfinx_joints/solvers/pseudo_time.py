@@ -32,9 +32,9 @@ class PseudoTime:
 
         M (x - x0) / dt^2 + K x + B^T w t(g + B x) = b,                                       (28a)
 
-    from the x0 of the last one, until the inertia is next to nothing. Laws are asked from
-    the state at the start of the static step: the solution is one of the static equations, whatever
-    the way. Near the limit of what joints carry, and where rigid joints open, Newton's method may
+    from the x0 of the last one, until the inertia is next to nothing. Laws are asked from the state
+    at the start of the static step: the solution is one of the static equations, whatever the way.
+    Near the limit of what joints carry, and where rigid joints open, Newton's method may
     go round in circles between sets of open and sliding points; inertia lets few of them change at
     a time. A mechanism moves on and on, and fails in the end.
 

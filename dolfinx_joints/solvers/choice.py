@@ -50,7 +50,7 @@ def make_solver(
         kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws have
             condensed forms, monolithic elsewhere and where the bulk is solved by iteration and
             joints are not too stiff beside its elements (`LARGEST_RATIO`); in statics, where
-            that does not converge, the other as well unless joints are rigid, then pseudo-time.
+            that does not converge, the other where it can, then pseudo-time.
             ``forms`` is monolithic with the joints by interior-facet integrals, a reference.
         rule: Response that the time scheme will ask the laws for.
         static_steps: Number of solves with K alone that are to come; 0 in dynamics.
@@ -66,7 +66,7 @@ def make_solver(
         )
     if kind == "forms" and contact is not None:
         return NewtonSolver(_by_forms(system, contact), options, name="forms")
-    if system.bulk is not None or kind == "monolithic" or contact is None:
+    if kind == "monolithic" or contact is None:
         return NewtonSolver(system, options)
     missing = contact.not_condensed(rule)
     if missing and (kind == "condensed" or rigid):
@@ -74,23 +74,23 @@ def make_solver(
         raise JointsError(
             f"{why}The condensed solver needs laws with condensed forms; {missing[0]} has none."
         )
-    if missing:
-        return NewtonSolver(system, options)
 
-    def condensed() -> StepSolver:
+    def condensed(*_: StepSolver) -> StepSolver:
         return InterfaceSolver(system, _for_steps(options, contact, static_steps))
 
-    def monolithic() -> StepSolver:
+    def monolithic(*_: StepSolver) -> StepSolver:
         return NewtonSolver(system, options)
 
-    def whole() -> StepSolver:
+    def whole(*_: StepSolver) -> StepSolver:
         return WholeSolver(system, options)
 
-    first, second = condensed, monolithic
-    if kind == "auto" and _takes_whole(system, contact, options or SolverOptions()):
-        first, second = whole, condensed
+    solvers = [condensed] if rigid else [condensed, monolithic]
+    if system.bulk is not None or missing:
+        solvers = [monolithic]
+    elif kind == "auto" and _takes_whole(system, contact, options or SolverOptions()):
+        solvers = [whole, condensed]
+    first, *others = solvers
     if static_steps and kind == "auto":
-        others = [] if rigid else [lambda _: second()]
         return FirstThatWorks(first(), *others, PseudoTime)
     return first()
 

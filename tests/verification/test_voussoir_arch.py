@@ -196,11 +196,14 @@ def simulation(
     friction=1.0,
     shear=1.0,
     rigidity=1e4,
-    rigid=False,
+    law=dj.FrictionNoTension,
 ):
     """The arch under self weight, t/R given, k_s = shear k_n and E = rigidity k_n t."""
     angle = math.degrees(math.atan(friction))
     t = thickness * RADIUS
+    stiffness = {"normal_stiffness": K_N, "shear_stiffness": shear * K_N}
+    if law is dj.RigidJoint:
+        stiffness = {}
     with TemporaryDirectory() as folder:
         path = Path(folder) / "arch.msh"
         shape = {"radius": RADIUS, "thickness": t, "voussoirs": voussoirs, "width": width}
@@ -210,11 +213,7 @@ def simulation(
     model = dj.Model(
         jointed,
         material=dj.Elastic(young=rigidity * K_N * t, poisson=0.2, density=DENSITY),
-        joints=dj.RigidJoint(friction_angle_deg=angle)
-        if rigid
-        else dj.FrictionNoTension(
-            normal_stiffness=K_N, shear_stiffness=shear * K_N, friction_angle_deg=angle
-        ),
+        joints=law(friction_angle_deg=angle, **stiffness),
         supports=[dj.Fixed(group="base")],
         loads=[dj.Gravity()],
         quadrature=quadrature,
@@ -336,10 +335,14 @@ def test_least_thickness_with_gauss_points_by_hand():
 
 @pytest.mark.parametrize("rigidity", [1.0, 10.0, 1e6])
 @pytest.mark.parametrize("shear", [0.1, 10.0])
-def test_the_limit_depends_on_no_stiffness(shear, rigidity):
-    """Over the ratios k_s/k_n and E/(k_n t); k_n itself only scales the displacements."""
+@pytest.mark.parametrize("law", [dj.FrictionNoTension, dj.MohrCoulombJoint])
+def test_the_limit_depends_on_no_stiffness(law, shear, rigidity):
+    """Over the ratios k_s/k_n and E/(k_n t); k_n itself only scales the displacements.
+
+    A Mohr-Coulomb joint without strength is the same joint, by the monolithic solver alone.
+    """
     limit = limit_thickness(9, chords=1)
-    more = {"divisions": (1, 2, 1), "shear": shear, "rigidity": rigidity}
+    more = {"divisions": (1, 2, 1), "shear": shear, "rigidity": rigidity, "law": law}
     for above in (1.0, 2.0, 5.0):  # soft blocks: Newton's method alone finds one or the other
         assert stands(limit * (1.0 + above * BAND), 9, **more)
     assert not stands(limit * (1.0 - BAND), 9, **more)
@@ -351,7 +354,7 @@ def test_arches_of_rigid_joints(voussoirs, divisions):
     """The same limit, and equilibrium: Newton's method alone goes round in circles."""
     limit = limit_thickness(voussoirs, chords=1)
     for thickness in (1.0 + BAND, 1.1):
-        more = {"divisions": divisions, "rigidity": 1.0, "rigid": True}
+        more = {"divisions": divisions, "rigidity": 1.0, "law": dj.RigidJoint}
         run = simulation(thickness * limit, voussoirs, **more)
         joints = run.statics().joints
         shape = Semicircle(voussoirs=voussoirs, thickness=thickness * limit, chords=1)

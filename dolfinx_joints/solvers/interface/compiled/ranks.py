@@ -83,6 +83,13 @@ def lengths_of(counts: Any) -> Lengths:
 
 
 @part
+def _check(code: int) -> None:
+    """Raise where a function of MPI returns an error, as those of mpi4py do."""
+    if code != 0:
+        raise RuntimeError("MPI has failed between the ranks of the joint iteration.")
+
+
+@part
 def each_of_ranks(ranks: Ranks, mine: Floats) -> Floats:
     """Values of all ranks, shape (ranks, n), in room that the next call takes (collective)."""
     count = len(mine)
@@ -90,14 +97,16 @@ def each_of_ranks(ranks: Ranks, mine: Floats) -> Floats:
     if ranks.size == 1:
         every[:] = mine
     else:
-        _allgather(
-            mine.ctypes.data,
-            np.int32(8 * count),
-            ranks.byte,
-            every.ctypes.data,
-            np.int32(8 * count),
-            ranks.byte,
-            ranks.comm,
+        _check(
+            _allgather(
+                mine.ctypes.data,
+                np.int32(8 * count),
+                ranks.byte,
+                every.ctypes.data,
+                np.int32(8 * count),
+                ranks.byte,
+                ranks.comm,
+            )
         )
     return every.reshape((ranks.size, count))
 
@@ -137,15 +146,17 @@ def put_together(
     """
     if ranks.size == 1:
         return mine
-    _allgatherv(
-        mine.ctypes.data,
-        lengths.counts[ranks.rank],
-        ranks.byte,
-        every.ctypes.data,
-        lengths.counts.ctypes.data,
-        lengths.starts.ctypes.data,
-        ranks.byte,
-        ranks.comm,
+    _check(
+        _allgatherv(
+            mine.ctypes.data,
+            lengths.counts[ranks.rank],
+            ranks.byte,
+            every.ctypes.data,
+            lengths.counts.ctypes.data,
+            lengths.starts.ctypes.data,
+            ranks.byte,
+            ranks.comm,
+        )
     )
     return every
 
@@ -154,14 +165,16 @@ def put_together(
 def exchange(ranks: Ranks, gone: NDArray[Any], lengths: Lengths, come: NDArray[Any]) -> None:
     """Send each rank its part of an array, and get as much from it (collective)."""
     counts, starts = lengths.counts.ctypes.data, lengths.starts.ctypes.data
-    _alltoallv(
-        gone.ctypes.data,
-        counts,
-        starts,
-        ranks.byte,
-        come.ctypes.data,
-        counts,
-        starts,
-        ranks.byte,
-        ranks.comm,
+    _check(
+        _alltoallv(
+            gone.ctypes.data,
+            counts,
+            starts,
+            ranks.byte,
+            come.ctypes.data,
+            counts,
+            starts,
+            ranks.byte,
+            ranks.comm,
+        )
     )

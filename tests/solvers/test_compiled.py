@@ -26,9 +26,10 @@ from dolfinx_joints import (
     SolverOptions,
     frictionless,
 )
+from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.solvers.interface import corrections
-from dolfinx_joints.solvers.interface.compiled import deflation, krylov, products, steps
+from dolfinx_joints.solvers.interface.compiled import deflation, krylov, products, ranks, steps
 from dolfinx_joints.solvers.interface.compiled.steps import CompiledSteps
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 
@@ -221,3 +222,17 @@ def _called(function: Any, *arguments: Any) -> Any:
         return function(*arguments)
 
     return call(*arguments)
+
+
+@pytest.mark.mpi
+def test_errors_of_mpi_are_raised():
+    """A negative length is one of MPI's own errors."""
+
+    @njit
+    def exchange(every: Any, gone: Any, lengths: Any, come: Any) -> None:
+        ranks.exchange(every, gone, lengths, come)
+
+    comm, numbers = MPI.COMM_WORLD, np.zeros(MPI.COMM_WORLD.size)
+    wrong = ranks.lengths_of(np.full(comm.size, -8))
+    with pytest.raises(RuntimeError, match="MPI has failed"):
+        exchange(ranks.ranks_of(comm), numbers, wrong, numbers.copy())

@@ -50,7 +50,8 @@ def make_solver(
         kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws have
             condensed forms, monolithic elsewhere and where the bulk is solved by iteration and
             joints are not too stiff beside its elements (`LARGEST_RATIO`); in statics, where
-            that does not converge, the other where it can, then pseudo-time.
+            that does not converge, the other where it can, then pseudo-time (not where cells
+            are plastic).
             ``forms`` is monolithic with the joints by interior-facet integrals, a reference.
         rule: Response that the time scheme will ask the laws for.
         static_steps: Number of solves with K alone that are to come; 0 in dynamics.
@@ -66,7 +67,7 @@ def make_solver(
         )
     if kind == "forms" and contact is not None:
         return NewtonSolver(_by_forms(system, contact), options, name="forms")
-    if kind == "monolithic" or contact is None:
+    if system.bulk is not None or kind == "monolithic" or contact is None:
         return NewtonSolver(system, options)
     missing = contact.not_condensed(rule)
     if missing and (kind == "condensed" or rigid):
@@ -85,7 +86,7 @@ def make_solver(
         return WholeSolver(system, options)
 
     solvers = [condensed] if rigid else [condensed, monolithic]
-    if system.bulk is not None or missing:
+    if missing:
         solvers = [monolithic]
     elif kind == "auto" and _takes_whole(system, contact, options or SolverOptions()):
         solvers = [whole, condensed]

@@ -21,12 +21,15 @@ class FirstThatWorks:
     Args:
         first: Asked first.
         others: Make the others, each when first needed, from the one before.
+
+    Attributes:
+        asks_last: Whether the last of several is asked as well.
     """
 
     def __init__(self, first: StepSolver, *others: Callable[[StepSolver], StepSolver]) -> None:
         """Make nothing yet."""
         self.system, self.name, self.options = first.system, first.name, first.options
-        self._solvers, self._others = [first], others
+        self._solvers, self._others, self.asks_last = [first], others, True
 
     def solve(
         self,
@@ -39,10 +42,11 @@ class FirstThatWorks:
         """Solve for ``x`` in place; see `NewtonSolver.solve` (collective).
 
         Raises:
-            ConvergenceError: None converged; what is said is of the nearest one.
+            ConvergenceError: None converged; what is said is of the nearest one but the last, whose
+                residual may be relative to forces of what has moved far.
         """
         start, failures = x.copy(), []
-        for i in range(len(self._others) + 1):
+        for i in range(len(self._others) + self.asks_last):
             if i == len(self._solvers):
                 self._solvers.append(self._others[i - 1](self._solvers[-1]))
             start.copy(x)
@@ -55,7 +59,7 @@ class FirstThatWorks:
             except JointsError:
                 if not failures:
                     raise
-        raise min(failures, key=_distance) from None
+        raise min(failures[: len(self._others)], key=_distance) from None
 
     def state_dict(self) -> dict[str, Any]:
         """That of the first solver; the others keep nothing."""

@@ -36,7 +36,8 @@ class PseudoTime:
     at the start of the static step: the solution is one of the static equations, whatever the way.
     Near the limit of what joints carry, and where rigid joints open, Newton's method may
     go round in circles between sets of open and sliding points; inertia lets few of them change at
-    a time. A mechanism moves on and on, and fails in the end.
+    a time. A mechanism moves on and on, and fails in the end. Not for plastic cells: beside the K x
+    of what flows without end, no force is too large to be neglected.
 
     Args:
         inner: Takes the steps.

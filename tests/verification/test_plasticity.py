@@ -164,6 +164,27 @@ def test_plane_strain_compression(comm, kind, degree):
     assert -model.resultant(state.reaction, "y+")[1] == pytest.approx(LIMIT, rel=1e-10)
 
 
+@pytest.mark.parametrize("kind", ["quadrilateral", "hexahedron"])
+def test_pressure_beyond_the_limit_is_refused(comm, kind):
+    """With a joint, by forces: of all loads together 0.95 of the limit stands, 1.05 does not."""
+    jointed = block(comm, kind, joint=True)
+    plane = {"plane": "strain"} if jointed.mesh.geometry.dim == 2 else {}
+    axes = "xyz"[: jointed.mesh.geometry.dim]
+
+    def statics(share):
+        loads = [Pressure(group=f"{a}+", value=SIDE) for a in axes[:-1]]
+        loads.append(Pressure(group=f"{axes[-1]}+", value=share * LIMIT))
+        plates = [Fixed(group=f"{a}-", components=a) for a in axes]
+        rocks = rock(fit="plane strain") if plane else rock()
+        return Simulation(
+            Model(jointed, material=rocks, joints=LAW, supports=plates, loads=loads, **plane)
+        ).statics()
+
+    statics(0.95)
+    with pytest.raises(ConvergenceError, match=r"load factor 0\.9"):
+        statics(1.05)
+
+
 def quarter_tube(comm, cells):
     """Radii 1 and 2 m, the right angle between planes of symmetry."""
     mesh = dmesh.create_rectangle(

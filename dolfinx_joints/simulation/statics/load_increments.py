@@ -22,11 +22,14 @@ class Increment:
         time: Time [s] of the loads, None for a ramp at time zero.
         share: Of the way from the loads before to those at this time.
         whole: Whether the load step ends here.
+        last_resort: Whether all solvers are asked, however long they take: of a whole step, and of
+            the shortest increment.
     """
 
     time: float | None
     share: float
     whole: bool
+    last_resort: bool
 
 
 class LoadIncrements:
@@ -60,7 +63,8 @@ class LoadIncrements:
                 end = done + (FINEST >> self._level)
                 whole = end == FINEST
                 part = share if whole else start + (share - start) * end / FINEST
-                yield Increment(time=time, share=part, whole=whole)
+                last = FINEST >> self._level in (1, FINEST)
+                yield Increment(time=time, share=part, whole=whole, last_resort=last)
                 if self._again:
                     self._again = False
                     continue

@@ -27,6 +27,7 @@ from dolfinx_joints.simulation.statics.load_increments import LoadIncrements
 from dolfinx_joints.simulation.statics.unfinished import Unfinished
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC
+from dolfinx_joints.solvers.first_that_works import FirstThatWorks
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, StepSolver
 from dolfinx_joints.time_integration.products import Products
 
@@ -70,7 +71,7 @@ def march(
         idle = None if contact is None else contact.without(stage.idle)
         system = _holding(replace(system, contact=idle), before, stage.dofs)
     solver: StepSolver | JointWaterIteration
-    solver = make_solver(system, options, kind, static_steps=len(path))
+    solver = chosen = make_solver(system, options, kind, static_steps=len(path))
     u = system.stiffness.createVecRight()
     u.set(0.0)
     joints = system.internal_forces.at_rest(u) if system.internal_forces else None
@@ -113,6 +114,8 @@ def march(
         b.waxpy(-1.0, elastic_force, load)
         x.set(0.0)
         x.getArray()[fixed] = at_supports - u.array[fixed]
+        if isinstance(chosen, FirstThatWorks):
+            chosen.asks_last = increment.last_resort
         try:
             response, report = solver.solve(STATIC, b, x, joints)
             products = Products(system, STATIC, b, x, response)

@@ -10,6 +10,7 @@ import numpy as np
 
 from dolfinx_joints import Results
 from dolfinx_joints.postprocessing import measures, plots
+from dolfinx_joints.postprocessing.axes import entitle
 from studies.profiles import traction_profile
 from studies.tables import POINT
 
@@ -68,7 +69,7 @@ def response_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
             low, high = np.array([ax.get_ylim() for ax in axes]).T
             for j, (ax, name) in enumerate(zip(axes, names, strict=True)):
                 ax.set_ylim(low.min(), high.max())
-                ax.set_title(f"{ax.get_title(loc='left')}, {name}", loc="left")
+                entitle(ax, f"{ax.get_title(loc='left')}\n{name}")
                 number = start + 2 * k + j
                 written.append(plots.save(ax.figure, out / f"figure_{number:02d}.png"))
     return written

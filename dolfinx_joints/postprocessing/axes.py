@@ -63,12 +63,16 @@ def _shown_classes() -> tuple[type, type]:
 def decorate(ax: Axes, xlabel: str, ylabel: str, *, grid: bool = True) -> None:
     """Label the axes and give them the look of all figures here."""
     ax.set(xlabel=xlabel, ylabel=ylabel)
-    ax.title.set_fontsize("medium")
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
     if grid:
         ax.grid(color="0.9", linewidth=0.6)
         ax.set_axisbelow(True)
+
+
+def entitle(ax: Axes, text: str, *, over_legend: bool = False) -> None:
+    """A title at the left, in a line of its own over a legend that is ``above``."""
+    ax.set_title(text, loc="left", fontsize="medium", pad=20.0 if over_legend else None)
 
 
 def legend(ax: Axes, where: str = "inside") -> None:

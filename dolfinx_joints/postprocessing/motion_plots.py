@@ -24,6 +24,7 @@ from dolfinx_joints.postprocessing.axes import (
     DampingRatio,
     Periods,
     decorate,
+    entitle,
     legend,
     new_axes,
     plain_periods,
@@ -68,7 +69,7 @@ def history(
         }[quantity][:, COMPONENTS.index(component)]
         ax.plot(each.time, values, color=colour, linewidth=0.8, label=label)
     decorate(ax, "time [s]", f"{quantity} {component} [{_UNITS[quantity]}]")
-    ax.set_title(f"{motion.name}: {quantity} {component}", loc="left")
+    entitle(ax, f"{motion.name}: {quantity} {component}")
     ax.margins(x=0.0)
     if reference is not None:
         legend(ax)
@@ -107,7 +108,7 @@ def response_spectra(
     if target is not None:
         ax.plot(target[0], np.asarray(target[1]) / STANDARD_GRAVITY, color="black", label="target")
     decorate(ax, "period [s]", "pseudo-acceleration [g]")
-    ax.set_title(f"{motion.name}: response spectra, {damping_ratio:.0%} damping", loc="left")
+    entitle(ax, f"{motion.name}: response spectra, {damping_ratio:.0%} damping")
     plain_periods(ax)
     ax.set_xlim(natural.min(), natural.max())
     ax.set_ylim(bottom=0.0)

@@ -37,6 +37,7 @@ from dolfinx_joints.postprocessing.axes import (
     DampingRatio,
     Periods,
     decorate,
+    entitle,
     legend,
     new_axes,
     new_figure,
@@ -143,9 +144,10 @@ def history(
     since = "\nfrom the static state" if from_static else ""
     decorate(ax, "time [s]", rf"displacement {component}{since} [$10^{{-3}}$ m]")
     title = f"{point_name(results, point)}: displacement {component}"
-    ax.set_title(f"{title}, {_frames(drawn, relative_to)}", loc="left")
+    over = reference is not None
+    entitle(ax, f"{title}, {_frames(drawn, relative_to)}", over_legend=over)
     ax.margins(x=0.0)
-    if reference is not None:
+    if over:
         legend(ax, "above")
     return ax
 
@@ -181,7 +183,7 @@ def fourier(
         ax.plot(frequency, 1e3 * amplitude, **style)
     decorate(ax, "frequency [Hz]", rf"amplitude of {component} [$10^{{-3}}$ m s]")
     title = f"{point_name(results, point)}: Fourier amplitude of displacement {component}"
-    ax.set_title(f"{title}, {_frames(drawn, relative_to)}", loc="left")
+    entitle(ax, f"{title}, {_frames(drawn, relative_to)}")
     ax.set_xlim(0.0, max_frequency)
     ax.set_ylim(bottom=0.0)
     legend(ax)
@@ -235,10 +237,8 @@ def response_spectra(
         ax.axvspan(*ends, color="0.93", zorder=0, label=name)
     decorate(ax, "period [s]", f"pseudo-acceleration {component} [g]")
     name = point_name(results, point)
-    ax.set_title(
-        f"{name}: response spectra in {component}, {damping_ratio:.0%} damping, {band_name(band)}",
-        loc="left",
-    )
+    said = f"{damping_ratio:.0%} damping, {band_name(band)}"
+    entitle(ax, f"{name}: response spectra in {component}, {said}")
     plain_periods(ax)
     ax.margins(x=0.0)
     ax.set_ylim(bottom=0.0)
@@ -269,7 +269,7 @@ def joint_traction(
     values = map_value(results, joint, quantity, number)
     patches = draw_map(ax, surface, values, quantity, colour_limits(values))
     ax.set_aspect("equal", adjustable="datalim")  # narrow joints leave room for words
-    ax.set_title(f"{joint} {moment}")
+    ax.set_title(f"{joint} {moment}", fontsize="medium")
     colour_bar = ax.figure.colorbar(patches, ax=ax, shrink=0.85)
     colour_bar.set_label(LABELS[quantity].replace(", ", "\n"))
     areas = results.static(f"joints/{joint}/areas")
@@ -298,7 +298,7 @@ def energies(results: Results, *, ax: Axes | None = None) -> Axes:
             label = f"error, within {np.abs(values).max() / largest:.1e} of the largest"
         ax.plot(time, values / factor, linestyle=style, color=colour, linewidth=1.2, label=label)
     decorate(ax, "time [s]", f"energy [{unit}]")
-    ax.set_title("energy balance", loc="left")
+    entitle(ax, "energy balance")
     ax.margins(x=0.0)
     legend(ax, "below")
     return ax
@@ -313,7 +313,7 @@ def joint_states(results: Results, *, ax: Axes | None = None) -> Axes:
         share = 100.0 * results.series("histories", f"joint_{state}")
         ax.plot(time, share, color=colour, linewidth=1.0, label=label)
     decorate(ax, "time [s]", "share of joint points [%]")
-    ax.set_title("state of the joints", loc="left")
+    entitle(ax, "state of the joints")
     ax.set_ylim(bottom=0.0)
     ax.margins(x=0.0)
     legend(ax, "above")

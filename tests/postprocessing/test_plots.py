@@ -5,6 +5,7 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,8 @@ from dolfinx_joints.results.reader import ENERGY_TERMS, Results
 from dolfinx_joints.results.writer import ResultsWriter
 
 pytest.importorskip("matplotlib")
+
+from matplotlib.text import Text
 
 MU = np.tan(np.deg2rad(30.0))
 HEIGHT, THICKNESS, ROWS = 8.0, 2.0, 4
@@ -116,6 +119,21 @@ def test_history_is_in_millimetres_with_its_reference(results: Results, tmp_path
     assert ax.get_xlim() == pytest.approx((0.0, 3.995))
     assert ax.get_legend() is not None
     assert plots.history(results, 0, "z").get_legend() is None
+
+
+@pytest.mark.parametrize("draw", [plots.history, plots.fourier])
+def test_titles_are_whole_and_in_front_of_nothing(draw: Any, results: Results) -> None:
+    ax = draw(results, "crest", "x", reference=results)
+    ax.figure.draw_without_rendering()
+    (title,) = (
+        child
+        for child in ax.get_children()
+        if isinstance(child, Text) and child.get_text() == ax.get_title(loc="left")
+    )
+    place = title.get_window_extent()
+    assert 0.0 < place.x0 < place.x1 < ax.figure.bbox.x1
+    assert place.y1 < ax.figure.bbox.y1
+    assert not place.overlaps(ax.get_legend().get_window_extent())
 
 
 def test_fourier_amplitude_has_its_peak_at_the_sine(results: Results) -> None:

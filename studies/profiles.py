@@ -66,7 +66,10 @@ def traction_profile(
     ax.axvline(0.0, color=GREY, linewidth=0.8)
     unit = "[-], 1: open" if quantity == "ratio" else "[MPa]"
     decorate(ax, f"{'ratio' if quantity == 'ratio' else 'traction'} {unit}", surface.labels[1])
-    ax.set_title(f"{joint} at t = {results.time('states')[number]:.3f} s, {position:.0%} of width")
+    ax.set_title(
+        f"{joint} at t = {results.time('states')[number]:.3f} s, {position:.0%} of width",
+        fontsize="medium",
+    )
     legend(ax, "below")
     return ax
 

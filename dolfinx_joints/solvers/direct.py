@@ -183,16 +183,23 @@ class DirectSolver:
             self._create()
             self._options[WORKSPACE] = MORE_WORKSPACE
             failure = self._factor()
-        if failure == OUT_OF_MEMORY:
-            raise JointsError(f"{NO_MEMORY}{reported_by_package(self._ksp.getPC())}.")
-        if failure in ZERO_PIVOT:
-            why = why_singular(self._matrix)
-            raise JointsError(why[:-1] + reported_by_package(self._ksp.getPC()) + why[-1])
         if failure:
-            reason = reported_by_package(self._ksp.getPC()) or f"; PETSc's reason is {failure}"
-            raise JointsError(f"The matrix could not be factored{reason}.")
+            self._raise(failure)
         self._stale = False
         return True
+
+    def _raise(self, failure: int) -> None:
+        """Tell why the matrix was not factored, ready for another: MUMPS keeps its errors."""
+        reported = reported_by_package(self._ksp.getPC())
+        self._ksp.destroy()
+        self._create()
+        if failure == OUT_OF_MEMORY:
+            raise JointsError(f"{NO_MEMORY}{reported}.")
+        if failure in ZERO_PIVOT:
+            why = why_singular(self._matrix)
+            raise JointsError(why[:-1] + reported + why[-1])
+        reason = reported or f"; PETSc's reason is {failure}"
+        raise JointsError(f"The matrix could not be factored{reason}.")
 
     def _factor(self) -> int:
         """Factor the matrix; PETSc's reason of a failure, or 0."""

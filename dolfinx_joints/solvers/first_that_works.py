@@ -55,11 +55,12 @@ class FirstThatWorks:
             except ConvergenceError as failure:
                 if failure.law is not None:
                     raise
-                failures.append(failure)
+                if i < len(self._others):
+                    failures.append(failure)
             except JointsError:
                 if not failures:
                     raise
-        raise min(failures[: len(self._others)], key=_distance) from None
+        raise min(failures, key=_distance) from None
 
     def state_dict(self) -> dict[str, Any]:
         """That of the first solver; the others keep nothing."""

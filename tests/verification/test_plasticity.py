@@ -181,8 +181,9 @@ def test_pressure_beyond_the_limit_is_refused(comm, kind):
         ).statics()
 
     statics(0.95)
-    with pytest.raises(ConvergenceError, match=r"load factor 0\.9"):
-        statics(1.05)
+    for share in (1.001, 1.05):  # the tangent of what flows is singular
+        with pytest.raises(ConvergenceError, match=r"load factor 0\.9"):
+            statics(share)
 
 
 def quarter_tube(comm, cells):

@@ -17,6 +17,7 @@ from llvmlite import binding
 from numba import types
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.kernels import part
 
 Floats = NDArray[np.float64]
@@ -86,7 +87,7 @@ def lengths_of(counts: Any) -> Lengths:
 def _check(code: int) -> None:
     """Raise where a function of MPI returns an error, as those of mpi4py do."""
     if code != 0:
-        raise RuntimeError("MPI has failed between the ranks of the joint iteration.")
+        raise JointsError("MPI has failed between the ranks of the joint iteration.")
 
 
 @part

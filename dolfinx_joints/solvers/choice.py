@@ -50,9 +50,9 @@ def make_solver(
         kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws have
             condensed forms, monolithic elsewhere and where the bulk is solved by iteration and
             joints are not too stiff beside its elements (`LARGEST_RATIO`); in statics, where
-            that does not converge, the other where it can, then pseudo-time (not where cells
-            are plastic).
-            ``forms`` is monolithic with the joints by interior-facet integrals, a reference.
+            that does not converge, the other where it can, then pseudo-time. Plastic cells take
+            the monolithic one alone. ``forms`` is that with the joints by interior-facet
+            integrals, a reference.
         rule: Response that the time scheme will ask the laws for.
         static_steps: Number of solves with K alone that are to come; 0 in dynamics.
     """

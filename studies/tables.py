@@ -58,6 +58,8 @@ def print_tables(linear: Results, joints: Results) -> dict[str, Any]:
     print(f"mid-crest, strong phase until {until:.2f} s     linear   with joints   ratio")
     for name, (one, other, ratio) in rows.items():
         print(f"{name:<40} {one:8.3f}     {other:8.3f}  {ratio:6.2f}")
+    width = measures.fourier_peaks(linear, POINT, "x").bin_width
+    print(f"Fourier peaks stand at multiples of {width:.2g} Hz, one over the duration of the run.")
     print("joint      largest opening [mm]   largest slip [mm]   largest pressure [MPa]")
     for name, (opening, slip, pressure) in each.items():
         print(f"{name:<10} {opening:20.3f} {slip:19.3f} {pressure:24.3f}")

@@ -39,8 +39,6 @@ from dolfinx_joints.geometry.meshing.extrusion import (
 )
 from dolfinx_joints.geometry.meshing.plane_mesh import write_plane
 
-PLANE_CELLS = ("quad", "tri")
-
 
 @checked
 def inclined_crack(

@@ -117,15 +117,6 @@ def check_choice(name: str, value: Any, known: Collection[str]) -> None:
     check_kind_of(name, value, good, f"one of {', '.join(known)}")
 
 
-def check_function(name: str, value: Any, of: str = "time") -> None:
-    """Check that a value is a function.
-
-    Raises:
-        ValueError: It is not.
-    """
-    check_kind_of(name, value, callable(value), f"a function of {of}")
-
-
 def is_plain_name(text: str) -> bool:
     """Whether a name is one of the `PLAIN_NAMES`, which can be a part of a path in a file."""
     if not text.strip(". ") or text != text.strip() or "/" in text:

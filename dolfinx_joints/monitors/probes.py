@@ -183,7 +183,7 @@ class PointProbe:
         if distance > FAR * size:
             at_node = as_text(there, V)
             texts.append(f"at the node {at_node}, {distance:.3g} m away (cells: {size:.3g} m)")
-        if len(every) > 1:
+        if len(every) > 1 and self.sides[-1]:
             which = " and ".join(self.sides[-1])
             texts.append(f"on the side {which}, as dj.Probe(place, group=...) does not say which")
         self.moved.append(f"{place} is read {', and '.join(texts)}" if texts else "")

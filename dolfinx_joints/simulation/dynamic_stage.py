@@ -36,7 +36,7 @@ from dolfinx_joints.time_integration.midpoint import EnergyConsistent
 from dolfinx_joints.time_integration.reduced_steps import ReducedSteps
 from dolfinx_joints.time_integration.reduced_values import Expanded
 from dolfinx_joints.time_integration.scheme import Scheme, StepReport
-from dolfinx_joints.time_integration.states import DynamicState
+from dolfinx_joints.time_integration.states import DynamicState, with_means
 from dolfinx_joints.time_integration.substeps import StepControl, Stepper
 
 if TYPE_CHECKING:
@@ -106,6 +106,7 @@ class DynamicRun:
         self._settings, self._warnings = dict(settings or {}), list(model.doubts)
         self._stages = stages
         self._progress: Progress | None = None
+        self._acting: DynamicState | None = None
 
     def start(self) -> None:
         """Start the monitors."""
@@ -150,7 +151,7 @@ class DynamicRun:
 
     def take(self, dt: float, end: float) -> StepReport:
         """Take a step of length dt to the time ``end`` [s] and account for every substep."""
-        self._substeps = 0
+        self._substeps, self._acting = 0, None
         if self._progress is None:
             rank = self.model.jointed.mesh.comm.rank
             self._progress = Progress("dynamic stage", self._steps, "steps", rank, self.step)
@@ -159,6 +160,8 @@ class DynamicRun:
             self.state = after
             if after.joints is not None:
                 self._watch.see(after.joints.state.gap)
+            if report.dt < dt and self._stepper.forces_over_steps:
+                self._acting = with_means(self._acting, self._whole(after), report.dt / dt)
             self._substeps += 1
             self._iterations += report.solve.iterations
             self._local_error = max(self._local_error, report.local_error)
@@ -195,7 +198,7 @@ class DynamicRun:
             reservoir_pressure=None
             if coupled is None
             else partial(coupled.pressures, self.state.velocity),
-            joints=self.state.joints,
+            joints=(self._acting or self.state).joints,
             motion=self._motion,
             free_surface=self._free_surface,
             static_part=self._static_part,
@@ -207,10 +210,14 @@ class DynamicRun:
             pressure=partial(self._pressure, self.state) if in_joints else None,
         )
 
+    def _whole(self, state: DynamicState) -> DynamicState:
+        """State of the whole body (collective)."""
+        return state if self._reduced is None else self._reduced.whole(state)
+
     def _vectors(self) -> DynamicState | Expanded:
         """The state of the body."""
-        state, coupled = self.state, self._solver.system.coupled
-        if self._reduced is not None:
+        state, coupled = self._acting or self.state, self._solver.system.coupled
+        if self._reduced is not None and self._acting is None:
             return self._reduced.shown(state)
         if coupled is None:
             return state
@@ -277,7 +284,7 @@ class DynamicRun:
         # A body at rest: both are rounding.
         moved = self._largest > 1e-10 * self._solver.system.norm(self.origin)
         return Outcome(
-            state=self._reduced.whole(self.state) if self._reduced else self.state,
+            state=self._whole(self.state),
             energy=self._ledger.row,
             energy_error=self._ledger.relative_error,
             imbalance=self._ledger.relative_imbalance if self._conserves else None,

@@ -47,22 +47,24 @@ class _Midpoint:
     rule: ClassVar[Rule] = DISCRETE_GRADIENT
     exact_modes: ClassVar[int] = 0
     spectral_radius: ClassVar[float] = 1.0
+    forces_over_steps: ClassVar[bool] = True
 
     def conserves(self, system: MatrixSystem) -> bool:
         """Whether the balance is exact: where K has an energy."""
         return system.symmetric
 
     def advance(
-        self, solver: StepSolver, state: DynamicState, dt: float
+        self, solver: StepSolver, state: DynamicState, dt: float, end: float | None = None
     ) -> tuple[DynamicState, StepReport]:
-        """One step of length dt [s] (collective)."""
+        """One step; see `Scheme.advance` (collective)."""
         if solver.system.bulk is not None and self.rule != DISCRETE_GRADIENT:
             raise ValueError(
                 f"{type(self).__name__} asks laws for the end of steps that the body takes in the "
                 "middle, which plastic cells cannot do; take EnergyConsistent."
             )
         rule = self.rule.over(dt)
-        step = _Step(solver.system, state, dt, self.exact_modes, self.spectral_radius)
+        end = state.time + dt if end is None else end
+        step = _Step(solver.system, state, dt, end, self.exact_modes, self.spectral_radius)
         joints, solve = solver.solve(step.effective, step.known, step.x, step.joints, rule)
         products = step.products(joints)
         after = step.state_after(products, joints)
@@ -114,13 +116,19 @@ class _Step:
     """
 
     def __init__(
-        self, system: MatrixSystem, state: DynamicState, dt: float, modes: int, radius: float
+        self,
+        system: MatrixSystem,
+        state: DynamicState,
+        dt: float,
+        end: float,
+        modes: int,
+        radius: float,
     ) -> None:
-        """Set up the step of length dt [s] from a state (collective).
+        """Set up the step of length dt [s] from a state to a time [s] (collective).
 
         It is exact in some modes, with a spectral radius at infinity of the rest.
         """
-        self._system, self._dt, self._time = system, dt, state.time + dt
+        self._system, self._dt, self._time = system, dt, end
         self._rate = rate = exact_square(2.0 / dt)
         self._before = state = scaled(system, state, modes, rate)
         self.effective = midpoint_coefficients(rate, radius, modes)

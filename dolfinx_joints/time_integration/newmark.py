@@ -30,6 +30,7 @@ class _Alpha:
     """
 
     rule: ClassVar[Rule] = BACKWARD_EULER
+    forces_over_steps: ClassVar[bool] = False
 
     @property
     def alpha_m(self) -> float:
@@ -57,10 +58,10 @@ class _Alpha:
         return average and system.symmetric and system.values is None
 
     def advance(
-        self, solver: StepSolver, state: DynamicState, dt: float
+        self, solver: StepSolver, state: DynamicState, dt: float, end: float | None = None
     ) -> tuple[DynamicState, StepReport]:
-        """One step of length dt [s] (collective)."""
-        system, time = solver.system, state.time + dt
+        """One step; see `Scheme.advance` (collective)."""
+        system, time = solver.system, state.time + dt if end is None else end
         share = 1.0 - self.alpha_f
         of_mass, of_damping = 1.0 / (self.beta * dt**2), self.gamma / (self.beta * dt)
         # a1 = of_mass x + a_known and v1 = of_damping x + v_known.

@@ -105,6 +105,7 @@ class ReducedSteps:
         assert isinstance(solver, InterfaceSolver)
         self._options, self._scheme, self._solver = options, scheme, solver
         self.rule: Rule = scheme.rule
+        self.forces_over_steps = scheme.forces_over_steps
         self._effective = _coefficients(dt)
         shapes = whole_groups(replace(system, contact=None), options.modes).shapes
         if not shapes:
@@ -136,14 +137,14 @@ class ReducedSteps:
         return self._scheme.conserves(system)
 
     def advance(
-        self, solver: StepSolver, state: DynamicState, dt: float
+        self, solver: StepSolver, state: DynamicState, dt: float, end: float | None = None
     ) -> tuple[DynamicState, StepReport]:
-        """One step of length dt [s], of a state of coordinates (collective).
+        """One step of a state of coordinates; see `Scheme.advance` (collective).
 
         Responses to joint forces are those of steps of one length: the whole body takes all others.
         """
         if self._go_on_whole or _coefficients(dt) != self._effective:
-            return self._by_whole_body(state, dt)
+            return self._by_whole_body(state, dt, end)
         state = self._renewed(state)
         if self._reduced is None:
             self._reduced = InterfaceSolver(
@@ -151,21 +152,23 @@ class ReducedSteps:
                 self._solver.options,
             )
         try:
-            after, report = self._scheme.advance(self._reduced, state, dt)
+            after, report = self._scheme.advance(self._reduced, state, dt, end)
         except ConvergenceError:
-            return self._by_whole_body(state, dt)
+            return self._by_whole_body(state, dt, end)
         error = self._relative(self._missed(state, after), after)
         if error > self._options.tolerance:
-            return self._by_whole_body(state, dt)
+            return self._by_whole_body(state, dt, end)
         self.counts.reduced += 1
         self.counts.largest_error = max(self.counts.largest_error, error)
         self._before = state
         return after, report
 
-    def _by_whole_body(self, state: DynamicState, dt: float) -> tuple[DynamicState, StepReport]:
+    def _by_whole_body(
+        self, state: DynamicState, dt: float, end: float | None
+    ) -> tuple[DynamicState, StepReport]:
         """The step of the whole body; the basis grows by what it moved by (collective)."""
         whole = self.whole(state)
-        after, report = self._scheme.advance(self._solver, whole, dt)
+        after, report = self._scheme.advance(self._solver, whole, dt, end)
         x = after.displacement.copy()
         x.axpy(-1.0, whole.displacement)
         missed, size = self.basis.missed(x), self.basis.size

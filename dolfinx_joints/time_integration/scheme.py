@@ -60,10 +60,21 @@ class Scheme(Protocol):
     def rule(self) -> Rule:
         """Response that it asks the laws for."""
 
+    @property
+    def forces_over_steps(self) -> bool:
+        """Whether tractions and reactions are those that act over a step, not those at its end."""
+
     def conserves(self, system: MatrixSystem) -> bool:
         """Whether its balance is exact for a system, so that a solve may be judged by it."""
 
     def advance(
-        self, solver: StepSolver, state: DynamicState, dt: float
+        self, solver: StepSolver, state: DynamicState, dt: float, end: float | None = None
     ) -> tuple[DynamicState, StepReport]:
-        """The state a step later; raises ConvergenceError and leaves ``state`` as it was."""
+        """The state a step of length dt [s] later (collective).
+
+        It ends at ``end`` [s], which is the sum of its start and dt but for rounding: loads may
+        jump there.
+
+        Raises:
+            ConvergenceError: The solve failed; ``state`` is as it was.
+        """

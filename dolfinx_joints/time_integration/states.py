@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,3 +66,23 @@ class DynamicState(Summarised):
     def strain_energy(self) -> float:
         """u.K u / 2 of bulk and springs, plastic strains apart [J] (collective)."""
         return 0.5 * float(self.displacement.dot(self.elastic_force))
+
+
+def with_means(known: DynamicState | None, after: DynamicState, share: float) -> DynamicState:
+    """The state after a substep, with the means of tractions and reactions over the step so far.
+
+    Args:
+        known: That of the substep before, None at the first.
+        after: The state after the substep.
+        share: Of the substep in the step.
+    """
+    reaction, joints = after.reaction.copy(), after.joints
+    reaction.scale(share)
+    traction = None if joints is None else share * joints.traction
+    if known is not None:
+        reaction.axpy(1.0, known.reaction)
+        if traction is not None and known.joints is not None:
+            traction += known.joints.traction
+    if joints is not None and traction is not None:
+        joints = replace(joints, traction=traction)
+    return replace(after, reaction=reaction, joints=joints)

@@ -97,6 +97,7 @@ class Stepper:
     ) -> None:
         """Keep the parts; no step is taken."""
         self._scheme, self._solver, self._ledger = scheme, solver, ledger
+        self.forces_over_steps = scheme.forces_over_steps
         self._control, self.counts = control, StepCounts()
         self.chatter, self._holds = Chatter(solver.system.contact), False
         self._largest = 0.0
@@ -116,13 +117,15 @@ class Stepper:
         done = 0  # counts substeps of the shortest length
         while done < finest:
             length = finest >> self._level
-            shortest = length == 1
+            shortest, part = length == 1, dt * length / finest
+            # One number for each time: loads may jump there.
+            there = end if done + length == finest else state.time + part
             try:
-                after, report = self._attempt(state, dt * length / finest)
+                after, report = self._attempt(state, part, there)
             except ConvergenceError as failure:
                 self.counts.failed += 1
                 if shortest:
-                    raise located(failure, time=state.time + dt * length / finest) from None
+                    raise located(failure, time=there) from None
                 self._level += 1
                 continue
             row = self._ledger.after(after, report)
@@ -130,21 +133,21 @@ class Stepper:
                 self._level += 1
                 continue
             done += length
-            if done == finest:
-                after = replace(after, time=end)
             state = after
             self._accept(state, report, dt)
             yield state, report, row
             if self._level and done % (finest >> (self._level - 1)) == 0 and self._calm(report):
                 self._level -= 1
 
-    def _attempt(self, state: DynamicState, dt: float) -> tuple[DynamicState, StepReport]:
+    def _attempt(
+        self, state: DynamicState, dt: float, end: float
+    ) -> tuple[DynamicState, StepReport]:
         """A step of the scheme, under the water that the state at its start leads to."""
         water = self._solver.system.water
         if water is None or state.joints is None or state.water is None:
-            return self._scheme.advance(self._solver, state, dt)
+            return self._scheme.advance(self._solver, state, dt, end)
         water.begin_step(state.water, state.joints.state.gap)
-        after, report = self._scheme.advance(self._solver, state, dt)
+        after, report = self._scheme.advance(self._solver, state, dt, end)
         return replace(after, water=water.codes), report
 
     def state_dict(self) -> dict[str, Any]:

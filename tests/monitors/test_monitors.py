@@ -463,6 +463,7 @@ def test_where_points_went_is_told(comm, wall_file, read, new_path):
         "joint": joint,
         "left": Probe(joint, group="joint_2-"),
         "right": Probe(joint, group="joint_2+"),
+        "between": (0.0, 2.0, 20.0),
     }
     path = new_path("probes.h5")
     with warnings.catch_warnings(record=True) as caught:
@@ -476,6 +477,7 @@ def test_where_points_went_is_told(comm, wall_file, read, new_path):
             "Monitored points: above (-1, -0.5, 21) is read at the node (0, 0, 20), 1.5 m away"
         )
         assert "; joint (10, 0, 20) is read on the side joint_2" in told[0]
+        assert told[0].count("on the side") == 1  # two nodes are as near to "between": no sides
         assert not any(name in told[0] for name in ("corner", "left", "right"))
     else:
         assert not told

@@ -12,11 +12,14 @@ from dolfinx_joints import (
     Fixed,
     FrictionNoTension,
     Gravity,
+    JointForces,
     Model,
     Simulation,
     SolverOptions,
+    StepControl,
     stiffness_proportional,
 )
+from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = pytest.mark.mpi
 DT = 0.005
@@ -108,3 +111,54 @@ def test_monitors_and_options_are_reported_when_they_are_given(wall):
         Simulation(wall, monitors=["r.h5"])
     with pytest.raises(ValueError, match="options is {}; it must be a SolverOptions"):
         Simulation(wall, options={})
+
+
+def of_upper_block(model, vector):
+    """Sum of a nodal vector over the nodes of the upper block, shape (3,)."""
+    nodes = np.unique(model.V.dofmap.list[model.jointed.cells("upper")])
+    owned = vector.getArray(readonly=True).reshape(-1, 3)
+    return model.jointed.mesh.comm.allreduce(owned[nodes[nodes < len(owned)]].sum(axis=0))
+
+
+class Impulses(Monitor):
+    """Sums up the force of the joint and counts steps that were cut, from the records."""
+
+    def __init__(self):
+        self.joint, self.cut = np.zeros(3), 0
+
+    def start(self, model, stage, steps, first):
+        self.forces = JointForces(model)
+
+    def record(self, record):
+        self.joint += DT * self.forces(record.joints)["joint_1"].force
+        self.cut += record.substeps > 1
+
+    def finish(self, status, summary):
+        """Nothing is left to do."""
+
+
+@pytest.mark.parametrize("control", [None, StepControl(tolerance=1e-4), StepControl(landing=True)])
+def test_forces_of_records_have_the_impulse_of_their_steps(blocks_file, read, control):
+    """A block that falls on another: weight and recorded forces make up its change of momentum.
+
+    The scheme keeps momentum to rounding; forces of a step that is cut are the means over it.
+    """
+    model = Model(
+        read(blocks_file(angle=0.0)),
+        material=Elastic(young=24e9, poisson=0.2, density=2400.0),
+        joints=FrictionNoTension(
+            normal_stiffness=1e10, shear_stiffness=4e9, friction_angle_deg=30.0
+        ),
+        supports=[Fixed(group="base")],
+        loads=[Gravity()],
+        initial_gaps={"joint_1": 0.01},
+    )
+    seen, steps = Impulses(), 24
+    outcome = Simulation(model, monitors=[seen]).dynamics(dt=DT, steps=steps, control=control)
+    assert (seen.cut > 0) == (control is not None)
+    momentum = outcome.state.momentum
+    weight = of_upper_block(model, model.system().load(0.0, momentum.duplicate()))
+    gained = of_upper_block(model, momentum)
+    largest = np.abs(weight).max() * DT * steps
+    assert np.abs(seen.joint[2]) > 0.1 * largest  # it has landed
+    np.testing.assert_allclose(seen.joint + DT * steps * weight, gained, atol=1e-9 * largest)

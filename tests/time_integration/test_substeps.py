@@ -16,6 +16,8 @@ from dolfinx_joints import (
     ConvergenceError,
     EnergyConsistent,
     FrictionNoTension,
+    GeneralizedAlpha,
+    ImplicitContact,
     JointsError,
     MatrixSystem,
     StepControl,
@@ -32,20 +34,20 @@ from dolfinx_joints.time_integration.substeps import StepCounts, Stepper, ends_o
 class Reluctant:
     """A scheme that fails at steps longer than ``limit(time)`` and keeps count."""
 
-    rule = DISCRETE_GRADIENT
+    rule, forces_over_steps = DISCRETE_GRADIENT, True
 
     def conserves(self, system: Any) -> bool:
-        return True
+        return self.scheme.conserves(system)
 
-    def __init__(self, limit, error=None):
-        self.limit, self.taken = limit, []
+    def __init__(self, limit, error=None, scheme=None):
+        self.limit, self.taken, self.scheme = limit, [], scheme or EnergyConsistent()
         self.error = ConvergenceError(iteration=3, residual=1.0) if error is None else error
 
-    def advance(self, solver: Any, state: DynamicState, dt: float):
+    def advance(self, solver: Any, state: DynamicState, dt: float, end: float):
         if dt > self.limit(state.time) * (1 + 1e-12):
             raise self.error
         self.taken.append((state.time, dt))
-        return EnergyConsistent().advance(solver, state, dt)
+        return self.scheme.advance(solver, state, dt, end)
 
 
 def vector(system, values):
@@ -109,6 +111,25 @@ def test_many_steps_keep_the_clock():
     assert steps.counts.failed == steps.counts.rejected > 0
 
 
+@pytest.mark.parametrize("scheme", [EnergyConsistent(), ImplicitContact(), GeneralizedAlpha()])
+@pytest.mark.parametrize("limit", [1.0, 0.006])
+def test_whoever_asks_for_a_time_gets_the_same_number(scheme, limit):
+    """Loads may jump at the end of a step: 0.07 and the sum of seven steps are not to be both."""
+    asked = set()
+
+    def load(time):
+        asked.add(time)
+        return [1.0 if time < 0.07 else 0.0]
+
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, load=load)
+    steps, ledger, state = stepper(Reluctant(lambda time: limit, scheme=scheme), system)
+    for end in ends_of_steps(0.0, 0.01, 750)[1:]:
+        for after, _, row in steps.substeps(state, 0.01, float(end)):
+            ledger.record(row)
+            state = after
+    assert np.diff(sorted(asked)).min() > 1e-3
+
+
 def test_exhausted_halving_says_when():
     scheme = Reluctant(lambda time: 1e-9 if time > 0.49 else 1.0)
     with pytest.raises(ConvergenceError) as failure:
@@ -130,8 +151,8 @@ def test_what_no_shorter_step_mends_is_raised_at_once(error):
 class Leaky(Reluctant):
     """A scheme that loses some kinetic energy in steps longer than its limit."""
 
-    def advance(self, solver: Any, state: DynamicState, dt: float):
-        after, report = EnergyConsistent().advance(solver, state, dt)
+    def advance(self, solver: Any, state: DynamicState, dt: float, end: float):
+        after, report = EnergyConsistent().advance(solver, state, dt, end)
         if dt > self.limit(state.time) * (1 + 1e-12):
             momentum = after.momentum.copy()
             momentum.scale(1.0 - 1e-8)

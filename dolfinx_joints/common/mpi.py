@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from time import monotonic, sleep
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,6 +19,9 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.dealt import TAG, Dealt
 
 T = TypeVar("T")
+
+# An error that all ranks raise, they raise within so many seconds.
+APART = 20.0
 
 
 def abort_on_error(comm: Any) -> None:
@@ -49,9 +53,10 @@ def free_petsc_garbage(comm: Any) -> None:
 
 
 _LASTING: list[Any] = []
+OF_ERRORS: list[Any] = []
 
 
-def lasting(comm: Any) -> Any:
+def lasting(comm: Any, kept: list[Any] = _LASTING) -> Any:
     """A communicator of the same ranks that is never freed (collective).
 
     A DOLFINx mesh frees its communicator when it goes; what PETSc still holds on it would then
@@ -59,11 +64,27 @@ def lasting(comm: Any) -> Any:
     """
     from mpi4py import MPI
 
-    for kept in _LASTING:
-        if MPI.Comm.Compare(kept, comm) in (MPI.IDENT, MPI.CONGRUENT):
-            return kept
-    _LASTING.append(comm.Dup())
-    return _LASTING[-1]
+    for known in kept:
+        if MPI.Comm.Compare(known, comm) in (MPI.IDENT, MPI.CONGRUENT):
+            return known
+    kept.append(comm.Dup())
+    return kept[-1]
+
+
+def all_fail(comm: Any) -> bool:
+    """Whether all ranks get here within `APART` seconds, so that they may go on together.
+
+    For handlers of errors, as others do not know of an error of this rank alone.
+
+    Args:
+        comm: ``lasting(comm, OF_ERRORS)``, made before and used for nothing else.
+    """
+    arrival, end = comm.Ibarrier(), monotonic() + APART
+    while not arrival.Test():
+        if monotonic() > end:
+            return False
+        sleep(0.01)
+    return True
 
 
 def of_ranks(comm: Any, values: NDArray[Any]) -> NDArray[Any]:

@@ -20,6 +20,7 @@ from dolfinx_joints.common.constants import (
     LARGE_LOCAL_ERROR,
 )
 from dolfinx_joints.common.memory import peak_mb
+from dolfinx_joints.common.mpi import OF_ERRORS, all_fail, lasting
 from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT
@@ -106,6 +107,7 @@ class DynamicRun:
         self._settings, self._warnings = dict(settings or {}), list(model.doubts)
         self._stages = stages
         self._progress: Progress | None = None
+        self._of_errors = lasting(model.jointed.mesh.comm, OF_ERRORS)
         self._acting: DynamicState | None = None
 
     def start(self) -> None:
@@ -240,7 +242,7 @@ class DynamicRun:
 
     @contextmanager
     def watched(self) -> Iterator[None]:
-        """Finish the monitors with the status of the stage, whatever ended it."""
+        """Finish the monitors with the status of the stage, whatever ended it on all ranks."""
         try:
             with _warnings_kept(self._warnings):
                 yield
@@ -249,7 +251,8 @@ class DynamicRun:
                     warn_of(outcome)
         except BaseException as error:
             status = "failed" if isinstance(error, Exception) else "stopped"
-            self._finish(status, {"error": f"{type(error).__name__}: {error}"[:_LONGEST_ERROR]})
+            if all_fail(self._of_errors):
+                self._finish(status, {"error": f"{type(error).__name__}: {error}"[:_LONGEST_ERROR]})
             raise
         peak = self.model.jointed.mesh.comm.allreduce(peak_mb())
         self._finish("complete", {"peak_mb": peak})

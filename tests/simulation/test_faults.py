@@ -436,6 +436,44 @@ def test_a_rank_that_raises_ends_the_others_that_wait(tmp_path):
     assert "never reached" not in done.stdout
 
 
+FAULTY_MONITOR = """
+import numpy as np
+from dolfinx.mesh import create_unit_cube, locate_entities_boundary
+from mpi4py import MPI
+import dolfinx_joints as dj
+from dolfinx_joints.common import mpi
+from dolfinx_joints.simulation.monitor import Monitor
+comm, mpi.APART = MPI.COMM_WORLD, 1.0
+dj.abort_on_error(comm)
+mesh = create_unit_cube(comm, 2, 2, 2)
+base = locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 0.0))
+body = dj.split_mesh(mesh, joints={}, groups={"base": base})
+material = dj.Elastic(young=1e9, poisson=0.2, density=2400.0)
+class Faulty(Monitor):
+    def start(self, model, stage, steps, first): pass
+    def finish(self, status, summary): pass
+    def record(self, record):
+        if comm.rank == 1:
+            raise OSError("the disk of the second rank is full")
+model = dj.Model(body, material=material, supports=[dj.Fixed(group="base")])
+dj.Simulation(model, monitors=[Faulty()]).dynamics(dt=0.01, steps=3)
+print("never reached")
+"""
+
+
+def test_an_error_of_one_rank_in_a_run_ends_all(tmp_path):
+    """The rank that fails must not wait for others, which are in the next step, to finish files."""
+    script = tmp_path / "analysis.py"
+    script.write_text(FAULTY_MONITOR)
+    command = ["mpirun", "-n", "2", sys.executable, str(script)]
+    done = subprocess.run(
+        command, capture_output=True, text=True, env=environment(), check=False, timeout=120
+    )
+    assert done.returncode != 0
+    assert "OSError: the disk of the second rank is full" in done.stderr
+    assert "never reached" not in done.stdout
+
+
 class Ranks:
     """Stands for a communicator that can be aborted."""
 

@@ -52,31 +52,37 @@ class SmallDisplacements:
         largest = np.max(self._contact.operator.comm.allgather(self._largest), axis=0)
         return {"largest": largest, "warned": self._warned}
 
+    def begin(self) -> None:
+        """Begin anew: the next stage has results of its own to say it in."""
+        self._largest[:], self._warned[:] = 0.0, False
+
     def load_state_dict(self, state_dict: Mapping[str, NDArray[Any]]) -> None:
         """Take up what another's ``state_dict`` gave."""
         if state_dict:
             self._largest[:], self._warned[:] = state_dict["largest"], state_dict["warned"]
 
-    def warn(self, when: str) -> None:
-        """Warn of the joints that went too far since the last call (collective).
+    def warn(self, when: str) -> list[str]:
+        """Warn of the joints that went too far since the last call; what rank 0 said (collective).
 
         Args:
-            when: End of the sentence, such as ``by t = 2 s``.
+            when: When they did, such as ``by t = 2 s``.
         """
+        said: list[str] = []
         if self._contact is None or self._sizes is None:
-            return
+            return said
         operator = self._contact.operator
         largest = np.max(operator.comm.allgather(self._largest), axis=0)
         for i in np.flatnonzero((largest > LARGEST_JUMP) & ~self._warned):
             self._warned[i] = True
             if operator.comm.rank == 0:
-                warnings.warn(
+                said.append(
                     f"Joint {operator.names[i]!r}: slip or opening reached "
                     f"{100 * largest[i]:.3g} % of the element size {when}. Points keep their "
                     f"partners and axes: beyond {100 * LARGEST_JUMP:g} % displacements are no "
-                    "longer small.",
-                    stacklevel=3,
+                    "longer small."
                 )
+                warnings.warn(said[-1], stacklevel=3)
+        return said
 
 
 @njit(cache=True)

@@ -45,8 +45,8 @@ if TYPE_CHECKING:
 
     from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures
 
-# Warnings that a results file keeps, and characters of each and of the error that ended a run.
-_MOST_WARNINGS, _LONGEST_WARNING, _LONGEST_ERROR = 40, 500, 2000
+# Characters that a results file keeps of the error that ended a run.
+_LONGEST_ERROR = 2000
 
 
 class DynamicRun:
@@ -88,6 +88,7 @@ class DynamicRun:
         """Start the ledger (collective)."""
         self.model, self.monitors, self._watch, self._seconds = model, monitors, watch, seconds
         self.state, self.step, self._steps, self._motion = state, 0, steps, motion
+        watch.begin()
         self._free_surface, self._static_part = free_surface, static_part
         self._reduced = scheme if isinstance(scheme, ReducedSteps) else None
         self._dissipates = isinstance(scheme, EnergyConsistent) and scheme.spectral_radius < 1.0
@@ -240,15 +241,24 @@ class DynamicRun:
     def _pressure(self, state: DynamicState) -> NDArray[np.float64]:
         return self._pressures(state.time, state.water)
 
+    def warn_of_slip(self) -> None:
+        """Warn of joints that went too far since the last call (collective).
+
+        Results keep what is said, whatever Python shows of it.
+        """
+        self._warnings += self._watch.warn(f"by t = {self.state.time:.4g} s")
+
     @contextmanager
     def watched(self) -> Iterator[None]:
         """Finish the monitors with the status of the stage, whatever ended it on all ranks."""
         try:
-            with _warnings_kept(self._warnings):
-                yield
-                outcome = self.outcome()
-                if self.model.jointed.mesh.comm.rank == 0:
-                    warn_of(outcome)
+            yield
+            self.warn_of_slip()
+            doubts = _doubts(self.outcome())
+            if self.model.jointed.mesh.comm.rank == 0:
+                for text in doubts:
+                    self._warnings.append(text)
+                    warnings.warn(text, stacklevel=5)
         except BaseException as error:
             status = "failed" if isinstance(error, Exception) else "stopped"
             if all_fail(self._of_errors):
@@ -325,61 +335,39 @@ def free_surface(
     return (lambda time: np.sum([wave(time) for wave in waves], axis=0)) if waves else None
 
 
-@contextmanager
-def _warnings_kept(kept: list[str]) -> Iterator[None]:
-    """Keep the warnings of a block, which are shown as usual."""
-    shown = warnings.showwarning
-
-    def keep(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
-        text = str(message)[:_LONGEST_WARNING]
-        if text not in kept and len(kept) < _MOST_WARNINGS:
-            kept.append(text)
-        shown(message, category, *where, **more)
-
-    warnings.showwarning = keep
-    try:
-        yield
-    finally:
-        warnings.showwarning = shown
-
-
-def warn_of(outcome: Outcome) -> None:
-    """Warn of what makes a run doubtful, at the line of the user's program that runs it."""
+def _doubts(outcome: Outcome) -> list[str]:
+    """What makes a run doubtful."""
+    texts, counts = [], outcome.reduced
     if outcome.energy_error > LARGE_ENERGY_ERROR:
-        warnings.warn(
+        texts.append(
             f"The energy error is {100 * outcome.energy_error:.3g} % of the largest energy: joints "
             "open and close too fast for this scheme and time step; take EnergyConsistent, or a "
-            "smaller step.",
-            stacklevel=6,
+            "smaller step."
         )
     if outcome.imbalance is not None and outcome.imbalance > LARGE_IMBALANCE:
-        warnings.warn(
+        texts.append(
             f"The lines of the energy ledger leave {outcome.imbalance:.1e} of the largest energy "
             "unexplained: tractions, stored_energy and dissipation of a joint law contradict each "
-            "other.",
-            stacklevel=6,
+            "other."
         )
     if outcome.local_error > LARGE_LOCAL_ERROR:
-        warnings.warn(
+        texts.append(
             f"A single step errs by an estimated {100 * outcome.local_error:.3g} % of the largest "
-            "displacement; take a smaller one.",
-            stacklevel=6,
+            "displacement; take a smaller one."
         )
-    counts = outcome.reduced
     if counts is not None and counts.whole > counts.reduced:
-        warnings.warn(
+        texts.append(
             f"{counts.whole} of {counts.whole + counts.reduced} steps were taken by the whole body "
             "and its basis grew by each: reduced gains nothing here; give it more modes or a "
-            "larger tolerance, or leave it out.",
-            stacklevel=6,
+            "larger tolerance, or leave it out."
         )
     if outcome.chatter:
         worst = max(outcome.chatter, key=lambda name: outcome.chatter[name])
         held = " Steps were no longer cut for accuracy from then on." if outcome.counts.held else ""
-        warnings.warn(
+        texts.append(
             f"Joint {worst!r} chatters: {100 * outcome.chatter[worst]:.2g} % of its normal impulse "
             "comes in contacts of a few steps, over and over. Mean friction may be less than "
             "its limit, and shorter steps do not help: damp the body's shortest waves, with a "
-            f"factor of K of the time that sound takes through an element.{held}",
-            stacklevel=6,
+            f"factor of K of the time that sound takes through an element.{held}"
         )
+    return texts

@@ -363,7 +363,6 @@ class Simulation:
             while run.step < steps:
                 self._step(run, dt, float(times[run.step + 1]))
                 self._save(keeper, run)
-            self._watch.warn(f"by t = {run.state.time:.4g} s")
         return run.outcome()
 
     def _step(self, run: DynamicRun, dt: float, end: float) -> None:
@@ -372,13 +371,13 @@ class Simulation:
             try:
                 report = run.take(dt, end)
             except ConvergenceError as failure:
-                self._watch.warn(f"by t = {run.state.time:.4g} s")
+                run.warn_of_slip()
                 raise located(failure, stage="dynamic", step=run.step + 1) from None
         with self._phase("monitors"):
             run.show(report)
         if run.step % GARBAGE_INTERVAL == 0:
             free_petsc_garbage(self.model.jointed.mesh.comm)
-            self._watch.warn(f"by t = {run.state.time:.4g} s")
+            run.warn_of_slip()
 
     def _save(self, keeper: CheckpointKeeper | None, run: DynamicRun) -> None:
         """Write a checkpoint where one is due (collective)."""

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from vtk_files import on_root
 
 import dolfinx_joints as dj
 from dolfinx_joints.common.errors import StudyError
+from dolfinx_joints.joints import small_displacements
 from dolfinx_joints.monitors.results_monitor import ResultsMonitor
 from dolfinx_joints.postprocessing.peaks import joint_peaks
 from dolfinx_joints.solvers.interface.compiled import deflation
@@ -28,6 +31,26 @@ def motions(*factors):
     times = DT * np.arange(STEPS + 1)
     strong = np.array([shaking(time) for time in times])
     return {f"x{f:g}": dj.Motion(acceleration=f * strong, dt=DT) for f in factors}
+
+
+def test_each_file_has_the_warnings_of_its_run(comm, simulation, new_path, monkeypatch):
+    """Runs take turns in threads of one process, and Python shows a warning of a line once."""
+    monkeypatch.setattr(small_displacements, "LARGEST_JUMP", 6e-5)  # one goes 2e-5, one 2e-4
+    shown, files = warnings.showwarning, []
+    for folder in ("once", "again"):
+        suite = MotionSuite(new_path(folder), simulation(), motions(0.01, 1.0), points=POINTS)
+        with warnings.catch_warnings(action="ignore"):
+            suite.run(dt=DT, at_once=2)
+        files.append([suite.results(name) for name in ("x0.01", "x1")])
+    assert warnings.showwarning is shown
+
+    def look():
+        for weak, strong in files:
+            with dj.Results(weak) as one, dj.Results(strong) as other:
+                said = [str(run.summary.get("warnings")) for run in (one, other)]
+            assert ["slip or opening reached" in text for text in said] == [False, True]
+
+    on_root(comm, look)
 
 
 @pytest.fixture
@@ -70,6 +93,7 @@ def test_a_run_gives_what_it_gives_alone(comm, simulation, new_path, compliance,
                         found.series("states", series), expected, atol=1e-9 * np.abs(expected).max()
                     )
                 assert found.summary["imbalance"] < 1e-11
+                assert found.summary.get("warnings") == wanted.summary.get("warnings")
 
         on_root(comm, look)
 

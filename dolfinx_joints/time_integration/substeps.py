@@ -182,12 +182,13 @@ class Stepper:
             if missing > LARGEST_IMBALANCE * scale > 0.0:
                 self.counts.unbalanced += 1
                 if shortest:
+                    stiff = ", as for joints very much stiffer than the body"
                     raise JointsError(
                         f"The energy lines of the step to t = {after.time:.6g} s do not add up"
                         f"{self._where(before, after)}: "
                         f"{missing / scale:.1e} of the largest energy is missing, "
-                        f"{LARGEST_IMBALANCE:g} is allowed; the solve is not accurate enough, as "
-                        "for joints very much stiffer than the body."
+                        f"{LARGEST_IMBALANCE:g} is allowed; the solve is not accurate enough"
+                        f"{stiff if self._solver.system.contact is not None else ''}."
                     )
                 return True
         if not shortest and self._too_rough(after, report):

@@ -100,19 +100,13 @@ class NewtonSolver:
         Args:
             effective: Coefficients of A.
             b: Right-hand side [N].
-            x: Start of the iteration, with the constrained dofs at their values already; the others
-                start from zero where laws have a history [m].
+            x: Start of the iteration, with the constrained dofs at their values already [m].
             state: Joint state at the start of the step, None without joints.
             rule: Response that the laws are asked for.
 
         Returns:
             The joints' response and the report.
         """
-        if state is not None and state.internal.shape[1]:
-            # Bonds that a guess breaks stay broken: a solution too, but not that of intact ones.
-            moved = x.duplicate()
-            moved.pointwiseMult(x, self.unconstrained)
-            x.axpy(-1.0, moved)
         tangent: Tangent = self._tangents(effective)
         internal_forces = self._internal_forces
         if internal_forces is None or state is None:

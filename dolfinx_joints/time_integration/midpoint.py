@@ -27,7 +27,7 @@ from dolfinx_joints.time_integration.exact_steps import (
     scaled,
 )
 from dolfinx_joints.time_integration.joints_before import joints_before
-from dolfinx_joints.time_integration.products import Products, combination, joint_works
+from dolfinx_joints.time_integration.products import Products, combination, guess, joint_works
 from dolfinx_joints.time_integration.scheme import StepReport, StepWork
 from dolfinx_joints.time_integration.states import DynamicState
 
@@ -144,7 +144,7 @@ class _Step:
         self.known = combination(*known)
         if self._dissipation is not None:
             self._dissipation.add_known(self.known)
-        self.x = combination((dt, state.velocity))
+        self.x = guess(state, (dt, state.velocity))
         fixed = system.constrained
         moved = system.prescribed(self._time) - state.displacement.array[fixed]
         self.x.getArray()[fixed] = moved

@@ -15,7 +15,7 @@ from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.step_solver import StepSolver
-from dolfinx_joints.time_integration.products import Products, combination, joint_works
+from dolfinx_joints.time_integration.products import Products, combination, guess, joint_works
 from dolfinx_joints.time_integration.scheme import StepReport, StepWork
 from dolfinx_joints.time_integration.states import DynamicState
 
@@ -70,7 +70,7 @@ class _Alpha:
         v_known = combination(
             (1.0 - self.gamma / self.beta, v), (dt * (1.0 - 0.5 * self.gamma / self.beta), a)
         )
-        x = combination((dt, v), (0.5 * dt**2, a))
+        x = guess(state, (dt, v), (0.5 * dt**2, a))
         fixed = system.constrained
         x.getArray()[fixed] = system.prescribed(time) - state.displacement.array[fixed]
         rates = system.prescribed_rates(time, 0.5 * dt)

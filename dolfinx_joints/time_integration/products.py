@@ -83,6 +83,17 @@ def combination(*terms: tuple[float, PETSc.Vec]) -> PETSc.Vec:
     return total
 
 
+def guess(state: DynamicState, *terms: tuple[float, PETSc.Vec]) -> PETSc.Vec:
+    """Where the solve of a step starts: a sum as of `combination`, zero if laws have a history.
+
+    A bond that the start breaks stays broken, and that is often a solution of the step, too.
+    """
+    x = combination(*terms)
+    if state.joints is not None and state.joints.state.internal.shape[1]:
+        x.set(0.0)
+    return x
+
+
 @dataclass(frozen=True, kw_only=True)
 class JointWorks:
     """Works of a step on each joint, all of shape (number of joints,), [J].

@@ -27,6 +27,10 @@ class CheckpointError(JointsError, ValueError):
     """A checkpoint that cannot be written, or a run that cannot be continued from one."""
 
 
+class OtherRunError(CheckpointError):
+    """A checkpoint of another model or run than the one that is to go on from it."""
+
+
 class TemperatureError(JointsError, ValueError):
     """A file of temperatures that cannot be used."""
 

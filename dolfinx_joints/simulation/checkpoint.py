@@ -22,7 +22,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import CheckpointError
+from dolfinx_joints.common.errors import CheckpointError, OtherRunError
 from dolfinx_joints.common.file_lock import FileLock
 from dolfinx_joints.common.mpi import handing_out, on_root, raised_together
 from dolfinx_joints.joints.contact import StatusCounts
@@ -186,7 +186,7 @@ class CheckpointKeeper:
             saved = {**tree["run"], **{name: str(tree[name]) for name in facts}}
             difference = first_difference(saved, {**self._facts, **facts})
             if difference is not None:
-                raise CheckpointError(
+                raise OtherRunError(
                     f"The checkpoint {self._path} is of another model or run; {difference}."
                 )
             if self._unknown:

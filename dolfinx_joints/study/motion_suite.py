@@ -7,6 +7,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -14,7 +15,12 @@ import annotated_types as at
 import numpy as np
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import ConvergenceError, JointsError, StudyError
+from dolfinx_joints.common.errors import (
+    ConvergenceError,
+    JointsError,
+    OtherRunError,
+    StudyError,
+)
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_kind_of, check_named
 from dolfinx_joints.common.summary import Rows, Summarised, names
@@ -35,8 +41,8 @@ if TYPE_CHECKING:
 
 State = Literal["there", "begun", "new"]
 
-# Failures of a step: of one motion, whatever becomes of others.
-OF_STEPS = (ConvergenceError, JointsError)
+# Failures of a step, or of one run to go on: of one motion, whatever becomes of others.
+OF_ONE = (ConvergenceError, JointsError, OtherRunError)
 
 # Key of a results file's metadata.
 DIGEST = "motion of the suite"
@@ -103,8 +109,9 @@ class MotionSuite(Summarised):
             dt: Time step [s].
             at_once: Runs side by side: each holds its own state, some 20 vectors.
             checkpoint_every: Steps between two checkpoints of a run.
-            rerun_changed: Run again what was run under another motion or time step; an error
-                otherwise.
+            rerun_changed: Run again what was run under another motion or time step, an error
+                otherwise, and begin runs anew that have not ended and had another model or other
+                ``options``; otherwise they fail.
             options: ``scheme``, ``control`` and ``loads`` of `Simulation.dynamics`.
 
         Returns:
@@ -119,14 +126,17 @@ class MotionSuite(Summarised):
         shared = SharedBulk()
         try:
             found = shared.rounds.run(
-                {n: self._of(n, dt, states[n], shared, checkpoint_every, options) for n in waiting},
+                {
+                    n: self._of(n, dt, states[n], shared, checkpoint_every, rerun_changed, options)
+                    for n in waiting
+                },
                 at_once,
             )
         finally:
             shared.destroy()
-        failed = {n: str(end) for n, end in found.items() if type(end) in OF_STEPS}
+        failed = {n: str(end) for n, end in found.items() if type(end) in OF_ONE}
         for end in found.values():
-            if isinstance(end, Exception) and type(end) not in OF_STEPS:
+            if isinstance(end, Exception) and type(end) not in OF_ONE:
                 raise end  # a wrong point, a full disk: of no use to go on with
         done = [name for name in waiting if name not in failed]
         skipped = [name for name in states if name not in waiting]
@@ -208,6 +218,7 @@ class MotionSuite(Summarised):
         state: State,
         shared: SharedBulk,
         every: int,
+        rerun_changed: bool,
         options: Mapping[str, Any],
     ) -> Any:
         """The run of a motion, to be called."""
@@ -215,7 +226,7 @@ class MotionSuite(Summarised):
         # Of a sample beyond the last step there is nothing left but rounding.
         steps = max(math.ceil(motion.duration / dt * (1.0 - 1e-12)), 1)
 
-        def run() -> Outcome:
+        def run(*, resume: bool) -> Outcome:
             monitor = ResultsMonitor(
                 self.results(name),
                 points=self._points,
@@ -233,13 +244,23 @@ class MotionSuite(Summarised):
                 steps=steps,
                 motion=motion,
                 checkpoint=checkpoint,
-                resume=state == "begun",
+                resume=resume,
                 **options,
             )
             on_root(self._comm, lambda: self._checkpoint(name).unlink())
             return outcome
 
-        return run
+        def begun() -> Outcome:
+            try:
+                return run(resume=True)
+            except OtherRunError as error:
+                if not rerun_changed:
+                    raise OtherRunError(
+                        f"{error} Pass rerun_changed=True to begin it anew."
+                    ) from None
+            return run(resume=False)
+
+        return begun if state == "begun" else partial(run, resume=False)
 
 
 def _digest(motion: Motion, dt: float) -> str:

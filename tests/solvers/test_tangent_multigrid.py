@@ -5,6 +5,9 @@
 Expected: solutions of the direct solver, energies that balance, as many iterations on a finer mesh.
 """
 
+import gc
+import resource
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -173,6 +176,20 @@ def test_matrices_of_two_time_steps_are_kept(wall, monkeypatch):
         rest.copy(x)
         solver.solve(step, b, x, state)
         assert len(gone) == (cut == 4.0)
+
+
+def test_memory_does_not_grow_with_the_simulations(wall):
+    # On several ranks PETSc frees what goes, and must find the matrices behind products as well.
+    def resident() -> int:
+        gc.collect()
+        return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+
+    model, sizes, passes = wall((16, 4, 16)), [], 5
+    for _ in range(2 + passes):
+        dj.Simulation(model, options=dj.SolverOptions(linear="iterative")).statics()
+        sizes.append(resident())
+    matrix = 8.0 * model.stiffness.getInfo(model.stiffness.InfoType.LOCAL)["nz_used"]
+    assert sizes[-1] - sizes[1] <= passes * matrix, (np.diff(sizes) / matrix).round(2)
 
 
 def test_linear_steps_do_not_see_the_tolerance(wall_file, read):

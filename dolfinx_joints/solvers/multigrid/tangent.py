@@ -10,6 +10,8 @@ products of GMRES it does not.
 
 from __future__ import annotations
 
+import weakref
+from dataclasses import dataclass
 from typing import Any
 
 from petsc4py import PETSc
@@ -43,21 +45,34 @@ OPTIONS: dict[str, Any] = {
 SOFT = 5.0
 
 
-class _Products:
-    """A + K by their products, and what a modal change adds, as a PETSc matrix of type python."""
+@dataclass(kw_only=True, eq=False)
+class _Parts:
+    """A, K and a modal change."""
 
+    bulk: PETSc.Mat
     added: PETSc.Mat
+    change: ModalChange | None
 
-    def __init__(self, bulk: PETSc.Mat, change: ModalChange | None) -> None:
-        """Keep the parts; K is ``added`` later."""
-        self._bulk, self._change = bulk, change
+
+class _Products:
+    """A + K by their products, and what a modal change adds, as a PETSc matrix of type python.
+
+    On several ranks PETSc frees it with its garbage, and would lose what it held: a matrix that
+    becomes garbage just then is never freed. So it holds nothing.
+    """
+
+    def __init__(self, parts: _Parts) -> None:
+        """Refer to the parts, which another keeps."""
+        self._parts = weakref.ref(parts)
 
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Multiply (collective)."""
-        self._bulk.mult(x, y)
-        self.added.multAdd(x, y, y)
-        if self._change is not None:
-            self._change.add_product(x, y)
+        parts = self._parts()
+        assert parts is not None
+        parts.bulk.mult(x, y)
+        parts.added.multAdd(x, y, y)
+        if parts.change is not None:
+            parts.change.add_product(x, y)
 
 
 def _is_stiff(added: PETSc.Mat, matrix: PETSc.Mat) -> bool:
@@ -93,9 +108,10 @@ class TangentMultigrid:
         TangentMultigrid._made += 1
         self._ksp = PETSc.KSP().create(added.comm)
         self._ksp.setOptionsPrefix(f"dolfinx_joints_gmres_{TangentMultigrid._made}_")
+        self._parts = [_Parts(bulk=bulk.for_products, added=added, change=change) for _ in range(2)]
         self._full, self._fine = (
-            PETSc.Mat().createPython(added.getSizes(), each, comm=added.comm)
-            for each in (_Products(bulk.for_products, change) for _ in range(2))
+            PETSc.Mat().createPython(added.getSizes(), _Products(each), comm=added.comm)
+            for each in self._parts
         )
         matrix = bulk.matrix
         tied, count = tied_nodes(matrix, product.joints if _is_stiff(added, matrix) else None)
@@ -116,8 +132,10 @@ class TangentMultigrid:
 
     def add(self, added: PETSc.Mat, symmetric: PETSc.Mat) -> None:
         """Renew products and levels for the values of K and of a symmetric K (collective)."""
-        for products, part in ((self._full, added), (self._fine, symmetric)):
-            products.getPythonContext().added = part
+        for parts, products, each in zip(
+            self._parts, (self._full, self._fine), (added, symmetric), strict=True
+        ):
+            parts.added = each
             products.stateIncrease()
         self._inverse.update(symmetric)
         for level in self._levels:

@@ -11,6 +11,7 @@ from typing import Annotated
 import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
@@ -52,12 +53,12 @@ class ReducedBulk:
 
 @dataclass(kw_only=True)
 class ReducedCounts:
-    """What became of the steps of a reduced run.
+    """What became of the steps of a reduced run, rejected attempts apart.
 
     Attributes:
         shapes: Of the basis, at the end.
         dofs: Of the whole body.
-        reduced: Steps taken in the basis, attempts rejected afterwards included.
+        reduced: Steps taken in the basis.
         whole: Steps taken by the whole body.
         largest_error: Of the steps taken in the basis, see `ReducedBulk.tolerance`.
     """
@@ -84,7 +85,7 @@ class ReducedSteps:
         dt: Length of most steps [s].
 
     Attributes:
-        counts: Steps of both kinds.
+        counts: Steps of both kinds; the last attempt is taken for one until the next.
         start: The state at the start.
 
     Raises:
@@ -126,6 +127,7 @@ class ReducedSteps:
         self._reduced: InterfaceSolver | None = None
         self.counts = ReducedCounts(shapes=self.basis.size, dofs=system.mass.getSize()[0])
         self._largest, self._go_on_whole = 0.0, False
+        self._tried: tuple[PETSc.Vec | None, float, ReducedCounts] = None, 0.0, self.counts
         self.start = self._in_coordinates(state)
         self._known = self.start, state
         self._before = self.start
@@ -143,6 +145,10 @@ class ReducedSteps:
 
         Responses to joint forces are those of steps of one length: the whole body takes all others.
         """
+        if state.displacement is self._tried[0]:  # the last attempt was rejected
+            _, self._largest, counts = self._tried
+            self.counts = replace(counts, shapes=self.basis.size)
+        self._tried = state.displacement, self._largest, replace(self.counts)
         if self._go_on_whole or _coefficients(dt) != self._effective:
             return self._by_whole_body(state, dt, end)
         state = self._renewed(state)

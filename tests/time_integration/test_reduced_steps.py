@@ -77,6 +77,13 @@ def run(model, monitor, steps=STEPS, **options):
     return np.array(monitor.gaps), outcome
 
 
+def stepping(model, reduced):
+    """Steps of a model at rest whose weight acts at once, and the solver of the whole body."""
+    solver = make_solver(model.system(), rule=EnergyConsistent().rule)
+    state = initial_state(solver, displacement=None)
+    return solver, ReducedSteps(reduced, EnergyConsistent(), solver, state, DT)
+
+
 def error(gaps, right):
     """Largest error of the gaps over the largest of them."""
     return np.abs(gaps - right).max() / np.abs(right).max()
@@ -142,10 +149,7 @@ def test_errors_fall_with_the_number_of_modes_and_are_seen(model, whole):
 @pytest.mark.mpi
 def test_error_of_a_step_is_the_energy_by_which_the_whole_body_differs(model):
     """With the joint forces of the reduced step; A of the whole body is solved for it."""
-    solver = make_solver(model.system(), rule=EnergyConsistent().rule)
-    state = initial_state(solver, displacement=None)
-    reduced = ReducedBulk(modes=8, tolerance=0.999)
-    steps = ReducedSteps(reduced, EnergyConsistent(), solver, state, DT)
+    solver, steps = stepping(model, ReducedBulk(modes=8, tolerance=0.999))
     before = steps.start
     for _ in range(3):
         after, _ = steps.advance(solver, before, DT)
@@ -205,10 +209,25 @@ def test_shorter_steps_are_taken_by_the_whole_body(model):
     reduced = ReducedBulk(modes=ALL_MODES)
     gaps, outcome = run(model, Gaps(), control=control, reduced=reduced)
     assert plain.counts.accepted == outcome.counts.accepted > STEPS
+    assert outcome.counts.rejected > 0
+    assert outcome.reduced.whole + outcome.reduced.reduced == outcome.counts.accepted
     assert outcome.reduced.whole > 0
     assert outcome.reduced.reduced > 0
     assert error(gaps, right) < 1e-9
     assert outcome.imbalance < 1e-11
+
+
+@pytest.mark.mpi
+def test_rejected_attempts_do_not_loosen_the_tolerance(model):
+    """The wall falls longer in a long step, tried first, and has more energy at its end."""
+    largest = []
+    for tried in ((DT,), (4 * DT, DT), (4 * DT,)):
+        solver, steps = stepping(model, ReducedBulk(modes=ALL_MODES))
+        for dt in tried:
+            steps.advance(solver, steps.start, dt)
+        largest.append(steps._largest)
+    assert largest[1] == pytest.approx(largest[0], rel=1e-6)
+    assert largest[2] > 2.0 * largest[0]
 
 
 @pytest.mark.mpi

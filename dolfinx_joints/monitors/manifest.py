@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dolfinx_joints import __version__
 from dolfinx_joints.common.dealt import blocks_in
 from dolfinx_joints.common.mpi import across, blocks_of, handing_out, sorted_rows
+from dolfinx_joints.loads.load import load_names
 from dolfinx_joints.results.resolved import Resolved, of_step
 
 if TYPE_CHECKING:
@@ -68,9 +69,9 @@ def manifest(
 
 
 def _acting(model: Model, stage: StageRecord) -> str:
-    """Loads of a static stage, and joints and blocks that it leaves out."""
-    loads = [type(model.loads[i]).__name__ for i in stage.loads]
-    text = ", ".join(loads) or "no loads"
+    """Loads of a static stage by the names of the energies, and joints and blocks that it leaves out."""
+    names = load_names(model.loads)
+    text = ", ".join(names[i] for i in stage.loads) or "no loads"
     for what, names in (("inactive", stage.state.inactive), ("absent", stage.state.absent)):
         text += f"; {what}: {', '.join(names)}" if names else ""
     return text

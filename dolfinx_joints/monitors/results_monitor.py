@@ -38,7 +38,7 @@ from dolfinx_joints.monitors.probes import (
     checked_points,
 )
 from dolfinx_joints.monitors.resultants import ResultantsStream, strengths
-from dolfinx_joints.monitors.surface_stress import StressEnvelopes
+from dolfinx_joints.monitors.surface_stress import StressEnvelopes, check_has_envelopes
 from dolfinx_joints.postprocessing.envelopes import (
     ENVELOPE_NAMES,
     declare_directions,
@@ -110,6 +110,14 @@ class ResultsMonitor(Monitor):
         self._found: Model | None = None
         self._shown: StageRecord | None = None
         self._stages, self._ran, self._moved_aside = 0, False, False
+        self._acting: dict[str, str] = {}  # in each static stage
+
+    def check(self, model: Model) -> None:
+        """Refuse what the model has nothing of."""
+        if self.resultants and model.contact is None:
+            raise MeshError("resultants=True records forces of joints; the model has none.")
+        if self.envelopes:
+            check_has_envelopes(model)
 
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
         """Add the stages that the file does not hold, unless it holds a dynamic one (collective).
@@ -124,18 +132,28 @@ class ResultsMonitor(Monitor):
 
         with handing_out(self._comm, self._mesh, self._directions, rows):
             if self._comm.rank == 0:
-                with self._static_writer(model) as writer:
+                with self._static_writer(model, stages) as writer:
                     for number, row in enumerate(rows, start=self._stages + 1):
                         writer.append("statics", number, row)
                     writer.finish("complete", {})
         self._shown, self._stages = stages[-1], self._stages + len(rows)
 
-    def _static_writer(self, model: Model) -> ResultsWriter:
+    def static_failure(self, status: str, error: str) -> None:
+        """Mark a file of static stages alone, if there is one yet (collective)."""
+        if self._ran or not self._stages:
+            return
+        with raised_together(self._comm):
+            if self._comm.rank == 0:
+                with ResultsWriter.resume(self._path, {"statics": self._stages}) as writer:
+                    writer.finish(status, {"error": error})  # type: ignore[arg-type]
+
+    def _static_writer(self, model: Model, stages: Sequence[StageRecord]) -> ResultsWriter:
         """Writer of a file of static stages alone, on rank 0."""
-        if self._stages:
-            return ResultsWriter.resume(self._path, {"statics": self._stages})
-        made_by = manifest(model, {}, self._mesh_sha256, (), self._resolved)
+        made_by = manifest(model, {}, self._mesh_sha256, stages, self._resolved)
+        made_by["static_stages"] = self._acting = self._acting | made_by["static_stages"]
         facts = {"manifest": made_by, "stage": "static", **self._facts(model)}
+        if self._stages:
+            return ResultsWriter.resume(self._path, {"statics": self._stages}, facts)
         aside = None if holds_statics_alone(self._path) else self._aside
         self._moved_aside = self.overwrite and aside is not None and self._path.exists()
         writer = ResultsWriter(self._path, facts, overwrite=self.overwrite, aside=aside)
@@ -218,8 +236,7 @@ class ResultsMonitor(Monitor):
         """Nodes, points, supports and joints of the model, once (collective)."""
         if self._found is model:
             return
-        if self.resultants and model.contact is None:
-            raise MeshError("resultants=True records forces of joints; the model has none.")
+        self.check(model)
         self._comm, self._nodes = model.jointed.mesh.comm, NodeNumbering(model.V)
         self._probe = PointProbe(model, list(self._points.values()), self._nodes)
         moved = [f"{n} {m}" for n, m in zip(self._points, self._probe.moved, strict=True) if m]
@@ -287,8 +304,7 @@ class ResultsMonitor(Monitor):
         """Settings that a continued file must agree in."""
         points = {name: [*probe.place, probe.group] for name, probe in self._points.items()}
         faces = self.envelopes if isinstance(self.envelopes, bool) else list(self.envelopes)
-        extra = {"envelopes": faces, "resultants": self.resultants}
-        extra |= {"static_part": self.static_part}
+        extra = {"envelopes": faces, "resultants": self.resultants, "static_part": self.static_part}
         return {"points": points, "every": self.every, **extra}
 
     def resume(

@@ -62,13 +62,7 @@ class SurfaceStress:
 
     def __init__(self, model: Model, nodes: NodeNumbering, facets: Ints | None = None) -> None:
         """Assemble the matrix (collective)."""
-        if model.gdim != 3:
-            raise ValueError("Stress envelopes are recorded of bodies in space, got a plane model.")
-        if model.bulk is not None:
-            raise ValueError(
-                "Stress envelopes are recorded of elastic bodies; plastic cells have stresses that "
-                "displacements alone do not determine."
-            )
+        check_has_envelopes(model)
         self.comm = comm = model.jointed.mesh.comm
         here = np.unique(boundary_facets(model, nodes) if facets is None else facets)
         here = np.unique(sent_to(comm, rank_of(nodes.blocks, here), here))
@@ -275,6 +269,17 @@ def _directions(
     here = numbers[around.size :]
     arch, cantilever = face_directions(places, numbers[: around.size].reshape(around.shape))
     return arch[here], cantilever[here]
+
+
+def check_has_envelopes(model: Model) -> None:
+    """Raise an error for a model of which no stress envelopes are recorded."""
+    if model.gdim != 3:
+        raise ValueError("Stress envelopes are recorded of bodies in space, got a plane model.")
+    if model.bulk is not None:
+        raise ValueError(
+            "Stress envelopes are recorded of elastic bodies; plastic cells have stresses that "
+            "displacements alone do not determine."
+        )
 
 
 def facets_of_groups(model: Model, nodes: NodeNumbering, groups: Sequence[str]) -> Ints:

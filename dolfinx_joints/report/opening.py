@@ -128,6 +128,8 @@ def ending(run: Run) -> str:
     """How a run that is not complete ended."""
     steps = run.results.metadata.get("steps")
     done = f"at t = {run.end:.4g} s"
+    if run.static_alone:
+        done = f"after the static stage {run.results.stage_names[-1]}"
     if steps is not None and run.has("histories"):
         done += f", after {run.results.rows('histories') - 1} of {steps} steps"
     words = {
@@ -143,9 +145,17 @@ def _runs(content: Content) -> str:
     """Sentences on the runs."""
     others = len(content.runs) - len(content.compared)
     further = f" and {others} further run{'s' if others > 1 else ''}" if others else ""
-    each = ", ".join(f"{run.label} ({plain(run.end)} s)" for run in content.compared)
+    each = ", ".join(f"{run.label} ({_span(run)})" for run in content.compared)
     shown = f" Pictures show {content.main.label}." if len(content.runs) > 1 else ""
     return f"Runs: {each}{further}.{shown}"
+
+
+def _span(run: Run) -> str:
+    """How far a run went."""
+    if run.static_alone:
+        count = len(run.results.stage_names)
+        return f"{count} static stage{'s' if count > 1 else ''}"
+    return f"{plain(run.end)} s"
 
 
 def _dam(content: Content) -> list[Html]:

@@ -37,6 +37,11 @@ class Run:
         return present is not None and set(names) <= set(present) and self.results.rows(stream) > 0
 
     @property
+    def static_alone(self) -> bool:
+        """Whether the file holds static stages and nothing else."""
+        return list(self.results.streams) == ["statics"] and self.has("statics")
+
+    @property
     def end(self) -> float:
         """Time of the last step [s], 0 if none was recorded."""
         streams = (s for s in ("histories", "energy", "states") if self.has(s))

@@ -100,7 +100,9 @@ class ResultsWriter:
         self._file.create_group("streams")
 
     @classmethod
-    def resume(cls, path: str | Path, rows: Mapping[str, int]) -> Self:
+    def resume(
+        cls, path: str | Path, rows: Mapping[str, int], metadata: Mapping[str, Any] | None = None
+    ) -> Self:
         """Go on with the file of a run that was interrupted, whatever its status.
 
         A copy takes the place of the file at once when it is whole: a killed run leaves a file that
@@ -109,17 +111,20 @@ class ResultsWriter:
         Args:
             path: the file.
             rows: records to keep of each stream; what follows them is left out.
+            metadata: new facts of the run; those of the file unless given.
         """
         path = Path(path)
         lock = FileLock(path, ResultsError)
         with released(lock, at_end=False):
-            writer = cls._copied(path, rows)
+            writer = cls._copied(path, rows, metadata)
         writer._lock.release()
         writer.path, writer._lock = path, lock
         return writer
 
     @classmethod
-    def _copied(cls, path: Path, rows: Mapping[str, int]) -> Self:
+    def _copied(
+        cls, path: Path, rows: Mapping[str, int], metadata: Mapping[str, Any] | None
+    ) -> Self:
         """A writer of the copy that has taken the file's place."""
         part = path.with_name(path.name + ".part")
         with Results(path) as old:
@@ -129,7 +134,7 @@ class ResultsWriter:
                     f"{path} cannot be continued: it holds {_counted(found)}, needed are "
                     f"{_counted(rows)}."
                 )
-            writer = cls(part, old.metadata, overwrite=True)
+            writer = cls(part, metadata or old.metadata, overwrite=True)
             try:
                 writer._copy(old, rows)
                 part.replace(path)

@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -20,8 +21,17 @@ class Monitor:
     checkpoint.
     """
 
+    def check(self, model: Model) -> None:
+        """Called when a simulation is made; raises an error for what the model does not have."""
+
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
         """Called after each static stage; ``stages`` are all so far, the last has just ended."""
+
+    def static_failure(self, status: str, error: str) -> None:
+        """Called where a static stage did not reach its end.
+
+        ``status`` is ``stopped`` or ``failed``, ``error`` the reason.
+        """
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Called before the first step of a dynamic stage."""
@@ -47,3 +57,19 @@ class Monitor:
     ) -> None:
         """Called in the place of ``start``, with the last step and the state that was kept."""
         self.start(model, stage, steps, last)
+
+
+_LONGEST_ERROR = 2000  # characters
+
+
+@contextmanager
+def failures_shown(monitors: Sequence[Monitor]) -> Iterator[None]:
+    """Show monitors that a static stage did not reach its end, whatever ended it (collective)."""
+    try:
+        yield
+    except BaseException as error:
+        status = "failed" if isinstance(error, Exception) else "stopped"
+        text = f"{type(error).__name__}: {error}"[:_LONGEST_ERROR]
+        for monitor in monitors:
+            monitor.static_failure(status, text)
+        raise

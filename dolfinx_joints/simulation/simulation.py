@@ -39,7 +39,7 @@ from dolfinx_joints.simulation.first_state import (
     in_words,
     shaken_by,
 )
-from dolfinx_joints.simulation.monitor import Monitor
+from dolfinx_joints.simulation.monitor import Monitor, failures_shown
 from dolfinx_joints.simulation.outcome import Outcome, StaticState, closing_lines
 from dolfinx_joints.simulation.record import StageRecord, grout_record, stage_name, stage_record
 from dolfinx_joints.simulation.statics.construction import grouted
@@ -94,6 +94,7 @@ class Simulation:
         self.monitors = list(self.monitors)
         for monitor in self.monitors:
             check_kind_of("A monitor", monitor, isinstance(monitor, Monitor), "a Monitor")
+            monitor.check(self.model)
         self.static: StaticState | None = None
         self.stages: list[StageRecord] = []
         self.seconds: dict[str, float] = {}
@@ -212,8 +213,7 @@ class Simulation:
             one = name if len(times) == 1 else f"{name}, t = {time:g} s"
             self._ended(stage_record(self.model, one, time, state, self.model.loads))
 
-        path = [(float(t), 1.0) for t in times]
-        return self._statics(path, self.model.loads, reached=reached)
+        return self._statics([(float(t), 1.0) for t in times], self.model.loads, reached=reached)
 
     def _ended(self, stage: StageRecord) -> None:
         """Show a static stage to the monitors (collective)."""
@@ -242,7 +242,7 @@ class Simulation:
         **rest: Any,
     ) -> StaticState:
         """`march` with the simulation's solver (collective)."""
-        with self._phase("static"):
+        with self._phase("static"), failures_shown(self.monitors):
             solver: dict[str, Any] = {"options": self._options, "kind": self.solver}
             return march(self.model, before, path, acting, watch=self._watch, **solver, **rest)
 

@@ -82,6 +82,10 @@ def history(simulation):
 
 NAMES = ["weight", "statics 1", "grout", "winter"]
 NAMES += ["roof, t = 0.5 s", "roof, t = 1 s", "quasi-statics 1"]
+# Loads by the names of the energies.
+WITH_WATER = "Gravity, Uplift_joint_1"
+ACTING = ["Gravity", WITH_WATER, WITH_WATER]
+ACTING += 4 * [f"{WITH_WATER}, Temperature, Pressure_top"]
 
 
 def test_stages_of_a_column(comm, column, new_path):
@@ -109,6 +113,7 @@ def test_stages_of_a_column(comm, column, new_path):
 def check(comm, model, results, states):
     """Compare the stages of a file; return them."""
     assert results.stage_names == NAMES
+    assert results.metadata["manifest"]["static_stages"] == dict(zip(NAMES, ACTING, strict=True))
     stages = measures.static_stages(results)
     weight, wet, grout, winter, half, full, last = stages
     for stage, pores, cold, roof in (

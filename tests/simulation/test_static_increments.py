@@ -17,9 +17,11 @@ pytest.importorskip("dolfinx")
 from dolfinx.mesh import CellType, create_rectangle, locate_entities, locate_entities_boundary
 
 import dolfinx_joints as dj
+from dolfinx_joints import report
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.geometry.section_table import SectionTable
 from dolfinx_joints.geometry.sections_dam import sections_dam
+from dolfinx_joints.results.overview import overview
 from dolfinx_joints.simulation.statics.load_increments import LoadIncrements
 
 G = 9.80665  # [m/s^2]
@@ -144,6 +146,44 @@ def test_a_push_beyond_the_friction_stops_at_the_load_factor(comm, solver):
     assert "worst joint 'joint_y'" in text
     assert "may carry no more" in text
     assert ('solver="auto"' in text) == (solver != "auto")
+
+
+@pytest.mark.mpi
+def test_a_failed_stage_is_seen_in_info_and_report(comm, new_path):
+    """A block pushed by twice what friction takes, after a stage that held it."""
+    pytest.importorskip("plotly")
+    path, friction = new_path("pushed.h5"), np.tan(np.radians(30.0))
+    push = dj.Traction(group="top", value=(friction * DENSITY * G * 5.0 / 0.5, 0.0))
+    model = square(
+        comm,
+        law(1e11, 0.4, 30.0),
+        cut="y",
+        cells=(4, 4),
+        shape=CellType.quadrilateral,
+        loads=[push],
+    )
+    monitor = dj.ResultsMonitor(path, points={"top": (0.0, 10.0)})
+    simulation = dj.Simulation(model, monitors=[monitor])
+    simulation.statics(loads=[model.loads[0]], name="weight")
+    with pytest.raises(dj.ConvergenceError) as failure:
+        simulation.statics()
+    comm.barrier()
+    with dj.Results(path) as results:
+        assert (results.status, results.stage_names) == ("failed", ["weight"])
+        assert results.summary["error"] == f"ConvergenceError: {failure.value}"
+    if comm.rank == 0:
+        told = " ".join(overview(path).split())
+        assert "pushed.h5: failed, created" in told
+        assert "error ConvergenceError: The static stage" in told
+        page = report.write([path], path.with_suffix(".html"), with_3d=False).read_text()
+        warning = page[page.index("Warnings") :]
+        assert "failed after the static stage weight (ConvergenceError: The static" in warning
+        assert f"beyond the load factor {failure.value.reached:.4g}" in warning
+        assert "None." not in warning[:2000]
+    comm.barrier()
+    simulation.statics(loads=[model.loads[0]], name="weight again")  # a stage that ends mends it
+    with dj.Results(path) as results:
+        assert (results.status, results.summary) == ("complete", {})
 
 
 @pytest.mark.mpi

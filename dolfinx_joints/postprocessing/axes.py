@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Inches = Annotated[float, at.Interval(ge=0.5, le=100.0), at.Unit("inch")]
+_BELOW = 0.45  # from the axes to a legend below them, past ticks and label [inch]
 Periods = Annotated[Sequence[float], at.MinLen(1), at.Gt(0.0), at.Unit("s")]
 
 
@@ -77,16 +78,16 @@ def entitle(ax: Axes, text: str, *, over_legend: bool = False) -> None:
 
 def legend(ax: Axes, where: str = "inside") -> None:
     """A legend ``inside``, ``above`` (right) or ``below`` the axes."""
+    from matplotlib.transforms import ScaledTranslation
+
     places: dict[str, dict[str, Any]] = {
         "inside": {"framealpha": 0.85, "edgecolor": "none"},
         "above": {"frameon": False, "ncols": 2, "loc": "lower right", "bbox_to_anchor": (1, 1)},
-        "below": {
-            "frameon": False,
-            "ncols": 2,
-            "loc": "upper left",
-            "bbox_to_anchor": (0.0, -0.14),
-        },
+        "below": {"frameon": False, "ncols": 2, "loc": "upper left", "bbox_to_anchor": (0, 0)},
     }
+    if where == "below":  # ticks and label take as much however high the axes are
+        down = ScaledTranslation(0.0, -_BELOW, ax.figure.figure.dpi_scale_trans)  # type: ignore
+        places[where]["bbox_transform"] = ax.transAxes + down
     ax.legend(fontsize="small", **places[where])
 
 

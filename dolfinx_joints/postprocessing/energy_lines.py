@@ -15,6 +15,7 @@ from dolfinx_joints.results.reader import ENERGY_TERMS, Results
 Floats = NDArray[np.float64]
 
 WAVES = "waves"
+_ROUNDING = 1e-12  # of the larger of what waves bring and take
 
 
 def energy_lines(results: Results) -> dict[str, Floats]:
@@ -55,6 +56,16 @@ def through_boundaries(results: Results) -> tuple[Floats, Floats] | None:
     waves = [name for name in names if re.fullmatch(fields, name)]
     brought = sum((results.series("energy", name) for name in waves), np.zeros_like(taken))
     return brought, taken
+
+
+def waves_at_end(results: Results) -> tuple[float, float] | None:
+    """What waves have brought and taken by the end of a run, zero where it is rounding, [J]."""
+    through = through_boundaries(results)
+    if through is None or not results.rows("energy"):
+        return None
+    brought, taken = (float(each[-1]) for each in through)
+    least = _ROUNDING * max(abs(brought), abs(taken))
+    return (brought if abs(brought) > least else 0.0), (taken if abs(taken) > least else 0.0)
 
 
 def joint_losses(results: Results) -> dict[str, tuple[float, float]]:

@@ -43,7 +43,7 @@ from dolfinx_joints.postprocessing.axes import (
     new_figure,
     plain_periods,
 )
-from dolfinx_joints.postprocessing.energy_lines import WAVES, energy_lines, through_boundaries
+from dolfinx_joints.postprocessing.energy_lines import WAVES, energy_lines, waves_at_end
 from dolfinx_joints.postprocessing.frames import (
     common_frame,
     frame_name,
@@ -281,7 +281,7 @@ def energies(results: Results, *, ax: Axes | None = None) -> Axes:
     """Energies of the ledger against time (`energy_lines`).
 
     The legend has the largest error as a share of the largest energy, and what waves brought and
-    took through viscous boundaries in all; their difference is drawn.
+    took through absorbing boundaries in all; their difference is drawn.
     """
     terms = energy_lines(results)
     time = results.time("energy")
@@ -290,10 +290,11 @@ def energies(results: Results, *, ax: Axes | None = None) -> Axes:
     factor, unit = energy_unit(largest)
     for term, values in terms.items():
         style, colour = _ENERGY_STYLES[term]
-        label, through = term, through_boundaries(results)
-        if term == WAVES and through is not None and len(time):
-            brought, taken = (each[-1] / factor for each in through)
-            label = f"waves, {brought:.4g} {unit} in less {taken:.4g} {unit} out"
+        label, through = term, waves_at_end(results)
+        if term == WAVES and through is not None:
+            joule, fitting = energy_unit(max(map(abs, through)))
+            brought, taken = (f"{each / joule:.4g} {fitting}" for each in through)
+            label = f"waves, {brought} in less {taken} out"
         if term == "error" and largest > 0.0:
             label = f"error, within {np.abs(values).max() / largest:.1e} of the largest"
         ax.plot(time, values / factor, linestyle=style, color=colour, linewidth=1.2, label=label)

@@ -29,7 +29,7 @@ from dolfinx_joints.report.page import (
     table,
     valued,
 )
-from dolfinx_joints.report.runs import Content, Run, largest_moment
+from dolfinx_joints.report.runs import Content, Run, components, largest_moment
 from dolfinx_joints.report.static_section import gaps_note
 from dolfinx_joints.results.reader import ENERGY_TERMS
 from dolfinx_joints.results.resolved import beyond
@@ -40,9 +40,9 @@ JOINT_NOTE = (
     "Opening is the positive part of the normal gap. Slip is the tangential displacement of the "
     "two sides against each other from the static state. Safety is that "
     "against sliding, friction and bond over shear, both added up point by point; a dash where it "
-    "is not defined. Places "
-    "are x (downstream), y (left bank) and z (up)."
+    "is not defined."
 )
+_AXES = {2: "x (downstream) and y (up).", 3: "x (downstream), y (left bank) and z (up)."}
 
 
 def opening(content: Content, note: str, *, of_body: bool) -> list[Html]:
@@ -59,7 +59,8 @@ def opening(content: Content, note: str, *, of_body: bool) -> list[Html]:
         pieces.append(table("What matters", ["", *(run.label for run in runs)], rows))
     pieces += [_joints(run) for run in runs if run.results.joints and run.has("states")]
     if any(run.results.joints for run in runs):
-        pieces.append(paragraph(JOINT_NOTE, "note"))
+        axes = _AXES[len(components(runs))]
+        pieces.append(paragraph(f"{JOINT_NOTE} Places are {axes}", "note"))
     found = [text for run in content.runs for text in (*doubts(run), *_unresolved(run, band))]
     pieces.append(heading("Warnings"))
     pieces.append(bullets(found or ["None."]))
@@ -229,7 +230,8 @@ def _joints(run: Run) -> Html:
     rows: list[list[Cell]] = []
     for joint in run.results.joints:
         found = peaks.joint_peaks(run.results, joint)
-        moved = [_millimetres(found[name]) for name in ("opening", "slip")]
+        axes = len(run.components)
+        moved = [_millimetres(found[name], axes) for name in ("opening", "slip")]
         safety = found["safety"]
         least = None if np.isnan(safety.value) else valued(safety.value, f"{plain(safety.time)} s")
         rows.append([joint, *moved, least])
@@ -237,13 +239,13 @@ def _joints(run: Run) -> Html:
     return table(f"Joints ({run.label})", head, rows)
 
 
-def _millimetres(peak: Peak) -> Cell:
+def _millimetres(peak: Peak, axes: int) -> Cell:
     """An opening or a slip; what never moved has no time and place."""
     if not peak.value:
         return 0
-    return valued(1e3 * peak.value, f"{plain(peak.time)} s at {place(peak)}")
+    return valued(1e3 * peak.value, f"{plain(peak.time)} s at {place(peak, axes)}")
 
 
-def place(peak: Peak) -> str:
-    """Coordinates as text."""
-    return f"({', '.join(plain(round(float(x), 1) + 0.0) for x in peak.place)}) m"
+def place(peak: Peak, axes: int = 3) -> str:
+    """Coordinates along the first axes as text."""
+    return f"({', '.join(plain(round(float(x), 1) + 0.0) for x in peak.place[:axes])}) m"

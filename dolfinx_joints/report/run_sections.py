@@ -11,7 +11,7 @@ import numpy as np
 
 from dolfinx_joints import __version__
 from dolfinx_joints.postprocessing import plots
-from dolfinx_joints.postprocessing.energy_lines import energy_lines, through_boundaries
+from dolfinx_joints.postprocessing.energy_lines import energy_lines, waves_at_end
 from dolfinx_joints.report.page import Curve, Section, panels, paragraph, plain, table
 from dolfinx_joints.report.runs import Content, nothing
 from dolfinx_joints.results.reader import ENERGY_TERMS
@@ -83,12 +83,14 @@ def energies(content: Content) -> Section:
         spec = panels(curves, titles, "time [s]", shown=len(values))
         picture = content.save(f"energies_{number + 1}", plots.energies(run.results))
         caption = f"Energies of {run.label} over time, and their error."
-        through = through_boundaries(run.results)
+        through = waves_at_end(run.results)
         if through is not None:
-            brought, taken = (plain(1e-9 * float(each[-1])) for each in through)
+            joule, unit = plots.energy_unit(max(map(abs, through)))
+            brought, taken = (plain(each / joule) for each in through)
             caption += (
-                f" Waves: what came in through viscous boundaries less what went out, {brought} "
-                f"less {taken} GJ at the end; input and viscous are those of all else."
+                " Waves: what came in through boundaries that absorb waves of rock or water less "
+                f"what went out, {brought} less {taken} {unit} at the end; input and viscous are "
+                "those of all else."
             )
         pieces.append(content.drawings.plot(f"energies-{number + 1}", spec, caption, [picture]))
     return Section("energies", "Energies", pieces)

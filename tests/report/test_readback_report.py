@@ -27,7 +27,9 @@ from dolfinx_joints.postprocessing.joints.resultants import joint_resultants
 from dolfinx_joints.report import body_sections
 from dolfinx_joints.report.page import Drawings, Html
 from dolfinx_joints.report.runs import Content, Run
+from dolfinx_joints.results.layout import declare_energy
 from dolfinx_joints.results.reader import ENERGY_TERMS, Results
+from dolfinx_joints.results.writer import ResultsWriter
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("plotly")
@@ -262,3 +264,31 @@ def test_curves_are_those_of_the_file(two: tuple[str, dict[str, Results]]) -> No
     for (label, panel), found in curves(html, "iterations-plot").items():
         run = runs[label]
         same(found, run.time("histories"), run.series("histories", names[panel]))
+
+
+def test_energies_of_a_reservoir_are_told_apart_from_its_waves(tmp_path: Path) -> None:
+    """Waves take 2 kJ out of a dam and bring rounding; the legend is below the axis's name."""
+    further = ("water", "absorbed", "plastic", "impact", "dissipation")
+    path = tmp_path / "lake.h5"
+    with ResultsWriter(path, {"point_names": []}) as writer:
+        declare_energy(writer, (), ["FarField_reservoir"])
+        for term in further:
+            writer.series("energy", term, (), "J", term)
+        writer.start()
+        for t in (0.0, 1.0):
+            row = dict.fromkeys((*ENERGY_TERMS, *further), 0.0) | {"kinetic": 5e3 * t}
+            row |= {"absorbed": 2e3 * t, "viscous": 2e3 * t, "loads/FarField_reservoir": -1e-21 * t}
+            writer.append("energy", t, row)
+        writer.finish("complete", {})
+    html = report.write([path], tmp_path / "out.html", with_3d=False).read_text(encoding="utf-8")
+    assert (
+        "came in through boundaries that absorb waves of rock or water less what went out, "
+        "0 less 2 kJ at the end"
+    ) in html
+    ax = PICTURES[tmp_path / "out_files" / "energies_1.png"]
+    assert ax.get_ylabel() == "energy [kJ]"
+    words = ax.get_legend().get_texts()
+    assert (words[0].get_text(), len(words)) == ("waves, 0 kJ in less 2 kJ out", 13)
+    ax.figure.draw_without_rendering()
+    name, legend = ax.xaxis.label.get_window_extent(), ax.get_legend().get_window_extent()
+    assert 0.0 < legend.y0 < legend.y1 < name.y0

@@ -318,6 +318,8 @@ def test_plane_joints_have_no_maps(tmp_path):
     page, html = page_of([tmp_path / "plane.h5"], tmp_path)
     assert "The model is plane: its joints are lines, of which no maps are drawn." in html
     assert "seam" in page.cells
+    assert "2.000 1 s at (0.5, 1) m" in page.cells
+    assert "Places are x (downstream) and y (up).</p>" in html
 
 
 @pytest.mark.parametrize(

@@ -137,12 +137,16 @@ def components(runs: Iterable[Run]) -> list[Component]:
 
 
 def linear_and_jointed(runs: Sequence[Run]) -> tuple[Run | None, Run]:
-    """Of two runs the one without joints and the one with; of others None and the first with."""
-    with_joints = [run for run in runs if run.results.joints]
-    if len(runs) == 2 and len(with_joints) == 1:
+    """Of two runs the one without joints and the one with; of others None and the first with.
+
+    Files of static stages alone come after all others.
+    """
+    moving = [run for run in runs if not run.static_alone] or list(runs)
+    with_joints = [run for run in moving if run.results.joints]
+    if len(moving) == len(runs) == 2 and len(with_joints) == 1:
         (main,) = with_joints
         return next(run for run in runs if run is not main), main
-    return None, (with_joints or list(runs))[0]
+    return None, (with_joints or moving)[0]
 
 
 def largest_moment(run: Run) -> tuple[float, str]:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import Browser, chromium
-from written_runs import NODES, write_envelopes, write_run, write_tip
+from written_runs import NODES, write_envelopes, write_run, write_stages, write_tip
 
 from dolfinx_joints import report
 from dolfinx_joints.common.errors import ResultsError
@@ -216,6 +216,16 @@ def test_file_without_anything_known_is_reported_as_it_is(tmp_path):
     page, html = page_of([tmp_path / "other.h5"], tmp_path)
     assert "else" in page.cells
     assert "The files hold no histories." in html
+
+
+def test_pictures_beside_a_file_of_static_stages_are_of_the_run_that_is_named(tmp_path):
+    pytest.importorskip("pyvista")
+    files = [write_stages(tmp_path / "first.h5"), write_run(tmp_path / "second.h5", seconds=0.1)]
+    _, html = page_of(files, tmp_path, with_3d=True)
+    assert "Runs: first (2 static stages), second (0.1 s). Pictures show second." in html
+    captions = re.findall("<figcaption>(.*?)</figcaption>", html)
+    assert "second at t = " in captions[0]  # the dam, deformed
+    assert not any("first" in caption for caption in captions)
 
 
 def test_plane_model_has_no_view_in_space(tmp_path):

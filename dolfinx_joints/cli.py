@@ -6,12 +6,15 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from dolfinx_joints import __version__
 from dolfinx_joints.common.command_line import Parser
-from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.errors import JointsError, PlausibilityWarning
 from dolfinx_joints.common.progress import set_log_level
 
 
@@ -28,18 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not options.quiet:
         set_log_level("INFO")
     try:
-        if options.command == "split":
-            _split(options.mesh, options.out, options.joints, force=options.force)
-        elif options.command == "info":
-            _info(options.file, whole=options.all)
-        elif options.command == "csv":
-            _csv(options.file, options.out, force=options.force)
-        elif options.command == "vtk":
-            _vtk(options.file, options.out, force=options.force)
-        elif options.command == "completion":
-            _completion(options.shell)
-        else:
-            _report(options.results, options.out, with_3d=not options.no_3d)
+        with _warnings_in_lines(quiet=options.quiet):
+            _run(options)
         sys.stdout.flush()
     except (JointsError, ValueError) as error:
         print(f"dolfinx-joints: {error}", file=sys.stderr)
@@ -52,13 +45,46 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _run(options: Any) -> None:
+    if options.command == "split":
+        _split(options.mesh, options.out, options.joints, force=options.force)
+    elif options.command == "info":
+        _info(options.file, whole=options.all)
+    elif options.command == "csv":
+        _csv(options.file, options.out, force=options.force)
+    elif options.command == "vtk":
+        _vtk(options.file, options.out, force=options.force)
+    elif options.command == "completion":
+        _completion(options.shell)
+    else:
+        _report(options.results, options.out, with_3d=not options.no_3d)
+
+
+@contextmanager
+def _warnings_in_lines(*, quiet: bool) -> Iterator[None]:
+    """Print each warning once and as one line, those of plausibility not where it is to be quiet."""
+    told: set[str] = set()
+
+    def tell(message: Any, category: type[Warning], *_: Any, **__: Any) -> None:
+        text = " ".join(str(message).split())
+        if text not in told and not (quiet and issubclass(category, PlausibilityWarning)):
+            print(f"dolfinx-joints: {text}", file=sys.stderr)
+        told.add(text)
+
+    with warnings.catch_warnings():
+        warnings.showwarning = tell
+        yield
+
+
 def _parser() -> Parser:
     parser = Parser(
         prog="dolfinx-joints",
         description="Split meshes at their joints, and look at the results files of runs.",
     )
     parser.add_argument("--version", action="version", version=f"dolfinx_joints {__version__}")
-    parser.add_argument("--quiet", action="store_true", help="do not tell how far it is")
+    parser.add_argument(
+        "--quiet", action="store_true", help="tell neither how far it is nor what is implausible"
+    )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     report = commands.add_parser(
         "report",

@@ -8,9 +8,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from written_runs import write_run
 
 from dolfinx_joints import __version__, cli
+from dolfinx_joints.export.grids import uniform_grid
+from dolfinx_joints.export.vtk_files import VtkFile
 from dolfinx_joints.results.overview import overview
 from dolfinx_joints.results.writer import ResultsWriter
 
@@ -53,6 +57,24 @@ def test_info_prints_what_the_file_holds(tmp_path, capsys):
     path = write_file(tmp_path / "r.h5")
     assert cli.main(["info", str(path)]) == 0
     assert capsys.readouterr().out.strip() == overview(path)
+
+
+def test_a_file_for_paraview_is_called_that(tmp_path, capsys):
+    path = tmp_path / "run.vtkhdf"
+    VtkFile(path, uniform_grid(np.eye(4, 3), np.arange(4)[None], 10, {}))  # a tetrahedron
+    assert cli.main(["info", str(path)]) == 2
+    text = "is a file for ParaView; results are in the .h5 file of ResultsMonitor."
+    assert capsys.readouterr().err == f"dolfinx-joints: {path} {text}\n"
+
+
+def test_a_warning_is_one_line_unless_it_is_to_be_quiet(tmp_path, capsys):
+    # Steps of 0.01 s resolve 10 Hz; the table of peaks asks for six accelerations up to 25 Hz.
+    path, out = write_run(tmp_path / "run.h5", seconds=0.1), str(tmp_path / "tables")
+    assert cli.main(["csv", str(path), "--out", out]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"dolfinx-joints: {path}: accelerations are given up to 25 Hz, but ")
+    assert cli.main(["--quiet", "csv", str(path), "--out", out, "--force"]) == 0
+    assert capsys.readouterr().err == ""
 
 
 def test_report_says_where_it_is(tmp_path, capsys):

@@ -154,6 +154,10 @@ def check_superblock(path: Path, error: type[Exception]) -> bool:
             raise error(f"{path} is not an HDF5 file.")
         version, being_written = superblock[8:9], any(superblock[11:12])
         if version not in (b"", b"\2", b"\3"):
+            if path.suffix == ".vtkhdf":
+                raise error(
+                    f"{path} is a file for ParaView; results are in the .h5 file of ResultsMonitor."
+                )
             raise error(
                 f"{path} is HDF5 but not a file of this program, which writes version 3 of the "
                 f"superblock, where all metadata have checksums; this is version {version[0]}."

@@ -51,6 +51,9 @@ def space(content: Content) -> Section:
         for run in content.runs
         if needed <= set(run.results.statics) and run.has("states", "displacement")
     ]
+    if not runs and all(run.static_alone and not run.plane for run in content.runs):
+        words = "The files hold static stages alone; the body after each is drawn under Statics."
+        return Section("space", title, [paragraph(words)])
     if not runs:
         return nothing("space", title, "states of a body")
     runs = [run for run in runs if not run.plane]

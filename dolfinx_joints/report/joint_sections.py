@@ -35,13 +35,24 @@ _COLUMNS = (
     ("sliding [%]", 100.0, "share_sliding"),
     ("largest pressure [MPa]", 1e-6, "pressure_max"),
 )
+# File, quantity and words of each map after a static stage.
+_OF_STAGE: tuple[tuple[str, Any, str], ...] = (
+    ("normal", "normal", "Normal traction"),
+    ("opening", "opening", "Opening"),
+    ("tangential_gap", "slip", "Tangential gap"),
+    ("tangential", "tangential", "Tangential traction"),
+    ("state", "state", "State of the points"),
+)
 _BONDS = ("bonds broken at the end [%]", 100.0, "share_broken")
+_PLANE = "The model is plane: its joints are lines, of which no maps are drawn."
 _SAFEST = 5.0  # end of the axis of safeties, unless the smallest is near it or above
 
 
 def joints(content: Content) -> Section:
     """Table of the joints' measures, their histories, and maps with a panel for each."""
     runs = [run for run in content.runs if run.results.joints and run.has("states")]
+    if not runs and content.main.static_alone and content.main.results.joints:
+        return Section("joints", "Joints", _of_last_stage(content))
     if not runs:
         return nothing("joints", "Joints", "joints with recorded states")
     pieces: list[Html] = []
@@ -92,7 +103,7 @@ def _histories(content: Content, run: Run) -> Html:
 def _maps(content: Content, run: Run) -> list[Html]:
     """Maps of all joints: pressure in the static state and in the earthquake, opening, slip."""
     if run.plane:
-        return [paragraph("The model is plane: its joints are lines, of which no maps are drawn.")]
+        return [paragraph(_PLANE)]
     found = measures.joint_measures(run.results)
     widest, farthest = (
         max((f[f"{name}_max"], f[f"{name}_time"]) for f in found.values())[1]
@@ -111,13 +122,28 @@ def _maps(content: Content, run: Run) -> list[Html]:
     ]
     if "status" not in {n.split("/")[-1] for n in run.results.streams["states"]}:
         drawn.pop()
-    shown = [_map(content, run, *each) for each in drawn]
+    shown = []
+    for name, quantity, at, words in drawn:
+        picture = plots.joint_maps(run.results, quantity, time=at)
+        recorded = run.results.time("states")[run.results.nearest("states", at)]
+        shown.append(_map(content, name, picture, f"{words}, {run.label} at t = {recorded:.3f} s."))
     return [*shown[:3], details("Further maps", shown[3:])]
 
 
-def _map(content: Content, run: Run, name: str, quantity: Any, time: float, words: str) -> Html:
-    picture = plots.joint_maps(run.results, quantity, time=time)
-    recorded = run.results.time("states")[run.results.nearest("states", time)]
-    caption = f"{words}, {run.label} at t = {recorded:.3f} s."
+def _of_last_stage(content: Content) -> list[Html]:
+    """Maps of all joints after the last static stage, of a file of static stages alone."""
+    run = content.main
+    tables = paragraph("Openings, forces and safeties after each static stage are under Statics.")
+    if run.plane:
+        return [tables, paragraph(_PLANE)]
+    shown = []
+    for name, quantity, words in _OF_STAGE:
+        picture = plots.joint_maps(run.results, quantity, stage=-1)
+        caption = f"{words}, {run.label} after {run.results.stage_names[-1]}."
+        shown.append(_map(content, name, picture, caption))
+    return [tables, *shown[:2], details("Further maps", shown[2:])]
+
+
+def _map(content: Content, name: str, picture: Any, caption: str) -> Html:
     path = content.save(f"joints_{name}", picture, dpi=100)
     return figure([content.drawings.picture(path, caption)], caption, wide=True)

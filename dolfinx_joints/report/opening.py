@@ -58,7 +58,7 @@ def opening(content: Content, note: str, *, of_body: bool) -> list[Html]:
     if rows:
         pieces.append(table("What matters", ["", *(run.label for run in runs)], rows))
     pieces += [_joints(run) for run in runs if run.results.joints and run.has("states")]
-    if any(run.results.joints for run in runs):
+    if any(run.results.joints and run.has("states") for run in runs):
         axes = _AXES[len(components(runs))]
         pieces.append(paragraph(f"{JOINT_NOTE} Places are {axes}", "note"))
     found = [text for run in content.runs for text in (*doubts(run), *_unresolved(run, band))]

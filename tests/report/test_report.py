@@ -228,6 +228,18 @@ def test_pictures_beside_a_file_of_static_stages_are_of_the_run_that_is_named(tm
     assert not any("first" in caption for caption in captions)
 
 
+def test_static_stages_alone_have_maps_of_the_last(tmp_path):
+    pytest.importorskip("pyvista")
+    page, html = page_of([write_stages(tmp_path / "dam.h5")], tmp_path, with_3d=True)
+    captions = re.findall("<figcaption>(.*?)</figcaption>", html)
+    assert captions[0].startswith("dam after each static stage, from downstream.")
+    assert captions[1:3] == ["Normal traction, dam after winter.", "Opening, dam after winter."]
+    assert "the body after each is drawn under Statics" in html
+    assert not re.search("The files hold no (joints|states)", html)
+    assert "smallest safety" not in page.cells  # nor what is said of that table
+    assert "Slip is the tangential" not in html
+
+
 def test_plane_model_has_no_view_in_space(tmp_path):
     nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     with ResultsWriter(tmp_path / "plane.h5", {"point_names": []}) as writer:

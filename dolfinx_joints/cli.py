@@ -62,7 +62,7 @@ def _run(options: Any) -> None:
 
 @contextmanager
 def _warnings_in_lines(*, quiet: bool) -> Iterator[None]:
-    """Print each warning once and as one line, those of plausibility not where it is to be quiet."""
+    """Print each warning once and as one line, those of plausibility unless it is to be quiet."""
     told: set[str] = set()
 
     def tell(message: Any, category: type[Warning], *_: Any, **__: Any) -> None:

@@ -69,9 +69,9 @@ def manifest(
 
 
 def _acting(model: Model, stage: StageRecord) -> str:
-    """Loads of a static stage by the names of the energies, and joints and blocks that it leaves out."""
-    names = load_names(model.loads)
-    text = ", ".join(names[i] for i in stage.loads) or "no loads"
+    """Loads of a static stage, named as their works are, and joints and blocks that it lacks."""
+    called = load_names(model.loads)
+    text = ", ".join(called[i] for i in stage.loads) or "no loads"
     for what, names in (("inactive", stage.state.inactive), ("absent", stage.state.absent)):
         text += f"; {what}: {', '.join(names)}" if names else ""
     return text

@@ -86,7 +86,7 @@ def legend(ax: Axes, where: str = "inside") -> None:
         "below": {"frameon": False, "ncols": 2, "loc": "upper left", "bbox_to_anchor": (0, 0)},
     }
     if where == "below":  # ticks and label take as much however high the axes are
-        down = ScaledTranslation(0.0, -_BELOW, ax.figure.figure.dpi_scale_trans)  # type: ignore
+        down = ScaledTranslation(0.0, -_BELOW, ax.figure.figure.dpi_scale_trans)
         places[where]["bbox_transform"] = ax.transAxes + down
     ax.legend(fontsize="small", **places[where])
 

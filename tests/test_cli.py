@@ -155,11 +155,12 @@ def test_a_full_disk_below_the_output_is_one_line(tmp_path, command):
     assert done.stderr.count("\n") == 1
 
 
-def test_info_tells_each_law_of_the_manifest_once(tmp_path):
+def test_info_tells_each_law_once_and_each_stage_in_its_line(tmp_path):
     made = {
         "versions": {"numpy": "2.2"},
         "joint_laws": {"joint_1": "Law(a=1)", "joint_2": "Law(a=1)", "joint_3": "Law(a=2)"},
         "loads": ["Gravity()"],
+        "static_stages": {"weight": "Gravity; inactive: joint_1", "all": "Gravity"},
         "petsc_options": {},
     }
     with ResultsWriter(tmp_path / "r.h5", {"manifest": made, "title": "wall"}) as writer:
@@ -167,9 +168,11 @@ def test_info_tells_each_law_of_the_manifest_once(tmp_path):
         writer.finish("complete", {})
     lines = overview(tmp_path / "r.h5").splitlines()
     assert lines[1:] == [
-        "settings     title=wall",
-        "versions     numpy=2.2",
-        "joint_laws   joint_1, joint_2: Law(a=1)",
-        "             joint_3: Law(a=2)",
-        "loads        Gravity()",
+        "settings      title=wall",
+        "versions      numpy=2.2",
+        "joint_laws    joint_1, joint_2: Law(a=1)",
+        "              joint_3: Law(a=2)",
+        "loads         Gravity()",
+        "static_stages weight: Gravity; inactive: joint_1",
+        "              all: Gravity",
     ]

@@ -51,14 +51,14 @@ def space(content: Content) -> Section:
         for run in content.runs
         if needed <= set(run.results.statics) and run.has("states", "displacement")
     ]
-    if not runs and all(run.static_alone and not run.plane for run in content.runs):
+    runs = [run for run in runs if not run.plane]
+    if not runs and any(run.plane for run in content.runs):
+        return Section("space", title, [paragraph("The models are plane: no view in space.")])
+    if not runs and all(run.static_alone for run in content.runs):
         words = "The files hold static stages alone; the body after each is drawn under Statics."
         return Section("space", title, [paragraph(words)])
     if not runs:
         return nothing("space", title, "states of a body")
-    runs = [run for run in runs if not run.plane]
-    if not runs:
-        return Section("space", title, [paragraph("The models are plane: no view in space.")])
     if content.reference:
         runs = [run for run in (content.main, content.reference) if run in runs] or runs
     runs.sort(key=lambda run: run is not content.main)

@@ -18,7 +18,7 @@ from dolfinx_joints.results.reader import Results, listing
 from dolfinx_joints.results.resolved import resolved_frequencies
 
 _WIDTH = 100
-_LABEL = 12
+_LABEL = 13
 
 # Facts that have a line of their own, and are not repeated among the others.
 _SHOWN = (
@@ -121,6 +121,9 @@ def _made_by(manifest: Any) -> list[str]:
                 joints.setdefault(str(law), []).append(joint)
             for i, (law, names) in enumerate(joints.items()):
                 lines += _line("" if i else label, [f"{', '.join(names)}: {law}"])
+        elif label == "static_stages" and isinstance(value, dict):
+            for i, (stage, acting) in enumerate(value.items()):
+                lines += _line("" if i else label, [f"{stage}: {acting}"])
         elif isinstance(value, dict):
             lines += _line(label, _facts(value, value))
         else:

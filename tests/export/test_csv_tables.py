@@ -367,4 +367,4 @@ def test_overview_of_a_run_that_failed(tmp_path):
         fail()
     shown = overview(tmp_path / "r.h5").splitlines()
     assert "failed" in shown[0]
-    assert "error        RuntimeError: no convergence" in shown
+    assert "error         RuntimeError: no convergence" in shown

@@ -39,7 +39,7 @@ class StaticState(Summarised):
         reports: How the solves went, one per load step, or more where steps were cut.
         inactive: Names of the joints that carried nothing and have not been grouted since.
         absent: Cell groups of the blocks that were not there.
-        missing: Loads of the model that did not act.
+        missing: Names of loads of the model that did not act, as those of their works.
         cuts: Increments of the loads that did not converge and were cut in halves.
     """
 

@@ -16,7 +16,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, Response, Status
-from dolfinx_joints.loads.load import FollowsJoints
+from dolfinx_joints.loads.load import FollowsJoints, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.statics.unfinished import (
@@ -116,8 +116,8 @@ def grouted(
     joints = _chosen(filled | (idle & inactive), fresh, response)
     # Water in a joint that was open is that of an open one until a static stage looks again.
     wet = {
-        type(load).__name__
-        for load in model.loads
+        name
+        for name, load in zip(load_names(model.loads), model.loads, strict=True)
         if isinstance(load, FollowsJoints) and load.joint in chosen
     }
     missing = tuple(sorted({*missing, *wet}))

@@ -17,7 +17,7 @@ from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.internal_forces import InternalForces
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.laws.law import Floats
-from dolfinx_joints.loads.load import Load, always
+from dolfinx_joints.loads.load import Load, always, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
@@ -83,7 +83,11 @@ def march(
         solver = JointWaterIteration(system.water, solver)
     fixed = system.constrained
     reports: list[SolveReport] = []
-    absent = [one for one in model.loads if not any(one is other for other in acting)]
+    absent = tuple(
+        name
+        for name, one in zip(load_names(model.loads), model.loads, strict=True)
+        if not any(one is other for other in acting)
+    )
 
     def state() -> StaticState:
         return StaticState(
@@ -93,7 +97,7 @@ def march(
             reports=list(reports),
             inactive=stage.inactive if stage else (),
             absent=stage.absent if stage else (),
-            missing=tuple(type(one).__name__ for one in absent),
+            missing=absent,
             cuts=increments.cuts,
         )
 

@@ -505,9 +505,7 @@ def test_refusals(wall):
     with pytest.raises(ValueError, match="gap is 0.001 m and pressure 1000 Pa; grout under"):
         run.grout(gap=1e-3, pressure=1e3)
     run.grout()
-    with pytest.raises(
-        JointsError, match="lacks HydrostaticPressure_y_min as the dynamic stage"
-    ):
+    with pytest.raises(JointsError, match="lacks HydrostaticPressure_y_min as the dynamic stage"):
         run.dynamics(dt=1e-3, steps=1)
     run.statics()
     with pytest.raises(JointsError, match="The joint 'joint_1' cannot become inactive: the last"):

@@ -83,7 +83,7 @@ def march(
         solver = JointWaterIteration(system.water, solver)
     fixed = system.constrained
     reports: list[SolveReport] = []
-    absent = tuple(
+    missing = tuple(
         name
         for name, one in zip(load_names(model.loads), model.loads, strict=True)
         if not any(one is other for other in acting)
@@ -97,7 +97,7 @@ def march(
             reports=list(reports),
             inactive=stage.inactive if stage else (),
             absent=stage.absent if stage else (),
-            missing=absent,
+            missing=missing,
             cuts=increments.cuts,
         )
 

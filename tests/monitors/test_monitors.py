@@ -283,14 +283,15 @@ class GivesUp:
 
     time: float
     rule: Rule = BACKWARD_EULER
+    forces_over_steps: bool = False
 
     def conserves(self, system: Any) -> bool:
         return True
 
-    def advance(self, solver: Any, state: Any, dt: float) -> Any:
+    def advance(self, solver: Any, state: Any, dt: float, end: float | None = None) -> Any:
         if state.time + dt > self.time * (1 + 1e-9):
             raise ConvergenceError(iteration=30, residual=1.0, tolerance=1e-10)
-        return Newmark().advance(solver, state, dt)
+        return Newmark().advance(solver, state, dt, end)
 
 
 def test_a_long_error_leaves_room_for_the_summary(comm, wall_file, read, new_path):

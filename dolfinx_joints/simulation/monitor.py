@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from dolfinx_joints.common.mpi import OF_ERRORS, all_fail, lasting
+
 if TYPE_CHECKING:
     from dolfinx_joints.model.model import Model
     from dolfinx_joints.simulation.record import Record, StageRecord
@@ -63,13 +65,14 @@ _LONGEST_ERROR = 2000  # characters
 
 
 @contextmanager
-def failures_shown(monitors: Sequence[Monitor]) -> Iterator[None]:
-    """Show monitors that a static stage did not reach its end, whatever ended it (collective)."""
+def failures_shown(model: Model, monitors: Sequence[Monitor]) -> Iterator[None]:
+    """Show monitors that a static stage did not reach its end, whatever ended it on all ranks."""
+    of_errors = lasting(model.jointed.mesh.comm, OF_ERRORS)
     try:
         yield
     except BaseException as error:
         status = "failed" if isinstance(error, Exception) else "stopped"
         text = f"{type(error).__name__}: {error}"[:_LONGEST_ERROR]
-        for monitor in monitors:
+        for monitor in monitors if all_fail(of_errors) else ():
             monitor.static_failure(status, text)
         raise

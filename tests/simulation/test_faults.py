@@ -383,19 +383,6 @@ def test_memory_is_known_where_linuxs_reports_lack_a_line(monkeypatch):
     assert memory.peak_mb() == pytest.approx(used, rel=0.01)
 
 
-def test_a_warning_is_kept_once_and_shown_each_time():
-    from dolfinx_joints.simulation.dynamic_stage import _warnings_kept
-
-    said = []
-    with warnings.catch_warnings(record=True) as shown:
-        warnings.simplefilter("always")
-        with _warnings_kept(said):
-            for text in ("slip", "slip", "opening"):
-                warnings.warn(text, stacklevel=1)
-    assert said == ["slip", "opening"]
-    assert [str(w.message) for w in shown] == ["slip", "slip", "opening"]
-
-
 def test_packages_without_metadata_are_unknown_to_the_manifest(monkeypatch):
     from dolfinx_joints.monitors import manifest
 

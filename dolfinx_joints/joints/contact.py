@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -22,8 +22,9 @@ from dolfinx_joints.common.parameters import (
     check_number,
     shown,
 )
+from dolfinx_joints.joints.bonds import Bonds
 from dolfinx_joints.joints.form_operator import FormOperator
-from dolfinx_joints.joints.law_points import LawPoints
+from dolfinx_joints.joints.law_points import LawPoints, empty_response
 from dolfinx_joints.joints.operator import GapOperator, JointOperator
 from dolfinx_joints.laws.inactive import Inactive
 from dolfinx_joints.laws.law import (
@@ -225,7 +226,7 @@ class Contact:
         """Answer of the laws of the local points, without waiting for other ranks."""
         if len(self._laws) == 1:
             return self._laws[0].ask(rule, gap, compliance, state)
-        answer = _empty_response(len(gap), self._variables)
+        answer = empty_response(len(gap), self._variables)
         for part in self._laws:
             here = part.points
             own = None if compliance is None else compliance[here]
@@ -236,6 +237,11 @@ class Contact:
     def has_loops(self) -> bool:
         """Whether the answers of all laws are those of loops."""
         return all(part.in_loops for part in self._laws)
+
+    def bonds(self, state: JointState) -> Bonds | None:
+        """Bonds that may break in a step from a state, None where no law has any, on all ranks."""
+        brittle = [part for part in self._laws if part.brittle is not None]
+        return Bonds(brittle, self.operator.comm, state) if brittle else None
 
     def start_of_loops(self, rule: Rule, state: JointState) -> Start:
         """What the loop of a rule is told of the local points, where all laws have loops."""
@@ -252,7 +258,7 @@ class Contact:
         """The answer of a loop as that of the laws."""
         if len(self._laws) == 1:
             return self._laws[0].answered(rule, answer)
-        response = _empty_response(len(answer.gap), self._variables)
+        response = empty_response(len(answer.gap), self._variables)
         for part in self._laws:
             here = Answer._make(array[part.points] for array in answer)
             part.put(part.answered(rule, here), response)
@@ -385,16 +391,3 @@ def _checked_gap(name: str, gap: InitialGap, places: Floats) -> Floats:
     if not callable(gap):
         check_number(what, gap, lambda _: True, "finite", unit="m")
     return check_each(what, gap(places) if callable(gap) else gap, len(places))
-
-
-def _empty_response(count: int, variables: int) -> Response:
-    return Response(
-        traction=np.zeros((count, 3)),
-        tangent=np.zeros((count, 3, 3)),
-        state=replace(
-            JointState.at_rest(np.zeros((count, 3)), variables=variables),
-            slips=np.zeros((count, 5)),
-        ),
-        dissipation=np.zeros(count),
-        status=np.zeros(count, dtype=np.int8),
-    )

@@ -21,6 +21,7 @@ from dolfinx_joints.laws.law import (
     DISCRETE_GRADIENT,
     NO_COMPLIANCE,
     AnyLaw,
+    BrittleLaw,
     CondensedEnergyConsistentLaw,
     CondensedLaw,
     EnergyConsistentLaw,
@@ -64,6 +65,7 @@ class LawPoints:
         variables: Number of its internal variables.
         balances: Whether it has an answer over a whole step that balances energy.
         accounts: Whether it states its losses in steps that it answered at their end.
+        brittle: What holds its bonds, None if it has none.
         stops: Whether its points do not rebound.
         in_loops: Whether its answers are those of the loops of `CoulombJoint`.
 
@@ -86,6 +88,7 @@ class LawPoints:
         alone = step.law if isinstance(step, DashpotStep) else step
         self.balances = isinstance(alone, EnergyConsistentLaw | CondensedEnergyConsistentLaw)
         self.accounts = isinstance(alone, LawWithLosses)
+        self.brittle = alone if isinstance(alone, BrittleLaw) else None
         self.in_loops = isinstance(law, CoulombJoint) and law.in_loops()
         self.stops = isinstance(law, RigidJoint) and law.restitution == 0
         self._methods = _methods(law)
@@ -241,3 +244,17 @@ def _without_pressure(law: Any, gap: Floats, state: JointState) -> Response:
         )
     response: Response = law.condensed_backward_euler(gap, NO_COMPLIANCE, state)
     return response
+
+
+def empty_response(count: int, variables: int) -> Response:
+    """Room for the answer of points with internal variables."""
+    return Response(
+        traction=np.zeros((count, 3)),
+        tangent=np.zeros((count, 3, 3)),
+        state=replace(
+            JointState.at_rest(np.zeros((count, 3)), variables=variables),
+            slips=np.zeros((count, 5)),
+        ),
+        dissipation=np.zeros(count),
+        status=np.zeros(count, dtype=np.int8),
+    )

@@ -232,6 +232,26 @@ class LawWithHistory(Protocol):
 
 
 @runtime_checkable
+class BrittleLaw(LawWithHistory, Protocol):
+    """A law with bonds that break for good.
+
+    Solvers hold the bonds of a step, and release those that its solution overloads: one that an
+    iterate on the way breaks would stay broken.
+    """
+
+    def hold(self, internal: Floats, released: NDArray[np.bool_]) -> Floats:
+        """Internal variables at the start of a step whose bonds hold whatever they carry.
+
+        Args:
+            internal: At the start of the step, shape (n, number of variables).
+            released: Bonds that break in the step, shape (n,).
+        """
+
+    def overloaded(self, state: JointState) -> NDArray[np.bool_]:
+        """Bonds that carry more than their strength, shape (n,)."""
+
+
+@runtime_checkable
 class RateDependentLaw(Law, Protocol):
     """A law that depends on the rate of the gap; its own methods are those of statics."""
 

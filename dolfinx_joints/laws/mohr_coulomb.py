@@ -18,6 +18,9 @@ from dolfinx_joints.laws.law import Floats, JointState, Losses, Response, Status
 from dolfinx_joints.laws.losses import Way, losses_on, work
 from dolfinx_joints.laws.return_mapping import contact_fraction
 
+# State of a bond. In a step that is being solved intact ones are held, or released for good.
+INTACT, BROKEN, HELD, RELEASED = 0.0, 1.0, -1.0, 0.5
+
 
 @dataclass(frozen=True, kw_only=True)
 @checked
@@ -25,8 +28,8 @@ class MohrCoulombJoint:
     """Friction joint with a brittle bond and with dilatancy, a Mohr-Coulomb joint.
 
     Intact: t_n = k_n gap_n in tension too and t_s = k_s e, as long as t_n <= f_t and
-    |t_s| <= c - t_n tan(alpha). At the first step that leaves this range the bond is gone for
-    good, c = f_t = 0 (brittle loss): the point opens, or slides by
+    |t_s| <= c - t_n tan(alpha). At the first step whose solution leaves this range the bond is gone
+    for good, c = f_t = 0 (brittle loss): the point opens, or slides by
 
         |t_s| + t_n tan(alpha) <= 0,   plastic potential |t_s| + t_n tan(psi),
 
@@ -87,7 +90,7 @@ class MohrCoulombJoint:
             gap: Gap at rest, shape (n, 3), [m].
         """
         bonded = (self.cohesion > 0.0) & (gap[:, 0] <= 0.0)
-        return np.column_stack([np.where(bonded, 0.0, 1.0), np.zeros(len(gap))])
+        return np.column_stack([np.where(bonded, INTACT, BROKEN), np.zeros(len(gap))])
 
     def closed_stiffness(self) -> tuple[float, float]:
         """k_n and k_s, [Pa/m]."""
@@ -110,16 +113,15 @@ class MohrCoulombJoint:
             Tractions, consistent tangent, trial state, dissipation (friction, dilatancy and what
             breaking bonds set free) and status; an intact point counts as sticking.
         """
-        k_n, k_s, mu = self.normal_stiffness, self.shear_stiffness, coefficient_of(self)
+        k_n, k_s = self.normal_stiffness, self.shear_stiffness
         slip = state.elastic_slip + gap[:, 1:] - state.gap[:, 1:]
-        bonded = state.internal[:, 0] == 0.0
-        strength = self.cohesion - mu * k_n * gap[:, 0]
-        holds = bonded & (k_n * gap[:, 0] <= self.tensile_strength)
-        holds &= k_s * np.hypot(slip[:, 0], slip[:, 1]) <= strength
+        bond = state.internal[:, 0]
+        bonded, held = bond < BROKEN, bond == HELD
+        holds = held | ((bond == INTACT) & self._carries(gap[:, 0], slip))
         traction = np.column_stack([k_n * gap[:, :1], k_s * slip])
         tangent = np.zeros((len(gap), 3, 3))
         tangent[:] = np.diag([k_n, k_s, k_s])
-        internal = np.column_stack([np.where(holds, 0.0, 1.0), state.internal[:, 1]])
+        internal = np.column_stack([np.where(holds, INTACT, BROKEN), state.internal[:, 1]])
         status = np.full(len(gap), Status.STICK, dtype=np.int8)
         loose = np.flatnonzero(~holds)
         if len(loose):
@@ -136,6 +138,27 @@ class MohrCoulombJoint:
             dissipation=work(0.5 * (self._tractions(state) + traction), way.plastic),
             status=status,
         )
+
+    def hold(self, internal: Floats, released: NDArray[np.bool_]) -> Floats:
+        """Internal variables with intact bonds held, or broken in the step; see `BrittleLaw`."""
+        given = internal.copy()
+        bonds = np.where(released, RELEASED, HELD)
+        given[:, 0] = np.where(internal[:, 0] == INTACT, bonds, internal[:, 0])
+        return given
+
+    def overloaded(self, state: JointState) -> NDArray[np.bool_]:
+        """Intact bonds beyond their strength, shape (n,)."""
+        intact = state.internal[:, 0] == INTACT
+        return intact & ~self._carries(state.gap[:, 0], state.elastic_slip)
+
+    def _carries(self, gap_n: Floats, slip: Floats) -> NDArray[np.bool_]:
+        """Whether a bond holds at a normal gap (n,) and an elastic slip (n, 2), [m]."""
+        t_n, mu = self.normal_stiffness * gap_n, coefficient_of(self)
+        shear = self.shear_stiffness * np.hypot(slip[:, 0], slip[:, 1])
+        carries: NDArray[np.bool_] = (t_n <= self.tensile_strength) & (
+            shear <= self.cohesion - mu * t_n
+        )
+        return carries
 
     def _slide(
         self, gap_n: Floats, slip: Floats, was: Floats, dilation: Floats
@@ -196,7 +219,7 @@ class MohrCoulombJoint:
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Losses of an end-point step (30); what breaking bonds set free counts as friction."""
         way = self._way(before, answer.state)
-        breaks = answer.state.internal[:, 0] > before.internal[:, 0]
+        breaks = _breaks(before, answer.state)
         way.plastic[breaks] += way.elastic[breaks]
         way.elastic[breaks] = 0.0
         mean = 0.5 * (self._tractions(before) + self._tractions(answer.state))
@@ -204,7 +227,7 @@ class MohrCoulombJoint:
 
     def _way(self, before: JointState, after: JointState) -> Way:
         """The way of a step; where a bond breaks in it, all that is not elastic is plastic."""
-        broken, breaks = before.internal[:, 0] > 0.0, after.internal[:, 0] > before.internal[:, 0]
+        broken, breaks = before.internal[:, 0] == BROKEN, _breaks(before, after)
         dilation, moved = before.internal[:, 1], after.gap - before.gap
         elastic = self._elastic(after) - self._elastic(before)
         # Slip in flight, before a point touches, meets no friction.
@@ -224,7 +247,7 @@ class MohrCoulombJoint:
     def _opening(self, state: JointState) -> Floats:
         """How far points without a bond are open, shape (n,), [m]."""
         opening = np.maximum(state.gap[:, 0] - state.internal[:, 1], 0.0)
-        return np.where(state.internal[:, 0] > 0.0, opening, 0.0)
+        return np.where(state.internal[:, 0] == BROKEN, opening, 0.0)
 
     def _elastic(self, state: JointState) -> Floats:
         """Elastic normal gap and slip, shape (n, 3), [m]."""
@@ -237,7 +260,13 @@ class MohrCoulombJoint:
 
     def _elastic_gap(self, state: JointState) -> Floats:
         """Elastic part of the normal gap, t_n / k_n, shape (n,), [m]."""
-        bonded = state.internal[:, 0] == 0.0
+        bonded = state.internal[:, 0] < BROKEN
         return np.where(
             bonded, state.gap[:, 0], np.minimum(state.gap[:, 0] - state.internal[:, 1], 0.0)
         )
+
+
+def _breaks(before: JointState, after: JointState) -> NDArray[np.bool_]:
+    """Bonds that break in a step, shape (n,)."""
+    broken: NDArray[np.bool_] = after.internal[:, 0] == BROKEN
+    return broken & (before.internal[:, 0] < BROKEN)

@@ -14,6 +14,7 @@ import numpy as np
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.laws.law import (
+    BrittleLaw,
     EnergyConsistentLaw,
     Floats,
     JointState,
@@ -130,7 +131,11 @@ class DashpotStep:
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Those of the law under what the dashpots leave of a traction, and all work on these."""
-        alone = self.law.backward_euler(answer.state.gap, before)
+        start = before
+        if isinstance(self.law, BrittleLaw):
+            breaks = (answer.state.internal != before.internal).any(axis=1)
+            start = replace(before, internal=self.law.hold(before.internal, breaks))
+        alone = self.law.backward_euler(answer.state.gap, start)
         dash = answer.traction - alone.traction
         lost = losses_of(self.law, before, alone, traction - dash)
         return lost._replace(friction=lost.friction + work(dash, answer.state.gap - before.gap))

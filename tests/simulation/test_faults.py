@@ -11,7 +11,6 @@ import resource
 import signal
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 
 import numpy as np

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.joints.law_points import LawPoints
-from dolfinx_joints.laws.law import JointState
+from dolfinx_joints.laws.law import OVERLOADED, JointState, with_bonds
 
 
 class Bonds:
@@ -36,17 +36,16 @@ class Bonds:
         """State at the start of the step, as laws are to take it."""
         internal = self._state.internal.copy()
         for part in self._parts:
-            if part.brittle is not None:
-                own = internal[part.points, : part.variables]
-                given = part.brittle.hold(own, self._released[part.points])
-                internal[part.points, : part.variables] = given
+            if part.brittle:
+                here = part.points
+                internal[here] = with_bonds(internal[here], self._released[here])
         return replace(self._state, internal=internal)
 
     def release(self, state: JointState) -> bool:
         """Whether bonds are overloaded in a solution, which are released then (collective)."""
         over = np.zeros_like(self._released)
         for part in self._parts:
-            if part.brittle is not None:
-                over[part.points] = part.brittle.overloaded(part.state_of(state))
+            if part.brittle:
+                over[part.points] = state.internal[part.points, 0] == OVERLOADED
         self._released |= over
         return any(self._comm.allgather(bool(over.any())))

@@ -238,10 +238,14 @@ class Contact:
         """Whether the answers of all laws are those of loops."""
         return all(part.in_loops for part in self._laws)
 
-    def bonds(self, state: JointState) -> Bonds | None:
-        """Bonds that may break in a step from a state, None where no law has any, on all ranks."""
-        brittle = [part for part in self._laws if part.brittle is not None]
-        return Bonds(brittle, self.operator.comm, state) if brittle else None
+    @property
+    def brittle(self) -> bool:
+        """Whether some law has bonds that break for good, on all ranks alike."""
+        return any(part.brittle for part in self._laws)
+
+    def bonds(self, state: JointState) -> Bonds:
+        """Bonds that may break in a step from a state."""
+        return Bonds(self._laws, self.operator.comm, state)
 
     def start_of_loops(self, rule: Rule, state: JointState) -> Start:
         """What the loop of a rule is told of the local points, where all laws have loops."""

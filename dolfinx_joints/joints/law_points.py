@@ -65,7 +65,7 @@ class LawPoints:
         variables: Number of its internal variables.
         balances: Whether it has an answer over a whole step that balances energy.
         accounts: Whether it states its losses in steps that it answered at their end.
-        brittle: What holds its bonds, None if it has none.
+        brittle: Whether it has bonds that break for good.
         stops: Whether its points do not rebound.
         in_loops: Whether its answers are those of the loops of `CoulombJoint`.
 
@@ -88,7 +88,7 @@ class LawPoints:
         alone = step.law if isinstance(step, DashpotStep) else step
         self.balances = isinstance(alone, EnergyConsistentLaw | CondensedEnergyConsistentLaw)
         self.accounts = isinstance(alone, LawWithLosses)
-        self.brittle = alone if isinstance(alone, BrittleLaw) else None
+        self.brittle = isinstance(alone, BrittleLaw) and alone.breaks
         self.in_loops = isinstance(law, CoulombJoint) and law.in_loops()
         self.stops = isinstance(law, RigidJoint) and law.restitution == 0
         self._methods = _methods(law)

@@ -38,3 +38,9 @@ def set_friction(law: Any) -> tuple[float, float]:
 def coefficient_of(law: Any) -> float:
     """Coefficient of friction of a law that has taken its friction."""
     return float(law.friction_coefficient)
+
+
+def cosine_and_sine(angle_deg: float) -> tuple[float, float]:
+    """Of an angle from zero to 90 degrees, where the cosine is zero."""
+    angle = math.radians(angle_deg)
+    return (0.0, 1.0) if angle_deg == 90.0 else (math.cos(angle), math.sin(angle))

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import Any, NamedTuple, Protocol, TypeAlias, TypeGuard, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias, TypeGuard, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -231,24 +231,28 @@ class LawWithHistory(Protocol):
         """Their values at rest at a gap of shape (n, 3), shape (n, number of variables)."""
 
 
+# What bonds, or keys, are. While a step is solved intact ones are held, overloaded or not, or
+# released: they break in it.
+INTACT, BROKEN, HELD, OVERLOADED, RELEASED = 0.0, 1.0, -1.0, -2.0, 0.5
+
+
 @runtime_checkable
 class BrittleLaw(LawWithHistory, Protocol):
-    """A law with bonds that break for good.
+    """A law with bonds that break for good, the first of its internal variables saying which.
 
-    Solvers hold the bonds of a step, and release those that its solution overloads: one that an
-    iterate on the way breaks would stay broken.
+    Solvers hold the bonds in a step, and release those that its solution overloads: one that an
+    iterate on the way breaks would stay broken. A bond that is held answers as if it could not
+    break, and is intact or overloaded in the state of the response.
     """
 
-    def hold(self, internal: Floats, released: NDArray[np.bool_]) -> Floats:
-        """Internal variables at the start of a step whose bonds hold whatever they carry.
+    breaks: ClassVar[bool]
 
-        Args:
-            internal: At the start of the step, shape (n, number of variables).
-            released: Bonds that break in the step, shape (n,).
-        """
 
-    def overloaded(self, state: JointState) -> NDArray[np.bool_]:
-        """Bonds that carry more than their strength, shape (n,)."""
+def with_bonds(internal: Floats, released: NDArray[np.bool_]) -> Floats:
+    """Internal variables of a brittle law with intact bonds held, or released, shape (n, m)."""
+    given, bonds = internal.copy(), np.where(released, RELEASED, HELD)
+    given[:, 0] = np.where(internal[:, 0] == INTACT, bonds, internal[:, 0])
+    return given
 
 
 @runtime_checkable

@@ -14,12 +14,19 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
-from dolfinx_joints.laws.law import Floats, JointState, Losses, Response, Status
+from dolfinx_joints.laws.law import (
+    BROKEN,
+    HELD,
+    INTACT,
+    OVERLOADED,
+    Floats,
+    JointState,
+    Losses,
+    Response,
+    Status,
+)
 from dolfinx_joints.laws.losses import Way, losses_on, work
 from dolfinx_joints.laws.return_mapping import contact_fraction
-
-# State of a bond. In a step that is being solved intact ones are held, or released for good.
-INTACT, BROKEN, HELD, RELEASED = 0.0, 1.0, -1.0, 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +62,7 @@ class MohrCoulombJoint:
     """
 
     internal_variables: ClassVar[tuple[str, ...]] = ("broken", "dilation")
+    breaks: ClassVar[bool] = True
 
     normal_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
     shear_stiffness: Annotated[float, at.Ge(0), at.Unit("Pa/m")]
@@ -117,11 +125,13 @@ class MohrCoulombJoint:
         slip = state.elastic_slip + gap[:, 1:] - state.gap[:, 1:]
         bond = state.internal[:, 0]
         bonded, held = bond < BROKEN, bond == HELD
-        holds = held | ((bond == INTACT) & self._carries(gap[:, 0], slip))
+        carries = self._carries(gap[:, 0], slip)
+        holds = held | ((bond == INTACT) & carries)
         traction = np.column_stack([k_n * gap[:, :1], k_s * slip])
         tangent = np.zeros((len(gap), 3, 3))
         tangent[:] = np.diag([k_n, k_s, k_s])
-        internal = np.column_stack([np.where(holds, INTACT, BROKEN), state.internal[:, 1]])
+        bond = np.where(held & ~carries, OVERLOADED, np.where(holds, INTACT, BROKEN))
+        internal = np.column_stack([bond, state.internal[:, 1]])
         status = np.full(len(gap), Status.STICK, dtype=np.int8)
         loose = np.flatnonzero(~holds)
         if len(loose):
@@ -138,18 +148,6 @@ class MohrCoulombJoint:
             dissipation=work(0.5 * (self._tractions(state) + traction), way.plastic),
             status=status,
         )
-
-    def hold(self, internal: Floats, released: NDArray[np.bool_]) -> Floats:
-        """Internal variables with intact bonds held, or broken in the step; see `BrittleLaw`."""
-        given = internal.copy()
-        bonds = np.where(released, RELEASED, HELD)
-        given[:, 0] = np.where(internal[:, 0] == INTACT, bonds, internal[:, 0])
-        return given
-
-    def overloaded(self, state: JointState) -> NDArray[np.bool_]:
-        """Intact bonds beyond their strength, shape (n,)."""
-        intact = state.internal[:, 0] == INTACT
-        return intact & ~self._carries(state.gap[:, 0], state.elastic_slip)
 
     def _carries(self, gap_n: Floats, slip: Floats) -> NDArray[np.bool_]:
         """Whether a bond holds at a normal gap (n,) and an elastic slip (n, 2), [m]."""

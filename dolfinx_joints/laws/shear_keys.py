@@ -29,11 +29,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.laws.angle import coefficient_of, set_friction
+from dolfinx_joints.laws.angle import coefficient_of, cosine_and_sine, set_friction
 from dolfinx_joints.laws.friction import FrictionNoTension
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
+    BROKEN,
     DISCRETE_GRADIENT,
+    HELD,
+    INTACT,
+    OVERLOADED,
+    RELEASED,
     Floats,
     JointState,
     Losses,
@@ -50,7 +55,7 @@ Bools = NDArray[np.bool_]
 BASE, FORWARD, CREST, BACKWARD = range(4)
 
 # Columns of the internal variables; then the elastic slips on the teeth's faces.
-BROKEN, LIFT, TEETH = 0, 1, slice(2, 6)
+KEYS, LIFT, TEETH = 0, 1, slice(2, 6)
 
 
 class Faces(NamedTuple):
@@ -122,6 +127,7 @@ class ShearKeyJoint:
         "backward_up",
         "backward_along",
     )
+    breaks: ClassVar[bool] = True
 
     normal_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
     shear_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
@@ -212,7 +218,7 @@ class ShearKeyJoint:
     @cached_property
     def _axes(self) -> Floats:
         """R of each face, shape (4, 3, 3)."""
-        c, s = _cosine_and_sine(self.flank_angle_deg)
+        c, s = cosine_and_sine(self.flank_angle_deg)
         faces = np.tile(np.eye(3), (4, 1, 1))
         faces[FORWARD, :2, :2] = [[c, -s], [s, c]]
         faces[BACKWARD, :2, :2] = [[c, s], [-s, c]]
@@ -224,7 +230,7 @@ class ShearKeyJoint:
     @cached_property
     def _offsets(self) -> Floats:
         """Offset o of each face along its normal, shape (4,), [m]."""
-        _, s = _cosine_and_sine(self.flank_angle_deg)
+        _, s = cosine_and_sine(self.flank_angle_deg)
         plays = ((self.forward_play or 0.0) * s, (self.backward_play or 0.0) * s)
         return np.array([0.0, plays[0], -self.depth, plays[1]])
 
@@ -249,7 +255,7 @@ class ShearKeyJoint:
         for i, (flank, exists) in enumerate(self._flanks, start=1):
             start, end = before[:, [flank, CREST], 0], after[:, [flank, CREST], 0]
             crest = start[:, 1] > start[:, 0]  # the face that a point is nearest to, or beyond
-            there = (state.internal[:, BROKEN] == 0.0) & exists
+            there = (state.internal[:, KEYS] < BROKEN) & exists
             chosen[:, i], far[:, i] = np.where(crest, CREST, flank), ~there
             kept[:, i - 1] = there & (end <= 0.0).all(axis=1) & ((end[:, 1] > end[:, 0]) == crest)
             inside = there & (start <= 0.0).all(axis=1)
@@ -271,12 +277,15 @@ class ShearKeyJoint:
     ) -> Response:
         """Answer with the teeth, without them where that would be too much for them."""
         answer, overloaded = self._solved(rule, gap, state, compliance)
-        if not overloaded.any():
-            return answer
-        sheared = self._sheared(state, overloaded)
-        answer, _ = self._solved(rule, gap, sheared, compliance)
-        released = self.stored_energy(state) - self.stored_energy(sheared)
-        return replace(answer, dissipation=answer.dissipation + released)
+        keys = state.internal[:, KEYS]
+        gone, held = (overloaded & (keys == INTACT)) | (keys == RELEASED), keys == HELD
+        if gone.any():
+            sheared = self._sheared(state, gone)
+            answer, _ = self._solved(rule, gap, sheared, compliance)
+            released = self.stored_energy(state) - self.stored_energy(sheared)
+            answer = replace(answer, dissipation=answer.dissipation + released)
+        answer.state.internal[held, KEYS] = np.where(overloaded[held], OVERLOADED, INTACT)
+        return answer
 
     def _sheared(self, state: JointState, here: Bools) -> JointState:
         """The state without the teeth of some points, whose base bears the larger pressure."""
@@ -289,7 +298,7 @@ class ShearKeyJoint:
         lift = np.where(closed, state.gap[:, 0] + pressed / self.normal_stiffness, 0.0)
         internal = state.internal.copy()
         internal[here] = 0.0
-        internal[here, BROKEN], internal[here, LIFT] = 1.0, lift[here]
+        internal[here, KEYS], internal[here, LIFT] = BROKEN, lift[here]
         return replace(state, internal=internal)
 
     def _solved(
@@ -344,7 +353,7 @@ class ShearKeyJoint:
         much as lies between these; the rest is numerical.
         """
         after = answer.state
-        breaks = after.internal[:, BROKEN] > before.internal[:, BROKEN]
+        breaks = after.internal[:, KEYS] > before.internal[:, KEYS]
         state = self._sheared(before, breaks) if breaks.any() else before
         faces = self._faces(after.gap, state)
         single = self._friction.backward_euler(faces.gap, faces.before)
@@ -387,9 +396,3 @@ class ShearKeyJoint:
         """Sum over the faces of values (3 n,), shape (n,)."""
         total: Floats = values.reshape(-1, 3).sum(axis=1)
         return total
-
-
-def _cosine_and_sine(angle_deg: float) -> tuple[float, float]:
-    """Of an angle from zero to 90 degrees, where the cosine is zero."""
-    angle = math.radians(angle_deg)
-    return (0.0, 1.0) if angle_deg == 90.0 else (math.cos(angle), math.sin(angle))

@@ -24,6 +24,7 @@ from dolfinx_joints.laws.law import (
     Response,
     Status,
     variables_of,
+    with_bonds,
 )
 from dolfinx_joints.laws.losses import losses_of, work
 from dolfinx_joints.laws.mohr_coulomb import MohrCoulombJoint
@@ -134,7 +135,7 @@ class DashpotStep:
         start = before
         if isinstance(self.law, BrittleLaw):
             breaks = (answer.state.internal != before.internal).any(axis=1)
-            start = replace(before, internal=self.law.hold(before.internal, breaks))
+            start = replace(before, internal=with_bonds(before.internal, breaks))
         alone = self.law.backward_euler(answer.state.gap, start)
         dash = answer.traction - alone.traction
         lost = losses_of(self.law, before, alone, traction - dash)

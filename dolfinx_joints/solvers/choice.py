@@ -18,7 +18,7 @@ from dolfinx_joints.joints.operator import diagonal_compliance
 from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import iterates
-from dolfinx_joints.solvers.first_that_works import FirstThatWorks
+from dolfinx_joints.solvers.first_that_works import FirstThatWorks, HoldingBonds
 from dolfinx_joints.solvers.interface.compliance import LARGEST_WHOLE
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.interface.whole import WholeSolver
@@ -56,6 +56,19 @@ def make_solver(
         rule: Response that the time scheme will ask the laws for.
         static_steps: Number of solves with K alone that are to come; 0 in dynamics.
     """
+    solver = _solver_of(system, options, kind, rule, static_steps)
+    brittle = system.contact is not None and system.contact.brittle
+    return HoldingBonds(solver) if brittle else solver
+
+
+def _solver_of(
+    system: MatrixSystem,
+    options: SolverOptions | None,
+    kind: SolverKind,
+    rule: Rule,
+    static_steps: int,
+) -> StepSolver:
+    """A solver of steps whose bonds are what the state says (collective)."""
     contact = system.contact
     rigid = contact is not None and contact.rigid
     if system.bulk is not None and (kind == "condensed" or rigid):

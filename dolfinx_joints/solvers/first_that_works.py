@@ -1,10 +1,11 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Solvers of the same steps, each asked where those before it do not converge."""
+"""Solvers that ask others: one after the other, or again without what has broken."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from petsc4py import PETSc
@@ -69,6 +70,62 @@ class FirstThatWorks:
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Take up what another's ``state_dict`` gave."""
         self._solvers[0].load_state_dict(state_dict)
+
+
+class HoldingBonds:
+    """Solves a step with all bonds held, and again without those that its solution overloads.
+
+    Bonds that are intact and bonds that are gone often solve the same step: those that can stay
+    stay, whatever an iterate on the way would have broken.
+
+    Args:
+        solver: Takes the steps.
+    """
+
+    def __init__(self, solver: StepSolver) -> None:
+        """Keep the solver."""
+        self._solver = solver
+        self.system, self.name, self.options = solver.system, solver.name, solver.options
+
+    @property
+    def asks_last(self) -> bool:
+        """That of `FirstThatWorks`."""
+        return bool(getattr(self._solver, "asks_last", False))
+
+    @asks_last.setter
+    def asks_last(self, asked: bool) -> None:
+        if isinstance(self._solver, FirstThatWorks):
+            self._solver.asks_last = asked
+
+    def solve(
+        self,
+        effective: MatrixCoefficients,
+        b: PETSc.Vec,
+        x: PETSc.Vec,
+        state: JointState | None,
+        rule: Rule = BACKWARD_EULER,
+    ) -> tuple[Response | None, SolveReport]:
+        """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
+        assert state is not None
+        assert self.system.contact is not None
+        bonds, iterations, factorizations = self.system.contact.bonds(state), 0, 0
+        while True:
+            response, report = self._solver.solve(effective, b, x, bonds.start(), rule)
+            iterations += report.iterations
+            factorizations += report.factorizations
+            assert response is not None
+            if not bonds.release(response.state):
+                return response, replace(
+                    report, iterations=iterations, factorizations=factorizations
+                )
+
+    def state_dict(self) -> dict[str, Any]:
+        """That of the solver."""
+        return self._solver.state_dict()
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Take up what another's ``state_dict`` gave."""
+        self._solver.load_state_dict(state_dict)
 
 
 def _distance(failure: ConvergenceError) -> float:

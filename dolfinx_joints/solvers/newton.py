@@ -12,7 +12,6 @@ In changes, nothing is lost to the rounding of large displacements that hardly m
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -112,19 +111,8 @@ class NewtonSolver:
         internal_forces = self._internal_forces
         if internal_forces is None or state is None:
             return None, solve_without_joints(tangent.effective, b, x, self.unconstrained)
-        contact = self.system.contact
-        bonds = None if contact is None else contact.bonds(state)
-        iterations = factorizations = 0
-        while True:
-            start = state if bonds is None else bonds.start()
-            balance = _Balance(self, tangent.effective, internal_forces, b, x, start, rule)
-            response, report = self._iterate(internal_forces, tangent, balance, x, start)
-            iterations += report.iterations
-            factorizations += report.factorizations
-            if bonds is None or not bonds.release(response.state):
-                return response, replace(
-                    report, iterations=iterations, factorizations=factorizations
-                )
+        balance = _Balance(self, tangent.effective, internal_forces, b, x, state, rule)
+        return self._iterate(internal_forces, tangent, balance, x, state)
 
     def state_dict(self) -> dict[str, Any]:
         """Empty: every solve starts from its arguments alone."""

@@ -104,6 +104,15 @@ class Dissipation:
             velocity.getArray()[:] += self._exact.modes.combined(kept)
             add_modal_momentum(self._exact, kept, momentum.getArray())
 
+    def displaced(self, acceleration: PETSc.Vec, dt: float) -> PETSc.Vec:
+        """What dissipation adds to x in a step of length dt [s], dt^2 chi P a of (19d), [m]."""
+        found = acceleration.copy()
+        if self._exact is not None:
+            modal = self._exact.modes.amounts(self._exact.used, acceleration)
+            found.getArray()[:] -= self._exact.modes.combined(modal)
+        found.scale(self._chi * dt**2)
+        return found
+
     def works(
         self,
         x: PETSc.Vec,

@@ -70,7 +70,7 @@ def add_inertia(step: ModalStep, velocity: PETSc.Vec, momentum: PETSc.Vec) -> No
 def add_free_vibration(
     step: ModalStep, velocity: Floats, dt: float, acceleration: PETSc.Vec
 ) -> None:
-    """Take the part of free vibration out of the change of the acceleration in a step.
+    """Take the part of free vibration out of the change of the acceleration, a mean, in a step.
 
     Args:
         step: The modes.
@@ -78,7 +78,8 @@ def add_free_vibration(
         dt: Length of the step [s].
         acceleration: Its change.
     """
-    own = step.modes.frequencies[: step.used] ** 2 * dt * velocity
+    turn = step.modes.frequencies[: step.used] * dt
+    own = 2.0 * (1.0 - np.cos(turn)) / dt * velocity  # v(t + dt) - 2 v(t) + v(t - dt), over -dt
     acceleration.getArray()[:] += step.modes.combined(own)
 
 

@@ -236,7 +236,10 @@ class _Step:
         change = combination((1.0, after.acceleration), (-1.0, self._before.acceleration))
         if self._exact is not None:
             add_free_vibration(self._exact, self._modal_rates, self._dt, change)
-        return self._system.norm(change) * self._dt**2 / 12.0
+        error = self._system.norm(change) * self._dt**2 / 12.0
+        if self._dissipation is not None:
+            error += self._system.norm(self._dissipation.displaced(after.acceleration, self._dt))
+        return error
 
 
 class _Turn:

@@ -19,6 +19,7 @@ from dolfinx_joints.laws.law import Rule
 from dolfinx_joints.model.modes import whole_groups
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
+from dolfinx_joints.solvers.first_that_works import HoldingBonds
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.reduced.basis import ReducedBasis
 from dolfinx_joints.solvers.reduced.system import reduced_system
@@ -283,6 +284,7 @@ def _check(system: MatrixSystem, scheme: Scheme, solver: StepSolver) -> None:
     comm = system.mass.comm.tompi4py()
     wrong = {
         "a scheme other than EnergyConsistent() and ImplicitContact()": not plain,
+        "bonds or keys that break": isinstance(solver, HoldingBonds),
         "a solver other than the condensed one": not isinstance(solver, InterfaceSolver),
         "moving supports": system.values is not None,
         "waves in a reservoir": system.coupled is not None,

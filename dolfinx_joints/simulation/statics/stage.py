@@ -27,7 +27,7 @@ from dolfinx_joints.simulation.statics.load_increments import LoadIncrements
 from dolfinx_joints.simulation.statics.unfinished import Unfinished
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC
-from dolfinx_joints.solvers.first_that_works import FirstThatWorks
+from dolfinx_joints.solvers.first_that_works import FirstThatWorks, HoldingBonds
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, StepSolver
 from dolfinx_joints.time_integration.products import Products
 
@@ -118,7 +118,7 @@ def march(
         b.waxpy(-1.0, elastic_force, load)
         x.set(0.0)
         x.getArray()[fixed] = at_supports - u.array[fixed]
-        if isinstance(chosen, FirstThatWorks):
+        if isinstance(chosen, FirstThatWorks | HoldingBonds):
             chosen.asks_last = increment.last_resort
         try:
             response, report = solver.solve(STATIC, b, x, joints)

@@ -337,12 +337,14 @@ def free_surface(
 
 def _doubts(outcome: Outcome) -> list[str]:
     """What makes a run doubtful."""
-    texts, counts = [], outcome.reduced
+    texts, counts, at_end = [], outcome.reduced, ", ".join(outcome.backward_euler_laws)
+    rough = "scheme and time step; take EnergyConsistent, or a smaller step"
+    if at_end:  # of EnergyConsistent
+        rough = f"time step, at the end of which {at_end} is asked; take a smaller one"
     if outcome.energy_error > LARGE_ENERGY_ERROR:
         texts.append(
             f"The energy error is {100 * outcome.energy_error:.3g} % of the largest energy: joints "
-            "open and close too fast for this scheme and time step; take EnergyConsistent, or a "
-            "smaller step."
+            f"open and close too fast for this {rough}."
         )
     if outcome.imbalance is not None and outcome.imbalance > LARGE_IMBALANCE:
         texts.append(

@@ -68,6 +68,26 @@ def test_amplification_of_a_mode(radius):
     assert np.abs(found).max() == pytest.approx(radius, abs=1e-4)
 
 
+@pytest.mark.parametrize("radius", [0.0, 0.5, 0.8])
+def test_the_local_error_has_what_dissipation_takes(radius):
+    """Released at u0, 20 steps per period: what the first step misses of that without dissipation.
+
+    The other part of the error is that of `test_schemes`; it begins with the second step.
+    """
+    omega, dt = 2.0 * math.pi, 0.05
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=omega**2)
+    ends = []
+    for each in (radius, 1.0):
+        scheme = EnergyConsistent(spectral_radius=each)
+        solver = make_solver(system, rule=scheme.rule)
+        u0 = system.mass.createVecRight()
+        u0.setArray([1.0])
+        after, report = scheme.advance(solver, initial_state(solver, displacement=u0), dt)
+        ends.append((after.displacement.array[0], report.local_error))
+    (damped, error), (kept, of_kept) = ends
+    assert error - of_kept == pytest.approx(abs(damped - kept), rel=0.1)
+
+
 def moving(*, supports):
     """Six coupled dofs with damping that couples modes, loads, two joint points that rub."""
     rng = np.random.default_rng(8)

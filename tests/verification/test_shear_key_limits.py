@@ -24,6 +24,8 @@ from dolfinx_joints import (
     FrictionNoTension,
     Gravity,
     Model,
+    Prescribed,
+    Pressure,
     ShearKeyJoint,
     Simulation,
 )
@@ -86,3 +88,33 @@ def test_keys_do_not_hold_along_themselves(meshes):
     assert held == pytest.approx(0.97 * limit, rel=1e-6)
     with pytest.raises(ConvergenceError):
         pushed(meshes(3), keys, 1.03 * limit, "condensed", axis=1)
+
+
+@pytest.mark.parametrize("solver", ["monolithic", "condensed"])
+@pytest.mark.parametrize("step", [1e-3, 5e-4, 5e-5])
+def test_teeth_that_can_stay_stay(meshes, solver, step):
+    """The upper face is pushed onto the flanks, which bear p tan(alpha + phi), however long steps.
+
+    Before it rides up, a flank overlaps by step sin(alpha), under k_n times which teeth of half
+    this strength would not stand. Weak teeth go and leave the friction of the base, p tan(phi).
+    """
+    pressure, shears = 2e5, []
+    for cohesion in (2e5, 1e4):
+        model = Model(
+            meshes(2),
+            material=Elastic(young=30e9, poisson=0.0, density=2400.0),
+            joints=replace(KEYS, forward_play=5e-5, backward_play=5e-5, tooth_cohesion=cohesion),
+            supports=[
+                Fixed(group="base"),
+                Prescribed(group="joint_1+", component="x", value=lambda time: time),
+            ],
+            loads=[Pressure(group="top", value=pressure)],
+        )
+        simulation = Simulation(model, solver=solver)
+        simulation.statics()
+        for time in np.arange(1, round(1e-3 / step) + 1) * step:
+            state = simulation.quasi_statics([time])
+        shears.append(abs(model.contact.integral(state.joints.traction[:, 1])))  # of 1 m
+        assert np.all(state.joints.state.internal[:, 0] == (cohesion == 1e4))
+    limits = [pressure * math.tan(math.radians(angle)) for angle in (ALPHA + PHI, PHI)]
+    assert shears == pytest.approx(limits, rel=1e-6)

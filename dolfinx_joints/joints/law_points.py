@@ -21,7 +21,6 @@ from dolfinx_joints.laws.law import (
     DISCRETE_GRADIENT,
     NO_COMPLIANCE,
     AnyLaw,
-    BrittleLaw,
     CondensedEnergyConsistentLaw,
     CondensedLaw,
     EnergyConsistentLaw,
@@ -34,6 +33,7 @@ from dolfinx_joints.laws.law import (
     RateDependentLaw,
     Response,
     Rule,
+    has_bonds,
 )
 from dolfinx_joints.laws.losses import losses_of
 from dolfinx_joints.laws.return_mapping import Answer, Start
@@ -88,7 +88,7 @@ class LawPoints:
         alone = step.law if isinstance(step, DashpotStep) else step
         self.balances = isinstance(alone, EnergyConsistentLaw | CondensedEnergyConsistentLaw)
         self.accounts = isinstance(alone, LawWithLosses)
-        self.brittle = isinstance(alone, BrittleLaw) and alone.breaks
+        self.brittle = has_bonds(alone)
         self.in_loops = isinstance(law, CoulombJoint) and law.in_loops()
         self.stops = isinstance(law, RigidJoint) and law.restitution == 0
         self._methods = _methods(law)

@@ -231,9 +231,10 @@ class LawWithHistory(Protocol):
         """Their values at rest at a gap of shape (n, 3), shape (n, number of variables)."""
 
 
-# What bonds, or keys, are. While a step is solved intact ones are held, overloaded or not, or
-# released: they break in it.
-INTACT, BROKEN, HELD, OVERLOADED, RELEASED = 0.0, 1.0, -1.0, -2.0, 0.5
+# What bonds, or keys, are. While a step is solved intact ones are held, or released: they break in
+# it. A bond that was held and bears more than its strength is minus the ratio of both, below HELD.
+INTACT, BROKEN, HELD, RELEASED = 0.0, 1.0, -1.0, 0.5
+LARGEST_OVERLOAD = 1e9  # of bonds without the strength that is asked for
 
 
 @runtime_checkable
@@ -242,10 +243,27 @@ class BrittleLaw(LawWithHistory, Protocol):
 
     Solvers hold the bonds in a step, and release those that its solution overloads: one that an
     iterate on the way breaks would stay broken. A bond that is held answers as if it could not
-    break, and is intact or overloaded in the state of the response.
+    break; in the state of the response it is what `bond_under` gives.
     """
 
     breaks: ClassVar[bool]
+
+
+def has_bonds(law: Any) -> bool:
+    """Whether a law has bonds that break for good."""
+    return isinstance(law, BrittleLaw) and law.breaks
+
+
+def overload(load: Floats, strength: Floats) -> Floats:
+    """Loads over strengths, `LARGEST_OVERLOAD` of what has no strength, of any shape."""
+    most = np.where(load > 0.0, LARGEST_OVERLOAD, 0.0)
+    ratio = np.divide(load, strength, out=most, where=strength > 0.0)
+    return np.minimum(ratio, LARGEST_OVERLOAD)
+
+
+def bond_under(ratio: Floats) -> Floats:
+    """What bonds that are held are under a ratio of load to strength, shape (n,)."""
+    return np.where(ratio > 1.0, -ratio, INTACT)
 
 
 def with_bonds(internal: Floats, released: NDArray[np.bool_]) -> Floats:

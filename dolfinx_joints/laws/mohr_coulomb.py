@@ -18,12 +18,13 @@ from dolfinx_joints.laws.law import (
     BROKEN,
     HELD,
     INTACT,
-    OVERLOADED,
     Floats,
     JointState,
     Losses,
     Response,
     Status,
+    bond_under,
+    overload,
 )
 from dolfinx_joints.laws.losses import Way, losses_on, work
 from dolfinx_joints.laws.return_mapping import contact_fraction
@@ -125,12 +126,12 @@ class MohrCoulombJoint:
         slip = state.elastic_slip + gap[:, 1:] - state.gap[:, 1:]
         bond = state.internal[:, 0]
         bonded, held = bond < BROKEN, bond == HELD
-        carries = self._carries(gap[:, 0], slip)
-        holds = held | ((bond == INTACT) & carries)
+        ratio = self._overload(gap[:, 0], slip)
+        holds = held | ((bond == INTACT) & (ratio <= 1.0))
         traction = np.column_stack([k_n * gap[:, :1], k_s * slip])
         tangent = np.zeros((len(gap), 3, 3))
         tangent[:] = np.diag([k_n, k_s, k_s])
-        bond = np.where(held & ~carries, OVERLOADED, np.where(holds, INTACT, BROKEN))
+        bond = np.where(held, bond_under(ratio), np.where(holds, INTACT, BROKEN))
         internal = np.column_stack([bond, state.internal[:, 1]])
         status = np.full(len(gap), Status.STICK, dtype=np.int8)
         loose = np.flatnonzero(~holds)
@@ -149,14 +150,12 @@ class MohrCoulombJoint:
             status=status,
         )
 
-    def _carries(self, gap_n: Floats, slip: Floats) -> NDArray[np.bool_]:
-        """Whether a bond holds at a normal gap (n,) and an elastic slip (n, 2), [m]."""
+    def _overload(self, gap_n: Floats, slip: Floats) -> Floats:
+        """Load of a bond over its strength at a normal gap (n,) and an elastic slip (n, 2), [m]."""
         t_n, mu = self.normal_stiffness * gap_n, coefficient_of(self)
         shear = self.shear_stiffness * np.hypot(slip[:, 0], slip[:, 1])
-        carries: NDArray[np.bool_] = (t_n <= self.tensile_strength) & (
-            shear <= self.cohesion - mu * t_n
-        )
-        return carries
+        tensile = overload(t_n, np.full_like(t_n, self.tensile_strength))
+        return np.maximum(tensile, overload(shear, self.cohesion - mu * t_n))
 
     def _slide(
         self, gap_n: Floats, slip: Floats, was: Floats, dilation: Floats

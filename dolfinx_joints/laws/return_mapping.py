@@ -26,7 +26,7 @@ from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.laws.law import Floats, JointState, Response
 
 Vector = tuple[float, float]
-Flagged = tuple[Response, NDArray[np.bool_]]
+Flagged = tuple[Response, NDArray[Any]]
 
 # Of Newton's method on a compliance; the last of the sizes that rounding has.
 MOST_ITERATIONS, MOST_CUTS, ROUNDING = 50, 12, 16.0 * float(np.finfo(float).eps)

@@ -37,7 +37,6 @@ from dolfinx_joints.laws.law import (
     DISCRETE_GRADIENT,
     HELD,
     INTACT,
-    OVERLOADED,
     RELEASED,
     Floats,
     JointState,
@@ -45,6 +44,8 @@ from dolfinx_joints.laws.law import (
     Response,
     Rule,
     Status,
+    bond_under,
+    overload,
 )
 from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction, work
 from dolfinx_joints.laws.return_mapping import on_compliance
@@ -276,15 +277,15 @@ class ShearKeyJoint:
         self, rule: Rule, gap: Floats, state: JointState, compliance: Floats | None = None
     ) -> Response:
         """Answer with the teeth, without them where that would be too much for them."""
-        answer, overloaded = self._solved(rule, gap, state, compliance)
+        answer, ratio = self._solved(rule, gap, state, compliance)
         keys = state.internal[:, KEYS]
-        gone, held = (overloaded & (keys == INTACT)) | (keys == RELEASED), keys == HELD
+        gone, held = ((ratio > 1.0) & (keys == INTACT)) | (keys == RELEASED), keys == HELD
         if gone.any():
             sheared = self._sheared(state, gone)
             answer, _ = self._solved(rule, gap, sheared, compliance)
             released = self.stored_energy(state) - self.stored_energy(sheared)
             answer = replace(answer, dissipation=answer.dissipation + released)
-        answer.state.internal[held, KEYS] = np.where(overloaded[held], OVERLOADED, INTACT)
+        answer.state.internal[held, KEYS] = bond_under(ratio[held])
         return answer
 
     def _sheared(self, state: JointState, here: Bools) -> JointState:
@@ -303,8 +304,8 @@ class ShearKeyJoint:
 
     def _solved(
         self, rule: Rule, gap: Floats, state: JointState, compliance: Floats | None
-    ) -> tuple[Response, Bools]:
-        """Answer at a gap, or on a compliance, and where it is too much for the teeth."""
+    ) -> tuple[Response, Floats]:
+        """Answer at a gap, or on a compliance, and the load of the teeth over their strength."""
         if compliance is None:
             return self._answer(rule, gap, state)
         stiffness = np.array([self.normal_stiffness, self.shear_stiffness, self.shear_stiffness])
@@ -312,8 +313,8 @@ class ShearKeyJoint:
             lambda end: self._answer(rule, end, state), state.gap, gap, compliance, stiffness
         )
 
-    def _answer(self, rule: Rule, gap: Floats, state: JointState) -> tuple[Response, Bools]:
-        """The sum over the faces (9a), and where the teeth are overloaded (9b)."""
+    def _answer(self, rule: Rule, gap: Floats, state: JointState) -> tuple[Response, Floats]:
+        """The sum over the faces (9a), and the load of the teeth over their strength (9b)."""
         faces = self._faces(gap, state)
         axes, count = faces.axes, len(gap)
         single = getattr(self._friction, rule.name)(faces.gap, faces.before)
@@ -321,7 +322,8 @@ class ShearKeyJoint:
         tangent = single.tangent.reshape(count, 3, 3, 3)
         across = self._axes[BASE, 1]
         shear, pressure = np.abs(traction[:, 1:] @ across), -traction[:, 1:, 0]
-        overloaded = (shear > self.cohesion + self._tooth_friction * pressure).any(axis=1)
+        strength = self.cohesion + self._tooth_friction * pressure
+        ratio = overload(shear, strength).max(axis=1)
         ends = single.state.elastic_slip.reshape(count, 3, 2)
         internal = state.internal.astype(gap.dtype)
         internal[:, TEETH] = np.where(faces.kept[:, :, None], ends[:, 1:], 0.0).reshape(count, 4)
@@ -336,7 +338,7 @@ class ShearKeyJoint:
             state=after,
             dissipation=self._sum(single.dissipation) + self._let_go(faces, single.state, after),
             status=np.where(sticks, np.int8(Status.STICK), status.max(axis=1)),
-        ), overloaded
+        ), ratio
 
     def _let_go(self, faces: Faces, ends: JointState, after: JointState) -> Floats:
         """Energy of faces that are no longer a point's own at the end of a step, shape (n,)."""

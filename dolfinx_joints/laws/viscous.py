@@ -14,7 +14,6 @@ import numpy as np
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.laws.law import (
-    BrittleLaw,
     EnergyConsistentLaw,
     Floats,
     JointState,
@@ -23,6 +22,7 @@ from dolfinx_joints.laws.law import (
     Losses,
     Response,
     Status,
+    has_bonds,
     variables_of,
     with_bonds,
 )
@@ -133,8 +133,8 @@ class DashpotStep:
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Those of the law under what the dashpots leave of a traction, and all work on these."""
         start = before
-        if isinstance(self.law, BrittleLaw):
-            breaks = (answer.state.internal != before.internal).any(axis=1)
+        if has_bonds(self.law):
+            breaks = answer.state.internal[:, 0] > before.internal[:, 0]
             start = replace(before, internal=with_bonds(before.internal, breaks))
         alone = self.law.backward_euler(answer.state.gap, start)
         dash = answer.traction - alone.traction

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from dolfinx_joints.common.mpi import OF_ERRORS, all_fail, lasting
@@ -74,5 +74,6 @@ def failures_shown(model: Model, monitors: Sequence[Monitor]) -> Iterator[None]:
         status = "failed" if isinstance(error, Exception) else "stopped"
         text = f"{type(error).__name__}: {error}"[:_LONGEST_ERROR]
         for monitor in monitors if all_fail(of_errors) else ():
-            monitor.static_failure(status, text)
+            with suppress(Exception):  # what ended the stage is what is to be known
+                monitor.static_failure(status, text)
         raise

@@ -28,6 +28,7 @@ from dolfinx_joints import (
     ViscousJoint,
 )
 from dolfinx_joints.solvers.choice import make_solver
+from dolfinx_joints.solvers.effective_matrix import STATIC
 from dolfinx_joints.time_integration.initial_state import initial_state
 
 FRICTION = {"normal_stiffness": 1e10, "shear_stiffness": 4e9, "friction_angle_deg": 30.0}
@@ -124,6 +125,42 @@ def test_a_bond_holds_what_is_below_its_strength(scheme):
         state, _ = scheme.advance(solver, state, 0.005)
         assert state.joints.state.internal[0, 0] == 0.0
         assert abs(state.displacement.array[0]) <= 2.0 * most / stiffness
+
+
+@pytest.mark.parametrize("steps", [1, 20])
+def test_of_two_bonds_in_a_row_the_weaker_breaks(steps):
+    """Springs and bonds of 1 GN/m in a row are pulled to 1.5 times the strength of the one bond.
+
+    The other has a tenth more area, and nothing to carry once the first is gone.
+    """
+    stiffness, strength = 1e9, 2e5
+    bond = MohrCoulombJoint(
+        normal_stiffness=stiffness,
+        shear_stiffness=stiffness,
+        friction_angle_deg=30.0,
+        cohesion=1e6,
+        tensile_strength=strength,
+    )
+    rows = np.zeros((6, 2))
+    rows[0, 0], rows[3] = 1.0, (-1.0, 1.0)
+    system = MatrixSystem.from_arrays(
+        mass=np.eye(2),
+        stiffness=np.diag([1.0, stiffness]),  # a tied end, but for a whit that holds the middle
+        gap=rows,
+        areas=[1.0, 1.1],
+        law=bond,
+    )
+    solver, pulled = make_solver(system), 1.5 * strength * (2.0 + 1.0 / 1.1) / stiffness
+    b, x = system.mass.createVecRight(), system.mass.createVecRight()
+    joints = system.contact.at_rest(x)
+    total = np.zeros(2)
+    for step in range(1, steps + 1):
+        b.setArray(np.array([0.0, stiffness * pulled * step / steps]) - [1.0, stiffness] * total)
+        x.set(0.0)
+        response, _ = solver.solve(STATIC, b, x, joints)
+        joints, total = response.state, total + x.getArray(readonly=True)
+    assert joints.internal[:, 0].tolist() == [1.0, 0.0]
+    np.testing.assert_allclose(response.traction, 0.0, atol=1e-6 * strength)
 
 
 @pytest.mark.mpi

@@ -140,7 +140,7 @@ class MotionSuite(Summarised):
                 raise end  # a wrong point, a full disk: of no use to go on with
         done = [name for name in waiting if name not in failed]
         skipped = [name for name in states if name not in waiting]
-        return Tally(done=done, failed=failed, skipped=skipped, remarks={})
+        return Tally(done=done, failed=failed, skipped=skipped, failed_before={}, remarks={})
 
     def results(self, name: str) -> Path:
         """Results file of a run."""
@@ -153,8 +153,9 @@ class MotionSuite(Summarised):
         Of a motion: ``pga [m/s^2]`` and ``sa [m/s^2]``, the pseudo-acceleration at a ``period``
         with 5 % damping, the largest of its components; ``arias [m/s]``, the sum of theirs. Of the
         run, over all joints: ``opening [m]``, ``slip [m]`` and the smallest ``safety [-]`` against
-        sliding, as in `joint_peaks`; ``displacement [m]``, the largest of a monitor point at the
-        crest from the static state; ``imbalance [-]`` of the energy lines.
+        sliding, as in `joint_peaks`; ``displacement [m]``, the largest single component, x, y or z,
+        of a monitor point at the crest, from the static state; ``imbalance [-]`` of the energy
+        lines.
         """
         complete = [name for name in self.motions if self._complete(self.results(name))]
         rows = [self._row(name, period) for name in complete]

@@ -56,6 +56,7 @@ class Tally:
         done: Cases that ran to their end.
         failed: Cases that failed, with their reasons.
         skipped: Cases that had a row already and were left alone.
+        failed_before: Those of them that had failed, with their reasons.
         remarks: What of the values of finished cases is not in the table as the function
             returned it, by case.
     """
@@ -63,13 +64,16 @@ class Tally:
     done: list[str]
     failed: dict[str, str]
     skipped: list[str]
+    failed_before: dict[str, str]
     remarks: dict[str, str]
 
     def __str__(self) -> str:
         """A line, and one more per failure and remark."""
-        text = f"{len(self.done)} cases run, {len(self.skipped)} were there already, "
-        text += f"{len(self.failed)} failed"
-        more = (*self.failed.items(), *self.remarks.items())
+        there = len(self.skipped) - len(self.failed_before)
+        text = f"{len(self.done)} cases run, {there} were there already, {len(self.failed)} failed"
+        if self.failed_before:
+            text += f", {len(self.failed_before)} had failed before (again by retry_failed=True)"
+        more = (*self.failed.items(), *self.failed_before.items(), *self.remarks.items())
         return "\n".join([text, *(f"  {name}: {why}" for name, why in more)])
 
 
@@ -175,13 +179,14 @@ class Study(Summarised):
         except OSError as error:
             raise StudyError(f"The study {self.path} cannot be written: {error}.") from error
         names = columns_of_values(list(rows.values()))
-        said = {name: why for name in waiting if (why := reason_of(rows[name], names))}
-        failed = {name for name in waiting if rows[name]["status"] == "failed"}
+        failed = {n: reason_of(rows[n], names) for n in chosen if rows[n]["status"] == "failed"}
+        done = [name for name in waiting if name not in failed]
         return Tally(
-            done=[name for name in waiting if name not in failed],
-            failed={name: why for name, why in said.items() if name in failed},
+            done=done,
+            failed={name: why for name, why in failed.items() if name in waiting},
             skipped=[name for name in chosen if name not in waiting],
-            remarks={name: why for name, why in said.items() if name not in failed},
+            failed_before={name: why for name, why in failed.items() if name not in waiting},
+            remarks={name: why for name in done if (why := reason_of(rows[name], names))},
         )
 
     def folder(self, name: str) -> Path:

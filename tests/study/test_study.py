@@ -228,7 +228,11 @@ def test_failures_are_recorded_and_the_rest_goes_on(tmp_path):
     assert "no more" in Path(str(log).format(4)).read_text()
 
     (tmp_path / "s" / "cured").touch()
-    assert cases.run(progress=False).done == []  # failed ones only if asked
+    left = cases.run(progress=False)  # failed ones only if asked
+    assert (left.done, left.failed_before) == ([], tally.failed)
+    told = "0 cases run, 2 were there already, 0 failed, 4 had failed before (again by retry_failed"
+    assert str(left).startswith(told)
+    assert "\n  x=2: ValueError: two is not allowed." in str(left)
     again = cases.run(progress=False, retry_failed=True)
     assert again.done == ["x=4", "x=5"]
     np.testing.assert_array_equal(cases.table()["y"], [1.0, np.nan, np.nan, 40.0, 50.0, 6.0])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.model.modes import SAME_FREQUENCY, whole_groups
+from dolfinx_joints.model.modes import SAME_FREQUENCY, too_few, whole_groups
 from dolfinx_joints.model.system import MatrixSystem
 
 Floats = NDArray[np.float64]
@@ -49,13 +49,12 @@ class LowestModes:
             )
         if not system.symmetric:
             raise JointsError("exact_modes needs symmetric matrices; this system has others.")
-        found = whole_groups(replace(system, contact=None), count)
+        body = replace(system, contact=None)
+        found = whole_groups(body, count)
         self.comm: Any = system.mass.comm.tompi4py()
         self.frequencies: Floats = 2.0 * np.pi * found.frequencies
         if not found.shapes:
-            raise ValueError(
-                f"exact_modes is {count}; the lowest modes are a larger group of equal frequencies."
-            )
+            raise too_few("exact_modes", body, count)
         shapes = _columns(found.shapes)
         shapes[system.constrained] = 0.0
         weighted = _columns([system.mass * _vector(system, shape) for shape in shapes.T])

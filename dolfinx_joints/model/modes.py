@@ -113,6 +113,21 @@ def whole_groups(system: MatrixSystem, count: int) -> Modes:
     )
 
 
+def too_few(what: str, system: MatrixSystem, count: int) -> ValueError:
+    """That ``count`` modes are fewer than the lowest ones of equal frequencies (collective)."""
+    asked, most = count, _number_of_modes(system)
+    found = np.empty(0)
+    while not found.size:
+        asked = min(2 * asked, most)
+        found = whole_groups(system, asked).frequencies
+    ends = np.flatnonzero(found[:-1] < (1.0 - SAME_FREQUENCY) * found[1:])
+    least = int(ends[0]) + 1 if ends.size else len(found)
+    return ValueError(
+        f"{what} is {count}; the lowest {least} modes are a group of equal frequencies: {least} at "
+        "least are needed."
+    )
+
+
 def _number_of_modes(system: MatrixSystem) -> int:
     without = np.union1d(system.constrained, system.massless)
     left = system.mass.getLocalSize()[0] - len(without)

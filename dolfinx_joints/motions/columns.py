@@ -44,6 +44,14 @@ def is_columns(text: RecordText) -> bool:
     return first <= len(text.lines) and bool(re.match(r"\s*[+-]?\.?\d", text.lines[first - 1]))
 
 
+def check_described(text: RecordText) -> None:
+    """Refuse a line without numbers right below comments that describe columns."""
+    first = _first_row(text)
+    if _keys(text) and first <= len(text.lines):
+        line = shown(text.lines[first - 1].strip())
+        text.fail(first, f"numbers must follow the comments, got {line}; names need a '#' too.")
+
+
 def states_unit(text: RecordText) -> bool:
     """Whether a file of columns gives its unit."""
     return "unit" in _keys(text)

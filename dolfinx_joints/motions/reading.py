@@ -18,7 +18,12 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import check_path, shown
-from dolfinx_joints.motions.columns import is_columns, read_columns, states_unit
+from dolfinx_joints.motions.columns import (
+    check_described,
+    is_columns,
+    read_columns,
+    states_unit,
+)
 from dolfinx_joints.motions.formats import FORMATS, at2_record
 from dolfinx_joints.motions.motion import Motion, Seconds
 from dolfinx_joints.motions.record_text import (
@@ -56,6 +61,7 @@ def read_components(
     if known is None and is_columns(text):
         return read_columns(text, unit, dt, columns)
     if known is None:
+        check_described(text)
         names = ", ".join(each.name for each in FORMATS)
         raise RecordError(
             f"{text.path} is in no known format ({names}, plain columns); it begins with "

@@ -11,12 +11,16 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import annotated_types as at
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.motions.spectra import DampingRatio as DampingRatio
+from dolfinx_joints.postprocessing.palette import BLUE, ORANGE
+from dolfinx_joints.results.arguments import check_results
+from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -98,3 +102,26 @@ def plain_periods(ax: Axes) -> None:
     ax.xaxis.set_major_locator(FixedLocator([0.03, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0, 3.0]))
     ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     ax.xaxis.set_minor_formatter(NullFormatter())
+
+
+def runs(
+    results: Results, reference: Results | None, labels: tuple[str, str] | None = None
+) -> list[tuple[Results, dict[str, Any]]]:
+    """Runs in drawing order, each with the style of its line."""
+    check_results(results)
+    labels = labels or _names_of(results, reference)
+    own = (results, {"color": BLUE, "linewidth": 0.9, "label": labels[0]})
+    if reference is None:
+        return [own]
+    return [(reference, {"color": ORANGE, "linewidth": 1.3, "label": labels[1]}), own]
+
+
+def _names_of(results: Results, reference: Results | None) -> tuple[str, str]:
+    """Names of a run and its reference: by their joints where these tell them apart, or files."""
+    known = "with joints" if results.joints else "linear"
+    if reference is None:
+        return known, ""
+    if bool(results.joints) != bool(reference.joints):
+        return known, "with joints" if reference.joints else "linear"
+    own, other = Path(results.path).stem, Path(reference.path).stem
+    return own, other if other != own else f"{other}, reference"

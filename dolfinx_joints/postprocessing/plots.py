@@ -5,7 +5,8 @@
 Every function draws on the axes ``ax``, or on new ones, and returns them; nothing here uses
 matplotlib's global state. ``point`` is the name or number of a monitor point, ``component`` is x
 (stream), y (cross-valley) or z (up), ``reference`` another run to draw behind, ``labels`` are the
-names of both. Of the states that is drawn which is nearest to ``time`` [s] or, without it, has the
+names of both: "with joints" and "linear" where one has joints and the other none, else those of the
+files. Of the states that is drawn which is nearest to ``time`` [s] or, without it, has the
 number ``index``. Tractions keep the sign of the files: compression is negative.
 
 Displacements are as the file holds them, relative to the ground or absolute, or ``relative_to``
@@ -42,6 +43,7 @@ from dolfinx_joints.postprocessing.axes import (
     new_axes,
     new_figure,
     plain_periods,
+    runs,
 )
 from dolfinx_joints.postprocessing.energy_lines import WAVES, energy_lines, waves_at_end
 from dolfinx_joints.postprocessing.frames import (
@@ -131,7 +133,7 @@ def history(
     from_static: bool = False,
     ax: Axes | None = None,
     reference: Results | None = None,
-    labels: tuple[str, str] = ("with joints", "linear"),
+    labels: tuple[str, str] | None = None,
 ) -> Axes:
     """Displacement of a monitor point against time [1e-3 m].
 
@@ -161,7 +163,7 @@ def fourier(
     relative_to: str | None = None,
     ax: Axes | None = None,
     reference: Results | None = None,
-    labels: tuple[str, str] = ("with joints", "linear"),
+    labels: tuple[str, str] | None = None,
     max_frequency: Annotated[float, at.Gt(0.0), at.Unit("Hz")] = 15.0,
 ) -> Axes:
     """Fourier amplitude of a monitor point's displacement against frequency [1e-3 m s].
@@ -201,7 +203,7 @@ def response_spectra(
     band: Hertz | None = ACCELERATION_BAND,
     ax: Axes | None = None,
     reference: Results | None = None,
-    labels: tuple[str, str] = ("with joints", "linear"),
+    labels: tuple[str, str] | None = None,
 ) -> Axes:
     """Pseudo-acceleration of oscillators on a monitor point, and on the ground [g].
 
@@ -365,17 +367,6 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
     highest = max(10.0, 1.5 * min(worst, default=0.0))  # ``worst`` is of the last, the safety
     panels[2].set_ylim(0.0, min(highest, max(2.0, panels[2].get_ylim()[1])))
     return panels
-
-
-def runs(
-    results: Results, reference: Results | None, labels: tuple[str, str]
-) -> list[tuple[Results, dict[str, Any]]]:
-    """Runs in drawing order, each with the style of its line."""
-    check_results(results)
-    own = (results, {"color": BLUE, "linewidth": 0.9, "label": labels[0]})
-    if reference is None:
-        return [own]
-    return [(reference, {"color": ORANGE, "linewidth": 1.3, "label": labels[1]}), own]
 
 
 def _frames(drawn: list[tuple[Results, dict[str, Any]]], relative_to: str | None) -> str:

@@ -16,7 +16,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.laws.law import Rule
-from dolfinx_joints.model.modes import whole_groups
+from dolfinx_joints.model.modes import too_few, whole_groups
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.first_that_works import HoldingBonds
@@ -109,12 +109,10 @@ class ReducedSteps:
         self.rule: Rule = scheme.rule
         self.forces_over_steps = scheme.forces_over_steps
         self._effective = _coefficients(dt)
-        shapes = whole_groups(replace(system, contact=None), options.modes).shapes
+        separate = replace(system, contact=None)
+        shapes = whole_groups(separate, options.modes).shapes
         if not shapes:
-            raise ValueError(
-                f"modes is {options.modes}; the lowest modes are a larger group of equal "
-                "frequencies."
-            )
+            raise too_few("modes", separate, options.modes)
         factors = system.coefficients(
             self._effective.mass, self._effective.damping, self._effective.stiffness
         )

@@ -100,6 +100,10 @@ def test_what_is_missing_or_contradicts_is_an_error(
     ("text", "message"),
     [
         ("# unit: g\n", "is in no known format"),
+        (
+            "# unit: g\n# columns: time N\ntime,n\n0,1\n1,2\n",
+            "line 3: numbers must follow",
+        ),
         ("# unit: g\n0.0 1.0\n", "line 2: the file has 1 row of numbers; a record has 2"),
         ("# unit: g\n0.0 1.0\n0.1 2.0 3.0\n", "line 3: 3 values where the columns are 2"),
         ("# unit: g\n0.0 1.0\n\n0.1 2.0\n", "line 3: 0 values where the columns are 2"),

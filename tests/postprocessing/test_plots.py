@@ -113,7 +113,7 @@ def test_history_is_in_millimetres_with_its_reference(results: Results, tmp_path
     assert ax.get_ylabel() == "displacement x [$10^{-3}$ m]"
     assert ax.get_title(loc="left") == "crest: displacement x, relative to the ground"
     behind, own = ax.get_lines()
-    assert [line.get_label() for line in (behind, own)] == ["linear", "with joints"]
+    assert [line.get_label() for line in (behind, own)] == ["linear", "run"]  # names of files
     assert np.max(own.get_ydata()) == pytest.approx(19.0)
     assert np.max(behind.get_ydata()) == pytest.approx(9.0)
     assert ax.get_xlim() == pytest.approx((0.0, 3.995))
@@ -166,6 +166,32 @@ def test_fourier_of_unequal_steps(tmp_path: Path) -> None:
     assert amplitude.max() == pytest.approx(20.0, rel=0.01)  # 0.01 m x 4 s / 2
 
 
+def test_runs_are_called_by_what_they_are(results: Results, tmp_path: Path) -> None:
+    def labels(*runs: Results) -> list[str]:
+        own, *behind = runs
+        ax = plots.history(own, "crest", "x", reference=behind[0] if behind else None)
+        return [str(line.get_label()) for line in ax.get_lines()]
+
+    with ResultsWriter(tmp_path / "whole.h5", {"point_names": ["crest"]}) as writer:
+        declare_histories(writer, [[0.0, 0.0, 8.0]])
+        writer.start()
+        for t in (0.0, 1.0):
+            shares = {f"joint_{s}": 0 for s in ("open", "stick", "slip")}
+            writer.append(
+                "histories", t, {"displacement": np.zeros((1, 3)), "iterations": 1} | shares
+            )
+    whole = Results(tmp_path / "whole.h5")
+    assert labels(results, whole) == ["linear", "with joints"]
+    assert labels(whole, results) == ["with joints", "linear"]
+    assert (labels(results), labels(whole)) == (["with joints"], ["linear"])
+    # Of two with joints neither is the linear one.
+    (tmp_path / "again").mkdir()
+    same = Results(write_run(tmp_path / "again" / "run.h5"))
+    other = Results(write_run(tmp_path / "other.h5"))
+    assert labels(results, other) == ["other", "run"]
+    assert labels(results, same) == ["run, reference", "run"]
+
+
 def test_response_spectra(tmp_path: Path) -> None:
     # A step of 0.1 g throws an undamped oscillator to twice its static deflection. The point moves
     # with the ground as far as its acceleration is concerned, but for the first half step.
@@ -179,6 +205,7 @@ def test_response_spectra(tmp_path: Path) -> None:
             writer.append("histories", t, values | shares | {"iterations": 1})
     run = Results(tmp_path / "run.h5")
     options = {"damping_ratio": 0.0, "periods": [0.5, 1.0], "reference": run}
+    options["labels"] = ("with joints", "linear")
     ax = plots.response_spectra(run, "crest", "x", **options)
     lines = {str(line.get_label()): np.asarray(line.get_ydata()) for line in ax.get_lines()}
     assert list(lines) == ["linear", "with joints", "ground"]

@@ -19,7 +19,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import numbers_of, shown
 from dolfinx_joints.motions.motion import Motion
-from dolfinx_joints.motions.processing import ROUNDING, without_drift
+from dolfinx_joints.motions.processing import ROUNDING, fall, without_drift
 from dolfinx_joints.motions.spectra import (
     arias_intensity,
     response_history,
@@ -43,6 +43,7 @@ _NEAR = 0.8
 _WEIGHT = 0.5  # of leaving a peak below the target where it is
 _REGULARISATION = 1e-3  # in units of the largest singular value
 _NORM = 4  # of the misfit that decides how much of a correction is added
+_FADE = 1.0  # of wavelets at the end of the motion, in their widths
 _PARTS = (1.0, 0.7, 0.5, 0.35, 0.2)
 
 
@@ -101,6 +102,8 @@ class SpectrumMatch:
 
     def _misfit(self, motion: Motion) -> Floats:
         values = motion.acceleration[:, component_numbers(self.components)]
+        after = _free(motion.dt, self.periods, self.damping_ratio)
+        values = np.pad(values, ((0, after), (0, 0)))
         found = response_spectrum(values, motion.dt, self.periods, self.damping_ratio)
         misfit: Floats = found.pseudo_acceleration / self.target[:, None] - 1.0
         return misfit
@@ -119,7 +122,8 @@ def match_spectrum(
     """Change a motion until its response spectrum is a given one.
 
     Each component is scaled so that its spectrum has the level of the target (geometric mean),
-    then wavelets are added until all misfits are within the tolerance. A component that is there
+    then wavelets, which fade at the end of the motion, are added until all misfits are within the
+    tolerance, those of free vibrations after the motion as well. A component that is there
     already after scaling gets none. Between the periods of the target it lies on
     straight lines in a plot with both axes logarithmic, and is compared at steps of 1 %.
 
@@ -178,7 +182,8 @@ class _Matcher:
     """
 
     def __init__(self, count: int, dt: float, periods: Floats, target: Floats, zeta: float) -> None:
-        self.count, self.dt, self.periods, self.zeta = count, dt, periods, zeta
+        self.given, self.count = count, count + _free(dt, periods, zeta)
+        self.dt, self.periods, self.zeta = dt, periods, zeta
         omega = 2.0 * np.pi / periods
         self.scale = omega**2 / target
         self.damped = omega * np.sqrt(1.0 - zeta**2)
@@ -186,7 +191,7 @@ class _Matcher:
         self.lag = np.arctan(np.sqrt(1.0 - zeta**2) / zeta) / self.damped
         self.width = 1.178 * periods**0.93  # after Al Atik and Abrahamson
         self.matched = _thinned(periods)
-        impulses = np.zeros((count, 2))
+        impulses = np.zeros((self.count, 2))
         impulses[1, 0] = impulses[0, 1] = 1.0
         answers = response_history(impulses, dt, periods[self.matched], zeta)
         self.to_inner = answers[1:, :, 0].T.copy()  # to a sample, from its own time on
@@ -196,6 +201,7 @@ class _Matcher:
         self, values: Floats, tolerance: float, rounds: int
     ) -> tuple[Floats, float, int, tuple[float, float]]:
         """The nearest acceleration found, its factor, rounds, and its worst misfit and period."""
+        values = np.append(values, np.zeros(self.count - self.given))
         answers = self._answers(values)
         factor = float(np.exp(-np.log(np.abs(answers).max(axis=0)).mean()))
         values, answers = factor * values, factor * answers
@@ -216,7 +222,12 @@ class _Matcher:
             if np.abs(misfit).max() < np.abs(least).max():
                 best, best_round, least = values, number, misfit
         worst = int(np.argmax(np.abs(least)))
-        return best, factor, best_round, (float(least[worst]), float(self.periods[worst]))
+        return (
+            best[: self.given],
+            factor,
+            best_round,
+            (float(least[worst]), float(self.periods[worst])),
+        )
 
     def _answers(self, values: Floats) -> Floats:
         """Of all oscillators to an acceleration (n,), shape (n, p)."""
@@ -269,8 +280,15 @@ class _Matcher:
         """Tapered cosine whose largest answer is at a sample; it ends at rest where it began."""
         time = self.dt * (np.arange(self.count) - place) + self.lag[oscillator]
         envelope = np.exp(-((time / self.width[oscillator]) ** 2))
+        left = self.dt * (self.given - 1 - np.arange(self.count))  # until the end, where it is zero
+        envelope *= 1.0 - fall(left, 0.0, _FADE * self.width[oscillator])
         wave = np.cos(self.damped[oscillator] * time) * envelope
         return without_drift(wave[:, None], envelope, self.dt)[:, 0]
+
+
+def _free(dt: float, periods: Floats, zeta: float) -> int:
+    """Samples after a motion in which free vibrations of all oscillators have their peaks."""
+    return int(np.ceil(0.5 * periods[-1] / np.sqrt(1.0 - zeta**2) / dt)) + 1
 
 
 def _misfit(answers: Floats) -> Floats:

@@ -80,6 +80,20 @@ def test_a_target_of_a_few_points_lies_on_straight_lines_in_logarithms() -> None
     assert float(words[4]) == pytest.approx(match.motion.peak[0] / 9.80665, abs=5e-4)
 
 
+def test_a_run_that_goes_on_after_the_motion_has_its_spectrum_too() -> None:
+    # A motion followed by rest has the free vibration of its oscillators in its spectrum.
+    record = synthetic_motion().resampled(0.02)
+    target = (np.array([0.2, 0.5, 2.0]), np.array([5.0, 5.0, 1.25]))
+    match = match_spectrum(record, target, components="y")
+    values = match.motion.acceleration[:, 1]
+    rest = np.append(values, np.zeros(500))
+    found = response_spectrum(rest, record.dt, match.periods, 0.05).pseudo_acceleration
+    np.testing.assert_allclose(found / match.target - 1.0, match.misfit[:, 0], atol=1e-12)
+    assert np.abs(match.misfit).max() <= 0.1
+    # Corrections are zero in the last sample.
+    assert values[-1] == pytest.approx(match.factors[0] * record.acceleration[-1, 1], abs=1e-12)
+
+
 def test_the_same_on_every_call() -> None:
     target = (np.array([0.2, 1.0]), np.array([6.0, 3.0]))
     coarse = RECORD.resampled(0.02)

@@ -116,7 +116,7 @@ def whole_groups(system: MatrixSystem, count: int) -> Modes:
 def too_few(what: str, system: MatrixSystem, count: int) -> ValueError:
     """That ``count`` modes are fewer than the lowest ones of equal frequencies (collective)."""
     asked, most = count, _number_of_modes(system)
-    found = np.empty(0)
+    found: NDArray[np.float64] = np.empty(0)
     while not found.size:
         asked = min(2 * asked, most)
         found = whole_groups(system, asked).frequencies

@@ -100,10 +100,13 @@ class SpectrumMatch:
             )
         return "\n".join(lines)
 
-    def _misfit(self, motion: Motion) -> Floats:
-        values = motion.acceleration[:, component_numbers(self.components)]
+    def with_rest(self, motion: Motion) -> Motion:
+        """A motion and rest after it, in which free vibrations have their peaks."""
         after = _free(motion.dt, self.periods, self.damping_ratio)
-        values = np.pad(values, ((0, after), (0, 0)))
+        return replace(motion, acceleration=np.pad(motion.acceleration, ((0, after), (0, 0))))
+
+    def _misfit(self, motion: Motion) -> Floats:
+        values = self.with_rest(motion).acceleration[:, component_numbers(self.components)]
         found = response_spectrum(values, motion.dt, self.periods, self.damping_ratio)
         misfit: Floats = found.pseudo_acceleration / self.target[:, None] - 1.0
         return misfit

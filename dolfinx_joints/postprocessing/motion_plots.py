@@ -119,12 +119,12 @@ def response_spectra(
 def spectrum_match(match: SpectrumMatch, *, ax: Axes | None = None) -> Axes:
     """Response spectra of a motion before and after matching, and the target with its tolerance."""
     ax = response_spectra(
-        match.motion,
+        match.with_rest(match.motion),
         components=match.components,
         damping_ratio=match.damping_ratio,
         periods=[float(period) for period in match.periods],
         target=(match.periods, match.target),
-        reference=match.record,
+        reference=match.with_rest(match.record),
         reference_label="as given",
         ax=ax,
     )

@@ -409,14 +409,18 @@ print("never reached")
 """
 
 
-def test_a_rank_that_raises_ends_the_others_that_wait(tmp_path):
-    pytest.importorskip("mpi4py")
+def on_two_ranks(tmp_path, text):
     script = tmp_path / "analysis.py"
-    script.write_text(RANK)
+    script.write_text(text)
     command = ["mpirun", "-n", "2", sys.executable, str(script)]
-    done = subprocess.run(
+    return subprocess.run(
         command, capture_output=True, text=True, env=environment(), check=False, timeout=120
     )
+
+
+def test_a_rank_that_raises_ends_the_others_that_wait(tmp_path):
+    pytest.importorskip("mpi4py")
+    done = on_two_ranks(tmp_path, RANK)
     assert done.returncode != 0
     assert "ValueError: the second rank has had enough" in done.stderr
     assert "never reached" not in done.stdout
@@ -449,12 +453,7 @@ print("never reached")
 
 def test_an_error_of_one_rank_in_a_run_ends_all(tmp_path):
     """The rank that fails must not wait for others, which are in the next step, to finish files."""
-    script = tmp_path / "analysis.py"
-    script.write_text(FAULTY_MONITOR)
-    command = ["mpirun", "-n", "2", sys.executable, str(script)]
-    done = subprocess.run(
-        command, capture_output=True, text=True, env=environment(), check=False, timeout=120
-    )
+    done = on_two_ranks(tmp_path, FAULTY_MONITOR)
     assert done.returncode != 0
     assert "OSError: the disk of the second rank is full" in done.stderr
     assert "never reached" not in done.stdout

@@ -25,7 +25,7 @@ class Bonds:
     others, as it does in steps that are short.
 
     Args:
-        parts: Points of the brittle laws.
+        parts: Points by law.
         comm: Communicator of the joints.
         state: State at the start of the step.
     """

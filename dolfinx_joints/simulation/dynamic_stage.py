@@ -28,7 +28,7 @@ from dolfinx_joints.loads.ground_motion import in_axes
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.loads.oblique_field import rising_waves
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.simulation.monitor import Monitor
+from dolfinx_joints.simulation.monitor import Monitor, ending
 from dolfinx_joints.simulation.outcome import Outcome
 from dolfinx_joints.simulation.record import Record, StageRecord
 from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
@@ -44,9 +44,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures
-
-# Characters that a results file keeps of the error that ended a run.
-_LONGEST_ERROR = 2000
 
 
 class DynamicRun:
@@ -260,9 +257,9 @@ class DynamicRun:
                     self._warnings.append(text)
                     warnings.warn(text, stacklevel=5)
         except BaseException as error:
-            status = "failed" if isinstance(error, Exception) else "stopped"
             if all_fail(self._of_errors):
-                self._finish(status, {"error": f"{type(error).__name__}: {error}"[:_LONGEST_ERROR]})
+                status, text = ending(error)
+                self._finish(status, {"error": text})
             raise
         peak = self.model.jointed.mesh.comm.allreduce(peak_mb())
         self._finish("complete", {"peak_mb": peak})

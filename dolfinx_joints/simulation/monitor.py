@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from dolfinx_joints.common.mpi import OF_ERRORS, all_fail, lasting
@@ -71,9 +71,15 @@ def failures_shown(model: Model, monitors: Sequence[Monitor]) -> Iterator[None]:
     try:
         yield
     except BaseException as error:
-        status = "failed" if isinstance(error, Exception) else "stopped"
-        text = f"{type(error).__name__}: {error}"[:_LONGEST_ERROR]
         for monitor in monitors if all_fail(of_errors) else ():
-            with suppress(Exception):  # what ended the stage is what is to be known
-                monitor.static_failure(status, text)
+            try:
+                monitor.static_failure(*ending(error))
+            except Exception as more:  # what ended the stage is what a caller is to catch
+                error.add_note(f"{type(monitor).__name__} could not keep this: {more}")
         raise
+
+
+def ending(error: BaseException) -> tuple[str, str]:
+    """Status of a stage that an error ended, and the error in words."""
+    status = "failed" if isinstance(error, Exception) else "stopped"
+    return status, f"{type(error).__name__}: {error}"[:_LONGEST_ERROR]

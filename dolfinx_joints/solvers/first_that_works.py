@@ -73,10 +73,10 @@ class FirstThatWorks:
 
 
 class HoldingBonds:
-    """Solves a step with all bonds held, and again without those that its solution overloads.
+    """Solves a step with all bonds held, and again without those that its solution overloads most.
 
-    Bonds that are intact and bonds that are gone often solve the same step: those that can stay
-    stay, whatever an iterate on the way would have broken.
+    Bonds that are intact and bonds that are gone often solve the same step: what an iterate on the
+    way would have broken stays, if it can.
 
     Args:
         solver: Takes the steps.

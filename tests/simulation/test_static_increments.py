@@ -121,20 +121,19 @@ def test_a_dam_on_a_perimetral_joint_arrives(comm, read, dam_file, steps):
     check(model, static, -comm.allreduce(load[2::3].sum()), 1.0)
 
 
+def pushed(comm, ratio):
+    """A block on a level joint, pushed by a ratio of what friction takes."""
+    friction = np.tan(np.radians(30.0))
+    push = dj.Traction(group="top", value=(ratio * friction * DENSITY * G * 5.0, 0.0))
+    shape = CellType.quadrilateral
+    return square(comm, law(1e11, 0.4, 30.0), cut="y", cells=(4, 4), shape=shape, loads=[push])
+
+
 @pytest.mark.mpi
 @pytest.mark.parametrize("solver", ["auto", "condensed"])
 def test_a_push_beyond_the_friction_stops_at_the_load_factor(comm, solver):
     """A block of weight W takes mu W; pushed by mu W / 0.6 it slides at a load factor of 0.6."""
-    friction = np.tan(np.radians(30.0))
-    push = dj.Traction(group="top", value=(friction * DENSITY * G * 5.0 / 0.6, 0.0))
-    model = square(
-        comm,
-        law(1e11, 0.4, 30.0),
-        cut="y",
-        cells=(4, 4),
-        shape=CellType.quadrilateral,
-        loads=[push],
-    )
+    model = pushed(comm, 1.0 / 0.6)
     simulation = dj.Simulation(model, solver=solver)
     simulation.statics(loads=[model.loads[0]])
     with pytest.raises(dj.ConvergenceError) as failure:
@@ -152,16 +151,7 @@ def test_a_push_beyond_the_friction_stops_at_the_load_factor(comm, solver):
 def test_a_failed_stage_is_seen_in_info_and_report(comm, new_path):
     """A block pushed by twice what friction takes, after a stage that held it."""
     pytest.importorskip("plotly")
-    path, friction = new_path("pushed.h5"), np.tan(np.radians(30.0))
-    push = dj.Traction(group="top", value=(friction * DENSITY * G * 5.0 / 0.5, 0.0))
-    model = square(
-        comm,
-        law(1e11, 0.4, 30.0),
-        cut="y",
-        cells=(4, 4),
-        shape=CellType.quadrilateral,
-        loads=[push],
-    )
+    path, model = new_path("pushed.h5"), pushed(comm, 2.0)
     monitor = dj.ResultsMonitor(path, points={"top": (0.0, 10.0)})
     simulation = dj.Simulation(model, monitors=[monitor])
     simulation.statics(loads=[model.loads[0]], name="weight")

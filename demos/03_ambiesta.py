@@ -24,6 +24,8 @@ from __future__ import annotations
 import argparse
 import json
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
+from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple, get_args
@@ -38,7 +40,7 @@ from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.solvers.choice import SolverKind
 from studies import ambiesta
 from studies.ambiesta import Case, Which
-from studies.figures import comparison_figures
+from studies.figures import comparison_figures, dam_figures
 from studies.tables import print_tables
 
 
@@ -154,21 +156,36 @@ def stiffer(mesh: Path) -> np.ndarray:
 # %% [markdown]
 # ## Both runs at once
 #
-# On one rank the monolith has a process of its own, beside that of the jointed dam. Modes with
-# joints ten times as stiff show that joints, closed, make the dam little softer.
+# On one rank the monolith has a process of its own, beside that of the jointed dam, which then
+# draws half of the figures. Modes with joints ten times as stiff show that joints, closed, make
+# the dam little softer.
 
 
 # %%
-def both_runs(case: Case, options: argparse.Namespace) -> tuple[Analysed, Analysed, np.ndarray]:
+def process_beside() -> AbstractContextManager[ProcessPoolExecutor | None]:
+    """Another process, on one rank; more ranks are busy themselves."""
+    alone = MPI.COMM_WORLD.size == 1
+    return ProcessPoolExecutor(1, mp_context=get_context("fork")) if alone else nullcontext()
+
+
+def both_runs(
+    case: Case, options: argparse.Namespace, beside: ProcessPoolExecutor | None
+) -> tuple[Analysed, Analysed, np.ndarray]:
     """The monolith, the jointed dam, and frequencies [Hz] of the latter with stiffer joints."""
     mesh = ambiesta.make_mesh(case, options.out)
-    if MPI.COMM_WORLD.size > 1:
+    if beside is None:
         linear, joints = (run(which, mesh, case, options) for which in ("linear", "joints"))
         return linear, joints, stiffer(mesh)
-    with ProcessPoolExecutor(1, mp_context=get_context("fork")) as beside:
-        waiting = beside.submit(run, "linear", mesh, case, options), beside.submit(stiffer, mesh)
-        joints = run("joints", mesh, case, options)
-        return waiting[0].result(), joints, waiting[1].result()
+    waiting = beside.submit(run, "linear", mesh, case, options), beside.submit(stiffer, mesh)
+    beside.submit(import_module, "matplotlib.figure")  # for the figures, while there is time
+    joints = run("joints", mesh, case, options)
+    return waiting[0].result(), joints, waiting[1].result()
+
+
+def compare(linear: Path, joints: Path, out: Path) -> None:
+    """Draw what compares both runs."""
+    with dj.Results(linear) as one, dj.Results(joints) as other:
+        comparison_figures(one, other, out)
 
 
 # %% [markdown]
@@ -187,34 +204,43 @@ def main(arguments: list[str] | None = None) -> None:
     motion = on_root(comm, lambda: ambiesta.make_motion(case))
     peaks = ", ".join(f"{p / 9.80665:.3f} g" for p in motion.peak)
     say(f"motion: {motion.name}, peaks {peaks} (x, y, z), {motion.duration:.3f} s")
-    linear, joints, stiff = both_runs(case, options)
-    frequencies = {
-        "monolith": linear.frequencies,
-        "joints closed": joints.frequencies,
-        "joints closed, k_n = 1e12 Pa/m": stiff,
-    }
-    say(f"{linear.dofs} dofs as a monolith, {joints.dofs} with {joints.points} joint points")
-    for name, (antisymmetric, symmetric) in frequencies.items():
-        say(f"first frequencies, {name}: {antisymmetric:.3f} and {symmetric:.3f} Hz")
-    say(f"linear: {linear.report}\n\njoints: {joints.report}\n")
-
-    def conclude() -> None:
-        with dj.Results(linear.results) as one, dj.Results(joints.results) as other:
-            rows = print_tables(one, other)
-            comparison_figures(one, other, options.out)
-            summary = {
-                "options": {
-                    k: str(v) if isinstance(v, Path) else v for k, v in vars(options).items()
-                },
-                "frequencies": {name: list(f) for name, f in frequencies.items()},
-                "runs": {"linear": one.summary, "joints": other.summary},
-                "table": rows,
-            }
-        (options.out / "summary.json").write_text(json.dumps(summary, indent=1))
-        print(f"figures in {options.out}")
-
-    on_root(comm, conclude)
+    with process_beside() as beside:
+        linear, joints, stiff = both_runs(case, options, beside)
+        frequencies = {
+            "monolith": linear.frequencies,
+            "joints closed": joints.frequencies,
+            "joints closed, k_n = 1e12 Pa/m": stiff,
+        }
+        say(f"{linear.dofs} dofs as a monolith, {joints.dofs} with {joints.points} joint points")
+        for name, (antisymmetric, symmetric) in frequencies.items():
+            say(f"first frequencies, {name}: {antisymmetric:.3f} and {symmetric:.3f} Hz")
+        say(f"linear: {linear.report}\n\njoints: {joints.report}\n")
+        on_root(comm, lambda: conclude(options, linear, joints, frequencies, beside))
     verify(case, linear, joints, stiff)
+
+
+def conclude(
+    options: argparse.Namespace,
+    linear: Analysed,
+    joints: Analysed,
+    frequencies: dict[str, np.ndarray],
+    beside: ProcessPoolExecutor | None,
+) -> None:
+    """Tables, figures and a summary, by one rank."""
+    files = linear.results, joints.results, options.out
+    waiting = None if beside is None else beside.submit(compare, *files)
+    with dj.Results(linear.results) as one, dj.Results(joints.results) as other:
+        rows = print_tables(one, other)
+        dam_figures(other, options.out)
+        summary = {
+            "options": {k: str(v) if isinstance(v, Path) else v for k, v in vars(options).items()},
+            "frequencies": {name: list(f) for name, f in frequencies.items()},
+            "runs": {"linear": one.summary, "joints": other.summary},
+            "table": rows,
+        }
+    (options.out / "summary.json").write_text(json.dumps(summary, indent=1))
+    compare(*files) if waiting is None else waiting.result()
+    print(f"figures in {options.out}")
 
 
 # %% [markdown]

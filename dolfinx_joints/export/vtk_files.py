@@ -17,7 +17,7 @@ from dolfinx_joints.common.dealt import Dealt, blocks_in
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.export.grids import Array, Grid
 from dolfinx_joints.export.whole_files import begun, changed, finished, forgotten
-from dolfinx_joints.results.stream import write_whole
+from dolfinx_joints.results.stream import add_rows, write_whole
 
 SUFFIX = ".vtkhdf"
 _VERSION = (2, 2)
@@ -90,14 +90,15 @@ class VtkFile:
         """
         try:
             with changed(self.path) as file:
-                root = file["VTKHDF"]
-                for name, fixed in self._fixed.items():
-                    _append_values(root, "CellData", name, fixed, once=True)
+                root, steps = file["VTKHDF"], file["VTKHDF/Steps"]
                 for kind, data in (("PointData", point_data), ("CellData", cell_data)):
+                    places = root[kind], steps[f"{kind}Offsets"]
+                    for name, fixed in (self._fixed if kind == "CellData" else {}).items():
+                        _append_values(*places, name, fixed, once=True)
                     for name, values in data.items():
-                        _append_values(root, kind, name, values)
+                        _append_values(*places, name, values)
                 file.flush()
-                _append_time(root["Steps"], time)
+                _append_time(steps, time)
         except (OSError, KeyError, RuntimeError) as error:
             raise ResultsError(f"{self.path} cannot grow: {_reason(error)}.") from None
 
@@ -180,44 +181,47 @@ def _write_grid(file: h5py.File, grid: Grid) -> None:
 
 
 def _append_values(
-    root: h5py.Group, kind: str, name: str, given: ArrayLike | Dealt, *, once: bool = False
+    data: h5py.Group,
+    offsets: h5py.Group,
+    name: str,
+    given: ArrayLike | Dealt,
+    *,
+    once: bool = False,
 ) -> None:
     """Append values of all points or cells, and where they begin; ``once`` for all times."""
     values = given if isinstance(given, Dealt) else np.asarray(given)
-    data, offsets = root[kind], root[f"Steps/{kind}Offsets"]
     key = name.replace("/", " per ")  # HDF5 takes it for a group
-    if key not in data:
+    if (known := data.get(key)) is None:
         rows = min(len(values), _CHUNK // max(1, int(np.prod(values.shape[1:]))))
-        _growing(data, key, values.shape[1:], values.dtype, max(1, rows))
+        known = _growing(data, key, values.shape[1:], values.dtype, max(1, rows))
         _growing(offsets, key, (), np.int64)
-    begin = 0 if once else len(data[key])
-    if not (once and len(data[key])):
-        _extend(data, key, values)
-    _extend(offsets, key, [begin])
+    begin = len(known)
+    if not (once and begin):
+        _extend(known, values)
+    _extend(offsets[key], [0 if once else begin])
 
 
 def _append_time(steps: h5py.Group, time: float) -> None:
     """Count one more time; readers see it last of all."""
     for name in _FIXED_OFFSETS:
-        _extend(steps, name, [0] if name == "PartOffsets" else [[0]])
-    _extend(steps, "NumberOfParts", [1])
-    _extend(steps, "Values", [time])
-    steps.attrs["NSteps"] = len(steps["Values"])
+        _extend(steps[name], [0] if name == "PartOffsets" else [[0]])
+    _extend(steps["NumberOfParts"], [1])
+    times = steps["Values"]
+    _extend(times, [time])
+    steps.attrs["NSteps"] = len(times)
 
 
 def _growing(
     group: h5py.Group, name: str, shape: tuple[int, ...], dtype: Any, rows: int = 64
-) -> None:
+) -> h5py.Dataset:
     """An empty dataset that grows by its first axis, in chunks of so many rows."""
-    group.create_dataset(name, (0, *shape), dtype, maxshape=(None, *shape), chunks=(rows, *shape))
+    shapes = {"maxshape": (None, *shape), "chunks": (rows, *shape)}
+    return group.create_dataset(name, (0, *shape), dtype, **shapes)
 
 
-def _extend(group: h5py.Group, name: str, rows: Any) -> None:
-    dataset = group[name]
+def _extend(dataset: h5py.Dataset, rows: Any) -> None:
     for block in blocks_in(rows if isinstance(rows, Dealt) else np.asarray(rows)):
-        dataset.resize(len(dataset) + len(block), axis=0)
-        if len(block):
-            dataset[-len(block) :] = block
+        add_rows(dataset, block)
 
 
 def _cut(root: h5py.Group, last: float) -> None:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
@@ -102,14 +103,26 @@ class JointFacets:
         return self._patches(_Bilinear(np.repeat(identity, len(self.corners), axis=0)))
 
     def _patches(self, target: _Bilinear) -> list[Floats]:
-        patches: list[Floats] = []
-        for i, facet in enumerate(self.facet_of_point):
-            polygon = target.reference
-            for other in np.flatnonzero(self.facet_of_point == facet):
-                if other != i:
-                    polygon = _nearer_part(polygon, self._local[i], self._local[other])
-            patches.append(target(polygon, np.full(len(polygon), facet)))
-        return patches
+        lengths = [len(part) for part in self._parts]
+        facets = np.repeat(self.facet_of_point, lengths)
+        every = target(np.concatenate(self._parts), facets)
+        return np.split(every, np.cumsum(lengths)[:-1])
+
+    @cached_property
+    def _parts(self) -> list[Floats]:
+        """Part of the reference facet of each point; facets with the same points share theirs."""
+        reference = _Bilinear(self.corners).reference
+        parts = [reference] * len(self._local)
+        known: dict[bytes, list[Floats]] = {}
+        order = np.argsort(self.facet_of_point, kind="stable")
+        for own in np.split(order, np.cumsum(np.bincount(self.facet_of_point))[:-1]):
+            local = self._local[own]
+            key = np.round(local / ON_BISECTOR).tobytes()
+            if key not in known:
+                known[key] = [_part_of(i, local, reference) for i in range(len(local))]
+            for point, part in zip(own, known[key], strict=True):
+                parts[point] = part
+        return parts
 
 
 class JointSurface(JointFacets):
@@ -247,14 +260,25 @@ def _plane_axes(normal: Floats) -> tuple[Floats, tuple[str, str]]:
     return np.stack([across, up]), ("horizontal distance [m]", name)
 
 
+def _part_of(point: int, local: Floats, polygon: Floats) -> Floats:
+    """Part of a convex polygon that is nearer to one of the points than to the others."""
+    for other in local[np.arange(len(local)) != point]:
+        polygon = _nearer_part(polygon, local[point], other)
+    return polygon
+
+
 def _nearer_part(polygon: Floats, point: Floats, other: Floats) -> Floats:
     """Part of a convex polygon that is nearer to one point than to another."""
     beyond = (polygon - 0.5 * (point + other)) @ (other - point)
     beyond[np.abs(beyond) < ON_BISECTOR] = 0.0
-    inside, following = beyond <= 0.0, np.roll(beyond, -1)
+    inside = beyond <= 0.0
+    if inside.all():
+        return polygon
+    then = np.arange(1, len(polygon) + 1) % len(polygon)
+    following = beyond[then]
     cut = beyond * following < 0.0
     share = np.divide(beyond, beyond - following, out=np.zeros_like(beyond), where=cut)
-    crossing = polygon + share[:, None] * (np.roll(polygon, -1, axis=0) - polygon)
+    crossing = polygon + share[:, None] * (polygon[then] - polygon)
     both = np.stack([polygon, crossing], axis=1).reshape(-1, 2)
     part: Floats = both[np.stack([inside, cut], axis=1).ravel()]
     return part

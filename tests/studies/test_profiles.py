@@ -60,6 +60,7 @@ def test_a_line_up_a_joint_between_inclined_sides_meets_its_column() -> None:
             for a in (0.0, 0.5)
         ]
     )
-    plane.points, plane.facet_of_point = plane.facets.mean(axis=1), np.arange(4)
+    plane.corners, plane.points = plane.facets, plane.facets.mean(axis=1)
+    plane.facet_of_point, plane._local = np.arange(4), np.full((4, 2), 0.5)
     for share, expected in ((0.1, [2, 0]), (0.4, [2, 0]), (0.6, [3, 1]), (0.9, [3, 1])):
         assert points_along(plane, share).tolist() == expected

@@ -40,7 +40,7 @@ from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.solvers.choice import SolverKind
 from studies import ambiesta
 from studies.ambiesta import Case, Which
-from studies.figures import comparison_figures, dam_figures
+from studies.figures import comparison_figures, moment_figures
 from studies.tables import print_tables
 
 
@@ -177,15 +177,16 @@ def both_runs(
         linear, joints = (run(which, mesh, case, options) for which in ("linear", "joints"))
         return linear, joints, stiffer(mesh)
     waiting = beside.submit(run, "linear", mesh, case, options), beside.submit(stiffer, mesh)
-    beside.submit(import_module, "matplotlib.figure")  # for the figures, while there is time
+    for package in ("matplotlib.figure", "pyvista"):  # for the figures, while there is time
+        beside.submit(import_module, package)
     joints = run("joints", mesh, case, options)
     return waiting[0].result(), joints, waiting[1].result()
 
 
-def compare(linear: Path, joints: Path, out: Path) -> None:
-    """Draw what compares both runs."""
-    with dj.Results(linear) as one, dj.Results(joints) as other:
-        comparison_figures(one, other, out)
+def show_moment(joints: Path, out: Path) -> None:
+    """Draw the dam and its middle joint at one time."""
+    with dj.Results(joints) as results:
+        moment_figures(results, out)
 
 
 # %% [markdown]
@@ -227,11 +228,11 @@ def conclude(
     beside: ProcessPoolExecutor | None,
 ) -> None:
     """Tables, figures and a summary, by one rank."""
-    files = linear.results, joints.results, options.out
-    waiting = None if beside is None else beside.submit(compare, *files)
+    what = joints.results, options.out
+    waiting = None if beside is None else beside.submit(show_moment, *what)
     with dj.Results(linear.results) as one, dj.Results(joints.results) as other:
         rows = print_tables(one, other)
-        dam_figures(other, options.out)
+        comparison_figures(one, other, options.out)
         summary = {
             "options": {k: str(v) if isinstance(v, Path) else v for k, v in vars(options).items()},
             "frequencies": {name: list(f) for name, f in frequencies.items()},
@@ -239,7 +240,7 @@ def conclude(
             "table": rows,
         }
     (options.out / "summary.json").write_text(json.dumps(summary, indent=1))
-    compare(*files) if waiting is None else waiting.result()
+    show_moment(*what) if waiting is None else waiting.result()
     print(f"figures in {options.out}")
 
 

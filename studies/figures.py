@@ -85,31 +85,29 @@ def paper_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
     ]
 
 
-def dam_figures(joints: Results, out: Path) -> list[Path]:
-    """The dam when the mid-crest is farthest out, energies, and states of the joints."""
+def moment_figures(joints: Results, out: Path) -> list[Path]:
+    """The dam when its mid-crest is farthest out, and tractions on the middle joint then."""
     from dolfinx_joints.postprocessing import views
 
-    drawn = {
-        "deformed": views.deformed(joints, time=largest_time(joints)),
-        "energies": plots.energies(joints).figure,
-        "joint_states": plots.joint_states(joints).figure,
-    }
-    return [plots.save(figure, out / f"{name}.png") for name, figure in drawn.items()]
-
-
-def comparison_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
-    """Tractions on the middle joint, and the response with both runs in one picture."""
     moment, name = largest_time(joints), shown_joint(joints)
-    written = []
+    written = [plots.save(views.deformed(joints, time=moment), out / "deformed.png")]
     for quantity in ("normal", "tangential", "ratio"):
         ax = plots.joint_traction(joints, name, quantity, time=moment)
         written.append(plots.save(ax.figure, out / f"traction_{quantity}.png"))
     for quantity in ("tractions", "ratio"):
         ax = traction_profile(joints, name, quantity, time=moment)
         written.append(plots.save(ax.figure, out / f"profile_{quantity}.png"))
+    return written
+
+
+def comparison_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
+    """The response with both runs in one picture, energies, and states of the joints."""
+    written = []
     for component in measures.COMPONENTS:
         ax = plots.history(joints, POINT, component, reference=linear)
         written.append(plots.save(ax.figure, out / f"history_{component}.png"))
         ax = plots.fourier(joints, POINT, component, reference=linear)
         written.append(plots.save(ax.figure, out / f"fourier_{component}.png"))
+    written.append(plots.save(plots.energies(joints).figure, out / "energies.png"))
+    written.append(plots.save(plots.joint_states(joints).figure, out / "joint_states.png"))
     return written

@@ -235,6 +235,26 @@ def test_levels_along_a_seepage_line():
     assert plain(x[4:5].astype(float))[0] == pytest.approx(GAMMA * 5.2, rel=1e-14)
 
 
+def test_a_pressure_below_zero_by_rounding_is_zero():
+    """A triangle that ends 1e-16 m before the downstream end, 4e-12 Pa of 4e4 below zero there.
+
+    Also on ranks that have none but that end; 1e-9 of the largest is no rounding.
+    """
+    model = model_of(blocks(), quadrature="nodal")
+
+    def water(past):
+        def pressure(x):
+            return GAMMA * (LENGTH - x[:, 0]) - np.where(x[:, 0] > LENGTH - 1e-9, past, 0.0)
+
+        return dj.JointWater(joint="joint", level=0.0, closed=pressure).in_joint("water", model)
+
+    closed = water(4e-12).pressure(np.zeros(len(model.operator.points), dtype=np.int8))
+    expected = GAMMA * (LENGTH - model.operator.points[:, 0])
+    np.testing.assert_array_equal(closed, np.maximum(expected, 0.0))
+    with pytest.raises(ValueError, match="it must give one finite number of zero or more"):
+        water(4e-5)
+
+
 # Water that follows the joint, statics.
 
 

@@ -31,6 +31,9 @@ from dolfinx_joints.mesh.cells import Floats
 
 PorePressure = float | Callable[[Floats], Any]
 
+# Negative pressures relative to the largest of the joint that are taken for zero.
+ROUNDING = 1e-12
+
 
 @dataclass(frozen=True, kw_only=True)
 @checked
@@ -241,10 +244,13 @@ def given_pressure(
     """
     assert model.operator is not None
     value, places = getattr(load, what), model.operator.points[here]
+    name, comm = f"{label(load)}: {what}", model.operator.comm
+    with raised_together(comm):
+        found = check_each(name, value(places) if callable(value) else value, len(places))
+    slack = ROUNDING * max(comm.allgather(float(found.max(initial=0.0))))
+    found[(found < 0.0) & (found >= -slack)] = 0.0
     everywhere = np.zeros(len(here))
-    with raised_together(model.operator.comm):
-        found = value(places) if callable(value) else value
-        name = f"{label(load)}: {what}"
+    with raised_together(comm):
         everywhere[here] = check_each(name, found, len(places), negative=False)
     return everywhere
 

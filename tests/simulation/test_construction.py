@@ -33,6 +33,7 @@ from dolfinx_joints import (
     MohrCoulombJoint,
     PotentialJoint,
     RigidJoint,
+    ShearKeyJoint,
     Simulation,
     Spring,
     Temperature,
@@ -359,6 +360,32 @@ def test_a_law_that_stiffens_bears_the_grout(bars):
     state = run.grout(pressure=GROUT).joints
     np.testing.assert_allclose(state.traction[:, 0], -GROUT, rtol=1e-9)
     np.testing.assert_allclose(state.state.gap[:, 0], -0.5e-5 * (np.sqrt(5.0) - 1.0), rtol=1e-9)
+
+
+def test_grout_in_keys_that_push_sideways_is_refused(bars):
+    """Overlapping by p / k, keys with one flank carry shear that nothing balances.
+
+    By hand, at 45 degrees and without play a flank bears as much along the joint as across it, half
+    of the pressure of the base; with two flanks the shears cancel.
+    """
+    keys = {"depth": 0.1, "flank_angle_deg": 45.0, "spacing": 0.6, "tooth_cohesion": 1e8}
+    for back, refused in ((None, True), (0.0, False)):
+        law = ShearKeyJoint(
+            normal_stiffness=1e11,
+            shear_stiffness=4e10,
+            friction_angle_deg=35.0,
+            backward_play=back,
+            **keys,
+        )
+        run = Simulation(bars(law))
+        run.statics(joints="inactive")
+        if refused:
+            with pytest.raises(JointsError, match="of 'joint_1' answers to 1e.06 Pa of grout with"):
+                run.grout(pressure=GROUT)
+        else:
+            start = run.grout(pressure=GROUT).displacement
+            start.axpy(-1.0, run.statics().displacement)
+            assert start.norm() < 1e-11 * run.static.displacement.norm()
 
 
 def bar_displacements(model, state):

@@ -153,7 +153,8 @@ def _gap_under(model: Model, contact: Contact, filled: Rows, pressure: float) ->
     """Gap at which filled points at rest bear a pressure [Pa], shape (n, 3), [m] (collective).
 
     Raises:
-        JointsError: A law does not come to bear it.
+        JointsError: A law does not come to bear it, or bears it with shear, which would be out of
+            balance.
     """
     stiffness = contact.closed_stiffness()[:, 0]
     gap, least = np.zeros((len(stiffness), 3)), math.inf
@@ -163,6 +164,7 @@ def _gap_under(model: Model, contact: Contact, filled: Rows, pressure: float) ->
         rest = np.where(follows, answer.traction[:, 0] + pressure, 0.0)
         each = contact.operator.comm.allgather(float(np.abs(rest).max(initial=0.0)))
         if max(each) <= 1e-6 * pressure and not max(each) < 0.5 * least:
+            _check_no_shear(contact, answer.traction * filled[:, None], pressure)
             return gap
         least, slope = max(each), answer.tangent[:, 0, 0]
         gap[:, 0] -= np.divide(rest, slope, out=np.zeros_like(rest), where=slope != 0.0)
@@ -170,6 +172,18 @@ def _gap_under(model: Model, contact: Contact, filled: Rows, pressure: float) ->
         f"The joint laws do not come to bear {pressure:g} Pa of grout at any gap: "
         f"{least:.3g} Pa are left; grout without pressure."
     )
+
+
+def _check_no_shear(contact: Contact, traction: Floats, pressure: float) -> None:
+    """Check that no law answers with shear to a pressure [Pa] (collective)."""
+    shear = np.linalg.norm(traction[:, 1:], axis=1)
+    joint = contact.worst_joint(np.where(shear > 1e-6 * pressure, shear, 0.0))
+    if joint is not None:
+        raise JointsError(
+            f"The {type(contact.laws[joint]).__name__} of {joint!r} answers to {pressure:g} Pa of "
+            "grout with shear, as keys whose flanks touch on one side do: grout without pressure, "
+            "or give both flanks the same play, or each more than the overlap / tan(alpha)."
+        )
 
 
 def _at_rest(model: Model, contact: Contact, gap: Floats) -> Response:

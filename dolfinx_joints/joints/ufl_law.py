@@ -231,6 +231,9 @@ def _after(gap: Floats, state: JointState) -> JointState:
 
 def _response(after: JointState, traction: Floats, tangent: Floats) -> Response:
     """The answer of a law that loses nothing; open and closed by the normal gap."""
+    # What a gap of zero has because `_seen` takes it for closed.
+    by_seen = 2.0 * np.finfo(float).tiny * np.abs(tangent).max(axis=(1, 2))
+    traction = np.where(np.abs(traction) <= by_seen[:, None], 0.0, traction)
     return Response(
         traction=np.ascontiguousarray(traction),
         tangent=np.ascontiguousarray(tangent),

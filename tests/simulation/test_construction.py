@@ -206,10 +206,47 @@ def test_joints_left_open(comm, wall):
     assert largest(comm, later) == 0.0
 
 
-def test_blocks_that_moved_into_each_other_touch(comm, wall):
+def test_a_bond_in_ufl_holds_from_the_grout_on(comm, wall):
+    """Blocks part in the cold by alpha 8 K 4 m = 0.32 mm; where no grout is, no bond pulls.
+
+    Then both joints, grouted one after the other, are at rest: nothing has come since.
+    """
+
+    def energy(g):  # bond of 0.5 MPa at 0.3 mm
+        apart = (ufl.max_value(g[0], 0.0) ** 2 + g[1] ** 2 + g[2] ** 2) / (2.0 * 3e-4**2)
+        return 0.5e11 * ufl.min_value(g[0], 0.0) ** 2 + 250.0 * (1.0 - ufl.exp(-apart))
+
+    law = PotentialJoint(energy, normal_stiffness=1e11, shear_stiffness=250.0 / 3e-4**2)
+    cold = Temperature(value=4.0, reference=12.0, expansion=1e-5)
+    sides = [Fixed(group=g, components=c) for g, c in (("base", "z"), ("y_min", "y"))]
+    held = Spring(group="base", normal_stiffness=0.0, tangential_stiffness=1e3)
+    run = Simulation(wall([cold], law=law, supports=[*sides, held]))
+    parted = run.statics(joints="inactive").displacement
+    first = run.model.operator.joint == run.model.jointed.joint_names.index("joint_1")
+    for state in (run.grout(["joint_2"]), run.statics(joints=["joint_2"])):
+        assert state.inactive == ("joint_1",)
+        assert not state.joints.traction[first].any()
+        assert largest(comm, state.joints.traction) < 1.0
+        np.testing.assert_allclose(state.joints.state.gap[first, 0], 1e-5 * 8.0 * 4.0, rtol=1e-6)
+    with pytest.raises(JointsError, match="still inactive: joint_1"):
+        run.statics()
+    run.grout(["joint_1"])
+    moved = run.statics().displacement.copy()
+    moved.axpy(-1.0, parted)
+    assert moved.norm() < 1e-9 * parted.norm()
+
+
+@pytest.mark.parametrize("law", [LAW, "ufl"])
+def test_blocks_that_moved_into_each_other_touch(comm, wall, law):
     """Warm blocks overlap while they stand alone; a joint not grouted begins closed and idle."""
+    if law == "ufl":
+        law = PotentialJoint(
+            lambda g: 0.5e11 * ufl.min_value(g[0], 0.0) ** 2,
+            normal_stiffness=1e11,
+            shear_stiffness=0.0,
+        )
     warm = Temperature(value=20.0, reference=12.0, expansion=1e-5)
-    model = wall([warm])
+    model = wall([warm], law=law)
     run = Simulation(model)
     overlap = run.statics(joints="inactive").joints.state.gap[:, 0] < 0.0
     assert comm.allreduce(int(overlap.sum())) > 0

@@ -113,7 +113,12 @@ def grouted(
     left = idle & ~filled
     target[left, 0] = np.maximum(target[left, 0], 0.0)
     fresh = _bearing(contact, _at_rest(model, contact, target), filled, pressure)
-    joints = _chosen(filled | (idle & inactive), fresh, response)
+    # Laws that pull across a gap, such as bonds in UFL: nothing holds there before the grout.
+    pull = contact.integrals((left & inactive & ~idle_points(fresh)).astype(np.float64))
+    areas = zip(model.jointed.joint_names, pull, strict=True)
+    waiting = tuple(name for name, area in areas if name not in chosen and area > 0.0)
+    woken = idle & inactive & ~points_of(model, waiting)
+    joints = _chosen(filled | woken, fresh, response)
     # Water in a joint that was open is that of an open one until a static stage looks again.
     wet = {
         name
@@ -121,7 +126,7 @@ def grouted(
         if isinstance(load, FollowsJoints) and load.joint in chosen
     }
     missing = tuple(sorted({*missing, *wet}))
-    return replace(before, joints=joints, inactive=(), missing=missing)
+    return replace(before, joints=joints, inactive=waiting, missing=missing)
 
 
 def _filled(

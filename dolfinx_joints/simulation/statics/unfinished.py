@@ -171,7 +171,8 @@ def check_grouted(static: StaticState | None, inactive: Sequence[str] = ()) -> N
     if waking:
         raise JointsError(
             f"The joints are still inactive: {', '.join(waking)}; call grout() to close them, "
-            "grout([]) to leave all of them open by what their blocks have moved apart."
+            "grout([]) to leave open, by what their blocks have moved apart, those whose laws pull "
+            "across no gap."
         )
 
 

@@ -109,7 +109,8 @@ class ResultsMonitor(Monitor):
         self._writer: ResultsWriter | None = None
         self._found: Model | None = None
         self._shown: StageRecord | None = None
-        self._stages, self._ran, self._moved_aside = 0, False, False
+        self._stages: int | None = None  # in the file of static stages, None before there is one
+        self._ran = self._moved_aside = False
         self._acting: dict[str, str] = {}  # in each static stage
 
     def check(self, model: Model) -> None:
@@ -124,35 +125,36 @@ class ResultsMonitor(Monitor):
 
         The next dynamic stage brings those into its own file.
         """
+        self._keep_stages(model, stages, "complete", {})
+
+    def static_failure(
+        self, model: Model, stages: Sequence[StageRecord], status: str, error: str
+    ) -> None:
+        """Mark a file of static stages alone, of none where the first one failed (collective)."""
+        self._keep_stages(model, stages, status, {"error": error})
+
+    def _keep_stages(self, model: Model, stages: Sequence[StageRecord], *ending: Any) -> None:
+        """Bring a file of static stages alone up to date, with status and summary (collective)."""
         if self._ran:
             return
         self._find_body(model)
         first = next((i for i, s in enumerate(stages, 1) if s is self._shown), 0)
         rows = [self._stage_fields.values(stage) for stage in stages[first:]]
-
+        there = self._stages or 0
         with handing_out(self._comm, self._mesh, self._directions, rows):
             if self._comm.rank == 0:
                 with self._static_writer(model, stages) as writer:
-                    for number, row in enumerate(rows, start=self._stages + 1):
+                    for number, row in enumerate(rows, start=there + 1):
                         writer.append("statics", number, row)
-                    writer.finish("complete", {})
-        self._shown, self._stages = stages[-1], self._stages + len(rows)
-
-    def static_failure(self, status: str, error: str) -> None:
-        """Mark a file of static stages alone, if there is one yet (collective)."""
-        if self._ran or not self._stages:
-            return
-        with raised_together(self._comm):
-            if self._comm.rank == 0:
-                with ResultsWriter.resume(self._path, {"statics": self._stages}) as writer:
-                    writer.finish(status, {"error": error})  # type: ignore[arg-type]
+                    writer.finish(*ending)
+        self._shown, self._stages = stages[-1] if stages else self._shown, there + len(rows)
 
     def _static_writer(self, model: Model, stages: Sequence[StageRecord]) -> ResultsWriter:
         """Writer of a file of static stages alone, on rank 0."""
         made_by = manifest(model, {}, self._mesh_sha256, stages, self._resolved)
         made_by["static_stages"] = self._acting = self._acting | made_by["static_stages"]
         facts = {"manifest": made_by, "stage": "static", **self._facts(model)}
-        if self._stages:
+        if self._stages is not None:
             return ResultsWriter.resume(self._path, {"statics": self._stages}, facts)
         aside = None if holds_statics_alone(self._path) else self._aside
         self._moved_aside = self.overwrite and aside is not None and self._path.exists()
@@ -176,7 +178,8 @@ class ResultsMonitor(Monitor):
             facts["manifest"] = manifest(
                 model, first.settings, self._mesh_sha256, first.stages, self._resolved
             )
-            replaces = self.overwrite or (self._stages > 0 and holds_statics_alone(self._path))
+            own = self._stages is not None and holds_statics_alone(self._path)
+            replaces = self.overwrite or own
             self._writer = writer = ResultsWriter(self._path, facts, overwrite=replaces)
             if self._moved_aside:
                 self._aside.unlink(missing_ok=True)
@@ -216,14 +219,10 @@ class ResultsMonitor(Monitor):
 
     def _facts(self, model: Model) -> dict[str, Any]:
         """Facts of the model, and those of the caller."""
+        probes = zip(self._points.items(), self._probe.sides, strict=True)
         return {
             "point_names": list(self._points),
-            "points": {
-                name: {**asdict(probe), "sides": sides}
-                for (name, probe), sides in zip(
-                    self._points.items(), self._probe.sides, strict=True
-                )
-            },
+            "points": {name: {**asdict(p), "sides": sides} for (name, p), sides in probes},
             "dofs": model.num_dofs,
             "joint_points": model.operator.num_points if model.operator else 0,
             "ranks": self._comm.size,

@@ -131,6 +131,8 @@ def ending(run: Run) -> str:
     done = f"at t = {run.end:.4g} s"
     if run.static_alone:
         done = f"after the static stage {run.results.stage_names[-1]}"
+    elif list(run.results.streams) == ["statics"]:
+        done = "in the first static stage"
     if steps is not None and run.has("histories"):
         done += f", after {run.results.rows('histories') - 1} of {steps} steps"
     words = {

@@ -29,8 +29,10 @@ class Monitor:
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
         """Called after each static stage; ``stages`` are all so far, the last has just ended."""
 
-    def static_failure(self, status: str, error: str) -> None:
-        """Called where a static stage did not reach its end.
+    def static_failure(
+        self, model: Model, stages: Sequence[StageRecord], status: str, error: str
+    ) -> None:
+        """Called where a static stage did not reach its end; ``stages`` are those before.
 
         ``status`` is ``stopped`` or ``failed``, ``error`` the reason.
         """
@@ -65,7 +67,9 @@ _LONGEST_ERROR = 2000  # characters
 
 
 @contextmanager
-def failures_shown(model: Model, monitors: Sequence[Monitor]) -> Iterator[None]:
+def failures_shown(
+    model: Model, monitors: Sequence[Monitor], stages: Sequence[StageRecord]
+) -> Iterator[None]:
     """Show monitors that a static stage did not reach its end, whatever ended it on all ranks."""
     of_errors = lasting(model.jointed.mesh.comm, OF_ERRORS)
     try:
@@ -73,7 +77,7 @@ def failures_shown(model: Model, monitors: Sequence[Monitor]) -> Iterator[None]:
     except BaseException as error:
         for monitor in monitors if all_fail(of_errors) else ():
             try:
-                monitor.static_failure(*ending(error))
+                monitor.static_failure(model, stages, *ending(error))
             except Exception as more:  # what ended the stage is what a caller is to catch
                 error.add_note(f"{type(monitor).__name__} could not keep this: {more}")
         raise

@@ -242,7 +242,7 @@ class Simulation:
         **rest: Any,
     ) -> StaticState:
         """`march` with the simulation's solver (collective)."""
-        with self._phase("static"), failures_shown(self.model, self.monitors):
+        with self._phase("static"), failures_shown(self.model, self.monitors, self.stages):
             solver: dict[str, Any] = {"options": self._options, "kind": self.solver}
             return march(self.model, before, path, acting, watch=self._watch, **solver, **rest)
 

@@ -177,6 +177,36 @@ def test_a_failed_stage_is_seen_in_info_and_report(comm, new_path):
 
 
 @pytest.mark.mpi
+def test_a_first_stage_that_fails_leaves_no_results_of_another_run(comm, new_path):
+    """Pushed by twice what friction takes, over the file of a run that held; then held again."""
+    pytest.importorskip("plotly")
+    path, model = new_path("again.h5"), pushed(comm, 2.0)
+
+    def run():
+        monitor = dj.ResultsMonitor(path, points={"top": (0.0, 10.0)}, overwrite=True)
+        return dj.Simulation(model, monitors=[monitor])
+
+    run().statics(loads=[model.loads[0]], name="yesterday")
+    comm.barrier()
+    today = run()
+    with pytest.raises(dj.ConvergenceError) as failure:
+        today.statics()
+    comm.barrier()
+    with dj.Results(path) as results:
+        assert (results.status, results.stage_names) == ("failed", [])
+        assert results.summary["error"] == f"ConvergenceError: {failure.value}"
+    if comm.rank == 0:
+        assert "error ConvergenceError: The static stage" in " ".join(overview(path).split())
+        page = report.write([path], path.with_suffix(".html"), with_3d=False).read_text()
+        assert "failed in the first static stage (ConvergenceError: The static" in page
+    comm.barrier()
+    today.statics(loads=[model.loads[0]], name="held")
+    comm.barrier()
+    with dj.Results(path) as results:
+        assert (results.status, results.stage_names) == ("complete", ["held"])
+
+
+@pytest.mark.mpi
 @pytest.mark.parametrize("share", [0.5, 1.00001, 1.1])
 def test_a_block_on_a_rigid_joint_slides_from_mu_times_its_weight(comm, share):
     """In pseudo-time as well, where next to no inertia holds it in the end."""

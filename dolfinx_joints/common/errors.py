@@ -55,6 +55,7 @@ class ConvergenceError(JointsError, RuntimeError):
 
     Args:
         stage: name of the stage, for example ``"static"`` or ``"earthquake"``.
+        name: name that a static stage has in results.
         step: number of the step within the stage.
         time: time at the end of the step [s].
         reached: load factor that is in equilibrium, the share of the way from the loads before a
@@ -72,6 +73,7 @@ class ConvergenceError(JointsError, RuntimeError):
     """
 
     stage: str | None = None
+    name: str | None = None
     step: int | None = None
     time: float | None = None
     reached: float | None = None
@@ -96,6 +98,8 @@ class ConvergenceError(JointsError, RuntimeError):
 
     def _sentence(self) -> str:
         subject = "the solve" if self.stage is None else f"the {self.stage} stage"
+        if self.name is not None:
+            subject += f" {self.name!r}"
         if self.step is not None:
             subject += f", step {self.step},"
         if self.time is not None:

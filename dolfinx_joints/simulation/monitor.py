@@ -8,7 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.common.mpi import OF_ERRORS, all_fail, lasting
+from dolfinx_joints.time_integration.substeps import located
 
 if TYPE_CHECKING:
     from dolfinx_joints.model.model import Model
@@ -68,22 +70,31 @@ _LONGEST_ERROR = 2000  # characters
 
 @contextmanager
 def failures_shown(
-    model: Model, monitors: Sequence[Monitor], stages: Sequence[StageRecord]
+    name: str, model: Model, monitors: Sequence[Monitor], stages: Sequence[StageRecord]
 ) -> Iterator[None]:
-    """Show monitors that a static stage did not reach its end, whatever ended it on all ranks."""
+    """Show monitors that a static stage did not reach its end, whatever ended it on all ranks.
+
+    The error is raised with the name of the stage.
+    """
     of_errors = lasting(model.jointed.mesh.comm, OF_ERRORS)
     try:
         yield
     except BaseException as error:
+        ended = located(error, name=name) if isinstance(error, ConvergenceError) else error
+        if ended is error:
+            error.add_note(f"In the static stage {name!r}.")
         for monitor in monitors if all_fail(of_errors) else ():
             try:
-                monitor.static_failure(model, stages, *ending(error))
+                monitor.static_failure(model, stages, *ending(ended))
             except Exception as more:  # what ended the stage is what a caller is to catch
-                error.add_note(f"{type(monitor).__name__} could not keep this: {more}")
-        raise
+                ended.add_note(f"{type(monitor).__name__} could not keep this: {more}")
+        if ended is error:
+            raise
+        raise ended from None
 
 
 def ending(error: BaseException) -> tuple[str, str]:
     """Status of a stage that an error ended, and the error in words."""
     status = "failed" if isinstance(error, Exception) else "stopped"
-    return status, f"{type(error).__name__}: {error}"[:_LONGEST_ERROR]
+    notes = getattr(error, "__notes__", ())
+    return status, " ".join([f"{type(error).__name__}: {error}", *notes])[:_LONGEST_ERROR]

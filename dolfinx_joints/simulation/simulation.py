@@ -146,7 +146,8 @@ class Simulation:
             check_may_begin(self.model, self.static, acting, stage)
         name = stage_name(name, "statics", self.stages)
         shares = np.arange(1, steps + 1) / steps
-        static = self._statics([(None, float(share)) for share in shares], acting, stage)
+        path = [(None, float(share)) for share in shares]
+        static = self._statics(name, path, acting, stage)
         self._ended(stage_record(self.model, name, 0.0, static, acting))
         return static
 
@@ -183,7 +184,7 @@ class Simulation:
         if self.static is None:
             raise JointsError("There is nothing to grout yet: run statics(joints=[...]) before.")
         name = stage_name(name, "grouting", self.stages)
-        pressed = partial(self._march, self.static, [(None, 1.0)], ())
+        pressed = partial(self._march, name, self.static, [(None, 1.0)], ())
         self.static = grouted(
             self.model, self.static, joints, gap=gap, pressure=pressure, pressed=pressed
         )
@@ -213,7 +214,8 @@ class Simulation:
             one = name if len(times) == 1 else f"{name}, t = {time:g} s"
             self._ended(stage_record(self.model, one, time, state, self.model.loads))
 
-        return self._statics([(float(t), 1.0) for t in times], self.model.loads, reached=reached)
+        path = [(float(t), 1.0) for t in times]
+        return self._statics(name, path, self.model.loads, reached=reached)
 
     def _ended(self, stage: StageRecord) -> None:
         """Show a static stage to the monitors (collective)."""
@@ -223,6 +225,7 @@ class Simulation:
 
     def _statics(
         self,
+        name: str,
         path: Sequence[tuple[float | None, float]],
         acting: Sequence[Load],
         stage: Unfinished | None = None,
@@ -230,21 +233,16 @@ class Simulation:
     ) -> StaticState:
         """March from the last static state; see `march`."""
         check_grouted(self.static, stage.inactive if stage else ())
-        self.static = self._march(self.static, path, acting, stage=stage, reached=reached)
+        self.static = self._march(name, self.static, path, acting, stage=stage, reached=reached)
         free_petsc_garbage(self.model.jointed.mesh.comm)  # matrices of the stage's solver
         return self.static
 
-    def _march(
-        self,
-        before: StaticState | None,
-        path: Sequence[tuple[float | None, float]],
-        acting: Sequence[Load],
-        **rest: Any,
-    ) -> StaticState:
-        """`march` with the simulation's solver (collective)."""
-        with self._phase("static"), failures_shown(self.model, self.monitors, self.stages):
+    def _march(self, name: str, *given: Any, **further: Any) -> StaticState:
+        """`march` through the stage of a name with the simulation's solver (collective)."""
+        observers = self.model, self.monitors, self.stages
+        with self._phase("static"), failures_shown(name, *observers):
             solver: dict[str, Any] = {"options": self._options, "kind": self.solver}
-            return march(self.model, before, path, acting, watch=self._watch, **solver, **rest)
+            return march(self.model, *given, watch=self._watch, **solver, **further)
 
     def save_static(self, path: str | Path) -> None:
         """Keep the static stages so far in a file, to go on from the last later (collective).

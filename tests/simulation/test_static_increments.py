@@ -137,11 +137,14 @@ def test_a_push_beyond_the_friction_stops_at_the_load_factor(comm, solver):
     simulation = dj.Simulation(model, solver=solver)
     simulation.statics(loads=[model.loads[0]])
     with pytest.raises(dj.ConvergenceError) as failure:
-        simulation.statics()
+        simulation.statics(name="push")
     # In increments of 1/64, 38 of which are in equilibrium; the last ones need the second solver.
     reached, text = failure.value.reached, str(failure.value)
     assert reached == 38 / 64 if solver == "auto" else 0.5 < reached < 38 / 64
-    assert f"step 1, did not converge beyond the load factor {reached:.4g} in " in text
+    where = (
+        f"The static stage 'push', step 1, did not converge beyond the load factor {reached:.4g}"
+    )
+    assert text.startswith(f"{where} in ")
     assert "worst joint 'joint_y'" in text
     assert "may carry no more" in text
     assert ('solver="auto"' in text) == (solver != "auto")

@@ -492,8 +492,9 @@ def test_water_that_does_not_settle_is_said():
         rf"The water in the joint 'joint' does not settle in a static stage: after 2 "
         rf"iterations {points} of its points still change between wet and dry"
     )
-    with pytest.raises(dj.JointsError, match=sentence):
-        dj.Simulation(model).statics(steps=2)
+    with pytest.raises(dj.JointsError, match=sentence) as error:
+        dj.Simulation(model).statics(steps=2, name="filling")
+    assert error.value.__notes__ == ["In the static stage 'filling'."]
 
 
 # Dynamics.

@@ -28,7 +28,7 @@ class CheckpointError(JointsError, ValueError):
 
 
 class OtherRunError(CheckpointError):
-    """A checkpoint of another model or run than the one that is to go on from it."""
+    """A checkpoint or results file of another model or run than the one that is to go on."""
 
 
 class TemperatureError(JointsError, ValueError):

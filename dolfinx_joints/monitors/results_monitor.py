@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import JointsError, MeshError, ResultsError
+from dolfinx_joints.common.errors import JointsError, MeshError, OtherRunError
 from dolfinx_joints.common.mpi import handing_out, raised_together
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
@@ -313,7 +313,7 @@ class ResultsMonitor(Monitor):
         for name, here in self._settings.items():
             was = state_dict["settings"][name]
             if was != here:
-                raise ResultsError(
+                raise OtherRunError(
                     f"{self._path} cannot be continued: it was recorded with {name}={was}, now "
                     f"{name}={here}."
                 )

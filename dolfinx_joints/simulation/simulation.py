@@ -241,8 +241,8 @@ class Simulation:
         """`march` through the stage of a name with the simulation's solver (collective)."""
         observers = self.model, self.monitors, self.stages
         with self._phase("static"), failures_shown(name, *observers):
-            solver: dict[str, Any] = {"options": self._options, "kind": self.solver}
-            return march(self.model, *given, watch=self._watch, **solver, **further)
+            on: Callable[..., StaticState] = partial(march, self.model, watch=self._watch)
+            return on(*given, options=self._options, kind=self.solver, **further)
 
     def save_static(self, path: str | Path) -> None:
         """Keep the static stages so far in a file, to go on from the last later (collective).

@@ -110,8 +110,8 @@ class MotionSuite(Summarised):
             at_once: Runs side by side: each holds its own state, some 20 vectors.
             checkpoint_every: Steps between two checkpoints of a run.
             rerun_changed: Run again what was run under another motion or time step, an error
-                otherwise, and begin runs anew that have not ended and had another model or other
-                ``options``; otherwise they fail.
+                otherwise, and begin runs anew that have not ended and had another model, points
+                or ``options``; otherwise they fail.
             options: ``scheme``, ``control`` and ``loads`` of `Simulation.dynamics`.
 
         Returns:

@@ -434,9 +434,9 @@ def test_results_of_another_run_are_refused(wall_file, read, tmp_path):
         monitor = ResultsMonitor(file, **{"points": POINTS, **options})
         short(jointed, tmp_path, monitors=[monitor, Killer()], resume=True)
 
-    with pytest.raises(ResultsError, match="it was recorded with every=10, now every=5"):
+    with pytest.raises(CheckpointError, match="it was recorded with every=10, now every=5"):
         resumed(every=5)
-    with pytest.raises(ResultsError, match="it was recorded with points="):
+    with pytest.raises(CheckpointError, match="it was recorded with points="):
         resumed(points={"corner": POINTS["corner"]})
     file.rename(tmp_path / "elsewhere.h5")
     with pytest.raises(ResultsError, match="There is no results file"):

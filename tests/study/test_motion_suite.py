@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 
 import numpy as np
@@ -180,6 +181,9 @@ def test_a_motion_that_does_not_converge_is_told_and_a_wrong_point_stops(
     assert "did not converge" in tally.failed["x1"]
     comm.barrier()
     on_root(comm, lambda: np.testing.assert_array_equal(suite.table()["case"], ["x0.3"]))
+    elsewhere = MotionSuite(suite.path, given, chosen, points={"here": (0.0, 0.0, 0.0)}).run(dt=DT)
+    told = r"x1\.h5 cannot be continued: it was recorded with points=.* Pass rerun_changed=True to"
+    assert re.search(told, elsewhere.failed["x1"])
     other = {"dt": DT, "control": dj.StepControl(max_halvings=0)}
     again = suite.run(**other)
     assert again.skipped == ["x0.3"]

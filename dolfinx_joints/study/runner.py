@@ -227,14 +227,13 @@ class Study(Summarised):
         from tqdm.auto import tqdm
 
         work = packed(self._function)
-        futures = {}
-        for name in waiting:
-            folder = str(self.folder(name).resolve())
-            futures[executor.submit(run_case, name, work, folder, self.cases[name])] = name
+        futures: dict[Future[Row], str] = {}
         hidden = None if progress else True  # None: where there is no terminal
-        bar = tqdm(total=len(waiting), desc=self.path.name, unit="case", disable=hidden)
-        with bar:
-            try:
+        try:
+            for name in waiting:
+                folder = str(self.folder(name).resolve())
+                futures[executor.submit(run_case, name, work, folder, self.cases[name])] = name
+            with tqdm(total=len(waiting), desc=self.path.name, unit="case", disable=hidden) as bar:
                 for future in as_completed(futures):
                     name = futures[future]
                     rows[name] = self._row(name, future)
@@ -242,9 +241,9 @@ class Study(Summarised):
                     replace(self.path / TABLE, json.dumps(ordered, indent=1))
                     bar.update()
                     LOGGER.info("case %s: %s", name, rows[name]["status"])
-            finally:
-                for future in futures:
-                    future.cancel()
+        finally:
+            for future in futures:
+                future.cancel()
 
     def _row(self, name: str, future: Future[Row]) -> Row:
         """Row of a case, also of one whose worker died or could not be given it."""

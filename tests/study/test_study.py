@@ -195,18 +195,33 @@ def wait_for_files(study, name):
 
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT])
 def test_cases_end_with_their_runner(tmp_path, end):
-    path = tmp_path / "s"
-    runner = start_runner(path, 600.0)
+    path, alone = tmp_path / "s", 600.0  # a case takes that long by itself [s]
+    runner = start_runner(path, alone)
     wait_for(runner, lambda: len(list(path.glob("cases/*/x.txt"))) == 2)
+    ends = time.monotonic() + 0.5 * alone
     tasks = Path(f"/proc/{runner.pid}/task").glob("*/children")
     cases = [child for task in tasks for child in task.read_text().split()]
     assert len(cases) >= 2
     runner.send_signal(end)
-    assert runner.wait(30) != 0
-    ends = time.monotonic() + 30
+    assert runner.wait(0.5 * alone) != 0
     while any(Path(f"/proc/{case}/fd/1").exists() for case in cases):  # a zombie has no files
         assert time.monotonic() < ends
         time.sleep(0.02)
+
+
+def test_an_interrupt_before_the_first_row_begins_no_more_cases(tmp_path, monkeypatch):
+    """All of four are handed out by then, two of them run and are ended."""
+    cases = squares(tmp_path / "s", 4, wait=5.0)
+
+    def interrupted(**_):
+        for name in ("x=0", "x=1"):
+            wait_for_files(cases, name)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tqdm.auto.tqdm", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        cases.run(workers=2)
+    assert len(list((tmp_path / "s").glob("cases/*/x.txt"))) == 2
 
 
 def test_failures_are_recorded_and_the_rest_goes_on(tmp_path):

@@ -27,6 +27,7 @@ APART = 20.0
 def abort_on_error(comm: Any) -> None:
     """Let an error that only one rank raises end all ranks instead of leaving the others waiting.
 
+    Also ``sys.exit`` within a stage of a simulation; of one elsewhere Python tells nobody.
     For the start of a program that runs under ``mpirun``; a library does not call it.
     """
     if comm.size == 1:
@@ -39,6 +40,7 @@ def abort_on_error(comm: Any) -> None:
         comm.Abort(1)
 
     sys.excepthook = end
+    ENDS_ALL[:] = [end]
 
 
 def free_petsc_garbage(comm: Any) -> None:
@@ -54,6 +56,7 @@ def free_petsc_garbage(comm: Any) -> None:
 
 _LASTING: list[Any] = []
 OF_ERRORS: list[Any] = []
+ENDS_ALL: list[Callable[..., None]] = []  # what `abort_on_error` does with an error
 
 
 def lasting(comm: Any, kept: list[Any] = _LASTING) -> Any:
@@ -71,17 +74,20 @@ def lasting(comm: Any, kept: list[Any] = _LASTING) -> Any:
     return kept[-1]
 
 
-def all_fail(comm: Any) -> bool:
+def all_fail(comm: Any, error: BaseException) -> bool:
     """Whether all ranks get here within `APART` seconds, so that they may go on together.
 
     For handlers of errors, as others do not know of an error of this rank alone.
 
     Args:
         comm: ``lasting(comm, OF_ERRORS)``, made before and used for nothing else.
+        error: What has ended the work of this rank.
     """
     arrival, end = comm.Ibarrier(), monotonic() + APART
     while not arrival.Test():
         if monotonic() > end:
+            if isinstance(error, SystemExit) and ENDS_ALL:  # no excepthook will see it
+                ENDS_ALL[0](type(error), error, error.__traceback__)
             return False
         sleep(0.01)
     return True

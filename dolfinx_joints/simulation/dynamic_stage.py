@@ -257,7 +257,7 @@ class DynamicRun:
                     self._warnings.append(text)
                     warnings.warn(text, stacklevel=5)
         except BaseException as error:
-            if all_fail(self._of_errors):
+            if all_fail(self._of_errors, error):
                 status, text = ending(error)
                 self._finish(status, {"error": text})
             raise

@@ -83,7 +83,7 @@ def failures_shown(
         ended = located(error, name=name) if isinstance(error, ConvergenceError) else error
         if ended is error:
             error.add_note(f"In the static stage {name!r}.")
-        for monitor in monitors if all_fail(of_errors) else ():
+        for monitor in monitors if all_fail(of_errors, error) else ():
             try:
                 monitor.static_failure(model, stages, *ending(ended))
             except Exception as more:  # what ended the stage is what a caller is to catch

@@ -451,11 +451,15 @@ print("never reached")
 """
 
 
-def test_an_error_of_one_rank_in_a_run_ends_all(tmp_path):
-    """The rank that fails must not wait for others, which are in the next step, to finish files."""
-    done = on_two_ranks(tmp_path, FAULTY_MONITOR)
+@pytest.mark.parametrize("error", ["OSError", "SystemExit"])
+def test_an_error_of_one_rank_in_a_run_ends_all(tmp_path, error):
+    """The rank that fails must not wait for others, which are in the next step, to finish files.
+
+    Python calls no `sys.excepthook` of a SystemExit.
+    """
+    done = on_two_ranks(tmp_path, FAULTY_MONITOR.replace("OSError", error))
     assert done.returncode != 0
-    assert "OSError: the disk of the second rank is full" in done.stderr
+    assert f"{error}: the disk of the second rank is full" in done.stderr
     assert "never reached" not in done.stdout
 
 
@@ -473,6 +477,7 @@ def test_what_ends_the_other_ranks_is_shown_first(monkeypatch, capsys):
     from dolfinx_joints import abort_on_error
 
     monkeypatch.setattr(sys, "excepthook", sys.__excepthook__)
+    monkeypatch.setattr("dolfinx_joints.common.mpi.ENDS_ALL", [])
     abort_on_error(Ranks(1))
     assert sys.excepthook is sys.__excepthook__  # one rank leaves nobody waiting
     ranks = Ranks(2)

@@ -248,7 +248,7 @@ def given_pressure(
     with raised_together(comm):
         found = check_each(name, value(places) if callable(value) else value, len(places))
     slack = ROUNDING * max(comm.allgather(float(found.max(initial=0.0))))
-    found[(found < 0.0) & (found >= -slack)] = 0.0
+    found = np.where((found < 0.0) & (found >= -slack), 0.0, found)
     everywhere = np.zeros(len(here))
     with raised_together(comm):
         everywhere[here] = check_each(name, found, len(places), negative=False)

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Match ground motions to a target response spectrum by wavelets that are added in time.
 
-After Al Atik and Abrahamson (Earthquake Spectra 26, 2010, 601-617): at the times when oscillators
-answer most, tapered cosines of their periods are added that bring these answers to the target.
-Final velocity and displacement are left as they are.
+Amplitudes of frequencies are brought near the target first, their phases kept. Then, after Al Atik
+and Abrahamson (Earthquake Spectra 26, 2010, 601-617): at the times when oscillators answer most,
+tapered cosines of their periods are added that bring these answers to the target. Final velocity
+and displacement are left as they are.
 """
 
 from dataclasses import dataclass, replace
@@ -13,6 +14,8 @@ from typing import Annotated, Any
 import annotated_types as at
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import solve
+from scipy.ndimage import gaussian_filter1d
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
@@ -29,6 +32,7 @@ from dolfinx_joints.motions.spectra import (
 
 Floats = NDArray[np.float64]
 Whole = NDArray[np.intp]
+Flags = NDArray[np.bool_]
 
 SAMPLES = 10
 """In the shortest period that is matched; a peak between two samples is then 5 % higher at most."""
@@ -38,13 +42,16 @@ LENGTHS = 4
 
 _CHECKED = 1.01  # ratio of neighbouring periods where the spectrum is compared with the target
 _MATCHED = 1.02  # and of those that wavelets are made for
-_PEAKS = 6  # of an oscillator that are looked after at once, above this part of the target:
-_NEAR = 0.8
-_WEIGHT = 0.5  # of leaving a peak below the target where it is
-_REGULARISATION = 1e-3  # in units of the largest singular value
-_NORM = 4  # of the misfit that decides how much of a correction is added
-_FADE = 1.0  # of wavelets at the end of the motion, in their widths
-_PARTS = (1.0, 0.7, 0.5, 0.35, 0.2)
+_FAR = 2.0  # ratio of spectrum and target from which on amplitudes of frequencies are changed,
+_PASSES = 4  # so often at most, by factors that are
+_SMOOTHED = 5  # smoothed over so many compared periods
+_PEAKS = 12  # of an oscillator that are looked after at once, above this part of the target:
+_NEAR = 0.5
+_SWAPS = 8  # of peaks below the target that would rise above it
+_DAMPED = 1e-2  # weight of squares of amplitudes, to squares of misfits
+_FORGOTTEN = 0.8  # power by which emphasis on periods fades from round to round
+_NORM = 8  # of the misfit that decides how much of a correction is added
+_PARTS = (1.0, 0.6, 0.3)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +66,8 @@ class SpectrumMatch:
         target: Pseudo-acceleration wanted there, shape (p,), [m/s^2].
         damping_ratio: Of the oscillators.
         tolerance: Misfit that was allowed.
-        factors: By which components were scaled before wavelets were added, shape (k,).
+        factors: By which components were scaled at first, shape (k,).
+        passes: How often amplitudes of frequencies were changed then, shape (k,).
         rounds: How often wavelets were added, shape (k,).
     """
 
@@ -71,6 +79,7 @@ class SpectrumMatch:
     damping_ratio: float
     tolerance: float
     factors: Floats
+    passes: NDArray[np.int64]
     rounds: NDArray[np.int64]
 
     @property
@@ -96,7 +105,8 @@ class SpectrumMatch:
             lines.append(_line(f"{name} as given", self.record, name, self.periods, before[:, k]))
             lines.append(_line(f"{name} matched", self.motion, name, self.periods, after[:, k]))
             lines.append(
-                f"{name}: scaled by {self.factors[k]:.4g}, then wavelets in {self.rounds[k]} rounds"
+                f"{name}: scaled by {self.factors[k]:.4g}, frequencies in {self.passes[k]} passes, "
+                f"then wavelets in {self.rounds[k]} rounds"
             )
         return "\n".join(lines)
 
@@ -125,9 +135,9 @@ def match_spectrum(
     """Change a motion until its response spectrum is a given one.
 
     Each component is scaled so that its spectrum has the level of the target (geometric mean),
-    then wavelets, which fade at the end of the motion, are added until all misfits are within the
-    tolerance, those of free vibrations after the motion as well. A component that is there
-    already after scaling gets none. Between the periods of the target it lies on
+    amplitudes of its frequencies are changed by smooth factors, then wavelets, which fade at both
+    ends of the motion, are added until all misfits are within the tolerance, those of free
+    vibrations after the motion as well. A component that is there earlier gets no more. Between the periods of the target it lies on
     straight lines in a plot with both axes logarithmic, and is compared at steps of 1 %.
 
     Args:
@@ -146,7 +156,7 @@ def match_spectrum(
     for component, column in zip(components, columns, strict=True):
         if not values[:, column].any():
             raise RecordError(f"Component {component} of {motion.name!r} is zero throughout.")
-        matched, factor, count, worst = matcher.match(values[:, column], tolerance, rounds)
+        matched, factor, counts, worst = matcher.match(values[:, column], tolerance, rounds)
         if abs(worst[0]) > tolerance:
             raise RecordError(
                 f"The spectrum of component {component} of {motion.name!r} came no nearer to the "
@@ -156,7 +166,7 @@ def match_spectrum(
             )
         values[:, column] = matched
         factors.append(factor)
-        used.append(count)
+        used.append(counts)
     return SpectrumMatch(
         motion=replace(motion, acceleration=values),
         record=motion,
@@ -166,7 +176,8 @@ def match_spectrum(
         damping_ratio=damping_ratio,
         tolerance=tolerance,
         factors=np.array(factors),
-        rounds=np.array(used, dtype=np.int64),
+        passes=np.array(used, dtype=np.int64)[:, 0],
+        rounds=np.array(used, dtype=np.int64)[:, 1],
     )
 
 
@@ -202,12 +213,12 @@ class _Matcher:
 
     def match(
         self, values: Floats, tolerance: float, rounds: int
-    ) -> tuple[Floats, float, int, tuple[float, float]]:
-        """The nearest acceleration found, its factor, rounds, and its worst misfit and period."""
+    ) -> tuple[Floats, float, tuple[int, int], tuple[float, float]]:
+        """The nearest acceleration found, its factor, passes and rounds, worst misfit and period."""
         values = np.append(values, np.zeros(self.count - self.given))
         answers = self._answers(values)
         factor = float(np.exp(-np.log(np.abs(answers).max(axis=0)).mean()))
-        values, answers = factor * values, factor * answers
+        values, answers, passes = self._coloured(factor * values, factor * answers)
         best, best_round, least = values, 0, _misfit(answers)
         misfit, emphasis = least, np.ones(len(self.matched))
         for number in range(1, rounds + 1):
@@ -215,7 +226,7 @@ class _Matcher:
                 break
             # Peaks that stay behind because of their neighbours count more and more.
             emphasis *= 1.0 + np.minimum(np.abs(misfit[self.matched]) / tolerance, 1.0) ** 2
-            emphasis /= np.exp(np.log(emphasis).mean())
+            emphasis = (emphasis / np.exp(np.log(emphasis).mean())) ** _FORGOTTEN
             correction = self._correction(answers, emphasis)
             change = self._answers(correction)
             norms = [float(np.sum(_misfit(answers + p * change) ** _NORM)) for p in _PARTS]
@@ -225,12 +236,8 @@ class _Matcher:
             if np.abs(misfit).max() < np.abs(least).max():
                 best, best_round, least = values, number, misfit
         worst = int(np.argmax(np.abs(least)))
-        return (
-            best[: self.given],
-            factor,
-            best_round,
-            (float(least[worst]), float(self.periods[worst])),
-        )
+        nearest = float(least[worst]), float(self.periods[worst])
+        return best[: self.given], factor, (passes, best_round), nearest
 
     def _answers(self, values: Floats) -> Floats:
         """Of all oscillators to an acceleration (n,), shape (n, p)."""
@@ -238,55 +245,90 @@ class _Matcher:
         answers: Floats = self.scale * history
         return answers
 
+    def _coloured(self, values: Floats, answers: Floats) -> tuple[Floats, Floats, int]:
+        """The motion with other amplitudes of its frequencies, its answers, and passes it took."""
+        padded = 2 * self.count  # long enough that nothing comes round from one end to the other
+        spectrum, frequency = np.fft.rfft(values, padded), np.fft.rfftfreq(padded, self.dt)
+        # Twice the longest period and longer ones keep theirs, and displacements what is in them.
+        known = np.append(0.5 / self.periods[-1], 1.0 / self.periods[::-1])
+        envelope = self._faded(self.periods[0])
+        changed, logarithms = values, np.zeros(len(self.periods))
+        for number in range(_PASSES):
+            missing = -np.log(np.abs(answers).max(axis=0))
+            if np.abs(missing).max() <= np.log(_FAR):
+                return changed, answers, number
+            logarithms += gaussian_filter1d(missing, _SMOOTHED, mode="nearest")
+            gain = np.exp(np.interp(frequency, known, np.append(0.0, logarithms[::-1])))
+            change = envelope * np.fft.irfft(spectrum * (gain - 1.0), padded)[: self.count]
+            changed = values + without_drift(change[:, None], envelope, self.dt)[:, 0]
+            answers = self._answers(changed)
+        return changed, answers, _PASSES
+
     def _correction(self, answers: Floats, emphasis: Floats) -> Floats:
         """Sum of wavelets that would bring the peaks to the target, shape (n,)."""
-        rows, places, wanted, weight = self._peaks(answers)
-        weight = weight * emphasis[rows]
+        rows, places, highest = self._peaks(answers)
         oscillators = self.matched[rows]
+        peaks = answers[places, oscillators]
+        lacking = 1.0 - np.abs(peaks)
         sampled = np.zeros((len(rows), self.count))
-        wavelets = np.empty((self.count, len(rows)))
-        for k, (row, oscillator, place) in enumerate(zip(rows, oscillators, places, strict=True)):
+        for k, (row, place) in enumerate(zip(rows, places, strict=True)):
             sampled[k, 1 : place + 1] = self.to_inner[row, :place][::-1]
             sampled[k, 0] = self.to_first[row, place]
-            wavelets[:, k] = self._wavelet(int(oscillator), int(place))
-        signs = np.sign(answers[places, oscillators])
-        sampled *= (signs * self.scale[oscillators])[:, None]
+        sampled *= (np.sign(peaks) * self.scale[oscillators])[:, None]
+        own = np.flatnonzero(highest | (lacking < 0.0))  # peaks that have a wavelet
+        wavelets = np.array([self._wavelet(int(oscillators[k]), int(places[k])) for k in own]).T
         effects = sampled @ wavelets
         size = np.abs(effects).max(axis=0)
-        left, values, right = np.linalg.svd(weight[:, None] * effects / size, full_matrices=False)
-        damped = values / (values**2 + (_REGULARISATION * values[0]) ** 2)
-        amplitudes = right.T @ (damped * (left.T @ (weight * wanted))) / size
-        correction: Floats = wavelets @ amplitudes
+        amplitudes = _amplitudes(effects / size, lacking, highest, emphasis[rows])
+        correction: Floats = wavelets @ (amplitudes / size)
         return correction
 
-    def _peaks(self, answers: Floats) -> tuple[Whole, Whole, Floats, Floats]:
-        """Matched oscillator, sample, wanted change and weight of each peak to look after.
-
-        The highest of an oscillator must reach the target, all above it come down to it, and those
-        not far below it should stay there.
-        """
-        found: list[tuple[int, int, float, float]] = []
+    def _peaks(self, answers: Floats) -> tuple[Whole, Whole, Flags]:
+        """Matched oscillator and sample of each peak to look after; is it the highest of it?"""
+        found: list[tuple[int, int, bool]] = []
         for row, oscillator in enumerate(self.matched):
             size = np.abs(answers[:, oscillator])
             after = np.append(size[2:], 0.0)  # the last sample may be a peak
             peaks = 1 + np.flatnonzero((size[1:] >= size[:-1]) & (size[1:] > after))
-            highest = peaks[np.argsort(-size[peaks], kind="stable")][:_PEAKS]
-            for rank, place in enumerate(highest):
-                above = rank == 0 or size[place] > 1.0
-                if above or size[place] > _NEAR:
-                    wanted, weight = (1.0 - size[place], 1.0) if above else (0.0, _WEIGHT)
-                    found.append((row, int(place), float(wanted), weight))
-        rows, places, changes, weights = zip(*found, strict=True)
-        return np.array(rows), np.array(places), np.array(changes), np.array(weights)
+            order = peaks[np.argsort(-size[peaks], kind="stable")][:_PEAKS]
+            found.append((row, int(order[0]), True))
+            found.extend((row, int(place), False) for place in order[1:] if size[place] > _NEAR)
+        rows, places, highest = zip(*found, strict=True)
+        return np.array(rows), np.array(places), np.array(highest)
 
     def _wavelet(self, oscillator: int, place: int) -> Floats:
         """Tapered cosine whose largest answer is at a sample; it ends at rest where it began."""
         time = self.dt * (np.arange(self.count) - place) + self.lag[oscillator]
-        envelope = np.exp(-((time / self.width[oscillator]) ** 2))
-        left = self.dt * (self.given - 1 - np.arange(self.count))  # until the end, where it is zero
-        envelope *= 1.0 - fall(left, 0.0, _FADE * self.width[oscillator])
+        width = self.width[oscillator]
+        envelope = np.exp(-((time / width) ** 2)) * self._faded(width)
         wave = np.cos(self.damped[oscillator] * time) * envelope
         return without_drift(wave[:, None], envelope, self.dt)[:, 0]
+
+    def _faded(self, length: float) -> Floats:
+        """One within the motion, falling over a length [s] to zero at both ends and after it."""
+        sample = np.arange(self.count)
+        inside = self.dt * np.minimum(sample, self.given - 1 - sample)
+        return 1.0 - fall(inside, 0.0, length)
+
+
+def _amplitudes(effects: Floats, lacking: Floats, highest: Flags, weight: Floats) -> Floats:
+    """Least squares: the highest peaks reach the target, others do not rise above it; shape (w,).
+
+    Args:
+        effects: of wavelets of amplitude one on peaks, shape (m, w).
+        lacking: what peaks lack to the target, negative above it, shape (m,).
+        highest: of their oscillators, shape (m,).
+        weight: of peaks, shape (m,).
+    """
+    active = highest | (lacking < 0.0)
+    for _ in range(_SWAPS):
+        weighted = (weight[:, None] * effects)[active]
+        matrix = weighted.T @ weighted + _DAMPED * np.eye(effects.shape[1])
+        amplitudes: Floats = solve(matrix, weighted.T @ (weight * lacking)[active], assume_a="pos")
+        before, active = active, highest | (effects @ amplitudes > lacking)
+        if (active == before).all():
+            break
+    return amplitudes
 
 
 def _free(dt: float, periods: Floats, zeta: float) -> int:

@@ -41,7 +41,7 @@ LENGTHS = 4
 """How often the longest period that is matched must fit into the motion."""
 
 _CHECKED = 1.01  # ratio of neighbouring periods where the spectrum is compared with the target
-_MATCHED = 1.02  # and of those that wavelets are made for
+_MATCHED = 1.02  # wavelets are made for the first period in each step by this
 _FAR = 2.0  # ratio of spectrum and target from which on amplitudes of frequencies are changed,
 _PASSES = 4  # so often at most, by factors that are
 _SMOOTHED = 5  # smoothed over so many compared periods
@@ -134,11 +134,12 @@ def match_spectrum(
 ) -> SpectrumMatch:
     """Change a motion until its response spectrum is a given one.
 
-    Each component is scaled so that its spectrum has the level of the target (geometric mean),
-    amplitudes of its frequencies are changed by smooth factors, then wavelets, which fade at both
-    ends of the motion, are added until all misfits are within the tolerance, those of free
-    vibrations after the motion as well. A component that is there earlier gets no more. Between the periods of the target it lies on
-    straight lines in a plot with both axes logarithmic, and is compared at steps of 1 %.
+    Each component is scaled so that its spectrum has the level of the target (geometric mean).
+    Where it is then less than half or more than double the target, amplitudes of frequencies are
+    changed by smooth factors. Then wavelets, which fade at both ends of the motion, are added until
+    all misfits are within the tolerance, those of free vibrations after the motion as well.
+    Between the periods of the target it lies on straight lines in a plot with both axes
+    logarithmic, and is compared at steps of 1 %.
 
     Args:
         motion: the motion, with its baseline corrected.
@@ -204,7 +205,8 @@ class _Matcher:
         # From the middle of a wavelet to the largest answer of its oscillator.
         self.lag = np.arctan(np.sqrt(1.0 - zeta**2) / zeta) / self.damped
         self.width = 1.178 * periods**0.93  # after Al Atik and Abrahamson
-        self.matched = _thinned(periods)
+        steps = np.log(periods / periods[0]) / np.log(_MATCHED)
+        self.matched = np.unique(np.floor(steps + ROUNDING), return_index=True)[1]
         impulses = np.zeros((self.count, 2))
         impulses[1, 0] = impulses[0, 1] = 1.0
         answers = response_history(impulses, dt, periods[self.matched], zeta)
@@ -214,7 +216,7 @@ class _Matcher:
     def match(
         self, values: Floats, tolerance: float, rounds: int
     ) -> tuple[Floats, float, tuple[int, int], tuple[float, float]]:
-        """The nearest acceleration found, its factor, passes and rounds, worst misfit and period."""
+        """The nearest acceleration found, its factor, passes, rounds, worst misfit and period."""
         values = np.append(values, np.zeros(self.count - self.given))
         answers = self._answers(values)
         factor = float(np.exp(-np.log(np.abs(answers).max(axis=0)).mean()))
@@ -257,7 +259,7 @@ class _Matcher:
             missing = -np.log(np.abs(answers).max(axis=0))
             if np.abs(missing).max() <= np.log(_FAR):
                 return changed, answers, number
-            logarithms += gaussian_filter1d(missing, _SMOOTHED, mode="nearest")
+            logarithms += gaussian_filter1d(missing, _SMOOTHED, mode="nearest")  # (12ag)
             gain = np.exp(np.interp(frequency, known, np.append(0.0, logarithms[::-1])))
             change = envelope * np.fft.irfft(spectrum * (gain - 1.0), padded)[: self.count]
             changed = values + without_drift(change[:, None], envelope, self.dt)[:, 0]
@@ -302,7 +304,7 @@ class _Matcher:
         width = self.width[oscillator]
         envelope = np.exp(-((time / width) ** 2)) * self._faded(width)
         wave = np.cos(self.damped[oscillator] * time) * envelope
-        return without_drift(wave[:, None], envelope, self.dt)[:, 0]
+        return without_drift(wave[:, None], envelope, self.dt)[:, 0]  # (12ai)
 
     def _faded(self, length: float) -> Floats:
         """One within the motion, falling over a length [s] to zero at both ends and after it."""
@@ -321,7 +323,7 @@ def _amplitudes(effects: Floats, lacking: Floats, highest: Flags, weight: Floats
         weight: of peaks, shape (m,).
     """
     active = highest | (lacking < 0.0)
-    for _ in range(_SWAPS):
+    for _ in range(_SWAPS):  # (12ak)
         weighted = (weight[:, None] * effects)[active]
         matrix = weighted.T @ weighted + _DAMPED * np.eye(effects.shape[1])
         amplitudes: Floats = solve(matrix, weighted.T @ (weight * lacking)[active], assume_a="pos")
@@ -381,15 +383,6 @@ def _filled(periods: Floats, wanted: Floats) -> tuple[Floats, Floats]:
     filled = np.concatenate([*parts_of, periods[-1:]])
     values = np.exp(np.interp(np.log(filled), np.log(periods), np.log(wanted)))
     return filled, values
-
-
-def _thinned(periods: Floats) -> Whole:
-    """Places of the first period, of the next one 2 % longer, and so on."""
-    chosen = [0]
-    for place in range(1, len(periods)):
-        if periods[place] >= periods[chosen[-1]] * _MATCHED * (1.0 - 1e-3):
-            chosen.append(place)
-    return np.array(chosen)
 
 
 def _line(what: str, motion: Motion, name: str, periods: Floats, misfit: Floats) -> str:

@@ -94,6 +94,24 @@ def test_a_run_that_goes_on_after_the_motion_has_its_spectrum_too() -> None:
     assert values[-1] == pytest.approx(match.factors[0] * record.acceleration[-1, 1], abs=1e-12)
 
 
+@pytest.mark.parametrize("seed", [2, 8])
+def test_motions_far_from_the_target_are_matched_in_few_rounds(seed: int) -> None:
+    # Scaled, they are 7 to 10 times the target at short periods and a tenth of it at long ones.
+    record = synthetic_motion(seed=seed)
+    target = ([0.1, 0.15, 0.5, 2.0], [3.9, 5.0, 5.0, 1.25])
+    match = match_spectrum(record, target, tolerance=0.1)
+    assert match.rounds.max() <= 10
+    assert f"frequencies in {match.passes[1]} passes" in match.report().splitlines()[-1]
+    rest = np.pad(match.motion.acceleration[:, :2], ((0, 400), (0, 0)))
+    found = response_spectrum(rest, record.dt, match.periods, 0.05).pseudo_acceleration
+    assert np.abs(found / match.target[:, None] - 1.0).max() <= 0.1
+    # Nothing is cut at the ends, nothing drifts.
+    scaled = record.scaled([*match.factors, 1.0])
+    np.testing.assert_array_equal(match.motion.acceleration[[0, -1]], scaled.acceleration[[0, -1]])
+    for old, new in zip(scaled.integrated(), match.motion.integrated(), strict=True):
+        np.testing.assert_allclose(new[-1], old[-1], atol=1e-12)
+
+
 def test_the_same_on_every_call() -> None:
     target = (np.array([0.2, 1.0]), np.array([6.0, 3.0]))
     coarse = RECORD.resampled(0.02)

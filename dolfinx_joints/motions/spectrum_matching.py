@@ -49,7 +49,7 @@ _PEAKS = 12  # of an oscillator that are looked after at once, above this part o
 _NEAR = 0.5
 _SWAPS = 8  # of peaks below the target that would rise above it
 _DAMPED = 1e-2  # weight of squares of amplitudes, to squares of misfits
-_FORGOTTEN = 0.8  # power by which emphasis on periods fades from round to round
+_FORGOTTEN = 0.9  # power by which emphasis on periods fades from round to round
 _NORM = 8  # of the misfit that decides how much of a correction is added
 _PARTS = (1.0, 0.6, 0.3)
 

@@ -323,7 +323,7 @@ def _amplitudes(effects: Floats, lacking: Floats, highest: Flags, weight: Floats
         weight: of peaks, shape (m,).
     """
     active = highest | (lacking < 0.0)
-    for _ in range(_SWAPS):  # (12ak)
+    for _ in range(_SWAPS):  # (12aj)
         weighted = (weight[:, None] * effects)[active]
         matrix = weighted.T @ weighted + _DAMPED * np.eye(effects.shape[1])
         amplitudes: Floats = solve(matrix, weighted.T @ (weight * lacking)[active], assume_a="pos")

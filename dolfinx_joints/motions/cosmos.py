@@ -32,6 +32,10 @@ _START = re.compile(
     r".*\btime:\s*(?P<month>\d\d?)/(?P<day>\d\d?)/(?P<year>\d{4})[,\s]+"
     r"(?P<hour>\d\d?):(?P<minute>\d\d):(?P<second>\d\d(?:\.\d*)?)"
 )
+_NUMBERS = re.compile(
+    r"(?P<year>\d{4}) (?P<month>\d+) (?P<day>\d+) "
+    r"(?P<hour>\d+) (?P<minute>\d+) (?P<second>\d*\.?\d+)$"
+)
 _BLOCK = re.compile(r"\s*(\d+)\s+(\w+)\s+pts", re.I)
 _END = re.compile(r"\bEnd.of.data\b", re.I)
 _WIDTH = re.compile(r"Format\s*=\s*\(\s*([1-9]\d{0,2})\s*[IFEGD]([1-9]\d?)", re.I)
@@ -54,7 +58,7 @@ def _record(text: RecordText) -> str:
 def _channels(text: RecordText) -> Iterator[Component]:
     line = 1
     while line <= len(text.lines) and (title := _TITLE.search(text.lines[line - 1])):
-        first, start = line + int(title[1]), _start(text, line + 7)
+        head, first = line + 7, line + int(title[1])
         whole, second = _header(text, first)
         real, after = _header(text, second)
         unit = _unit(text, first + 1, whole)
@@ -68,12 +72,19 @@ def _channels(text: RecordText) -> Iterator[Component]:
             unit=unit,
             direction=_direction(whole[53]),
             record=_record(text),
-            start=start,
+            start=_start(text, head, whole, real),
         )
 
 
-def _start(text: RecordText, number: int) -> float | None:
-    """Time of the first sample, where this line of text gives it."""
+def _start(text: RecordText, number: int, whole: list[str], real: list[str]) -> float | None:
+    """Time of the first sample.
+
+    By the 40th and 42nd to 45th whole number, year, month, day, hour and minute, and the 30th real
+    one, seconds. Where one is missing (-999), by this line of text, if it gives the time.
+    """
+    numbers = " ".join((whole[39], *whole[41:45], real[29]))
+    if _NUMBERS.match(numbers):
+        return start_time(text, number, _NUMBERS, numbers)
     line = text.line(number, "the starting time")
     return start_time(text, number, _START, line) if _START.match(line) else None
 

@@ -399,6 +399,23 @@ def test_components_are_aligned_by_their_starts(tmp_path: Path, name: str) -> No
             read_record(started(tmp_path, name, starts))
 
 
+def test_cosmos_components_are_aligned_by_the_numbers_of_their_headers(tmp_path: Path) -> None:
+    # Lines of text write the time in several ways, as 2018/11/30 or 02:33:  .0; whole numbers 40
+    # and 42 to 45 and the 30th real one have year, month, day, hour, minute, second. -999 is none.
+    files = started(tmp_path, "cosmos", ["0"] * 3)
+    for path, second in zip(files, (46.0, 46.1, 46.0), strict=True):
+        lines = (
+            path.read_text().replace("01/01/2000, 10:20:46.000", "2000/01/01 10:20:46").split("\n")
+        )
+        lines[17] = lines[17][:72] + f"{2000:8d}"
+        lines[18] = "".join(f"{number:8d}" for number in (1, 1, 1, 10, 20)) + lines[18][40:]
+        lines[29] = lines[29][:65] + f"{second:13.6f}"
+        path.write_text("\n".join(lines))
+    motion = read_record(files)
+    np.testing.assert_allclose(100.0 * motion.acceleration[:, 0], WAVE[:-10], atol=1e-9)
+    np.testing.assert_allclose(100.0 * motion.acceleration[:, 1], WAVE[10:], atol=1e-9)
+
+
 def test_starts_across_midnight_and_starts_that_are_missing(tmp_path: Path) -> None:
     files = started(tmp_path, "esm", ["0", "0", "0"])
     day, stamp = "20000101", "DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS: "

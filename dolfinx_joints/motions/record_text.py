@@ -84,7 +84,11 @@ class RecordText:
             raise RecordError(f"{self.path} is empty.")
         if b"\0" in data:
             raise RecordError(f"{self.path} is not a text file.")
-        plain = data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").rstrip()
+        try:
+            decoded = data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            decoded = data.decode("latin-1")
+        plain = decoded.replace("\r\n", "\n").replace("\r", "\n").rstrip()
         self.lines = [line.rstrip() for line in plain.split("\n")]
 
     def fail(self, number: int, text: str) -> NoReturn:

@@ -279,6 +279,14 @@ def test_a_unit_that_cannot_be_true_is_an_error(tmp_path: Path) -> None:
     assert message in error_message(path)
 
 
+@pytest.mark.parametrize("coding", ["latin-1", "utf-8", "utf-8-sig"])
+def test_a_unit_is_read_in_any_coding(tmp_path: Path, coding: str) -> None:
+    # Spreadsheets begin their UTF-8 with a byte order mark.
+    path = write(tmp_path, columns(unit="cm/s²").encode(coding))
+    (found,) = read_components(path)
+    assert found.unit == "cm/s^2"
+
+
 @pytest.mark.parametrize("suffix", [".AT2", ".ASC", ".NS", ".smc", ".v2", ".txt"])
 def test_junk_is_an_error_whatever_its_name(tmp_path: Path, suffix: str) -> None:
     for content, message in (

@@ -33,7 +33,10 @@ _COUNT_AND_STEP = (
 )
 _UNIT_IS_G = re.compile(r"\bUNITS?\s+OF\s+G(?![\w/*^])", re.I)
 _AT2_STEM = re.compile(
-    r"(.+?)(?:[-_.]?(UP|DWN|DOWN|VERT?|\d{3})|[-_.](V|NS|EW|[NESW]|\d{1,2}))", re.I
+    # The last two digits of NET.STATION.BHE.00 are no azimuth but name the place of the sensor.
+    r"(.+?)(?:[-_.]?(UP|DWN|DOWN|VERT?|\d{3})|\.[A-Z]{2}([NEZ])(?:\.\d\d)?"
+    r"|[-_.](V|NS|EW|[NESW]|(?<!\.[A-Z]{2}\d\.)\d{1,2}))",
+    re.I,
 )
 _ESM_KEY = re.compile(r"([A-Z][A-Z0-9_/^]*):(.*)")
 _SCALE = re.compile(r"([\d.]+)\(([^)]*)\)/([\d.]+)")
@@ -61,7 +64,7 @@ def _at2_matches(text: RecordText) -> bool:
 def _at2_parts(path: Path) -> tuple[str, Direction | None]:
     """Name of the record and direction of the component, from the name of the file."""
     match = _AT2_STEM.fullmatch(path.stem)
-    found = None if match is None else direction_named(match[2] or match[3])
+    found = None if match is None else direction_named(match[2] or match[3] or match[4])
     return (path.stem, None) if match is None or found is None else (match[1], found)
 
 

@@ -128,6 +128,19 @@ def test_components_find_their_axes(
     np.testing.assert_allclose(motion.acceleration[7] / STANDARD_GRAVITY, expected)
 
 
+def test_sensors_of_networks_have_places_not_azimuths(tmp_path: Path) -> None:
+    # Names of NGA-East: network, station, channel, place of the sensor. 1 and 2 are unknown ways.
+    stem = "RSN1_Town_IU.CCM"
+    write_record(tmp_path, stem, (".BHN.00", ".BHE.00", ".BHZ.00"))
+    np.testing.assert_allclose(
+        read_record(tmp_path).acceleration[7], STANDARD_GRAVITY * np.array([0.2, 0.1, 0.3])
+    )
+    write_record(tmp_path, stem, (".BH1.10", ".BH2.10"))
+    files = [tmp_path / f"{stem}.{part}.AT2" for part in ("BH1.10", "BH2.10", "BHZ.00")]
+    motion = read_record(files, directions=[0.0, 90.0, "UP"])
+    np.testing.assert_allclose(motion.acceleration[7], STANDARD_GRAVITY * np.array([0.2, 0.1, 0.3]))
+
+
 def test_one_of_several_records_is_chosen_by_name(tmp_path: Path) -> None:
     write_record(tmp_path, "RSN1_ABC")
     (tmp_path / "sub").mkdir()

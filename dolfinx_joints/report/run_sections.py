@@ -12,12 +12,11 @@ import numpy as np
 from dolfinx_joints import __version__
 from dolfinx_joints.postprocessing import plots
 from dolfinx_joints.postprocessing.energy_lines import energy_lines, waves_at_end
-from dolfinx_joints.report.page import Curve, Section, panels, paragraph, plain, table
+from dolfinx_joints.report.page import Cell, Curve, Section, panels, paragraph, plain, table
 from dolfinx_joints.report.runs import Content, nothing
 from dolfinx_joints.results.reader import ENERGY_TERMS
 
 _COUNTS = {
-    "steps": "time steps",
     "accepted": "substeps that the steps were solved in",
     "failed": "rejected attempts",
     "iterations": "iterations in all",
@@ -34,7 +33,9 @@ _ERRORS = {
 def cost(content: Content) -> Section:
     """Seconds, steps, iterations, memory."""
     summaries = [run.results.summary for run in content.runs]
-    rows = [[text, *(s.get(key) for s in summaries)] for key, text in _COUNTS.items()]
+    taken = [r.results.rows("histories") - 1 if r.has("histories") else None for r in content.runs]
+    rows: list[list[Cell]] = [["time steps", *taken]]
+    rows += [[text, *(s.get(key) for s in summaries)] for key, text in _COUNTS.items()]
     each = [
         s["iterations"] / s["accepted"] if s.get("accepted") and "iterations" in s else None
         for s in summaries

@@ -96,7 +96,7 @@ def failed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("failed")
     facts = {"dofs": 12345, "colour": "green", "run": EVIL, "case": EVIL, EVIL: EVIL}
     summary = {"energy_error": 3.125e-3, "peak_mb": 777.0, "seconds": {"time steps": 61.75}}
-    summary |= {"error": f"out of patience {EVIL}", "solver": EVIL}
+    summary |= {"error": f"out of patience {EVIL}", "solver": EVIL, "steps": 240}
     path = write_run(folder / "run.h5", facts=facts, summary=summary, status="failed")
     return page_of([path], folder)
 
@@ -114,6 +114,12 @@ def test_table_values_come_from_the_file(plain, failed):
     for cell in ("12\u202f345", "green", "0.003125", "777", "61.75"):
         assert cell not in plain[0].cells
         assert cell in failed[0].cells
+
+
+def test_steps_are_those_that_were_taken(failed):
+    # 100 of the 240 that were asked for.
+    cells = failed[0].cells
+    assert cells[cells.index("time steps") + 1] == "100"
 
 
 def test_joint_table_shows_what_the_gaps_are(plain):

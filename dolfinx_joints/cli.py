@@ -203,4 +203,6 @@ def _report(results: Sequence[Path], out: Path, *, with_3d: bool) -> None:
     from dolfinx_joints import report
 
     path = report.write(results, out, with_3d=with_3d)
-    print(f"{path}, {path.stat().st_size / 1e6:.1f} MB, pictures in {report.picture_folder(path)}")
+    folder = report.picture_folder(path)
+    beside = f", pictures in {folder}" if folder.is_dir() else ""
+    print(f"{path}, {path.stat().st_size / 1e6:.1f} MB{beside}")

@@ -19,6 +19,7 @@ from dolfinx_joints.common.errors import (
     ConvergenceError,
     JointsError,
     OtherRunError,
+    ResultsError,
     StudyError,
 )
 from dolfinx_joints.common.mpi import on_root
@@ -157,7 +158,8 @@ class MotionSuite(Summarised):
         of a monitor point at the crest, from the static state; ``imbalance [-]`` of the energy
         lines.
         """
-        complete = [name for name in self.motions if self._complete(self.results(name))]
+        known = {name: self._known(self.results(name)) for name in self.motions}
+        complete = [name for name, found in known.items() if found is not None and found[0]]
         rows = [self._row(name, period) for name in complete]
         values = {what: np.array([row[what] for row in rows]) for what in (rows or [{}])[0]}
         return {"case": np.array(complete, dtype=object), **values}
@@ -187,10 +189,10 @@ class MotionSuite(Summarised):
         for name, motion in self.motions.items():
             path = self.results(name)
             states[name] = "new"
-            if not path.exists():
+            known = self._known(path)
+            if known is None:
                 continue
-            with Results(path) as results:
-                complete, digest = results.complete, results.metadata.get(DIGEST)
+            complete, digest = known
             if digest != _digest(motion, dt):
                 if not rerun_changed:
                     raise StudyError(
@@ -203,11 +205,18 @@ class MotionSuite(Summarised):
                 states[name] = "begun"
         return states
 
-    def _complete(self, path: Path) -> bool:
+    def _known(self, path: Path) -> tuple[bool, Any] | None:
+        """Whether a run is complete, and its digest; None without a file that can be read.
+
+        A kill while a run is being set up leaves one that cannot.
+        """
         if not path.exists():
-            return False
-        with Results(path) as results:
-            return results.complete
+            return None
+        try:
+            with Results(path) as results:
+                return results.complete, results.metadata.get(DIGEST)
+        except ResultsError:
+            return None
 
     def _checkpoint(self, name: str) -> Path:
         return self.path / f"{name}.checkpoint"

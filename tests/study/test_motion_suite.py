@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 import warnings
 
+import h5py
 import numpy as np
 import pytest
 
@@ -126,6 +127,22 @@ def test_an_interrupted_suite_goes_on(comm, simulation, new_path, monkeypatch):
                 np.testing.assert_allclose(suite.table()[name], column, rtol=1e-9)
 
     on_root(comm, look)
+
+
+def test_a_suite_that_was_killed_while_a_run_was_set_up_goes_on(comm, simulation, new_path):
+    chosen, folder = motions(0.3, 1.0), new_path("suite")
+    suite = MotionSuite(folder, simulation(), chosen, points=POINTS)
+
+    def leave():
+        """What signal 9 leaves of a file that is being made."""
+        folder.mkdir()
+        with h5py.File(folder / "open.h5", "w", libver="latest") as file:
+            file.flush()
+            suite.results("x1").write_bytes((folder / "open.h5").read_bytes())
+        assert not len(suite.table()["case"])
+
+    on_root(comm, leave)
+    assert suite.run(dt=DT).done == list(chosen)
 
 
 def test_the_table_is_that_of_files_and_motions(comm, simulation, new_path):

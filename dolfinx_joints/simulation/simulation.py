@@ -312,7 +312,7 @@ class Simulation:
         motion = ground_motion(self.model, motion, loads)
         if not resume and start is None:
             check_grouted(self.static)
-            check_complete(self.static)
+            check_complete(self.model, self.static, self.stages)
         if checkpoint is not None:
             checkpoint.check(self.model.jointed.mesh.comm, resume=resume)
         with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):

@@ -17,6 +17,7 @@ from dolfinx_joints import (
     Simulation,
     SolverOptions,
     StepControl,
+    Traction,
     stiffness_proportional,
 )
 from dolfinx_joints.simulation.monitor import Monitor
@@ -74,6 +75,23 @@ def test_a_body_at_rest_stays_at_rest_and_nothing_warns(wall, recwarn):
     outcome = simulation.dynamics(dt=0.005, steps=3)
     assert outcome.local_error == 0.0
     assert not [w for w in recwarn if "single step errs" in str(w.message)]
+
+
+def test_loads_that_jump_as_a_dynamic_stage_starts_are_warned_of(wall, recwarn):
+    """Quasi-statics ends with loads of its last time, a dynamic stage starts with those of t = 0.
+
+    A sine of 2 pi is zero but for rounding.
+    """
+    push = Traction(group="crest", value=(1e4, 0.0, 0.0), factor=lambda t: np.sin(2 * np.pi * t))
+    wall.loads = [Gravity(), push]
+    simulation = Simulation(wall)
+    simulation.quasi_statics([0.25, 1.0])
+    simulation.dynamics(dt=DT, steps=1, motion=shaking)
+    assert not [w for w in recwarn if "at once" in str(w.message)]
+    simulation.quasi_statics([0.25], name="pushed")
+    said = r"stage 'pushed' .* t = 0.25 s, .*: Traction_crest changes at once"
+    with pytest.warns(UserWarning, match=said):
+        simulation.dynamics(dt=DT, steps=1)
 
 
 def test_both_solvers_march_alike(wall):

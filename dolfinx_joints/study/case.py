@@ -30,7 +30,7 @@ import numpy as np
 
 from dolfinx_joints.common.errors import StudyError
 from dolfinx_joints.common.memory import peak_mb
-from dolfinx_joints.study.table import SUFFIX, Row
+from dolfinx_joints.study.table import Row
 
 Function = Callable[..., Mapping[str, Any]]
 _LONGEST_REASON = 2000  # characters
@@ -161,8 +161,6 @@ def _plain_values(values: Any) -> tuple[dict[str, float | str], list[str]]:
     remarks = []
     for given, value in values.items():
         name, plain = str(given), _plain(value)
-        while name in kept:
-            name += SUFFIX
         if plain is None:
             print(f"{name!r}: {value!r}", flush=True)
             remarks.append(
@@ -178,7 +176,4 @@ def _plain(value: Any) -> float | str | None:
     """A value as a file holds it, None where it is neither number nor text."""
     if isinstance(value, str):
         return value
-    try:
-        return float(value) if isinstance(value, Real | np.bool_) else None
-    except OverflowError:
-        return None
+    return float(value) if isinstance(value, Real | np.bool_) else None

@@ -54,7 +54,7 @@ def read_rows(path: Path) -> list[Row]:
     try:
         rows: list[Row] = json.loads(path.read_text(encoding="utf-8"))
         columns(rows)
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise StudyError(f"{path} is no table of a study, or a damaged one: {error!r}.") from None
     return rows
 
@@ -130,7 +130,7 @@ def replace(path: Path, text: str) -> None:
     """Write a file so that it is whole or as it was."""
     part = path.with_name(f".{path.name}.partial")
     try:
-        part.write_bytes(text.encode(errors="backslashreplace"))
+        part.write_bytes(text.encode())
         part.replace(path)
     except OSError as error:
         with suppress(OSError):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import RecordError
-from dolfinx_joints.common.parameters import check_path, shown
+from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.motions.columns import (
     check_described,
     is_columns,
@@ -131,7 +131,6 @@ def read_record(
 
 def record_names(directory: str | Path) -> list[str]:
     """Names of the records whose files are in a directory, subdirectories left out."""
-    check_path("directory", directory)
     return list(_records_in(Path(directory), False))
 
 

@@ -69,15 +69,12 @@ def test_rounded_times_are_taken_as_equal_steps(tmp_path: Path) -> None:
     [
         ("", {}, "does not give the unit of its columns; pass unit=, or write '# unit: cm/s"),
         ("# unit: g\n", {"unit": "gal"}, "line 1: unit is g here, but gal was given"),
-        ("# unit: g\n", {"dt": "0.02"}, "dt is '0.02'; it must be positive and finite"),
         ("", {"unit": "kN"}, "unit: 'kN' is no known unit of acceleration; known are m/s"),
         ("# unit: g\n# dt: 0.02\n", {"dt": 0.01}, "line 2: dt is 0.02 here, but 0.01 was given"),
-        ("# unit: g\n# dt: fast\n", {}, "line 2: dt 'fast' is not a finite number"),
         ("# unit: g\n# dt: -1\n", {}, "line 2: dt must be positive, got -1"),
         ("# unit: g\n# dt: 0.03\n# columns: time N\n", {}, "line 5: the times must rise by equal"),
         ("# unit: g\n", {"columns": ["N", "E"]}, "has no column of time; pass dt="),
         ("# unit: g\n", {"columns": ["time", "H1"]}, "columns must be 'time' once at most and"),
-        ("# unit: g\n", {"columns": ["N", "N"]}, "columns must be 'time' once at most and"),
         ("# unit: g\n", {"columns": ["N"], "dt": 1.0}, "line 2: 2 values where the columns are 1"),
         (
             "# unit: g\n# columns: time N\n",
@@ -106,10 +103,8 @@ def test_what_is_missing_or_contradicts_is_an_error(
         ),
         ("# unit: g\n0.0 1.0\n", "line 2: the file has 1 row of numbers; a record has 2"),
         ("# unit: g\n0.0 1.0\n0.1 2.0 3.0\n", "line 3: 3 values where the columns are 2"),
-        ("# unit: g\n0.0 1.0\n\n0.1 2.0\n", "line 3: 0 values where the columns are 2"),
         ("# unit: g\n0.0 1.0\n0.1 2.0\n0.3 2.0\n", "line 3: the times must rise by equal steps"),
-        ("# unit: g\n0.2 1.0\n0.1 2.0\n", "line 2: the times must rise by equal steps of -0.1 s"),
-        ("# Units = g\n0.2 1.0\n0.2 2.0\n", "line 2: the times must rise by equal steps of 0 s"),
+        ("# Units = g\n0.2 1.0\n0.1 2.0\n", "line 2: the times must rise by equal steps of -0.1 s"),
         ("# unit: g\n0 1 2 3\n1 1 2 3\n", "has 4 columns and does not name them"),
     ],
 )

@@ -6,7 +6,6 @@ The files are made here after the published descriptions of the formats. The val
 are those of ``WAVE``, in cm/s^2, to the digits of the format.
 """
 
-import errno
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -192,27 +191,10 @@ def test_every_format_is_found_by_content_and_converted(
     assert found.path == path
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("at2", "line 12: 36 values up to here, line 4 announces 37"),
-        ("esm", "line 51: 36 values up to here, line 8 announces 37"),
-        ("knet", "line 22: 36 values up to here, line 12 announces 37"),
-        ("smc", "line 34: 36 values up to here, line 14 announces 37"),
-    ],
-)
-def test_a_truncated_file_is_an_error(tmp_path: Path, name: str, message: str) -> None:
-    assert message in error_message(write(tmp_path, FORMATS[name](values=WAVE[:-1])))
-
-
 @pytest.mark.parametrize("name", FORMATS)
-@pytest.mark.parametrize("lines", [1, 11, 43])
-def test_a_file_that_ends_in_its_header_is_an_error(tmp_path: Path, name: str, lines: int) -> None:
-    text = FORMATS[name]()
-    header = min(lines, len(text.splitlines()) // 2)
-    error_message(
-        write(tmp_path, "\n".join(text.splitlines()[: 1 if name == "columns" else header]))
-    )
+def test_a_file_that_ends_in_its_header_is_an_error(tmp_path: Path, name: str) -> None:
+    lines = FORMATS[name]().splitlines()
+    error_message(write(tmp_path, "\n".join(lines[: 1 if name == "columns" else 3])))
 
 
 @pytest.mark.parametrize(
@@ -220,13 +202,9 @@ def test_a_file_that_ends_in_its_header_is_an_error(tmp_path: Path, name: str, l
     [
         ("at2", "36", "line 12: 37 values up to here, line 4 announces 36"),
         ("esm", "38", "line 52: 37 values up to here, line 8 announces 38"),
-        ("esm", "36.5", "line 8: NDATA must be a whole number of 2 or more, got '36.5'"),
-        ("esm", "", "line 8: NDATA must be a whole number of 2 or more, got ''"),
         ("knet", "0.38", "line 22: 37 values up to here, line 12 announces 38"),
-        ("knet", "-1", "line 12: the duration must be positive, got -1"),
         ("smc", "30", "line 34: 37 values up to here, line 14 announces 30"),
         ("smc", "-32768", "line 14: the number of values must be a whole number of 2 or more"),
-        ("smc", "1", "line 14: the number of values must be a whole number of 2 or more, got '1'"),
         ("cosmos", "40", "line 51: 37 values up to here, line 46 announces 40"),
         ("cosmos", "30", "line 50: 32 values up to here, line 46 announces 30"),
     ],
@@ -237,9 +215,8 @@ def test_a_wrong_count_is_an_error(tmp_path: Path, name: str, count: str, messag
 
 
 @pytest.mark.parametrize("name", FORMATS)
-@pytest.mark.parametrize("word", ["abc", "NaN", "1E999"])
-def test_text_among_the_numbers_is_an_error(tmp_path: Path, name: str, word: str) -> None:
-    lines = FORMATS[name]().rstrip("\n").split("\n")
+def test_text_among_the_numbers_is_an_error(tmp_path: Path, name: str) -> None:
+    word, lines = "NaN", FORMATS[name]().rstrip("\n").split("\n")
     place = 48 if name == "cosmos" else len(lines) - 2
     wide = {"knet": 9, "smc": 10, "cosmos": 10, "at2": 16}.get(name)
     keep = lines[place][wide:] if wide else ""
@@ -256,11 +233,8 @@ def test_text_among_the_numbers_is_an_error(tmp_path: Path, name: str, word: str
     [
         ("at2", "CM/S/S", "line 3: must say 'UNITS OF G', got"),
         ("esm", "m", "line 10: 'm' is no known unit of acceleration; known are m/s^2, cm/s^2"),
-        ("esm", "", "line 10: '' is no known unit"),
-        ("esm", "cm/s", "line 10: 'cm/s' is no known unit"),
         ("knet", "kine", "line 14: 'kine' is no known unit"),
         ("cosmos", "5", "line 15: the unit has the code 5; known are 2 g, 4 cm/s^2, 10 gal, 11 mg"),
-        ("cosmos", "50", "line 15: the unit has the code 50"),
         ("columns", "ft/s^2", "line 1: 'ft/s^2' is no known unit"),
     ],
 )
@@ -287,28 +261,17 @@ def test_a_unit_is_read_in_any_coding(tmp_path: Path, coding: str) -> None:
     assert found.unit == "cm/s^2"
 
 
-@pytest.mark.parametrize("suffix", [".AT2", ".ASC", ".NS", ".smc", ".v2", ".txt"])
-def test_junk_is_an_error_whatever_its_name(tmp_path: Path, suffix: str) -> None:
+def test_junk_is_an_error(tmp_path: Path) -> None:
     for content, message in (
-        (b"", " is empty."),
         (b" \n\n", " is empty."),
         (b"PEER" + b"\0" * 100, " is not a text file."),
         (b"Dear reader,\nno numbers here.\n", " is in no known format (K-NET, COSMOS, SMC, ESM/"),
     ):
-        assert error_message(write(tmp_path, content, f"junk{suffix}")).startswith(message)
+        assert error_message(write(tmp_path, content, "junk.AT2")).startswith(message)
 
 
-def forbidden(path: Path, *_: object) -> None:
-    """Raise the error on a file of another user."""
-    raise PermissionError(errno.EACCES, "Permission denied", str(path))
-
-
-def test_what_cannot_be_read_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert error_message(tmp_path) == " cannot be read: Is a directory."
+def test_what_cannot_be_read_is_an_error(tmp_path: Path) -> None:
     assert error_message(tmp_path / "none") == " cannot be read: No such file or directory."
-    locked = write(tmp_path, at2(), "locked.AT2")
-    monkeypatch.setattr(Path, "open", forbidden)
-    assert error_message(locked) == " cannot be read: Permission denied."
 
 
 @pytest.mark.parametrize(
@@ -316,10 +279,8 @@ def test_what_cannot_be_read_is_an_error(tmp_path: Path, monkeypatch: pytest.Mon
     [
         (esm(kind="VELOCITY"), "line 13: DATA_TYPE must be ACCELERATION, got 'VELOCITY'"),
         (esm().replace("NDATA", "COUNT"), ": the header of an ESM file must have the key NDATA"),
-        (esm().replace("0.010000", "0.0"), "line 7: SAMPLING_INTERVAL_S must be positive"),
         (knet().replace("Scale Factor", "Scale  Factr"), "must have the line 'Scale Factor'"),
         (knet().replace("/2000000", ""), "line 14: Scale Factor must be as 3920(gal)/6182761"),
-        (knet().replace("/2000000", "/0"), "line 14: scale must be positive, got 0"),
         (knet().replace("100Hz", "fast"), "line 11: the sampling frequency 'fast' is not a finite"),
         (smc(kind="1 UNCORRECTED ACCELEROGRAM"), "line 1: must say '2 CORRECTED ACCELEROGRAM'"),
         (cosmos().replace("(10I8)", ""), "line 14: must say how many header values follow"),
@@ -328,12 +289,6 @@ def test_what_cannot_be_read_is_an_error(tmp_path: Path, monkeypatch: pytest.Mon
         (
             cosmos().replace(" 100 Real", "  60 Real").replace(" 17 lines", " 10 lines"),
             "60 header values, line 25 announces 60; 100 are needed",
-        ),
-        (smc().replace("37    ", "37     "), "line 17"),
-        (smc().replace("-32768         2", "-32768         x"), "line 13: the number of comments"),
-        (
-            cosmos().replace("Comment", "Other"),
-            "must say how many comment lines follow, got '2 Oth",
         ),
         (cosmos().replace("(8F10.5)", "free"), "line 46: must announce values and their format"),
         (cosmos().replace("   2       1", "   0       2"), "line 15: the channel must hold accel"),

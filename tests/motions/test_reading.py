@@ -21,7 +21,6 @@ def at2_text(
     *,
     component: str = "0",
     dt: str = ".0050",
-    count: int | None = None,
     line4: str = NEW_STYLE,
     unit: str = "UNITS OF G",
 ) -> str:
@@ -31,7 +30,7 @@ def at2_text(
         f"Somewhere, 1/1/2000, Station, {component}",
         f"SERIES IN {unit}",
     ]
-    header.append(line4.format(count=len(values) if count is None else count, dt=dt))
+    header.append(line4.format(count=len(values), dt=dt))
     rows = [values[i : i + 5] for i in range(0, len(values), 5)]
     return "\r\n".join(header + ["".join(f" {v:14.7E}" for v in row) for row in rows]) + "\r\n"
 
@@ -72,26 +71,12 @@ GOOD = at2_text(np.linspace(0.0, 0.22, 23).tolist())
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "a.AT2 is empty"),
-        (GOOD.replace("UNITS OF G", "UNITS OF CM/S/S"), "line 3: must say 'UNITS OF G', got"),
         (GOOD.replace("UNITS OF G", "UNITS OF G/10"), "line 3: must say 'UNITS OF G'"),
         (GOOD.replace("NPTS", "POINTS"), "line 4: must give 'NPTS= count, DT= step SEC'"),
         (GOOD.replace(".0050", ".0000"), "line 4: the time step must be positive"),
-        (GOOD.replace(" 1.0000000E-01", " NaN"), "line 7: 'NaN' is not a finite number"),
-        (GOOD.replace(" 1.0000000E-01", " 1_0"), "line 7: '1_0' is not a finite number"),
-        (GOOD.replace(" 1.0000000E-01", " 1E999"), "line 7: '1E999' is not a finite number"),
         (GOOD.replace(" 1.0000000E-01", " ******"), "line 7: '[*]+' is not a finite number"),
         (GOOD.replace(" 1.0000000E-01", ""), "line 7: 4 values where the lines before"),
-        (
-            GOOD.replace(" 1.0000000E-01", " 1 2"),
-            "line 7: 6 values where the lines before",
-        ),
         (GOOD[: GOOD.rindex(" 2.2")], "line 9: 22 values up to here, line 4 announces 23"),
-        (GOOD[: GOOD.rindex(" 2.0")], "line 8: 20 values up to here, line 4 announces 23"),
-        (
-            at2_text([0.1] * 10, count=9),
-            "line 6: 10 values up to here, line 4 announces 9",
-        ),
     ],
 )
 def test_a_wrong_file_is_an_error(tmp_path: Path, text: str, message: str) -> None:
@@ -101,11 +86,6 @@ def test_a_wrong_file_is_an_error(tmp_path: Path, text: str, message: str) -> No
         read_components(path)
     assert str(caught.value).startswith(str(path))
     assert str(caught.value).endswith(".")
-
-
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match="none.AT2 cannot be read: No such file"):
-        read_components(tmp_path / "none.AT2")
 
 
 @pytest.mark.parametrize(
@@ -190,12 +170,3 @@ def test_a_damaged_component_is_an_error_not_left_out(tmp_path: Path) -> None:
 def test_no_files_are_errors() -> None:
     with pytest.raises(RecordError, match="At least one file is needed, got none"):
         read_record([])
-
-
-def test_what_names_no_files_is_an_error(tmp_path: Path) -> None:
-    write_record(tmp_path)
-    assert len(read_record(path for path in tmp_path.glob("*.AT2")).acceleration) == 20
-    with pytest.raises(ValueError, match="read_record: source is 5; it must be"):
-        read_record(5)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="directory is 5; it must be the path"):
-        record_names(5)  # type: ignore[arg-type]

@@ -25,7 +25,7 @@ import annotated_types as at
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dolfinx_joints.common.parameters import is_path, numbers_of, real, shown
+from dolfinx_joints.common.parameters import numbers_of, real, shown
 
 T = TypeVar("T", bound=Callable[..., Any])
 REQUIRED = inspect.Parameter.empty
@@ -207,7 +207,7 @@ def _convert(kind: Any, value: Any) -> tuple[bool, Any]:
     if origin is Literal:
         return isinstance(value, str | int) and value in get_args(kind), value
     if origin is PathLike:
-        return is_path(value), value
+        return isinstance(value, str | PathLike) and bool(str(value).strip()), value
     if origin is Callable:
         return callable(value), value
     if origin in (Sequence, tuple) and set(get_args(kind)) - {Ellipsis} <= {float, int}:

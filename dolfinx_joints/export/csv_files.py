@@ -13,7 +13,6 @@ from pathlib import Path
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.parameters import check_path
 from dolfinx_joints.export.tables import Table, tables_of
 from dolfinx_joints.results.reader import Results, listing
 
@@ -51,7 +50,6 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
     Returns:
         The files written.
     """
-    check_path("folder", folder)
     folder, tables = Path(folder), tables_of(results)
     if not tables:
         raise ResultsError(f"{results.path} holds no records, so there are no tables to write.")

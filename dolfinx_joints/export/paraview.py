@@ -13,7 +13,6 @@ import numpy as np
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.parameters import check_path
 from dolfinx_joints.export.grids import body_grid, joined, joint_grid, joint_values
 from dolfinx_joints.export.vtk_files import VtkFile, check_free, vtk_path
 from dolfinx_joints.results.arguments import StageStates
@@ -46,7 +45,6 @@ def write_vtk(
         ResultsError: The file holds neither states nor stages, or no cells, or files are there
             already.
     """
-    check_path("path", path)
     found = {
         first.with_name(f"{first.stem}{ending}{first.suffix}"): part
         for first in [vtk_path(path)]

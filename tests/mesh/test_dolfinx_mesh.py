@@ -75,12 +75,6 @@ def test_tags_of_something_else_are_refused(square, comm):
     mesh, edges, cells = square
     with pytest.raises(MeshError, match=r"facet_tags holds tags of dimension 2; 1 is needed\.$"):
         split_mesh(mesh, cells, joints={}, groups={})
-    with pytest.raises(ValueError, match=r"^facet_tags is 'tags'; it must be DOLFINx mesh tags\.$"):
-        split_mesh(mesh, "tags", joints={}, groups={})
-    with pytest.raises(
-        ValueError, match=r"^mesh is <.*MeshTags object>; it must be a DOLFINx mesh"
-    ):
-        split_mesh(edges, edges, joints={}, groups={})
     with pytest.raises(MeshError, match=r"cell_tags holds tags of dimension 1; 2 is needed\.$"):
         split_mesh(mesh, edges, joints={}, groups={}, cell_tags=edges)
     finer = create_rectangle(comm, [[0, 0], [1, 1]], [9, 9], CellType.quadrilateral)

@@ -240,5 +240,3 @@ def test_files_are_replaced_only_if_asked(comm, new_path):
     assert read_split(path, comm).joint_names == ("joint",)
     with pytest.raises(MeshError, match=f"^{re.escape(str(path / 'sub'))} cannot be written: "):
         write_split(path / "sub", mesh)
-    with pytest.raises(ValueError, match=r"^mesh is .*; it must be a JointedMesh"):
-        write_split(path, mesh.mesh)

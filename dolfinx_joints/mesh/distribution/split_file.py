@@ -20,7 +20,7 @@ import numpy as np
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.hdf5 import attribute, check_superblock, damage_reported, set_texts
 from dolfinx_joints.common.mpi import blocks_of, equal_blocks, on_root, raised_together
-from dolfinx_joints.common.parameters import check_file, check_kind_of, check_path
+from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.distribution.shares import (
     MESH_ROWS,
@@ -49,10 +49,7 @@ def write_split(path: str | Path, mesh: JointedMesh, *, overwrite: bool = False)
 
     Raises:
         MeshError: The file is there already, or cannot be written.
-        ValueError: It is no mesh, or the path names no file.
     """
-    check_path("path", path)
-    check_kind_of("mesh", mesh, isinstance(mesh, JointedMesh), "a JointedMesh, as of read_msh")
     comm, path = mesh.mesh.comm, Path(path)
     if on_root(comm, path.exists) and not overwrite:
         raise MeshError(f"{path}: there already; --force replaces (overwrite=True).")
@@ -118,7 +115,6 @@ def read_split(path: str | Path, comm: Any) -> JointedMesh:
     Raises:
         MeshError: The file is missing, damaged or no split mesh.
     """
-    check_path("path", path)
     with raised_together(comm):
         share = _read(Path(path), comm.rank, comm.size)
     return create_jointed(comm, share)

@@ -14,7 +14,6 @@ from typing import Any
 import dolfinx.mesh
 import numpy as np
 from dolfinx.cpp.mesh import cell_num_entities
-from dolfinx.mesh import MeshTags
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
@@ -287,9 +286,8 @@ def _entities(kind: str, name: str, given: Any, count: int) -> NDArray[np.int32]
     return np.asarray(given, dtype=np.int32)
 
 
-def _check_tags(tags: Any, dim: int, name: str, count: int) -> None:
+def _check_tags(tags: dolfinx.mesh.MeshTags, dim: int, name: str, count: int) -> None:
     """Check that tags are of these entities and of this mesh."""
-    check_kind_of(name, tags, isinstance(tags, MeshTags), "DOLFINx mesh tags")
     if tags.dim != dim:
         raise MeshError(f"{name} holds tags of dimension {tags.dim}; {dim} is needed.")
     if tags.indices.max(initial=-1) >= count:

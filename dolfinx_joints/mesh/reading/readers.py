@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import (
     check_count,
-    check_kind_of,
     check_named,
-    check_path,
     shown,
 )
 from dolfinx_joints.mesh.distribution.shares import PreparedMesh, create_jointed, distribute
@@ -46,7 +44,6 @@ def read_msh(path: str | Path, comm: Any, *, joints: list[str] | None = None) ->
         MeshError: The file cannot be read, mixes cell types, lacks a joint that was asked for, or
             a joint facet does not have one cell on each side.
     """
-    check_path("path", path)
     return distribute(comm, lambda: prepare(load_msh(Path(path)), joints))
 
 
@@ -73,9 +70,8 @@ def split_mesh(
 
     Raises:
         MeshError: A tag stands on no facet, or a joint facet does not have one cell on each side.
-        ValueError: Mesh or tags are not DOLFINx's, or joints or groups are no tags by name.
+        ValueError: Joints or groups are no tags by name.
     """
-    check_kind_of("mesh", mesh, isinstance(mesh, dolfinx.mesh.Mesh), "a DOLFINx mesh")
     joints, groups, cell_groups = joints or {}, groups or {}, cell_groups or {}
     for what, given, tags in (
         ("joints", joints, facet_tags),
@@ -125,9 +121,6 @@ def read_xdmf(
         MeshError: A file is missing, cannot be read or holds no mesh or tags of that name, a tag
             stands on no facet, or a joint facet does not have one cell on each side.
     """
-    check_path("path", path)
-    if facet_file is not None:
-        check_path("facet_file", facet_file)
     body = XdmfGrids(comm, Path(path))
     faces = body if facet_file is None else XdmfGrids(comm, Path(facet_file))
     whole = body.mesh(mesh)

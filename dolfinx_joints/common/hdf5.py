@@ -29,9 +29,6 @@ DIGEST_BYTES = 32
 # Exceptions that reading a damaged or foreign file was seen to raise.
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, AttributeError, ValueError, MemoryError)
 
-OTHER = "holds something else than a run writes"
-"""Verdict on a file that is whole, but not of a run."""
-
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _SUPERBLOCK = 36  # bytes up to the file's length
 _GROWING_SECONDS = 1.0  # longer than a writer takes to lengthen a file

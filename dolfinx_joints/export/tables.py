@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.hdf5 import OTHER, damage_reported
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.postprocessing.joints.resultants import (
     RESULTANT_MEASURES,
@@ -52,26 +50,25 @@ def tables_of(results: Results) -> dict[str, Table]:
     check_results(results)
     streams = {name for name in results.streams if results.rows(name)}
     found = {}
-    with damage_reported(results.path, ResultsError, OTHER):
-        if "statics" in streams:
-            found["stages"] = _stages(results)
-            if results.joints:
-                found["stage_joints"] = _stage_joints(results)
-        if "histories" in streams:
-            found["histories"] = _histories(results)
-            found["peaks"] = _peaks(results)
-        if "energy" in streams:
-            found["energy"] = _plain(results, "energy")
-        if "states" in streams and results.joints:
-            found["joints"] = _joints(results)
-            found["joint_extremes"] = _joint_extremes(results)
-            found["resultants"] = _resultants(results)
-        if "resultants" in streams:
-            found["blocks"] = _blocks(results)
-        if "envelopes" in streams:
-            found["envelopes"] = _envelopes(results)
-        if "modes/frequency" in results.statics:
-            found["modes"] = _modes(results)
+    if "statics" in streams:
+        found["stages"] = _stages(results)
+        if results.joints:
+            found["stage_joints"] = _stage_joints(results)
+    if "histories" in streams:
+        found["histories"] = _histories(results)
+        found["peaks"] = _peaks(results)
+    if "energy" in streams:
+        found["energy"] = _plain(results, "energy")
+    if "states" in streams and results.joints:
+        found["joints"] = _joints(results)
+        found["joint_extremes"] = _joint_extremes(results)
+        found["resultants"] = _resultants(results)
+    if "resultants" in streams:
+        found["blocks"] = _blocks(results)
+    if "envelopes" in streams:
+        found["envelopes"] = _envelopes(results)
+    if "modes/frequency" in results.statics:
+        found["modes"] = _modes(results)
     return found
 
 

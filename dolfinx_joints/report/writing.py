@@ -14,7 +14,6 @@ import annotated_types as at
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning, ResultsError
-from dolfinx_joints.common.hdf5 import damage_reported
 from dolfinx_joints.report import opening, sections
 from dolfinx_joints.report.page import Drawings, page
 from dolfinx_joints.report.runs import Addition, Content, Run, linear_and_jointed, opened
@@ -49,9 +48,8 @@ def write(
     if target.suffix.lower() not in (".html", ".htm"):
         raise ResultsError(f"A report is written to a file that ends in .html, got {target}.")
     _check_packages()
-    damage = damage_reported(target, ResultsError, "cannot be made of what the files hold")
     muted = warnings.catch_warnings(action="ignore", category=PlausibilityWarning)
-    with opened(results) as runs, damage, _written(target), muted:  # the page tells of them
+    with opened(results) as runs, _written(target), muted:  # the page tells of them
         target.parent.mkdir(parents=True, exist_ok=True)
         added = add(runs) if add else Addition()
         reference, main = linear_and_jointed(runs)

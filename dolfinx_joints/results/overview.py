@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.hdf5 import OTHER, damage_reported
 from dolfinx_joints.results.reader import Results, listing
 from dolfinx_joints.results.resolved import resolved_frequencies
 
@@ -42,7 +40,7 @@ def overview(path: str | Path) -> str:
 
     Joints share a line: ``joints/*/gap`` stands for the gap of each. `describe` lists every array.
     """
-    with Results(path) as results, damage_reported(results.path, ResultsError, OTHER):
+    with Results(path) as results:
         facts, summary = results.metadata, results.summary
         lines = [f"{results.path}: {results.status}, created {results.created}"]
         lines += _line("run", _facts(facts, ("stage", "steps", "dofs", "joint_points", "ranks")))

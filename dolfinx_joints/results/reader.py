@@ -177,9 +177,7 @@ class Results(Summarised):
         The angle is None where the law has none; all are missing in files that do not hold them.
         """
         self.check_joint(joint)
-        with self._reading():
-            law: dict[str, Any] = dict(self.metadata.get("laws", {}).get(joint, {}))
-        return law
+        return dict(self.metadata.get("laws", {}).get(joint, {}))
 
     @property
     def point_names(self) -> list[str]:
@@ -204,8 +202,7 @@ class Results(Summarised):
         """Names of the static stages, in order: the records of the stream ``statics``."""
         if "statics" not in self.streams:
             return []
-        with self._reading():
-            return [bytes(n).rstrip(b"\0").decode() for n in self.series("statics", "name")]
+        return [bytes(n).rstrip(b"\0").decode() for n in self.series("statics", "name")]
 
     @checked
     def stage_index(self, stage: int | str) -> int:

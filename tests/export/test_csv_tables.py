@@ -13,7 +13,6 @@ import pytest
 
 from dolfinx_joints import Results, ResultsError, cli
 from dolfinx_joints.export.csv_files import write_csv
-from dolfinx_joints.export.tables import tables_of
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
 from dolfinx_joints.postprocessing.joints.resultants import block_resultants, joint_resultants
 from dolfinx_joints.postprocessing.measures import joint_measures
@@ -301,25 +300,6 @@ def test_the_law_of_a_joint_may_be_unknown(tmp_path):
         assert np.isfinite(column(forces, "total force z [N]")).all()
 
 
-@pytest.mark.parametrize("laws", ["rigid", {"joint_1": 30.0}])
-def test_metadata_of_laws_that_are_something_else(tmp_path, laws):
-    with ResultsWriter(tmp_path / "r.h5", {"laws": laws}) as writer:
-        joint = {"points": POINTS, "frames": np.stack([LEVEL, LEVEL]), "areas": AREAS}
-        declare_states(writer, POINTS, [[0, 1]], {"joint_1": {**joint, "facet": [0, 0]}})
-        writer.start()
-        append(writer, "states", 0.0)
-        writer.finish("complete", {})
-    message = r"r\.h5 is damaged"
-    with pytest.raises(ResultsError, match=message):
-        overview(tmp_path / "r.h5")
-    with (
-        Results(tmp_path / "r.h5") as results,
-        pytest.raises(ResultsError, match=message),
-    ):
-        write_csv(results, tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
 def test_overview_fits_a_screen_and_says_nothing_twice(tmp_path, capsys):
     names = tuple(f"joint_{i}" for i in range(1, 13))
     path = write_run(tmp_path / "r.h5", names)
@@ -337,23 +317,6 @@ def test_overview_fits_a_screen_and_says_nothing_twice(tmp_path, capsys):
     assert "FrictionNoTension, 45 degrees" in shown
     assert cli.main(["info", str(path), "--all"]) == 0
     assert "joints/joint_12/traction" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("facts", [{"point_names": 1}, {"manifest": {"joint_laws": {"a": []}}}])
-@pytest.mark.parametrize("summary", [{"seconds": {"steps": "long"}}, {"seconds": 3}])
-def test_overview_and_tables_of_what_no_run_writes(tmp_path, facts, summary):
-    path = tmp_path / "r.h5"
-    with ResultsWriter(path, facts) as writer:
-        writer.static("histories/points", np.zeros((1, 3)), "m", "points")
-        writer.series("histories", "displacement", (), "m", "one number, not one per point")
-        writer.start()
-        writer.append("histories", 0.0, {"displacement": 0.0})
-        writer.finish("complete", summary)
-    with pytest.raises(ResultsError, match="holds something else than a run writes: ") as failure:
-        overview(path)
-    assert "\n" not in str(failure.value)
-    with Results(path) as results, pytest.raises(ResultsError, match="something else than a run"):
-        tables_of(results)
 
 
 def test_overview_of_a_run_that_failed(tmp_path):

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from dolfinx_joints import Results, ResultsError
-from dolfinx_joints.cli import main
 from dolfinx_joints.common.errors import CheckpointError
 from dolfinx_joints.common.hdf5 import DIGEST_BYTES
 from dolfinx_joints.results.overview import describe
@@ -79,23 +78,15 @@ def replaced(name, value):
     return layout(change)
 
 
-def attribute(name, key, value):
-    return layout(lambda file: file[name].attrs.__setitem__(key, value))
-
-
 def text(value):
     return np.frombuffer(value.encode(), dtype=np.uint8)
 
 
 DAMAGED = {
     "metadata are no JSON": replaced("metadata", text("{")),
-    "summary is a number": replaced("summary", text("3")),
     "status is missing": replaced("status", np.zeros(0)),
-    "version is a text": attribute("/", "version", "one"),
-    "unit is a number": attribute("static/mesh/nodes", "unit", 1.0),
     "a group is an array": replaced("streams", np.zeros(3)),
     "a stream without time": layout(lambda file: file.__delitem__("streams/run/time")),
-    "a series is a number": replaced("streams/run/u", 1.0),
 }
 
 
@@ -121,26 +112,6 @@ def test_times_that_go_back_are_reported(tmp_path):
             pytest.raises(ResultsError, match="the times of the stream 'run' do not increase"),
         ):
             results.time("run")
-
-
-def test_a_report_on_a_file_of_other_shapes_is_one_message(tmp_path, capsys):
-    pytest.importorskip("matplotlib")
-    pytest.importorskip("plotly")
-    path = tmp_path / "given.h5"
-    with ResultsWriter(path, {"point_names": ["a"]}) as writer:
-        writer.static("histories/points", np.zeros((1, 3)), "m", "points")
-        # Displacements of points have a row for each point.
-        writer.series("histories", "displacement", (), "m", "displacement")
-        writer.start()
-        for row in range(3):
-            writer.append("histories", float(row), {"displacement": 0.0})
-        writer.finish("complete", {})
-    assert main(["report", str(path), "--out", str(tmp_path / "r.html"), "--no-3d"]) == 2
-    printed = capsys.readouterr().err
-    assert printed.startswith("dolfinx-joints: ")
-    assert "r.html cannot be made of what the files hold: " in printed
-    assert printed.count("\n") == 1
-    assert not (tmp_path / "r.html").exists()
 
 
 def left_open(path):

@@ -81,14 +81,8 @@ def facet_rule(facet_vertices: int, degree: int, rule: str | int = "auto") -> tu
 
 def check_rule(rule: Any) -> None:
     """Refuse what is neither the name of a rule nor the degree of one."""
-    if isinstance(rule, str) and rule in RULES:
-        return
-    try:
-        exact_to = 0 if isinstance(rule, bool) else operator.index(rule)
-    except TypeError:
-        exact_to = 0
     least, most = GAUSS_DEGREES
-    if not least <= exact_to <= most:
+    if rule not in (RULES if isinstance(rule, str) else range(least, most + 1)):
         raise ValueError(
             f"quadrature is {shown(rule)}; it must be one of {', '.join(RULES)}, or the degree of "
             f"a Gauss rule, a whole number from {least} to {most}."

@@ -281,7 +281,6 @@ def test_solids_that_do_not_fit(tmp_path, boxes, dim, sentence):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"size": -1}, "size is -1 m; it must be positive"),
         ({"tied": ("pier", "rock")}, "A tied pair is 'pier', but it must be a pair of names"),
         ({"solids": {"a b": (2, 1, 1)}}, "A solid is called 'a b', but its name must be of"),
         ({"solids": {"a": (2, 1)}}, r"The solid 'a' is at \(2, 1\), but it must be at \(x, y, z\)"),

@@ -149,11 +149,7 @@ def test_auto_is_nodal_but_on_six_node_triangles(vertices, degree):
         np.testing.assert_array_equal(weights, nodal[1])
 
 
-def test_any_whole_number_will_do():
-    np.testing.assert_array_equal(facet_rule(4, 1, np.int64(3))[1], facet_rule(4, 1, 3)[1])
-
-
-@pytest.mark.parametrize("rule", ["lobatto", "4", "", None, True, 0, -1, 21, 2.0, np.nan, [2]])
+@pytest.mark.parametrize("rule", ["lobatto", 0, 21, 2.5])
 def test_unknown_rules_are_refused(rule):
     with pytest.raises(ValueError, match="must be one of auto, nodal, gauss, or the degree"):
         facet_rule(4, 1, rule)

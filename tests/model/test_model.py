@@ -585,13 +585,8 @@ def test_materials_must_cover_the_mesh_once(comm, bar):
 
 def test_options_out_of_range(comm, bar, blocks):
     base = {"material": BAR, "supports": [BASE]}
-    for options, text in (
-        ({"plane": "bent"}, "Model: plane is 'bent'; it must be one of strain, stress."),
-        ({"degree": 3}, "Model: degree is 3; it must be one of 1, 2 or None."),
-        ({"material": {}}, "material names no cell group; give a material, or one per group."),
-    ):
-        call = lambda options=options: Model(bar, **{**base, **options})  # noqa: E731
-        assert error_on_all_ranks(comm, ValueError, call) == text
+    text = error_on_all_ranks(comm, ValueError, lambda: Model(bar, material={}))
+    assert text == "material names no cell group; give a material, or one per group."
     short = Model(bar, **base, loads=[Traction(group="top", value=(0.0, 1.0))])
     text = error_on_all_ranks(comm, ValueError, short.system)
     assert text.startswith("Traction on 'top': value is (0.0, 1.0); it must be 3 finite numbers")
@@ -599,11 +594,3 @@ def test_options_out_of_range(comm, bar, blocks):
         comm, ValueError, lambda: Model(blocks, joints=LAW, quadrature="lobatto", **base)
     )
     assert text.startswith("quadrature is 'lobatto'; it must be one of auto, nodal, gauss")
-
-
-def test_steps_out_of_range(comm, bar):
-    simulation = Simulation(Model(bar, material=BAR, supports=[BASE]))
-    text = error_on_all_ranks(comm, ValueError, lambda: simulation.statics(steps=0))
-    assert text == "statics: steps is 0; it must be a whole number, at least 1."
-    text = error_on_all_ranks(comm, ValueError, lambda: simulation.dynamics(dt=np.nan, steps=1))
-    assert text == "dynamics: dt is nan s; it must be positive and finite."

@@ -256,6 +256,3 @@ def test_faces_of_envelopes_are_checked(wall_file, read, new_path):
     whole = model_of(read(wall_file(), joints=[]))
     with pytest.raises(MeshError, match="facet group 'joint_1' has no facets on the boundary"):
         run(whole, new_path("none.h5"), envelopes=["joint_1"])
-    message = "envelopes is 'base'; it must be True or False or a sequence of values."
-    with pytest.raises(ValueError, match=message):
-        ResultsMonitor("x.h5", points={"crest": (10.0, 0.0, 20.0)}, envelopes="base")

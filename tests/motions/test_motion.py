@@ -44,17 +44,15 @@ def test_a_motion_keeps_its_own_read_only_copy() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "dt", "message"),
+    ("values", "message"),
     [
-        (np.ones((4, 2)), 0.1, r"shape \(n >= 2, 3\), got \(4, 2\)"),
-        (np.ones((1, 3)), 0.1, r"got \(1, 3\)"),
-        (np.array([[0, 0, 0], [0, np.nan, 0]]), 0.1, "finite, got .* at sample 1"),
-        (np.ones((4, 3)), 0.0, "Motion: dt is 0.0 s; it must be positive and finite"),
+        (np.ones((4, 2)), r"shape \(n >= 2, 3\), got \(4, 2\)"),
+        (np.array([[0, 0, 0], [0, np.nan, 0]]), "finite, got .* at sample 1"),
     ],
 )
-def test_a_wrong_motion_is_an_error(values: np.ndarray, dt: float, message: str) -> None:
+def test_a_wrong_motion_is_an_error(values: np.ndarray, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Motion(acceleration=values, dt=dt)
+        Motion(acceleration=values, dt=0.1)
 
 
 def test_rotation_turns_the_axes_counterclockwise() -> None:
@@ -184,8 +182,6 @@ def test_the_synthetic_motion_is_the_same_everywhere() -> None:
     [
         ({"band": (8.0, 2.0)}, "band must rise within"),
         ({"band": (1.0, 200.0)}, r"and 100 Hz \(0.5/dt\), got \(1.0, 200.0\)"),
-        ({"dt": 1.0}, "band must rise within .* and 0.5 Hz"),
-        ({"peaks_g": (0.4, 0.3)}, "it must be 3 finite numbers"),
     ],
 )
 def test_wrong_synthetic_motions_are_errors(options: dict[str, Any], message: str) -> None:

@@ -114,14 +114,10 @@ def test_significant_duration() -> None:
     ("call", "message"),
     [
         (lambda: fourier_amplitude([1.0], 0.1), "at least 2 samples, finite numbers, got"),
-        (lambda: arias_intensity([1.0, 2.0], 0.0), "dt is 0.0 s; it must be positive and finite"),
-        (lambda: arias_intensity([1.0, np.nan], 0.1), "at least 2 samples, finite"),
         (lambda: response_spectrum([1.0, 2.0], 0.1, [0.0], 0.05), "periods must be positive"),
-        (lambda: response_spectrum([1.0, 2.0], 0.1, [1.0], 1.0), "damping_ratio is 1.0; it must"),
         (lambda: significant_duration([1.0, 2.0], 0.1, lower=0.9, upper=0.1), "lower is 0.9; it"),
         (lambda: significant_duration([0.0, 0.0], 0.1), "zero throughout"),
         (lambda: equally_spaced([0.0, 2.0, 1.0], [0, 0, 0]), "at 2 or more times that rise"),
-        (lambda: equally_spaced([0.0, 1.0], [1.0]), "at 2 or more times that rise are needed"),
     ],
 )
 def test_wrong_arguments_have_a_message(call, message) -> None:

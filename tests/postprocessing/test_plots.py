@@ -336,8 +336,6 @@ def test_axes_in_the_plane(
 
 
 def test_wrong_requests_have_a_message(results: Results) -> None:
-    with pytest.raises(ValueError, match="component is .w.; it must be one of x, y, z"):
-        plots.history(results, 0, "w")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="one of 2 recorded states, got 2"):
         plots.joint_traction(results, "joint_1", index=2)
     with pytest.raises(ResultsError, match="No joint 'joint_9' in .*; it has joint_1"):

@@ -369,11 +369,6 @@ def _upper(model, owned):
     return nodes[nodes < owned]
 
 
-def test_what_to_record_is_checked():
-    with pytest.raises(ValueError, match="resultants is 'all'; it must be True or False."):
-        ResultsMonitor("x.h5", points={"top": (0.5, 0.5, 2.0)}, resultants="all")
-
-
 def test_a_body_without_joints_has_no_resultants(blocks_file, read, new_path):
     jointed = read(blocks_file(angle=20.0), joints=[])
     model = Model(jointed, material=SOLID, supports=[Fixed(group="base")])

@@ -552,8 +552,6 @@ def test_refusals(wall):
         run.grout()
     with pytest.raises(JointsError, match="no static state to save yet"):
         run.save_static("nothing")
-    with pytest.raises(ValueError, match="joints is 'open'; it must be one of active, inactive"):
-        run.statics(joints="open")
     with pytest.raises(ValueError, match="A Gravity was given to a static stage that is not"):
         run.statics(loads=[Gravity(acceleration=(0.0, 0.0, -9.0))])
     run.statics(loads=[weight], joints="inactive")

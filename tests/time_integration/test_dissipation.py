@@ -237,12 +237,6 @@ def test_parts_without_mass():
         assert ledger.row.dissipation > 0.0
 
 
-def test_bad_radii_are_refused():
-    for bad in (-0.1, 1.1, math.nan):
-        with pytest.raises(ValueError, match="spectral_radius"):
-            EnergyConsistent(spectral_radius=bad)
-
-
 @pytest.mark.mpi
 @pytest.mark.parametrize("modes", [0, 20])
 def test_a_wall_on_any_number_of_ranks(comm, wall_file, read, modes, new_path):

@@ -233,8 +233,6 @@ def test_other_refusals():
         MatrixSystem.from_arrays(mass=np.eye(2), stiffness=1.0)
     with pytest.raises(ValueError, match="it needs 1 columns, three rows per joint point"):
         MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=[[1.0]], law=STOP)
-    with pytest.raises(ValueError, match="kind is 'magic'; it must be one of auto, condensed"):
-        make_solver(random_system()[2], kind="magic")
 
 
 def test_a_moving_support_moves_as_prescribed():

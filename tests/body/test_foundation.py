@@ -24,7 +24,6 @@ from dolfinx_joints import (
     FrictionNoTension,
     Gravity,
     JointsError,
-    MeshError,
     Model,
     Newmark,
     Orthotropic,
@@ -447,8 +446,6 @@ def test_what_is_refused(dam):
 
     with pytest.raises(ValueError, match="on base, base have facets in common; a facet"):
         model("base", "base")
-    with pytest.raises(MeshError, match="no facet group 'bas'"):
-        model("bas")
     lifts = Orthotropic(young=(25e9,) * 3, poisson=(0.2,) * 3, shear=(9e9,) * 3, density=2400.0)
     for material in (lifts, {"rock": lifts, "dam": CONCRETE}):
         with pytest.raises(ValueError, match="on base have orthotropic cells behind them, which"):
@@ -469,9 +466,8 @@ def test_what_is_refused(dam):
         load(model("base"), base=5.0)
     with pytest.raises(ValueError, match="FreeField: groups is .*; it must name facet groups"):
         load(model("base"), groups=["base", "base"])
-    for gives in (0.0, (0.0,), (0.0, math.nan), "abc", None):
-        with pytest.raises(ValueError, match=r"incident\(0\) is .*; it must be at least 2 fin"):
-            load(model("base"), incident=lambda t, gives=gives: gives)
+    with pytest.raises(ValueError, match=r"incident\(0\) is .*; it must be at least 2 fin"):
+        load(model("base"), incident=lambda t: 0.0)
     wave = FreeField(groups=["base"], incident=lambda t: (0.0, 0.0), surface=4.0)
     with pytest.raises(ValueError, match="motion is given beside a FreeField"):
         Simulation(model("base")).dynamics(

@@ -37,7 +37,6 @@ from dolfinx.mesh import (
 from dolfinx_joints import (
     Elastic,
     FrictionNoTension,
-    MeshError,
     Model,
     ReservoirMass,
     WestergaardMass,
@@ -302,12 +301,8 @@ def test_bad_input(comm, monkeypatch):
             ReservoirMass(**{"group": "up", "level": 5.0, **options}).matrix(model)
 
     refused("the level is 13 m, but the face ends at 12 m", level=13.0)
-    for wrong in ((1.0, 1.0), (0.0, 0.0)):
-        refused("upstream is .*; it must be a horizontal vector", upstream=wrong)
-    refused("upstream is .*; it must be 2 finite numbers", upstream=(1.0, 0.0, 0.0))
+    refused("upstream is .*; it must be a horizontal vector", upstream=(1.0, 1.0))
     refused("100 % of the wet face do not look along upstream", upstream=(1.0, 0.0))
-    with pytest.raises(MeshError, match="no facet group 'down'"):
-        ReservoirMass(group="down", level=5.0).matrix(model)
     with pytest.raises(ValueError, match="a WestergaardMass or a ReservoirMass"):
         Model(model.jointed, material=CONCRETE, added_mass=[3])
     monkeypatch.setattr(reservoir, "available_bytes", lambda comm: 1e3)

@@ -354,13 +354,8 @@ def test_refusals(wall, read, wall_file):
     """One sentence each, on all ranks."""
     with pytest.raises(ValueError, match="depth is 0 m; it must be positive"):
         WestergaardMass(group="x_min", level=1.0, depth=0)
-    for wrong in (lambda x: 1.0, lambda x: np.full(len(x), -1.0), lambda x: x[:, 0] * np.nan):
-        with pytest.raises(ValueError, match="it must give one finite number of zero or more"):
-            WestergaardMass(group="x_min", level=5.0, depth=wrong).matrix(wall)
-    with pytest.raises(MeshError, match="upstream"):
-        model_of(wall.jointed, added_mass=[WestergaardMass(group="upstream", level=1.0)])
-    with pytest.raises(MeshError, match="upstream"):
-        model_of(wall.jointed, loads=[HydrostaticPressure(group="upstream", level=1.0)])
+    with pytest.raises(ValueError, match="it must give one finite number of zero or more"):
+        WestergaardMass(group="x_min", level=5.0, depth=lambda x: -x[:, 2]).matrix(wall)
     # 4 x 1 x 3 cells: a plane across them has 3 facets, each with a cell on both sides.
     whole, within = read(wall_file(), joints=[]), HydrostaticPressure(group="joint_1", level=5.0)
     with pytest.raises(MeshError, match="^3 facets of 'joint_1' lie inside the body; water acts"):

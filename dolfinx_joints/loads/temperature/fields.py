@@ -28,7 +28,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.mpi import raised_together
-from dolfinx_joints.common.parameters import check_each, check_kind_of, check_number
+from dolfinx_joints.common.parameters import check_each, check_kind_of
 from dolfinx_joints.loads.temperature.joint_conductance import Joints, Openings, joint_term
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature
 from dolfinx_joints.mesh.cells import Floats
@@ -233,8 +233,6 @@ def _parts(group: str, face: Face, points: Floats, day: float) -> Floats:
     name = f"The temperature of {group!r}"
     if isinstance(face, AnnualWave | ReservoirTemperature):
         return np.column_stack(face.parts(points, day))
-    if not callable(face):
-        check_number(name, face, lambda _: True, "finite")
     mean = check_each(name, face(points) if callable(face) else face, len(points))
     return np.column_stack([mean, np.zeros((len(points), 2))])
 

@@ -17,7 +17,7 @@ from petsc4py import PETSc
 from ufl.core.expr import Expr
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.parameters import check_number, real, shown
+from dolfinx_joints.common.parameters import real, shown
 from dolfinx_joints.loads.load import Load, TimeFactor, always
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.materials.elastic import Elastic
@@ -46,15 +46,6 @@ class Temperature:
     expansion: Annotated[float, at.Ge(0), at.Unit("1/K")]
     cells: str | None = None
     factor: TimeFactor = always
-
-    def __post_init__(self) -> None:
-        """Check value and references."""
-        if not callable(self.value):
-            check_number("Temperature: value", self.value, lambda _: True, "finite")
-        if isinstance(self.reference, Mapping):
-            for group, value in self.reference.items():
-                name = f"Temperature: reference of {shown(group)}"
-                check_number(name, value, lambda _: True, "finite")
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """Forces that stretch an unrestrained body as the temperature does (collective)."""

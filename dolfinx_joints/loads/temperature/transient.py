@@ -22,7 +22,7 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.parameters import numbers_of, real, shown
+from dolfinx_joints.common.parameters import numbers_of, shown
 from dolfinx_joints.loads.temperature.fields import (
     FREQUENCY,
     Day,
@@ -105,8 +105,6 @@ def _first(space: Any, initial: Any) -> Floats:
         if own.mesh is not space.mesh or own.ufl_element() != space.ufl_element():
             raise ValueError("initial lives on another space; it must be a field of this mesh.")
         return np.array(initial.x.array[:size])
-    if not math.isfinite(real(initial)):
-        raise ValueError(f"initial is {shown(initial)}; it must be a number or an earlier field.")
     return np.full(size, float(initial))
 
 

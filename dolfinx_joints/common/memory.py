@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import os
 import resource
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -44,23 +43,19 @@ def available_bytes(comm: Any) -> float:
 
 def peak_mb() -> float:
     """Largest resident size of this process so far [MiB]."""
-    status = Path("/proc/self/status")
-    if status.exists():  # the system call below also counts the program that this one replaced
-        for line in status.read_text(encoding="ascii", errors="replace").splitlines():
-            if line.startswith("VmHWM"):
-                return int(line.split()[1]) / 1024.0
-    unit = 2**20 if sys.platform == "darwin" else 2**10
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+    # The system call below also counts the program that this one replaced.
+    for line in Path("/proc/self/status").read_text("ascii", "replace").splitlines():
+        if line.startswith("VmHWM"):
+            return int(line.split()[1]) / 1024.0
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
 def _free_on_machine() -> float:
     """Memory that can be had without swapping, else all that there is, [bytes]."""
-    report = Path("/proc/meminfo")
-    if report.exists():
-        for line in report.read_text(encoding="ascii").splitlines():
-            name, value = line.split(":")
-            if name == "MemAvailable":
-                return 1024.0 * float(value.split()[0])
+    for line in Path("/proc/meminfo").read_text("ascii").splitlines():
+        name, value = line.split(":")
+        if name == "MemAvailable":
+            return 1024.0 * float(value.split()[0])
     return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
 
 

@@ -43,16 +43,6 @@ def write_file(path: Path) -> Path:
     return path
 
 
-def write_file_with_records(path: Path) -> Path:
-    """Write a results file with a record of energies."""
-    with ResultsWriter(path, {"title": "wall"}) as writer:
-        writer.series("energy", "kinetic", (), "J", "kinetic energy")
-        writer.start()
-        writer.append("energy", 0.0, {"kinetic": 1.0})
-        writer.finish("complete", {})
-    return path
-
-
 def test_info_prints_what_the_file_holds(tmp_path, capsys):
     path = write_file(tmp_path / "r.h5")
     assert cli.main(["info", str(path)]) == 0
@@ -110,12 +100,11 @@ def test_split_writes_what_read_split_reads(wall_file, comm, tmp_path, capsys):
     assert cli.main([*arguments, "--force"]) == 0
 
 
-@pytest.mark.parametrize("command", ["info", "report"])
-def test_bad_file_is_one_line_and_status_2(tmp_path, command):
+def test_bad_file_is_one_line_and_status_2(tmp_path):
     bad = tmp_path / "text.h5"
     bad.write_text("no results")
     done = subprocess.run(
-        [sys.executable, "-m", "dolfinx_joints", command, str(bad)],
+        [sys.executable, "-m", "dolfinx_joints", "info", str(bad)],
         cwd=Path(__file__).resolve().parents[1],
         capture_output=True,
         text=True,
@@ -126,9 +115,7 @@ def test_bad_file_is_one_line_and_status_2(tmp_path, command):
     assert done.stderr == f"dolfinx-joints: {bad} is not an HDF5 file.\n"
 
 
-@pytest.mark.parametrize(
-    "arguments", [[], ["info"], ["report"], ["draw"], ["info", "a", "b"], ["csv", "a"]]
-)
+@pytest.mark.parametrize("arguments", [[], ["info"], ["draw"], ["info", "a", "b"]])
 def test_wrong_usage_is_status_2(arguments, capsys):
     with pytest.raises(SystemExit) as ended:
         cli.main(arguments)
@@ -139,13 +126,11 @@ def test_wrong_usage_is_status_2(arguments, capsys):
     assert message.count("\n") == 1
 
 
-@pytest.mark.parametrize("command", ["info", "csv"])
-def test_a_full_disk_below_the_output_is_one_line(tmp_path, command):
-    path = write_file_with_records(tmp_path / "r.h5")
-    options = ["--out", str(tmp_path / "tables")] if command == "csv" else []
+def test_a_full_disk_below_the_output_is_one_line(tmp_path):
+    path = write_file(tmp_path / "r.h5")
     with open("/dev/full", "w") as full:
         done = subprocess.run(
-            [sys.executable, "-m", "dolfinx_joints", command, str(path), *options],
+            [sys.executable, "-m", "dolfinx_joints", "info", str(path)],
             cwd=Path(__file__).resolve().parents[1],
             stdout=full,
             stderr=subprocess.PIPE,

@@ -21,7 +21,7 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-from dolfinx.mesh import CellType, create_rectangle, locate_entities_boundary, meshtags
+from dolfinx.mesh import CellType, create_rectangle, locate_entities_boundary
 from numpy.typing import NDArray
 
 import dolfinx_joints as dj
@@ -113,11 +113,8 @@ def rigid_dam(waves: dj.ReservoirWaves) -> dj.Model:
     mesh = create_rectangle(MPI.COMM_SELF, corners, [1, 16], CellType.quadrilateral)
     up = locate_entities_boundary(mesh, 1, lambda x: x[0] < 1e-9)
     down = locate_entities_boundary(mesh, 1, lambda x: x[0] > 20.0 - 1e-9)
-    facets, values = np.append(up, down), np.repeat([1, 2], [len(up), len(down)])
-    order = np.argsort(facets)
-    tags = meshtags(mesh, 1, facets[order], values[order].astype(np.int32))
     return dj.Model(
-        dj.split_mesh(mesh, tags, joints={}, groups={"up": 1, "down": 2}),
+        dj.split_mesh(mesh, groups={"up": up, "down": down}),
         material=dj.Elastic(young=1e17, poisson=0.2, density=2400.0),
         supports=[dj.Fixed(group="down")],
         reservoir=waves,

@@ -520,12 +520,8 @@ def test_sizes_are_those_of_the_smallest_facet_around_a_point(comm, rule, sixtee
     mesh.topology.create_connectivity(1, 2)
     cut = locate_entities(mesh, 1, lambda x: np.isclose(x[0], 0.5))
     base = locate_entities(mesh, 1, lambda x: np.isclose(x[1], 0.0))
-    facets = np.concatenate([cut, base])
-    values = np.repeat([1, 2], [len(cut), len(base)]).astype(np.int32)
-    order = np.argsort(facets)
     mesh.geometry.x[:, 1] **= 2
-    tags = meshtags(mesh, 1, facets[order], values[order])
-    jointed = split_mesh(mesh, tags, joints={"joint_1": 1}, groups={"base": 2})
+    jointed = split_mesh(mesh, joints={"joint_1": cut}, groups={"base": base})
     operator = held_at_base(jointed, rule).operator
     found = np.concatenate(comm.allgather(np.column_stack([operator.points[:, 1], operator.sizes])))
     found = found[np.argsort(found[:, 0]), 1]
@@ -536,9 +532,8 @@ def test_fewer_cells_than_ranks(comm):
     # Two squares of 1 m with a joint between them: on three ranks and more some have no cells.
     mesh = create_rectangle(comm, [[0, 0], [2, 1]], [2, 1], CellType.quadrilateral)
     mesh.topology.create_connectivity(1, 2)
-    middle = locate_entities(mesh, 1, lambda x: np.isclose(x[0], 1.0)).astype(np.int32)
-    tags = meshtags(mesh, 1, middle, np.full(len(middle), 4, dtype=np.int32))
-    jointed = split_mesh(mesh, tags, joints={"joint_1": 4}, groups={})
+    middle = locate_entities(mesh, 1, lambda x: np.isclose(x[0], 1.0))
+    jointed = split_mesh(mesh, joints={"joint_1": middle})
     assert jointed.mesh.topology.index_map(2).size_global == 2
     assert jointed.pairs.count == 1
     assert jointed.mesh.geometry.index_map().size_global == 8

@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from dolfinx.mesh import CellType, create_rectangle, locate_entities_boundary, meshtags
+from dolfinx.mesh import CellType, create_rectangle, locate_entities_boundary
 
 from dolfinx_joints import (
     BaseMotion,
@@ -39,9 +39,9 @@ SOLID = Elastic(young=24e9, poisson=0.2, density=2400.0)
 def block(comm):
     """A plane block of 2 m by 3 m on its ``base``."""
     mesh = create_rectangle(comm, [[0.0, 0.0], [2.0, 3.0]], [2, 3], CellType.quadrilateral)
-    facets = np.sort(locate_entities_boundary(mesh, 1, lambda x: x[1] < 1e-9))
-    tags = meshtags(mesh, 1, facets, np.ones(len(facets), dtype=np.int32))
-    return split_mesh(mesh, tags, joints={}, groups={"base": 1})
+    return split_mesh(
+        mesh, groups={"base": locate_entities_boundary(mesh, 1, lambda x: x[1] < 1e-9)}
+    )
 
 
 def test_components():

@@ -77,23 +77,15 @@ def body(comm, kind, material, *, plane="strain", **options):
         mesh = dmesh.create_unit_square(comm, 2, 2, cell)
     dim = mesh.topology.dim
     mesh.topology.create_connectivity(dim - 1, dim)
-    planes = {i + 1: lambda x, i=i: np.isclose(x[i], 0.0) for i in range(dim)}
-    planes[4] = lambda x: np.isclose(x[dim - 1], 1.0)
-    found = {t: dmesh.locate_entities_boundary(mesh, dim - 1, w) for t, w in planes.items()}
-    facets = np.concatenate(list(found.values()))
-    values = np.repeat(np.array(list(found), dtype=np.int32), [len(f) for f in found.values()])
-    order = np.argsort(facets)
-    tags = dmesh.meshtags(mesh, dim - 1, facets[order], values[order])
-    low = dmesh.locate_entities(mesh, dim, lambda x: x[dim - 1] <= 0.5 + 1e-9)
-    owned = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
-    cells = dmesh.meshtags(mesh, dim, owned, np.where(np.isin(owned, low), 5, 6).astype(np.int32))
+    planes = {"xyz"[i]: lambda x, i=i: np.isclose(x[i], 0.0) for i in range(dim)}
+    planes["top"] = lambda x: np.isclose(x[dim - 1], 1.0)
     jointed = split_mesh(
         mesh,
-        tags,
-        joints={},
-        groups={**{"xyz"[i]: i + 1 for i in range(dim)}, "top": 4},
-        cell_tags=cells,
-        cell_groups={"low": 5, "high": 6},
+        groups={n: dmesh.locate_entities_boundary(mesh, dim - 1, at) for n, at in planes.items()},
+        cell_groups={
+            "low": dmesh.locate_entities(mesh, dim, lambda x: x[dim - 1] <= 0.5 + 1e-9),
+            "high": dmesh.locate_entities(mesh, dim, lambda x: x[dim - 1] >= 0.5 - 1e-9),
+        },
     )
     supports = [Fixed(group="xyz"[i], components="xyz"[i]) for i in range(dim)]
     return Model(jointed, material=material, plane=plane, supports=supports, **options)

@@ -185,11 +185,7 @@ def layered(comm, cells, *, joints):
     """A column of cubes of 1 m, two by two, with level joints."""
     mesh = create_box(comm, [[0, 0, 0], [2, 2, cells]], [2, 2, cells], CellType.hexahedron)
     facets = [locate_entities(mesh, 2, lambda x, z=z: np.isclose(x[2], z)) for z in joints]
-    values = np.repeat(np.arange(1, len(joints) + 1, dtype=np.int32), [len(f) for f in facets])
-    order = np.argsort(np.concatenate(facets))
-    tags = meshtags(mesh, 2, np.concatenate(facets)[order], values[order])
-    names = {f"joint_{i + 1}": i + 1 for i in range(len(joints))}
-    return split_mesh(mesh, tags, joints=names, groups={})
+    return split_mesh(mesh, joints={f"joint_{i + 1}": each for i, each in enumerate(facets)})
 
 
 @pytest.mark.parametrize("cells", [1, 2])

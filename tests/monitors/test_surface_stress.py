@@ -70,8 +70,7 @@ def test_a_rank_without_cells_takes_part(comm, new_path):
     # One cube, so that all ranks but one have no cells, in uniform stress.
     mesh = dmesh.create_unit_cube(comm, 1, 1, 1, cell_type=dmesh.CellType.hexahedron)
     base = dmesh.locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 0.0))
-    tags = dmesh.meshtags(mesh, 2, base, np.full(len(base), 1, dtype=np.int32))
-    model = model_of(split_mesh(mesh, tags, joints={}, groups={"base": 1}))
+    model = model_of(split_mesh(mesh, groups={"base": base}))
     seen = StressEnvelopes(model, NodeNumbering(model.V))
     seen.see(displacement(model, lambda x: x @ LOWER.T), 0.0)
     columns = all_of(comm, seen.state_dict().mine)

@@ -231,7 +231,6 @@ def test_a_fault_in_plastic_work_shows(monkeypatch):
     square = mesh.create_unit_square(MPI.COMM_SELF, 2, 2, mesh.CellType.quadrilateral)
     square.topology.create_connectivity(1, 2)
     base = mesh.locate_entities_boundary(square, 1, lambda x: np.isclose(x[1], 0.0))
-    tags = mesh.meshtags(square, 1, base, np.ones(len(base), dtype=np.int32))
     rock = DruckerPrager(
         elastic=Elastic(young=1e9, poisson=0.3, density=2000.0),
         cohesion=1e4,
@@ -239,7 +238,7 @@ def test_a_fault_in_plastic_work_shows(monkeypatch):
         fit="plane strain",
     )
     model = Model(
-        split_mesh(square, tags, joints={}, groups={"base": 1}),
+        split_mesh(square, groups={"base": base}),
         material=rock,
         supports=[Fixed(group="base")],
         loads=[Gravity()],

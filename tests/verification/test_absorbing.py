@@ -30,7 +30,6 @@ from dolfinx.mesh import (
     create_rectangle,
     locate_entities,
     locate_entities_boundary,
-    meshtags,
 )
 
 from dolfinx_joints import (
@@ -64,24 +63,17 @@ def ground(comm, cell, size, divisions, parts=None):
     places = {"base": (dim - 1, 0.0), "top": (dim - 1, size[-1])}
     for axis in range(dim - 1):
         places |= {f"{'xy'[axis]}_min": (axis, 0.0), f"{'xy'[axis]}_max": (axis, size[axis])}
-    facets, values = [], []
-    for tag, (axis, at) in enumerate(places.values()):
-        found = locate_entities_boundary(
-            mesh, dim - 1, lambda x, axis=axis, at=at: np.isclose(x[axis], at)
-        )
-        facets.append(found)
-        values.append(np.full(len(found), tag, dtype=np.int32))
-    facets, values = np.concatenate(facets), np.concatenate(values)
-    order = np.argsort(facets)
-    tags = meshtags(mesh, dim - 1, facets[order], values[order])
+    groups = {
+        name: locate_entities_boundary(mesh, dim - 1, lambda x, a=a, at=at: np.isclose(x[a], at))
+        for name, (a, at) in places.items()
+    }
     cells = {
         name: locate_entities(
             mesh, dim, lambda x, a=a, b=b: (x[dim - 1] > a - 1e-6) & (x[dim - 1] < b + 1e-6)
         )
         for name, (a, b) in (parts or {}).items()
     }
-    groups = {name: i for i, name in enumerate(places)}
-    return split_mesh(mesh, tags, joints={}, groups=groups, cell_groups=cells)
+    return split_mesh(mesh, groups=groups, cell_groups=cells)
 
 
 def pulse(length):

@@ -21,7 +21,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from dolfinx.mesh import CellType, create_rectangle, locate_entities, meshtags
+from dolfinx.mesh import CellType, create_rectangle, locate_entities
 from shaken_wall import DT, POINTS, STEPS, Killed, Killer, shaking, wall
 
 from dolfinx_joints import (
@@ -89,17 +89,13 @@ def rod(comm, cells, joints=None, **options):
     corners = [np.zeros(2), np.array([LENGTH, 2.0])]
     mesh = create_rectangle(comm, corners, [cells, 1], CellType.quadrilateral)
     places = {"left": 0.0, "right": LENGTH} | ({"middle": LENGTH / 2} if joints else {})
-    found = [
-        locate_entities(mesh, 1, lambda x, at=at: np.isclose(x[0], at)) for at in places.values()
-    ]
-    facets = np.concatenate(found)
-    values = np.repeat(np.arange(len(found), dtype=np.int32), [len(each) for each in found])
-    order = np.argsort(facets)
-    tags = meshtags(mesh, 1, facets[order], values[order])
-    names = {name: i for i, name in enumerate(places)}
-    split = {"middle": names.pop("middle")} if joints else {}
+    groups = {
+        name: locate_entities(mesh, 1, lambda x, at=at: np.isclose(x[0], at))
+        for name, at in places.items()
+    }
+    split = {"middle": groups.pop("middle")} if joints else {}
     return Model(
-        split_mesh(mesh, tags, joints=split, groups=names),
+        split_mesh(mesh, joints=split, groups=groups),
         material=ROCK,
         joints=joints,
         **{"supports": [Fixed(group="left"), Fixed(group="right")], "degree": 2} | options,

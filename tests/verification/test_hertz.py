@@ -45,7 +45,6 @@ from dolfinx.mesh import (
     create_box,
     create_rectangle,
     locate_entities,
-    meshtags,
 )
 
 import dolfinx_joints as dj
@@ -115,28 +114,17 @@ def split(mesh, grid, planes):
     def on(direction, number):
         return locate_entities(mesh, dim - 1, lambda x: np.isclose(x[direction], number))
 
-    tags = _tags(mesh, dim - 1, [on(*plane) for plane in planes.values()])
-    lower = locate_entities(mesh, dim, lambda x: x[up] < 1e-9)
-    upper = locate_entities(mesh, dim, lambda x: x[up] > -1e-9)
-    cells = _tags(mesh, dim, [lower, upper])
+    facets = {name: on(*plane) for name, plane in planes.items()}
+    cells = {
+        "lower": locate_entities(mesh, dim, lambda x: x[up] < 1e-9),
+        "upper": locate_entities(mesh, dim, lambda x: x[up] > -1e-9),
+    }
     x = mesh.geometry.x
     for direction, (first, positions) in enumerate(grid):
         numbers = first + np.arange(len(positions))
         x[:, direction] = np.interp(x[:, direction], numbers, positions)
-    number = {name: tag for tag, name in enumerate(planes, start=1)}
-    joints = {"joint_1": number.pop("joint_1")}
-    parts = {"lower": 1, "upper": 2}
-    return dj.split_mesh(
-        mesh, tags, joints=joints, groups=number, cell_tags=cells, cell_groups=parts
-    )
-
-
-def _tags(mesh, dim, groups):
-    """Tags 1, 2, ... of entities."""
-    entities = np.concatenate(groups)
-    values = np.repeat(np.arange(1, len(groups) + 1, dtype=np.int32), [len(g) for g in groups])
-    order = np.argsort(entities)
-    return meshtags(mesh, dim, entities[order], values[order])
+    joints = {"joint_1": facets.pop("joint_1")}
+    return dj.split_mesh(mesh, joints=joints, groups=facets, cell_groups=cells)
 
 
 def strip(cell, h, length):

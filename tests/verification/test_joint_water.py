@@ -31,7 +31,6 @@ from dolfinx.mesh import (
     create_box,
     create_rectangle,
     locate_entities,
-    meshtags,
 )
 
 import dolfinx_joints as dj
@@ -79,16 +78,9 @@ def blocks(cell="quadrilateral", across=4, cut=False):
     }
     if cut:
         places["cut"] = lambda x: np.isclose(x[0], LENGTH / 2) & (x[up] > FOOT - 1e-9)
-    found = [locate_entities(mesh, dim - 1, where) for where in places.values()]
-    facets, order = np.unique(np.concatenate(found), return_index=True)
-    tags = np.repeat(np.arange(len(found), dtype=np.int32), [len(f) for f in found])[order]
-    groups = {name: tag for tag, name in enumerate(places)}
-    return dj.split_mesh(
-        mesh,
-        meshtags(mesh, dim - 1, facets, tags),
-        joints={name: groups.pop(name) for name in ("joint", "cut") if name in groups},
-        groups=groups,
-    )
+    groups = {name: locate_entities(mesh, dim - 1, where) for name, where in places.items()}
+    joints = {name: groups.pop(name) for name in ("joint", "cut") if name in groups}
+    return dj.split_mesh(mesh, joints=joints, groups=groups)
 
 
 def model_of(jointed, *loads, held=("base",), law=FRICTION, **options):

@@ -31,7 +31,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from dolfinx.mesh import CellType, create_box, locate_entities, meshtags
+from dolfinx.mesh import CellType, create_box, locate_entities
 
 from dolfinx_joints import (
     Elastic,
@@ -76,15 +76,12 @@ def stack(blocks: int, size: tuple[float, float], height: float, cells: int = 2)
     )
     levels = {f"joint_{i}": i * height for i in range(1, blocks)} | {"base": 0.0, "top": top}
     mesh.topology.create_connectivity(2, 3)
-    found = [
-        locate_entities(mesh, 2, lambda x, level=level: np.isclose(x[2], level))
-        for level in levels.values()
-    ]
-    facets, order = np.unique(np.concatenate(found), return_index=True)
-    tags = np.repeat(np.arange(len(found), dtype=np.int32), [len(f) for f in found])[order]
-    numbers = {name: i for i, name in enumerate(levels)}
-    groups = {name: numbers.pop(name) for name in ("base", "top")}
-    return split_mesh(mesh, meshtags(mesh, 2, facets, tags), joints=numbers, groups=groups)
+    found = {
+        name: locate_entities(mesh, 2, lambda x, level=level: np.isclose(x[2], level))
+        for name, level in levels.items()
+    }
+    groups = {name: found.pop(name) for name in ("base", "top")}
+    return split_mesh(mesh, joints=found, groups=groups)
 
 
 def column(
@@ -449,16 +446,14 @@ def wall_on_a_wall(law: Any) -> Any:
     """Two blocks side by side on a third: three joints' ends meet in a line, of which two tie."""
     mesh = create_box(COMM, [[0, 0, 0], [1, 1, 1]], [4, 2, 4], CellType.hexahedron)
     mesh.topology.create_connectivity(2, 3)
-    found = [
-        locate_entities(mesh, 2, lambda x: np.isclose(x[0], 0.5) & (x[2] > 0.5 - 1e-9)),
-        locate_entities(mesh, 2, lambda x: np.isclose(x[2], 0.5)),
-        locate_entities(mesh, 2, lambda x: np.isclose(x[2], 0.0)),
-    ]
-    facets, order = np.unique(np.concatenate(found), return_index=True)
-    tags = np.repeat(np.arange(3, dtype=np.int32), [len(f) for f in found])[order]
-    names = {"joints": {"upright": 0, "level": 1}, "groups": {"base": 2}}
+    joints = {
+        "upright": lambda x: np.isclose(x[0], 0.5) & (x[2] > 0.5 - 1e-9),
+        "level": lambda x: np.isclose(x[2], 0.5),
+    }
+    base = locate_entities(mesh, 2, lambda x: np.isclose(x[2], 0.0))
+    found = {name: locate_entities(mesh, 2, where) for name, where in joints.items()}
     return Model(
-        split_mesh(mesh, meshtags(mesh, 2, facets, tags), **names),
+        split_mesh(mesh, joints=found, groups={"base": base}),
         material=Elastic(young=YOUNG, poisson=0.2, density=DENSITY),
         joints=law,
         supports=[Fixed(group="base")],

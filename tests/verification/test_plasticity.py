@@ -79,29 +79,20 @@ def block(comm, kind="hexahedron", *, joint=False, cells=2):
         mesh = dmesh.create_unit_square(comm, cells, cells, cell)
     dim = mesh.topology.dim
     mesh.topology.create_connectivity(dim - 1, dim)
-    found = {
-        2 * i + side + 1: dmesh.locate_entities_boundary(
+    groups = {
+        f"{'xyz'[i]}{'-+'[side]}": dmesh.locate_entities_boundary(
             mesh, dim - 1, lambda x, i=i, side=side: np.isclose(x[i], side)
         )
         for i in range(dim)
         for side in (0, 1)
     }
-    if joint:
-        found[9] = dmesh.locate_entities(mesh, dim - 1, lambda x: np.isclose(x[dim - 1], 0.5))
-    facets = np.concatenate(list(found.values()))
-    values = np.repeat(np.array(list(found), dtype=np.int32), [len(f) for f in found.values()])
-    order = np.argsort(facets)
-    low = dmesh.locate_entities(mesh, dim, lambda x: x[dim - 1] <= 0.5 + 1e-9)
-    owned = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
-    halves = np.where(np.isin(owned, low), 11, 12).astype(np.int32)
-    return split_mesh(
-        mesh,
-        dmesh.meshtags(mesh, dim - 1, facets[order], values[order]),
-        joints={"joint": 9} if joint else {},
-        groups={f"{'xyz'[i]}{'-+'[s]}": 2 * i + s + 1 for i in range(dim) for s in (0, 1)},
-        cell_tags=dmesh.meshtags(mesh, dim, owned, halves),
-        cell_groups={"low": 11, "high": 12},
-    )
+    middle = dmesh.locate_entities(mesh, dim - 1, lambda x: np.isclose(x[dim - 1], 0.5))
+    halves = {
+        "low": dmesh.locate_entities(mesh, dim, lambda x: x[dim - 1] <= 0.5 + 1e-9),
+        "high": dmesh.locate_entities(mesh, dim, lambda x: x[dim - 1] >= 0.5 - 1e-9),
+    }
+    joints = {"joint": middle} if joint else {}
+    return split_mesh(mesh, joints=joints, groups=groups, cell_groups=halves)
 
 
 def pressed(jointed, material, **options):
@@ -193,18 +184,14 @@ def quarter_tube(comm, cells):
     )
     mesh.topology.create_connectivity(1, 2)
     places = {
-        1: lambda x: np.isclose(x[0], 1.0),
-        2: lambda x: np.isclose(x[1], 0.0),
-        3: lambda x: np.isclose(x[1], math.pi / 2),
+        "inside": lambda x: np.isclose(x[0], 1.0),
+        "flat": lambda x: np.isclose(x[1], 0.0),
+        "upright": lambda x: np.isclose(x[1], math.pi / 2),
     }
-    found = {tag: dmesh.locate_entities_boundary(mesh, 1, where) for tag, where in places.items()}
-    facets = np.concatenate(list(found.values()))
-    values = np.repeat(np.array(list(found), dtype=np.int32), [len(f) for f in found.values()])
-    order = np.argsort(facets)
-    tags = dmesh.meshtags(mesh, 1, facets[order], values[order])
+    groups = {name: dmesh.locate_entities_boundary(mesh, 1, at) for name, at in places.items()}
     r, angle = mesh.geometry.x[:, 0].copy(), mesh.geometry.x[:, 1].copy()
     mesh.geometry.x[:, 0], mesh.geometry.x[:, 1] = r * np.cos(angle), r * np.sin(angle)
-    return split_mesh(mesh, tags, joints={}, groups={"inside": 1, "flat": 2, "upright": 3})
+    return split_mesh(mesh, groups=groups)
 
 
 def test_bursting_tube(comm):

@@ -31,7 +31,6 @@ from dolfinx.mesh import (
     exterior_facet_indices,
     locate_entities,
     locate_entities_boundary,
-    meshtags,
 )
 
 from dolfinx_joints import (
@@ -56,19 +55,13 @@ def tagged(mesh, degree=1, *, joint=None, place=None):
     """A model whose face x = 0 is ``up``; a plane mesh may have a joint at a height."""
     fdim = mesh.topology.dim - 1
     mesh.topology.create_connectivity(fdim, fdim + 1)
-    facets = np.sort(locate_entities_boundary(mesh, fdim, lambda x: np.abs(x[0]) < 1e-9))
-    values = np.ones(len(facets), dtype=np.int32)
+    face = locate_entities_boundary(mesh, fdim, lambda x: np.abs(x[0]) < 1e-9)
     joints = {}
     if joint is not None:
-        inside = locate_entities(mesh, fdim, lambda x: np.abs(x[1] - joint) < 1e-9)
-        facets = np.concatenate([facets, inside])
-        values = np.concatenate([values, np.full(len(inside), 2, dtype=np.int32)])
-        order = np.argsort(facets)
-        facets, values, joints = facets[order], values[order], {"joint": 2}
+        joints["joint"] = locate_entities(mesh, fdim, lambda x: np.abs(x[1] - joint) < 1e-9)
     if place is not None:
         mesh.geometry.x[:] = place(mesh.geometry.x)
-    tags = meshtags(mesh, fdim, facets, values)
-    split = split_mesh(mesh, tags, joints=joints, groups={"up": 1})
+    split = split_mesh(mesh, joints=joints, groups={"up": face})
     return Model(split, material=CONCRETE, joints=LAW if joints else None, degree=degree)
 
 
@@ -314,8 +307,7 @@ def skin(comm):
     mesh = create_rectangle(comm, WALL, [1, 6], CellType.quadrilateral)
     mesh.topology.create_connectivity(1, 2)
     facets = exterior_facet_indices(mesh.topology)
-    tags = meshtags(mesh, 1, facets, np.ones(len(facets), dtype=np.int32))
-    return Model(split_mesh(mesh, tags, joints={}, groups={"up": 1}), material=CONCRETE)
+    return Model(split_mesh(mesh, groups={"up": facets}), material=CONCRETE)
 
 
 def test_bad_faces(comm):
@@ -324,15 +316,13 @@ def test_bad_faces(comm):
         ReservoirMass(group="up", level=5.0).matrix(skin(comm))
     holed = create_rectangle(comm, WALL, [1, 6], CellType.quadrilateral)
     holed.topology.create_connectivity(1, 2)
-    facets = np.sort(
-        locate_entities_boundary(holed, 1, lambda x: (x[0] < 1e-9) & (np.abs(x[1] - 5.0) > 0.99))
+    facets = locate_entities_boundary(
+        holed, 1, lambda x: (x[0] < 1e-9) & (np.abs(x[1] - 5.0) > 0.99)
     )
     middle = locate_entities_boundary(
         holed, 1, lambda x: (x[0] < 1e-9) & (x[1] > 3.99) & (x[1] < 6.01)
     )
-    facets = np.setdiff1d(facets, middle)
-    tags = meshtags(holed, 1, facets, np.ones(len(facets), dtype=np.int32))
-    split = split_mesh(holed, tags, joints={}, groups={"up": 1})
+    split = split_mesh(holed, groups={"up": np.setdiff1d(facets, middle)})
     with pytest.raises(ValueError, match="1 separate regions of the face do not reach"):
         ReservoirMass(group="up", level=11.0).matrix(Model(split, material=CONCRETE))
 

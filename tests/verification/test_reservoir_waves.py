@@ -42,7 +42,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from dolfinx.mesh import CellType, create_box, create_rectangle, locate_entities_boundary, meshtags
+from dolfinx.mesh import CellType, create_box, create_rectangle, locate_entities_boundary
 from scipy.optimize import brentq
 from scipy.sparse.linalg import eigsh
 from shaken_wall import CONCRETE, shaking, wall
@@ -92,14 +92,10 @@ class Crest(Monitor):
 def tagged(mesh, groups, place=None):
     """The mesh with groups of facets, each found by a function of its points."""
     fdim = mesh.topology.dim - 1
-    found = [locate_entities_boundary(mesh, fdim, where) for where in groups.values()]
-    values = np.repeat(np.arange(1, len(found) + 1, dtype=np.int32), [len(f) for f in found])
-    facets = np.concatenate(found)
-    order = np.argsort(facets)
+    found = {name: locate_entities_boundary(mesh, fdim, where) for name, where in groups.items()}
     if place is not None:
         mesh.geometry.x[:] = place(mesh.geometry.x)
-    tags = meshtags(mesh, fdim, facets[order], values[order])
-    return dj.split_mesh(mesh, tags, joints={}, groups=dict(zip(groups, range(1, 9), strict=False)))
+    return dj.split_mesh(mesh, groups=found)
 
 
 def rigid_dam(comm, waves, cells=16):

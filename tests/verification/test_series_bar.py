@@ -45,7 +45,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 import ufl
-from dolfinx.mesh import CellType, create_box, create_rectangle, locate_entities, meshtags
+from dolfinx.mesh import CellType, create_box, create_rectangle, locate_entities
 
 from dolfinx_joints import (
     Elastic,
@@ -134,19 +134,11 @@ def box(cell):
     planes = {"joint_1": (axis, LENGTH / 2), "base": (axis, 0.0), "top": (axis, LENGTH)}
     planes |= {name: (i // 2, (i % 2) * SIDE) for i, name in enumerate(sides)}
     mesh.topology.create_connectivity(facet_dim, facet_dim + 1)
-    found = [
-        locate_entities(mesh, facet_dim, lambda x, a=a, v=v: np.isclose(x[a], v))
-        for a, v in planes.values()
-    ]
-    facets, order = np.unique(np.concatenate(found), return_index=True)
-    tags = np.repeat(np.arange(len(found), dtype=np.int32), [len(f) for f in found])[order]
-    groups = {name: tag for tag, name in enumerate(planes)}
-    return split_mesh(
-        mesh,
-        meshtags(mesh, facet_dim, facets, tags),
-        joints={"joint_1": groups.pop("joint_1")},
-        groups=groups,
-    )
+    groups = {
+        name: locate_entities(mesh, facet_dim, lambda x, a=a, v=v: np.isclose(x[a], v))
+        for name, (a, v) in planes.items()
+    }
+    return split_mesh(mesh, joints={"joint_1": groups.pop("joint_1")}, groups=groups)
 
 
 def friction(k_n):

@@ -31,7 +31,6 @@ from dolfinx.mesh import (
     create_rectangle,
     locate_entities,
     locate_entities_boundary,
-    meshtags,
 )
 
 from dolfinx_joints import (
@@ -68,28 +67,19 @@ def bar(comm, cell="hexahedron", *, joint=True):
         mesh = create_rectangle(comm, [[0, 0], [1, LENGTH]], [2, 8], kind)
     dim, along = mesh.topology.dim, mesh.topology.dim - 1
     mesh.topology.create_connectivity(dim - 1, dim)
-    planes = {1: lambda x: np.isclose(x[0], 0.0)}
+    planes = {"x": lambda x: np.isclose(x[0], 0.0)}
     if dim == 3:
-        planes[2] = lambda x: np.isclose(x[1], 0.0)
-    planes[3] = lambda x: np.isclose(x[along] * (LENGTH - x[along]), 0.0)
-    found = {tag: locate_entities_boundary(mesh, dim - 1, where) for tag, where in planes.items()}
-    if joint:
-        found[4] = locate_entities(mesh, dim - 1, lambda x: np.isclose(x[along], 1.5))
-    facets = np.concatenate(list(found.values()))
-    values = np.repeat(np.array(list(found), dtype=np.int32), [len(f) for f in found.values()])
-    order = np.argsort(facets)
-    tags = meshtags(mesh, dim - 1, facets[order], values[order])
-    owned = mesh.topology.index_map(dim).size_local
-    low = locate_entities(mesh, dim, lambda x: x[along] <= 1.5 + 1e-9)
-    cells = np.arange(owned, dtype=np.int32)
-    cell_tags = meshtags(mesh, dim, cells, np.where(np.isin(cells, low), 5, 6).astype(np.int32))
+        planes["y"] = lambda x: np.isclose(x[1], 0.0)
+    planes["ends"] = lambda x: np.isclose(x[along] * (LENGTH - x[along]), 0.0)
+    cut = locate_entities(mesh, dim - 1, lambda x: np.isclose(x[along], 1.5))
     return split_mesh(
         mesh,
-        tags,
-        joints={"joint": 4} if joint else {},
-        groups={name: tag for name, tag in (("x", 1), ("y", 2), ("ends", 3)) if tag in planes},
-        cell_tags=cell_tags,
-        cell_groups={"low": 5, "high": 6},
+        joints={"joint": cut} if joint else {},
+        groups={n: locate_entities_boundary(mesh, dim - 1, at) for n, at in planes.items()},
+        cell_groups={
+            "low": locate_entities(mesh, dim, lambda x: x[along] <= 1.5 + 1e-9),
+            "high": locate_entities(mesh, dim, lambda x: x[along] >= 1.5 - 1e-9),
+        },
     )
 
 

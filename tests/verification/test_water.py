@@ -25,7 +25,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 import ufl
-from dolfinx.mesh import CellType, create_box, exterior_facet_indices, meshtags
+from dolfinx.mesh import CellType, create_box, exterior_facet_indices
 from petsc4py import PETSc
 from scipy.integrate import quad
 
@@ -105,8 +105,7 @@ def skin(comm, cell, place):
     mesh.geometry.x[:] = place(mesh.geometry.x)
     mesh.topology.create_connectivity(2, 3)
     facets = exterior_facet_indices(mesh.topology)
-    tags = meshtags(mesh, 2, facets, np.ones(len(facets), dtype=np.int32))
-    return split_mesh(mesh, tags, joints={}, groups={"skin": 1})
+    return split_mesh(mesh, groups={"skin": facets})
 
 
 # What ranks can change, the partition, is the same for both orders.

@@ -26,7 +26,7 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-from dolfinx.mesh import CellType, create_box, locate_entities_boundary, meshtags
+from dolfinx.mesh import CellType, create_box, locate_entities_boundary
 from numpy.typing import NDArray
 from scipy.fft import dct
 
@@ -114,14 +114,10 @@ def wall(comm: Any, cells: int) -> dj.Model:
     """The wall, so many cells high and ten times as many along."""
     corners = [np.zeros(3), np.array([LENGTH, WIDTH, HEIGHT])]
     mesh = create_box(comm, corners, [10 * cells, 1, cells], CellType.hexahedron)
-    on = (lambda x: np.isclose(x[2], 0.0), lambda x: np.isclose(x[1] % WIDTH, 0.0))
-    found = [locate_entities_boundary(mesh, 2, where) for where in on]
-    facets = np.concatenate(found)
-    values = np.repeat(np.arange(2, dtype=np.int32), [len(each) for each in found])
-    order = np.argsort(facets)
-    tags = meshtags(mesh, 2, facets[order], values[order])
+    base = locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 0.0))
+    faces = locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[1] % WIDTH, 0.0))
     return dj.Model(
-        dj.split_mesh(mesh, tags, joints={}, groups={"base": 0, "faces": 1}),
+        dj.split_mesh(mesh, groups={"base": base, "faces": faces}),
         material=CONCRETE,
         supports=[dj.Fixed(group="base"), dj.Fixed(group="faces", components="xz")],
         degree=2,

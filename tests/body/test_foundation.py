@@ -14,6 +14,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 import ufl
+from shaken_wall import Killed, Killer
 
 from dolfinx_joints import (
     Checkpoints,
@@ -40,7 +41,6 @@ from dolfinx_joints import (
 )
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.postprocessing import measures
-from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = pytest.mark.mpi
 
@@ -353,17 +353,6 @@ def test_energies_of_a_dam_shaken_by_waves(dam):
     assert outcome.energy.viscous > 0.0
 
 
-class Stop(Monitor):
-    """Ends a run at a step."""
-
-    def __init__(self, at):
-        self.at = at
-
-    def record(self, record):
-        if record.step == self.at:
-            raise InterruptedError
-
-
 def test_interrupted_run_goes_on(dam, new_path):
     """With dashpots, free field and kept forces: the same to the bit on one process."""
     waves = FreeField(
@@ -373,11 +362,11 @@ def test_interrupted_run_goes_on(dam, new_path):
     whole = swapped(dam)[0].dynamics(**arguments)
     where = Checkpoints(new_path("run.ckpt"), every=8)
     broken = swapped(dam)[0]
-    broken.monitors.append(Stop(19))
-    with pytest.raises(InterruptedError):
+    broken.monitors.append(Killer(19))
+    with pytest.raises(Killed):
         broken.dynamics(**arguments, checkpoint=where)
     again = swapped(dam)[0]
-    again.monitors.append(Stop(-1))
+    again.monitors.append(Killer())
     rest = again.dynamics(**arguments, checkpoint=where, resume=True)
     difference = rest.state.displacement.copy()
     difference.axpy(-1.0, whole.state.displacement)

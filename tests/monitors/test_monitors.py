@@ -15,15 +15,13 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
+from shaken_wall import CONCRETE, DT, POINTS, shaking, wall
 from vtk_files import read_vtk
 from whole_vectors import all_of
 
 from dolfinx_joints import (
     ConvergenceError,
-    Elastic,
     Fixed,
-    FrictionNoTension,
-    Gravity,
     MeshError,
     Model,
     Newmark,
@@ -34,7 +32,6 @@ from dolfinx_joints import (
     ResultsMonitor,
     Simulation,
     StepControl,
-    stiffness_proportional,
 )
 from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
@@ -49,27 +46,8 @@ from dolfinx_joints.results.reader import ENERGY_TERMS
 
 pytestmark = pytest.mark.mpi
 
-CONCRETE = Elastic(young=24e9, poisson=0.2, density=2400.0)
-LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
-MU = np.tan(np.deg2rad(30.0))
-POINTS = {"crest": Probe((10.0, 0.0, 20.0), group="joint_2-"), "corner": (0.0, 4.0, 20.0)}
-STEPS, DT = 6, 4e-3
-
-
-def shaking(time):
-    """A ground acceleration strong enough to open the joints, [m/s^2]."""
-    return 12.0 * np.sin(2 * np.pi * np.array([2.3, 2.9, 3.1]) * time + [0.0, 0.7, 1.9])
-
-
-def wall(jointed):
-    return Model(
-        jointed,
-        material=CONCRETE,
-        joints=LAW,
-        supports=[Fixed(group="base")],
-        loads=[Gravity()],
-        damping=stiffness_proportional(ratio=0.02, frequency=5.0),
-    )
+MU = np.tan(np.deg2rad(30.0))  # of the wall's law
+STEPS = 6
 
 
 def shake(model, monitors, steps=STEPS, **options):

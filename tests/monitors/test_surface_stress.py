@@ -12,12 +12,11 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 from dolfinx import mesh as dmesh
+from shaken_wall import CONCRETE, LAW, shaking
 from whole_vectors import all_of
 
 from dolfinx_joints import (
-    Elastic,
     Fixed,
-    FrictionNoTension,
     Gravity,
     MeshError,
     Model,
@@ -32,8 +31,6 @@ from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, principal_ex
 
 pytestmark = pytest.mark.mpi
 
-CONCRETE = Elastic(young=24e9, poisson=0.2, density=2400.0)
-LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
 LAMBDA, MU = CONCRETE.first_lame("strain"), CONCRETE.shear_modulus
 
 
@@ -157,11 +154,6 @@ def test_plane_models_are_refused(comm, two_rectangles_file, read):
     monitor = ResultsMonitor("plane.h5", points={"top": (0.0, 2.0)}, envelopes=True)
     with pytest.raises(ValueError, match="of bodies in space, got a plane model"):
         Simulation(model, monitors=[monitor])  # before anything is solved
-
-
-def shaking(time):
-    """A ground acceleration strong enough to open the joints, [m/s^2]."""
-    return 12.0 * np.sin(2 * np.pi * np.array([2.3, 2.9, 3.1]) * time + [0.0, 0.7, 1.9])
 
 
 def run(model, path, envelopes=True):

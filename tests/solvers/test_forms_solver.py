@@ -13,6 +13,8 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from shaken_wall import Killed, Killer, shaking
+
 import dolfinx_joints as dj
 from dolfinx_joints.joints.contact import StatusCounts
 from dolfinx_joints.simulation.monitor import Monitor
@@ -57,11 +59,6 @@ STAGES = {
 }
 CASES = [*((name, "") for name in MODELS), *(("plain", name) for name in STAGES)]
 ON_RANKS = [("laws", ""), ("plastic", ""), ("water", ""), ("plain", "HHT")]
-
-
-def shaking(time):
-    """A ground acceleration strong enough to open the joints, [m/s^2]."""
-    return 12.0 * np.sin(2 * np.pi * np.array([2.3, 2.9, 3.1]) * time + [0.0, 0.7, 1.9])
 
 
 class Seen(Monitor):
@@ -154,21 +151,6 @@ def test_stages_of_statics(wall):
         ends.append((loaded, simulation.quasi_statics([0.01, 0.02])))
     for found, expected in zip(*ends, strict=True):
         same(simulation, found, expected)
-
-
-class Killed(BaseException):
-    """In the place of a signal: nobody handles it."""
-
-
-class Killer(Monitor):
-    """Ends the run in a step."""
-
-    def __init__(self, step):
-        self.step = step
-
-    def record(self, record):
-        if record.step == self.step:
-            raise Killed
 
 
 @pytest.mark.mpi

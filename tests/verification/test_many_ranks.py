@@ -21,10 +21,11 @@ pytest.importorskip("gmsh")
 
 from mpi4py import MPI
 
+from shaken_wall import Killed, Killer, shaking
+
 import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
-from dolfinx_joints.simulation.monitor import Monitor
 
 COMM = MPI.COMM_WORLD
 pytestmark = [
@@ -53,11 +54,6 @@ def jointed(request, wall_file, read):
     divisions, joints = MESHES[request.param]
     path = wall_file(divisions=divisions, joints=joints)
     return lambda comm: read(path, comm, ["joint_1"])
-
-
-def shaking(time):
-    """A ground acceleration strong enough to open the joint, [m/s^2]."""
-    return 12.0 * np.sin(2 * np.pi * np.array([2.3, 2.9, 3.1]) * time + [0.0, 0.7, 1.9])
 
 
 def winter(jointed):
@@ -249,21 +245,6 @@ def test_schemes(jointed, options, new_path):
     same_files(path, own)
     assert outcomes[0].counts == outcomes[1].counts
     assert ("control" in options) == (outcomes[0].counts.accepted > STEPS)
-
-
-class Killed(BaseException):
-    """In the place of a signal."""
-
-
-class Killer(Monitor):
-    """A monitor that ends the run in its step."""
-
-    def __init__(self, step):
-        self.step = step
-
-    def record(self, record):
-        if record.step == self.step:
-            raise Killed
 
 
 @pytest.mark.parametrize("kind", ["plain", "water", "rigid", "stops", "bonded"])

@@ -24,6 +24,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 from dolfinx.mesh import CellType
+from shaken_wall import Killed, Killer
 
 from dolfinx_joints import (
     Checkpoints,
@@ -240,17 +241,6 @@ def test_a_layer_on_rock_echoes(comm, axis):
         assert layer_error(comm, axis, 4) < coarse / 3.0
 
 
-class Stop(Monitor):
-    """Ends a run at a step."""
-
-    def __init__(self, at):
-        self.at = at
-
-    def record(self, record):
-        if record.step == self.at:
-            raise InterruptedError
-
-
 def test_an_interrupted_run_goes_on(comm, new_path):
     """With waves in layers and an oblique one, to the last bit."""
     parts = {"rock": (0.0, 20.0), "soil": (20.0, 30.0)}
@@ -270,9 +260,9 @@ def test_an_interrupted_run_goes_on(comm, new_path):
         return simulation.dynamics(dt=5e-3, steps=20, loads=[rising, oblique], **options)
 
     whole = run().state
-    with pytest.raises(InterruptedError):
-        run(Stop(11), checkpoint=kept)
-    again = run(Stop(-1), checkpoint=kept, resume=True).state
+    with pytest.raises(Killed):
+        run(Killer(11), checkpoint=kept)
+    again = run(Killer(), checkpoint=kept, resume=True).state
     np.testing.assert_array_equal(again.displacement.array, whole.displacement.array)
     np.testing.assert_array_equal(again.velocity.array, whole.velocity.array)
 

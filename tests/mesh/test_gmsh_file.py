@@ -231,7 +231,7 @@ def test_joints_are_a_list_of_names(tmp_path):
 
 
 def old_files(folder, *, binary):
-    """The same tetrahedra in Gmsh's formats 2.2 and 4.1, a volume and a face of them named."""
+    """The same tetrahedra in each of Gmsh's formats, a volume and a face with two names each."""
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     paths = []
     try:
@@ -239,8 +239,8 @@ def old_files(folder, *, binary):
         gmsh.option.setNumber("Mesh.Binary", binary)
         gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
         gmsh.model.occ.synchronize()
-        gmsh.model.addPhysicalGroup(3, [1], name="body")
-        gmsh.model.addPhysicalGroup(2, [1], name="side")
+        for dim, sign, name in [(3, 1, "body"), (3, 1, "all"), (2, 1, "side"), (2, -1, "outside")]:
+            gmsh.model.addPhysicalGroup(dim, [sign], name=name)
         gmsh.option.setNumber("Mesh.MeshSizeMax", 0.3)
         gmsh.model.mesh.generate(3)
         for version in (2.2, 4.1):
@@ -254,10 +254,16 @@ def old_files(folder, *, binary):
 
 
 @pytest.mark.parametrize("binary", [0, 1])
-def test_both_formats_hold_the_same(tmp_path, binary):
-    old, new = (load_msh(path) for path in old_files(tmp_path, binary=binary))
-    assert len(old.cells) == len(new.cells) > 100
-    volume = lambda raw: np.abs(np.linalg.det(np.diff(raw.x[raw.cells], axis=1))).sum() / 6  # noqa: E731
-    assert volume(old) == pytest.approx(volume(new), rel=1e-12)
-    assert volume(new) == pytest.approx(1.0, rel=1e-12)
-    assert len(old.facet_groups["side"]) == len(new.facet_groups["side"])
+def test_all_formats_hold_the_same(tmp_path, binary):
+    *old, new = (load_msh(path) for path in old_files(tmp_path, binary=binary))
+    assert len(new.cells) > 100
+    for raw in (*old, new):
+        edges = np.diff(raw.x[raw.cells], axis=1)
+        assert np.abs(np.linalg.det(edges)).sum() / 6 == pytest.approx(1.0, rel=1e-12)
+        assert {name: len(cells) for name, cells in raw.cell_groups.items()} == {
+            "body": len(new.cells),
+            "all": len(new.cells),
+        }
+        assert set(raw.facet_groups) == {"side", "outside"}
+        for facets in raw.facet_groups.values():
+            assert len(facets) == len(new.facet_groups["side"])

@@ -122,7 +122,15 @@ def _elements(model: Any, dim: int, entity: int, source: str) -> tuple[int, Ints
             f"{source!r}: entity {entity} holds {len(types)} kinds of cells; one kind is needed."
         )
     count = model.mesh.getElementProperties(types[0])[3]
-    return int(types[0]), nodes[0].reshape(-1, count)
+    return int(types[0]), _once(model, dim, entity, nodes[0].reshape(-1, count))
+
+
+def _once(model: Any, dim: int, entity: int, rows: Ints) -> Ints:
+    """Elements of an entity, of which format 2.2 has a copy for each of its physical groups."""
+    if len(model.getPhysicalGroupsForEntity(dim, entity)) < 2:
+        return rows
+    _, first = np.unique(np.sort(rows, axis=1), axis=0, return_index=True)
+    return rows[np.sort(first)]
 
 
 def _shape(kinds: set[int], source: str) -> CellShape:
@@ -142,7 +150,8 @@ def _facets(model: Any, dim: int, entities: list[int], name: str, used: Ints) ->
         types, _, nodes = model.mesh.getElements(dim - 1, entity)
         for kind, flat in zip(types, nodes, strict=True):
             count = model.mesh.getElementProperties(kind)[3]
-            rows.append(flat.reshape(-1, count)[:, : _FACET_VERTICES[int(kind)]].astype(np.int64))
+            facets = _once(model, dim - 1, entity, flat.reshape(-1, count))
+            rows.append(facets[:, : _FACET_VERTICES[int(kind)]].astype(np.int64))
     if not rows:
         raise MeshError(f"Group {name!r} holds no facets; mesh it before writing the file.")
     vertices = np.vstack(rows)

@@ -3,7 +3,8 @@
 """Checks of a ``.msh`` file before Gmsh opens it: a mesh and no script, counts that can be.
 
 Gmsh reports most damage itself, but crashes or allocates without end where dimensions of physical
-names or counts of nodes and elements are wrong. Formats 4.1 and 2.2 of its reference manual.
+names or counts of nodes and elements are wrong. Formats 4.1 and 2.2 of its reference manual, of
+4.0 the first counts alone.
 """
 
 from __future__ import annotations
@@ -36,11 +37,11 @@ def check_msh(path: Path) -> None:
             f"{str(path)!r} has the file {options.name!r} beside it, which Gmsh runs; remove it."
         )
     head = _section(data, b"MeshFormat").split(None, 2)[:2]
-    binary = head[1:] == [b"1"]
+    binary, current = head[1:] == [b"1"], head[:1] == [b"4.1"]
     for name, content in ((n, _section(data, n.encode())) for n in ("Nodes", "Elements")):
         try:
             fits = not content or (
-                _blocks_fit(content, len(data), binary, nodes=name == "Nodes")
+                _blocks_fit(content, len(data), binary, nodes=current and name == "Nodes")
                 if head[0].startswith(b"4")
                 else int(content.split(None, 1)[0]) <= len(data)
             )

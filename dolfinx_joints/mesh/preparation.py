@@ -36,7 +36,7 @@ def prepare(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
             raise MeshError(
                 f"Group {name!r}: {np.count_nonzero(count == 0)} of its facets belong to no cell."
             )
-        slots[name] = owner[:, 0]
+        slots[name] = owner[owner[:, :, 0] >= 0]  # facets on a joint from both of its sides
     if duplicated or not names:
         split = pair_coincident(raw.shape, raw.cells, raw.x, names, slots)
     else:

@@ -12,17 +12,20 @@ import pytest
 pytest.importorskip("dolfinx")
 
 import basix.ufl
+import ufl
+from dolfinx import fem
 from dolfinx.mesh import (
     CellType,
     create_interval,
     create_rectangle,
     create_submesh,
     create_unit_cube,
+    exterior_facet_indices,
     locate_entities,
     meshtags,
 )
 
-from dolfinx_joints import MeshError, split_mesh
+from dolfinx_joints import MeshError, mesh_from_arrays, split_mesh
 from dolfinx_joints.mesh import dolfinx_versions
 
 pytestmark = pytest.mark.mpi
@@ -139,6 +142,36 @@ def test_joints_are_all_split_here_or_all_split_already(square):
     message = r"Joints with duplicated faces \(a\) and joints to be split cannot stand in one mesh"
     with pytest.raises(MeshError, match=message):
         split_mesh(mesh, edges_at(mesh, **at), joints={"a": 1, "b": 2}, groups=groups)
+
+
+@pytest.mark.parametrize("by", ["mesh", "arrays"])
+def test_a_group_on_a_joint_holds_both_of_its_faces(comm, by):
+    """Areas of a unit cube, cut at half its height: 6 outside, 1 on each face of the joint."""
+    half = lambda x: np.isclose(x[2], 0.5)  # noqa: E731
+    if by == "mesh":
+        mesh = create_unit_cube(comm, 2, 2, 2)
+        mesh.topology.create_connectivity(2, 3)
+        cut, outside = locate_entities(mesh, 2, half), exterior_facet_indices(mesh.topology)
+        groups = {"cut": cut, "every": np.append(cut, outside)}
+        cube = split_mesh(mesh, joints={"joint": cut}, groups=groups)
+    else:
+        z, y, x = np.meshgrid([0, 0.5, 1], [0, 1], [0, 1], indexing="ij")
+        node = np.arange(12).reshape(3, 2, 2)
+        walls = [node[i : i + 2, j, :] for i in (0, 1) for j in (0, 1)]
+        walls += [node[i : i + 2, :, j] for i in (0, 1) for j in (0, 1)]
+        cut, outside = [node[1].ravel()], [wall.ravel() for wall in (node[0], node[2], *walls)]
+        cube = mesh_from_arrays(
+            comm,
+            cell="hexahedron",
+            x=np.column_stack([x.ravel(), y.ravel(), z.ravel()]),
+            cells=[node[:2].ravel(), node[1:].ravel()],
+            facet_groups={"joint": cut, "cut": cut, "every": cut + outside},
+        )
+    n = ufl.FacetNormal(cube.mesh)
+    total = lambda form: comm.allreduce(fem.assemble_scalar(fem.form(form)))  # noqa: E731
+    assert total(ufl.dot(n, n) * cube.ds("every")) == pytest.approx(8.0, rel=1e-12)
+    assert total(ufl.dot(n, n) * cube.ds("cut")) == pytest.approx(2.0, rel=1e-12)
+    assert total(n[2] * cube.ds("cut")) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_facets_that_stay_closed_are_reported(square, comm):

@@ -204,10 +204,18 @@ def _facet_values(
         for end, side in (("-", pairs.minus), ("+", pairs.plus))
     ]
     names = list(dict.fromkeys([*names, *(name for name, *_ in sides)]))
+    # Of a facet on a joint, `rows` have one of the two faces; other groups get that across too.
+    number = np.array([values.shape[1], 1])  # of a facet of a cell, by a product
+    one, across = np.vstack([pairs.minus, pairs.plus]), np.vstack([pairs.plus, pairs.minus])
+    of_joint = np.isin(rows[:, 2], [k for k, name in enumerate(groups) if name in pairs.names])
+    doubled = np.isin(rows[:, :2] @ number, rows[of_joint, :2] @ number) & ~of_joint
+    shared = np.concatenate(comm.allgather(rows[doubled, :3]))
     parts = [rows[:0, :3]]
     for k, name in enumerate(groups):
         if name in names:
             slots = rows[rows[:, 2] == k, :2]
+            here = np.isin(one @ number, shared[shared[:, 2] == k, :2] @ number)
+            slots = np.vstack([slots, across[here]])
             parts.append(np.column_stack([slots, np.full(len(slots), names.index(name))]))
     for name, side, i in sides:
         slots = side[pairs.joint == i]

@@ -7,10 +7,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.export.optional import imported
 from dolfinx_joints.export.tables import tables_of
-from dolfinx_joints.results.reader import Results, listing
+from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -46,10 +45,7 @@ def to_pandas(results: Results, table: TableName = "histories") -> DataFrame:
         ImportError: pandas is missing.
     """
     pandas = imported("pandas")
-    tables = tables_of(results)
-    if table not in tables:
-        raise ResultsError(f"{results.path} has no table {table!r}; it has {listing(tables)}.")
-    found = tables[table]
+    found = tables_of(results, table)[table]
     frame = pandas.DataFrame(found.rows, columns=found.header)
     if found.header[0] == "time [s]":
         frame = frame.set_index("time [s]")

@@ -4,13 +4,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.postprocessing.joints.resultants import (
     RESULTANT_MEASURES,
@@ -32,7 +34,7 @@ from dolfinx_joints.postprocessing.peaks import (
 )
 from dolfinx_joints.postprocessing.static_stages import static_stages
 from dolfinx_joints.results.arguments import COMPONENTS, check_results
-from dolfinx_joints.results.reader import Results
+from dolfinx_joints.results.reader import Results, listing
 
 Floats = NDArray[Any]
 
@@ -45,30 +47,46 @@ class Table:
     rows: list[list[Any]]
 
 
-def tables_of(results: Results) -> dict[str, Table]:
-    """The tables of `csv_files.write_csv` by name, those for which the file holds something."""
+def tables_of(results: Results, only: str | None = None) -> dict[str, Table]:
+    """The tables of `csv_files.write_csv` by name, those for which the file holds something.
+
+    Args:
+        results: The run.
+        only: The one to make; all unless given.
+
+    Raises:
+        ResultsError: The file holds nothing for that table.
+    """
     check_results(results)
+    makers = _makers(results)
+    if only is not None and only not in makers:
+        raise ResultsError(f"{results.path} has no table {only!r}; it has {listing(makers)}.")
+    return {name: make(results) for name, make in makers.items() if only in (None, name)}
+
+
+def _makers(results: Results) -> dict[str, Callable[[Results], Table]]:
+    """What makes each table for which the file holds something."""
     streams = {name for name in results.streams if results.rows(name)}
-    found = {}
+    found: dict[str, Callable[[Results], Table]] = {}
     if "statics" in streams:
-        found["stages"] = _stages(results)
+        found["stages"] = _stages
         if results.joints:
-            found["stage_joints"] = _stage_joints(results)
+            found["stage_joints"] = _stage_joints
     if "histories" in streams:
-        found["histories"] = _histories(results)
-        found["peaks"] = _peaks(results)
+        found["histories"] = _histories
+        found["peaks"] = _peaks
     if "energy" in streams:
-        found["energy"] = _plain(results, "energy")
+        found["energy"] = partial(_plain, stream="energy")
     if "states" in streams and results.joints:
-        found["joints"] = _joints(results)
-        found["joint_extremes"] = _joint_extremes(results)
-        found["resultants"] = _resultants(results)
+        found["joints"] = _joints
+        found["joint_extremes"] = _joint_extremes
+        found["resultants"] = _resultants
     if "resultants" in streams:
-        found["blocks"] = _blocks(results)
+        found["blocks"] = _blocks
     if "envelopes" in streams:
-        found["envelopes"] = _envelopes(results)
+        found["envelopes"] = _envelopes
     if "modes/frequency" in results.statics:
-        found["modes"] = _modes(results)
+        found["modes"] = _modes
     return found
 
 

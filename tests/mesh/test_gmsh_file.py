@@ -128,6 +128,20 @@ def test_groups_without_names_are_refused(tmp_path, lines):
     assert "has no named physical group of cells" in refusal(path)
 
 
+def test_cells_without_a_name_are_told_of(tmp_path):
+    path = tmp_path / "half.msh"
+    with gmsh_model.gmsh_session():
+        named, unnamed = (gmsh.model.occ.addRectangle(x, 0, 0, 1, 1) for x in (0, 1))
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(2, [named], name="dam")
+        gmsh.model.addPhysicalGroup(2, [unnamed])
+        gmsh.model.mesh.generate(2)
+        count = len(gmsh.model.mesh.getElements(2, unnamed)[1][0])
+        gmsh.write(str(path))
+    with pytest.warns(UserWarning, match=f"{count} cells in no named physical group are left out"):
+        load_msh(path)
+
+
 def test_comments_may_come_first(lines, tmp_path):
     path = tmp_path / "blocks.msh"
     path.write_text("\n".join(["$Comments", "by hand", "$EndComments", *lines]))

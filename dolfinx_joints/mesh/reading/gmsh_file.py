@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -86,6 +88,7 @@ def _read_model(model: Any, source: str) -> RawMesh:
             members.append(numbered[entity])
         cell_groups[name] = np.concatenate(members)
     shape = _shape(kinds, source)
+    _warn_of_others(model, dim, numbered, source)
     tags, coordinates, _ = model.mesh.getNodes()
     nodes = np.vstack(blocks).astype(np.int64)
     used, nodes = np.unique(nodes, return_inverse=True)
@@ -112,6 +115,18 @@ def _groups(model: Any, dim: int) -> dict[str, list[int]]:
         if name:
             found[name] = [int(e) for e in model.getEntitiesForPhysicalGroup(d, tag)]
     return found
+
+
+def _warn_of_others(model: Any, dim: int, named: Collection[int], source: str) -> None:
+    """Warn of cells that no named group holds: a part of the body may have been forgotten."""
+    others = [entity for _, entity in model.getEntities(dim) if entity not in named]
+    count = sum(len(tags) for e in others for tags in model.mesh.getElements(dim, e)[1])
+    if count:
+        warnings.warn(
+            f"{source!r}: {count} cells in no named physical group are left out; name their "
+            f"{'volumes' if dim == 3 else 'surfaces'} if they are part of the body.",
+            stacklevel=2,
+        )
 
 
 def _elements(model: Any, dim: int, entity: int, source: str) -> tuple[int, Ints]:

@@ -3,9 +3,8 @@
 """Match ground motions to a target response spectrum by wavelets that are added in time.
 
 Amplitudes of frequencies are brought near the target first, their phases kept. Then, after Al Atik
-and Abrahamson (Earthquake Spectra 26, 2010, 601-617): at the times when oscillators answer most,
-tapered cosines of their periods are added that bring these answers to the target. Final velocity
-and displacement are left as they are.
+and Abrahamson (Earthquake Spectra 26, 2010, 601-617), tapered cosines are added at the times when
+oscillators answer most. Final velocity and displacement are left as they are.
 """
 
 from dataclasses import dataclass, replace
@@ -44,7 +43,7 @@ _CHECKED = 1.01  # ratio of neighbouring periods where the spectrum is compared 
 _MATCHED = 1.02  # wavelets are made for the first period in each step by this
 _FAR = 2.0  # ratio of spectrum and target from which on amplitudes of frequencies are changed,
 _PASSES = 4  # so often at most, by factors that are
-_SMOOTHED = 5  # smoothed over so many compared periods
+_SMOOTHED = 5  # smoothed over so many steps of 1 %
 _PEAKS = 12  # of an oscillator that are looked after at once, above this part of the target:
 _NEAR = 0.5
 _SWAPS = 8  # of peaks below the target that would rise above it
@@ -207,6 +206,7 @@ class _Matcher:
         self.width = 1.178 * periods**0.93  # after Al Atik and Abrahamson
         steps = np.log(periods / periods[0]) / np.log(_MATCHED)
         self.matched = np.unique(np.floor(steps + ROUNDING), return_index=True)[1]
+        self.even = np.geomspace(periods[0], periods[-1], 2 + 2 * int(steps[-1]))
         impulses = np.zeros((self.count, 2))
         impulses[1, 0] = impulses[0, 1] = 1.0
         answers = response_history(impulses, dt, periods[self.matched], zeta)
@@ -219,7 +219,7 @@ class _Matcher:
         """The nearest acceleration found, its factor, passes, rounds, worst misfit and period."""
         values = np.append(values, np.zeros(self.count - self.given))
         answers = self._answers(values)
-        factor = float(np.exp(-np.log(np.abs(answers).max(axis=0)).mean()))
+        factor = float(np.exp(self._missing(answers).mean()))
         values, answers, passes = self._coloured(factor * values, factor * answers)
         best, best_round, least = values, 0, _misfit(answers)
         misfit, emphasis = least, np.ones(len(self.matched))
@@ -244,19 +244,22 @@ class _Matcher:
     def _answers(self, values: Floats) -> Floats:
         """Of all oscillators to an acceleration (n,), shape (n, p)."""
         history = response_history(values, self.dt, self.periods, self.zeta)
-        answers: Floats = self.scale * history
-        return answers
+        return np.asarray(self.scale * history)
+
+    def _missing(self, answers: Floats) -> Floats:
+        """Logarithm of target over spectrum at even steps, however dense the target is given."""
+        return np.interp(self.even, self.periods, -np.log(np.abs(answers).max(axis=0)))
 
     def _coloured(self, values: Floats, answers: Floats) -> tuple[Floats, Floats, int]:
         """The motion with other amplitudes of its frequencies, its answers, and passes it took."""
         padded = 2 * self.count  # long enough that nothing comes round from one end to the other
         spectrum, frequency = np.fft.rfft(values, padded), np.fft.rfftfreq(padded, self.dt)
         # Twice the longest period and longer ones keep theirs, and displacements what is in them.
-        known = np.append(0.5 / self.periods[-1], 1.0 / self.periods[::-1])
+        known = np.append(0.5 / self.periods[-1], 1.0 / self.even[::-1])
         envelope = self._faded(self.periods[0])
-        changed, logarithms = values, np.zeros(len(self.periods))
+        changed, logarithms = values, np.zeros(len(self.even))
         for number in range(_PASSES):
-            missing = -np.log(np.abs(answers).max(axis=0))
+            missing = self._missing(answers)
             if np.abs(missing).max() <= np.log(_FAR):
                 return changed, answers, number
             logarithms += gaussian_filter1d(missing, _SMOOTHED, mode="nearest")  # (12ag)
@@ -282,8 +285,7 @@ class _Matcher:
         effects = sampled @ wavelets
         size = np.abs(effects).max(axis=0)
         amplitudes = _amplitudes(effects / size, lacking, highest, emphasis[rows])
-        correction: Floats = wavelets @ (amplitudes / size)
-        return correction
+        return np.asarray(wavelets @ (amplitudes / size))
 
     def _peaks(self, answers: Floats) -> tuple[Whole, Whole, Flags]:
         """Matched oscillator and sample of each peak to look after; is it the highest of it?"""
@@ -381,8 +383,7 @@ def _filled(periods: Floats, wanted: Floats) -> tuple[Floats, Floats]:
         for a, b, count in zip(periods[:-1], periods[1:], parts, strict=True)
     ]
     filled = np.concatenate([*parts_of, periods[-1:]])
-    values = np.exp(np.interp(np.log(filled), np.log(periods), np.log(wanted)))
-    return filled, values
+    return filled, np.exp(np.interp(np.log(filled), np.log(periods), np.log(wanted)))
 
 
 def _line(what: str, motion: Motion, name: str, periods: Floats, misfit: Floats) -> str:

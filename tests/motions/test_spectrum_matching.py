@@ -132,6 +132,20 @@ def test_histories_of_oscillators_have_the_peaks_of_the_spectrum() -> None:
     np.testing.assert_allclose(step, exact, atol=1e-13)
 
 
+def test_points_on_the_lines_of_a_target_change_no_factor() -> None:
+    # Their steps of 1 ms are up to twenty times as dense at long periods as those in between.
+    periods, wanted = np.array([0.1, 0.5, 2.0]), np.array([5.0, 5.0, 1.25])
+    more = np.union1d(periods, np.arange(0.1, 2.0, 1e-3))
+    dense = np.exp(np.interp(np.log(more), np.log(periods), np.log(wanted)))
+    few, many = (
+        match_spectrum(synthetic_motion(seed=2), target, components="x")
+        for target in ((periods, wanted), (more, dense))
+    )
+    assert many.factors == pytest.approx(few.factors, rel=1e-3)
+    assert many.passes == few.passes
+    assert many.motion.peak[0] == pytest.approx(few.motion.peak[0], rel=0.1)
+
+
 def test_what_cannot_be_reached_is_an_error_with_the_worst_period() -> None:
     narrow = (np.array([0.5, 0.505, 0.51]), np.array([1.0, 50.0, 1.0]))
     with pytest.raises(RecordError, match=r"came no nearer .*, at 0\.5\d* s, in 3 rounds; toleran"):

@@ -92,11 +92,11 @@ class VtkFile:
             with changed(self.path) as file:
                 root, steps = file["VTKHDF"], file["VTKHDF/Steps"]
                 for kind, data in (("PointData", point_data), ("CellData", cell_data)):
-                    places = root[kind], steps[f"{kind}Offsets"]
+                    group, offsets = root[kind], steps[f"{kind}Offsets"]
                     for name, fixed in (self._fixed if kind == "CellData" else {}).items():
-                        _append_values(*places, name, fixed, once=True)
+                        _append_values(group, offsets, name, fixed, once=True)
                     for name, values in data.items():
-                        _append_values(*places, name, values)
+                        _append_values(group, offsets, name, values)
                 file.flush()
                 _append_time(steps, time)
         except (OSError, KeyError, RuntimeError) as error:

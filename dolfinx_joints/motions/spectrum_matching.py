@@ -160,8 +160,8 @@ def match_spectrum(
         if abs(worst[0]) > tolerance:
             raise RecordError(
                 f"The spectrum of component {component} of {motion.name!r} came no nearer to the "
-                f"target than {worst[0]:+.1%}, at {worst[1]:.4g} s, in {rounds} rounds; tolerance "
-                f"is {tolerance:.1%}. Take a record whose spectrum is more like the target, fewer "
+                f"target than {worst[0]:+.2%}, at {worst[1]:.4g} s, in {rounds} rounds; tolerance "
+                f"is {tolerance:.2%}. Take a record whose spectrum is more like the target, fewer "
                 "periods, or a wider tolerance."
             )
         values[:, column] = matched

@@ -22,6 +22,7 @@ from dolfinx_joints.common.errors import (
     ResultsError,
     StudyError,
 )
+from dolfinx_joints.common.hdf5 import check_superblock
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_kind_of, check_named
 from dolfinx_joints.common.summary import Rows, Summarised, names
@@ -206,9 +207,9 @@ class MotionSuite(Summarised):
         return states
 
     def _known(self, path: Path) -> tuple[bool, Any] | None:
-        """Whether a run is complete, and its digest; None without a file that can be read.
+        """Whether a run is complete, and its digest; None without a run.
 
-        A kill while a run is being set up leaves one that cannot.
+        A kill while it was set up leaves a file that is still open for writing and cannot be read.
         """
         if not path.exists():
             return None
@@ -216,6 +217,8 @@ class MotionSuite(Summarised):
             with Results(path) as results:
                 return results.complete, results.metadata.get(DIGEST)
         except ResultsError:
+            if path.stat().st_size and not check_superblock(path, ResultsError):
+                raise
             return None
 
     def _checkpoint(self, name: str) -> Path:

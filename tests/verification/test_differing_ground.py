@@ -286,7 +286,11 @@ def histories(path):
 @pytest.mark.mpi
 @pytest.mark.filterwarnings("ignore:The motions of left, right end")
 def test_a_jointed_wall_on_any_number_of_ranks(comm, wall_file, read, new_path):
-    """The same as on one rank, continued from a checkpoint to the last bit; the ledger closes."""
+    """The same as on one rank, continued from a checkpoint as well; the ledger closes.
+
+    On one rank the run goes on to the last bit. MUMPS on several sums in the order in which what
+    ranks tell each other comes in.
+    """
     path, file = new_path("differing"), wall_file()
     if comm.rank == 0:
         path.mkdir()
@@ -306,9 +310,10 @@ def test_a_jointed_wall_on_any_number_of_ranks(comm, wall_file, read, new_path):
         for name, expected, again, alone in zip(
             NAMES, whole, histories(path / "resumed.h5"), histories(path / "alone.h5"), strict=True
         ):
-            np.testing.assert_array_equal(again, expected, err_msg=name)
             scale = np.abs(expected).max()
             assert scale > 0.0
+            rounding = 0.0 if comm.size == 1 else 1e-12 * scale
+            np.testing.assert_allclose(again, expected, rtol=0, atol=rounding, err_msg=name)
             np.testing.assert_allclose(alone, expected, rtol=0, atol=1e-9 * scale, err_msg=name)
     comm.barrier()
 

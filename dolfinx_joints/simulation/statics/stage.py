@@ -15,9 +15,8 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.common.progress import Progress
-from dolfinx_joints.joints.internal_forces import InternalForces
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
-from dolfinx_joints.laws.law import Floats
+from dolfinx_joints.laws.law import Floats, Response
 from dolfinx_joints.loads.load import Load, always, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
@@ -25,7 +24,7 @@ from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import StageRecord
 from dolfinx_joints.simulation.statics.construction import with_inactive
 from dolfinx_joints.simulation.statics.joint_water_iteration import JointWaterIteration
-from dolfinx_joints.simulation.statics.load_increments import LoadIncrements
+from dolfinx_joints.simulation.statics.load_increments import Increment, LoadIncrements
 from dolfinx_joints.simulation.statics.unfinished import Unfinished
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC
@@ -63,28 +62,16 @@ def march(
         watch: Observer of slip and opening.
         reached: Called with time [s] and state after each step.
     """
-    system = model.system(only=acting, static=True)
-    internal_forces, contact = system.internal_forces, model.contact
+    system, contact = model.system(only=acting, static=True), model.contact
+    carried = _carried(system, before)
     if apart is not None and before is not None and contact is not None:
         push = contact.operator.force(apart, before.displacement.duplicate())
-        carried = _carried(internal_forces, before, system.stiffness * before.displacement)
         system = _under(system, before, carried - push)
     if stage is not None:
         idle = None if contact is None else contact.without(stage.idle)
         system = _holding(replace(system, contact=idle), before, stage.dofs)
-    solver: StepSolver | JointWaterIteration
-    solver = chosen = make_solver(system, options, kind, static_steps=len(path))
-    u = system.stiffness.createVecRight()
-    u.set(0.0)
-    joints = system.internal_forces.at_rest(u) if system.internal_forces else None
-    if before is not None:
-        before.displacement.copy(u)
-        if joints is not None and before.joints:
-            joints = before.joints.state
-    if system.water is not None and joints is not None:
-        solver = JointWaterIteration(system.water, solver)
-    fixed = system.constrained
-    reports: list[SolveReport] = []
+    solver = make_solver(system, options, kind, static_steps=len(path))
+    at, increments = _Equilibrium(system, solver, before, carried), LoadIncrements(path)
     missing = tuple(
         name
         for name, one in zip(load_names(model.loads), model.loads, strict=True)
@@ -93,60 +80,117 @@ def march(
 
     def state() -> StaticState:
         return StaticState(
-            displacement=u.copy(),
-            joints=response,
-            reaction=products.reaction,
-            reports=list(reports),
+            displacement=at.displacement.copy(),
+            joints=at.response,
+            reaction=at.products.reaction,
+            reports=list(at.reports),
             inactive=stage.inactive if stage else (),
             absent=stage.absent if stage else (),
             missing=missing,
             cuts=increments.cuts,
         )
 
-    elastic_force, load, b, x = (u.duplicate() for _ in range(4))
-    system.stiffness.mult(u, elastic_force)
-    carried, fixed_before = _carried(internal_forces, before, elastic_force), u.getArray()[fixed]
-    increments = LoadIncrements(path)
     progress = Progress("static stage", len(path), "steps", model.jointed.mesh.comm.rank)
     for increment in increments:
-        time, share = increment.time, increment.share
-        if system.water is not None and joints is not None:
-            system.water.enter(joints.gap)
-        system.load(time or 0.0, load, scale=share)
-        at_supports = system.prescribed(time or 0.0, scale=share)
-        if carried is not None and share < 1.0:
-            load.axpy(1.0 - share, carried)
-            at_supports = at_supports + (1.0 - share) * fixed_before
-        b.waxpy(-1.0, elastic_force, load)
-        x.set(0.0)
-        x.getArray()[fixed] = at_supports - u.array[fixed]
-        if isinstance(chosen, FirstThatWorks | HoldingBonds):
-            chosen.asks_last = increment.last_resort
         try:
-            response, report = solver.solve(STATIC, b, x, joints)
-            products = Products(system, STATIC, b, x, response)
+            at.advance(increment)
         except ConvergenceError as failure:
             watch.warn("in a static stage")
-            increments.cut(failure, _remedy(failure, kind, solver.name, increments.reached))
+            increments.cut(failure, _remedy(failure, kind, at.solver.name, increments.reached))
             continue
-        if time is not None and increment.whole:  # the next step in time starts from these loads
-            carried, fixed_before = b + elastic_force, u.getArray()[fixed] + x.getArray()[fixed]
-        u.axpy(1.0, x)
-        elastic_force.axpy(1.0, products.stiffness)
-        if response:
-            joints = response.state
-            watch.see(joints.gap)
-        reports.append(report)
+        if at.joints is not None:
+            watch.see(at.joints.gap)
         progress.advance(int(increment.whole))
         if reached is not None and increment.whole:
-            reached(time or 0.0, state())
+            reached(increment.time or 0.0, state())
     progress.finish()
     watch.warn("in a static stage")
     if stage is not None:
-        products.reaction.getArray()[stage.dofs] = 0.0  # nothing acts there, nothing is supported
+        at.products.reaction.getArray()[stage.dofs] = (
+            0.0  # nothing acts there, nothing is supported
+        )
         if contact is not None:
-            response = with_inactive(contact, response, before, u, stage)
+            at.response = with_inactive(contact, at.response, before, at.displacement, stage)
     return state()
+
+
+class _Equilibrium:
+    """The last one reached in a stage, and the way to the next.
+
+    Attributes:
+        solver: With water in joints the iteration around it.
+        displacement: Displacement vector.
+        joints: State of the joints, None without any.
+        response: Response of the joints, likewise.
+        products: What follows from the equation solved, the forces of the supports among it.
+        reports: Of the solver, one for each increment.
+    """
+
+    def __init__(
+        self,
+        system: MatrixSystem,
+        solver: StepSolver,
+        before: StaticState | None,
+        carried: PETSc.Vec | None,
+    ) -> None:
+        """Start from a static state and the loads that it carries, or from rest (collective)."""
+        self._system, self._chosen = system, solver
+        self.solver: StepSolver | JointWaterIteration = solver
+        self.displacement = u = system.stiffness.createVecRight()
+        u.set(0.0)
+        self.joints = system.internal_forces.at_rest(u) if system.internal_forces else None
+        if before is not None:
+            before.displacement.copy(u)
+            if self.joints is not None and before.joints:
+                self.joints = before.joints.state
+        if system.water is not None and self.joints is not None:
+            self.solver = JointWaterIteration(system.water, solver)
+        self.response: Response | None = None
+        self.products: Products
+        self.reports: list[SolveReport] = []
+        self._elastic_force, self._load, self._b, self._x = (u.duplicate() for _ in range(4))
+        system.stiffness.mult(u, self._elastic_force)
+        # Where loads and supports of a step go from.
+        self._carried, self._supported = carried, u.getArray()[system.constrained]
+
+    def advance(self, increment: Increment) -> None:
+        """Equilibrium at the end of an increment (collective).
+
+        Raises:
+            ConvergenceError: None was found; all is as before.
+        """
+        b, x, u = self._b, self._x, self.displacement
+        self._set_up(increment)
+        if isinstance(self._chosen, FirstThatWorks | HoldingBonds):
+            self._chosen.asks_last = increment.last_resort
+        response, report = self.solver.solve(STATIC, b, x, self.joints)
+        products = Products(self._system, STATIC, b, x, response)
+        fixed = self._system.constrained
+        if increment.time is not None and increment.whole:
+            # The next step in time starts from these loads.
+            self._carried = b + self._elastic_force
+            self._supported = u.getArray()[fixed] + x.getArray()[fixed]
+        u.axpy(1.0, x)
+        self._elastic_force.axpy(1.0, products.stiffness)
+        self.response, self.products = response, products
+        if response:
+            self.joints = response.state
+        self.reports.append(report)
+
+    def _set_up(self, increment: Increment) -> None:
+        """Right-hand side b, and in x the way of the supports."""
+        system, b, x, load = self._system, self._b, self._x, self._load
+        time, share, fixed = increment.time or 0.0, increment.share, system.constrained
+        if system.water is not None and self.joints is not None:
+            system.water.enter(self.joints.gap)
+        system.load(time, load, scale=share)
+        supported = system.prescribed(time, scale=share)
+        if self._carried is not None and share < 1.0:
+            load.axpy(1.0 - share, self._carried)
+            supported = supported + (1.0 - share) * self._supported
+        b.waxpy(-1.0, self._elastic_force, load)
+        x.set(0.0)
+        x.getArray()[fixed] = supported - self.displacement.array[fixed]
 
 
 def _under(system: MatrixSystem, before: StaticState, load: PETSc.Vec) -> MatrixSystem:
@@ -186,13 +230,11 @@ def _remedy(failure: ConvergenceError, kind: str, solver: str, reached: float) -
     return limit
 
 
-def _carried(
-    internal_forces: InternalForces | None, before: StaticState | None, elastic_force: PETSc.Vec
-) -> PETSc.Vec | None:
-    """Loads that a static state carries, from its balance [N]; None without one."""
+def _carried(system: MatrixSystem, before: StaticState | None) -> PETSc.Vec | None:
+    """Loads that a static state carries, from its balance [N]; None without one (collective)."""
     if before is None:
         return None
-    force = elastic_force.copy()
+    force, internal_forces = system.stiffness * before.displacement, system.internal_forces
     if internal_forces is not None and before.joints is not None:
         force.axpy(1.0, internal_forces.force(before.joints, force.duplicate()))
     force.axpy(-1.0, before.reaction)

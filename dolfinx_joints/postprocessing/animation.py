@@ -35,7 +35,7 @@ def animate(
     path: str | PathLike[str],
     *,
     start: Annotated[float, at.Unit("s")] = 0.0,
-    end: Annotated[float, at.Unit("s")] = np.inf,
+    end: Annotated[float, at.Unit("s")] | None = None,
     frames: Annotated[int, at.Ge(2)] = 60,
     per_second: Annotated[int, at.Ge(1)] = 12,
     scale: float | None = None,
@@ -52,7 +52,7 @@ def animate(
         results: The run.
         path: File ending in ``.gif`` or ``.mp4``.
         start: Time of the first state.
-        end: Time of the last state.
+        end: Time of the last state; all to the end of the run unless given.
         frames: Largest number of pictures; states are left out evenly if there are more.
         per_second: Pictures in a second of the film.
         scale: Displacements are multiplied by it, a round number that suits the largest of them
@@ -69,6 +69,7 @@ def animate(
     place = Path(path)
     writer = _writer(place, per_second)
     times = results.time("states")
+    end = times[-1] if end is None else end
     known = np.flatnonzero((times >= start) & (times <= end))
     if len(known) < 2:
         raise JointsError(

@@ -153,11 +153,11 @@ class MotionSuite(Summarised):
         """Intensities and responses of the complete runs, a row each, in the order of the motions.
 
         Of a motion: ``pga [m/s^2]`` and ``sa [m/s^2]``, the pseudo-acceleration at a ``period``
-        with 5 % damping, the largest of its components; ``arias [m/s]``, the sum of theirs. Of the
-        run, over all joints: ``opening [m]``, ``slip [m]`` and the smallest ``safety [-]`` against
-        sliding, as in `joint_peaks`; ``displacement [m]``, the largest single component, x, y or z,
-        of a monitor point at the crest, from the static state; ``imbalance [-]`` of the energy
-        lines.
+        with 5 % damping, the largest of its components; ``arias [m/s]``, the sum of theirs; in
+        2-D of x and z, which move the model. Of the run, over all joints: ``opening [m]``, ``slip
+        [m]`` and the smallest ``safety [-]`` against sliding, as in `joint_peaks`; ``displacement
+        [m]``, the largest single component, x, y or z, of a monitor point at the crest, from the
+        static state; ``imbalance [-]`` of the energy lines.
         """
         known = {name: self._known(self.results(name)) for name in self.motions}
         complete = [name for name, found in known.items() if found is not None and found[0]]
@@ -167,10 +167,12 @@ class MotionSuite(Summarised):
 
     def _row(self, name: str, period: float | None) -> dict[str, float]:
         motion = self.motions[name]
-        arias = arias_intensity(motion.acceleration, motion.dt)[-1].sum()
-        row = {"pga [m/s^2]": float(motion.peak.max()), "arias [m/s]": float(arias)}
+        moves = [0, 1, 2] if self._simulation.model.gdim == 3 else [0, 2]
+        acceleration = motion.acceleration[:, moves]
+        arias = arias_intensity(acceleration, motion.dt)[-1].sum()
+        row = {"pga [m/s^2]": float(np.abs(acceleration).max()), "arias [m/s]": float(arias)}
         if period is not None:
-            spectrum = response_spectrum(motion.acceleration, motion.dt, [period], 0.05)
+            spectrum = response_spectrum(acceleration, motion.dt, [period], 0.05)
             row["sa [m/s^2]"] = float(spectrum.pseudo_acceleration.max())
         with Results(self.results(name)) as results:
             joints = [joint_peaks(results, joint) for joint in results.joints]

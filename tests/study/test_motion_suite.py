@@ -13,6 +13,7 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from dolfinx.mesh import CellType, create_rectangle, locate_entities, locate_entities_boundary
 from shaken_wall import DT, POINTS, Killed, shaking, wall
 from vtk_files import on_root
 
@@ -165,6 +166,29 @@ def test_the_table_is_that_of_files_and_motions(comm, simulation, new_path):
         for what, power in (("pga [m/s^2]", 1), ("sa [m/s^2]", 1), ("arias [m/s]", 2)):
             small, large = table[what]
             assert small / large == pytest.approx(0.3**power, rel=1e-12)
+
+    on_root(comm, look)
+
+
+def test_intensities_in_2d_are_of_what_moves_the_model(comm, new_path):
+    mesh = create_rectangle(comm, [(0.0, 0.0), (1.0, 2.0)], [1, 4], CellType.quadrilateral)
+    base = locate_entities_boundary(mesh, 1, lambda x: np.isclose(x[1], 0.0))
+    middle = locate_entities(mesh, 1, lambda x: np.isclose(x[1], 1.0))
+    jointed = dj.split_mesh(mesh, joints={"middle": middle}, groups={"base": base})
+    simulation = dj.Simulation(wall(jointed))
+    simulation.statics()
+    shaken = np.array([shaking(DT * step) for step in range(STEPS + 1)])
+    chosen = {
+        name: dj.Motion(acceleration=shaken * factors, dt=DT)
+        for name, factors in {"along": [1.0, 0.0, 1.0], "across": [1.0, 9.0, 1.0]}.items()
+    }
+    suite = MotionSuite(new_path("suite"), simulation, chosen, points={"top": (0.0, 2.0)})
+    suite.run(dt=DT)
+
+    def look():
+        table = suite.table(period=0.4)
+        for what in ("pga [m/s^2]", "sa [m/s^2]", "arias [m/s]"):
+            assert table[what][0] == table[what][1] > 0.0
 
     on_root(comm, look)
 

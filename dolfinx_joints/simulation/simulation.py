@@ -178,7 +178,7 @@ class Simulation:
             name: Name of the stage in results, "grouting 1" and so on unless given.
 
         Raises:
-            JointsError: There is no static state yet, or a law bears no such pressure.
+            JointsError: There is no static state yet, or a law bears no such pressure or gap.
             ConvergenceError: No equilibrium under the pressure was found.
         """
         if self.static is None:

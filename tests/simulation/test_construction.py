@@ -219,10 +219,12 @@ def test_a_bond_in_ufl_holds_from_the_grout_on(comm, wall):
     law = PotentialJoint(energy, normal_stiffness=1e11, shear_stiffness=250.0 / 3e-4**2)
     cold = Temperature(value=4.0, reference=12.0, expansion=1e-5)
     sides = [Fixed(group=g, components=c) for g, c in (("base", "z"), ("y_min", "y"))]
-    held = Spring(group="base", normal_stiffness=0.0, tangential_stiffness=1e3)
+    held = Spring(group="base", normal_stiffness=0.0, tangential_stiffness=1e4)
     run = Simulation(wall([cold], law=law, supports=[*sides, held]))
     parted = run.statics(joints="inactive").displacement
     first = run.model.operator.joint == run.model.jointed.joint_names.index("joint_1")
+    with pytest.raises(JointsError, match="PotentialJoint of 'joint_2' pulls across the gap of 1e-05"):
+        run.grout(["joint_2"], gap=1e-5)
     for state in (run.grout(["joint_2"]), run.statics(joints=["joint_2"])):
         assert state.inactive == ("joint_1",)
         assert not state.joints.traction[first].any()

@@ -113,6 +113,8 @@ def grouted(
     left = idle & ~filled
     target[left, 0] = np.maximum(target[left, 0], 0.0)
     fresh = _bearing(contact, _at_rest(model, contact, target), filled, pressure)
+    if gap:
+        _check_open(contact, fresh.traction * filled[:, None], gap)
     # Laws that pull across a gap, such as bonds in UFL: nothing holds there before the grout.
     pull = contact.integrals((left & inactive & ~idle_points(fresh)).astype(np.float64))
     areas = zip(model.jointed.joint_names, pull, strict=True)
@@ -188,6 +190,16 @@ def _check_no_shear(contact: Contact, traction: Floats, pressure: float) -> None
             f"The {type(contact.laws[joint]).__name__} of {joint!r} answers to {pressure:g} Pa of "
             "grout with shear, as keys whose flanks touch on one side do: grout without pressure, "
             "or give both flanks the same play, or each more than the overlap / tan(alpha)."
+        )
+
+
+def _check_open(contact: Contact, traction: Floats, gap: float) -> None:
+    """Check that no law pulls across the gap that grout leaves [m] (collective)."""
+    joint = contact.worst_joint(np.linalg.norm(traction, axis=1))
+    if joint is not None:
+        raise JointsError(
+            f"The {type(contact.laws[joint]).__name__} of {joint!r} pulls across the gap of "
+            f"{gap:g} m that the grout would leave, out of balance; grout without a gap."
         )
 
 

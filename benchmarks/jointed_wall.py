@@ -82,6 +82,9 @@ def summary(linear: list[March], joints: list[March], steps: int) -> Row:
             f"{name}_setup_s": by_name(runs, lambda run: run.seconds),
             f"{name}_peaks_mb": by_name(runs, lambda run: run.peaks_mb),
         }
+    iteration = median_of(joints, lambda run: run.iteration_ms)
+    row["joints_iteration_ms"] = iteration
+    row["ratio_least"] = 1.0 + (row["joints_solve_ms"] + iteration) / row["linear_ms"]
     row["wall_over_cpu"] = disturbance(row)
     for kind in ("cpu", "mean"):
         row[f"ratio_{kind}"] = row[f"joints_{kind}_ms"] / row[f"linear_{kind}_ms"]
@@ -108,13 +111,14 @@ def print_tables(rows: dict[str, Row]) -> None:
         "Milliseconds per step, medians, the first step left out. Ratios are jointed over\n"
         "linear: of wall times, with their range over the repeats; of processor times, which\n"
         "others on the machine disturb less; of mean wall times, which rare expensive steps\n"
-        "enter. solves: a step over one back-substitution of the same run, median wall times;\n"
-        "1 is the limit of a linear step, 2 of a jointed one.\n"
+        "enter; least: were a jointed step the linear one, a second back-substitution and its\n"
+        "iteration on the joints [ms] alone. solves: a step over one back-substitution of the\n"
+        "same run, median wall times; 1 is the limit of a linear step, 2 of a jointed one.\n"
     )
     print(
         f"{'':{width}}                      linear ms              jointed ms             ratios\n"
         f"{'scene':{width}}    dofs points steps     wall    cpu  solves     wall    cpu  solves"
-        "   wall (range)         cpu  means  solver"
+        "   wall (range)         cpu  means  least  iteration  solver"
     )
     for name, row in rows.items():
         low, high = row["ratio_range"]
@@ -123,7 +127,8 @@ def print_tables(rows: dict[str, Row]) -> None:
             f" {row['linear_ms']:8.2f} {row['linear_cpu_ms']:6.2f} {row['linear_over_solve']:7.2f}"
             f" {row['joints_ms']:8.2f} {row['joints_cpu_ms']:6.2f} {row['joints_over_solve']:7.2f}"
             f" {row['ratio']:6.2f} {f'({low:.2f} to {high:.2f})':16}"
-            f" {row['ratio_cpu']:4.2f} {row['ratio_mean']:6.2f}  {row['solver']}"
+            f" {row['ratio_cpu']:4.2f} {row['ratio_mean']:6.2f}"
+            f" {row['ratio_least']:6.2f} {row['joints_iteration_ms']:10.2f}  {row['solver']}"
         )
     print_disturbance(rows.values())
     print(

@@ -30,12 +30,17 @@ from dolfinx_joints.laws.law import Law
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome
 from dolfinx_joints.simulation.record import Record
+from dolfinx_joints.solvers.interface.compiled.steps import CompiledSteps
 
 FACTOR = (
     *("MatCholFctrSym", "MatCholFctrNum"),
     *("MatLUFactorSym", "MatLUFactorNum"),
 )
 BACK_SUBSTITUTION = ("MatSolve", "MatMatSolve")
+ITERATION = "JointIteration"
+CompiledSteps.solve = PETSc.Log.EventDecorator(ITERATION)(  # type: ignore[method-assign]
+    CompiledSteps.solve
+)
 
 
 def petsc_seconds(names: Sequence[str]) -> float:
@@ -173,6 +178,7 @@ class StepWatch(Monitor):
         crest: Displacement of the crest from the start of each step's end, (3,) each [m].
         factor: Seconds that PETSc factored in the first step [s].
         solves: Mean wall time of a back-substitution in each step [ms].
+        iterating: Wall time of the compiled iteration on the joints in each step [ms].
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -185,6 +191,7 @@ class StepWatch(Monitor):
         self.crest: list[np.ndarray] = []
         self.factor = 0.0
         self.solves: list[float] = []
+        self.iterating: list[float] = []
 
     def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
         """Find the crest and start the clock."""
@@ -195,6 +202,7 @@ class StepWatch(Monitor):
         self._static = self._probe.read(first.displacement)[0]
         self._factored = petsc_seconds(FACTOR)
         self._solved = back_substitution()
+        self._iterated = petsc_seconds([ITERATION])
         self._last = clock.perf_counter(), clock.process_time()
 
     def record(self, record: Record) -> None:
@@ -205,6 +213,9 @@ class StepWatch(Monitor):
         spent, solves = back_substitution(since=self._solved)
         self.solves.append(1e3 * spent / max(solves, 1))
         self._solved = back_substitution()
+        iterated = petsc_seconds([ITERATION])
+        self.iterating.append(1e3 * (iterated - self._iterated))
+        self._iterated = iterated
         assert record.solve is not None
         self.iterations.append(record.solve.iterations)
         counts = record.solve.counts
@@ -232,6 +243,7 @@ class March:
         step_cpu_ms: The same in processor time [ms].
         mean_ms: Mean wall time of a step but the first, slowest rank [ms].
         solve_ms: Median wall time of a back-substitution in these steps, slowest rank [ms].
+        iteration_ms: Median wall time of the iteration on the joints in these, likewise [ms].
         seconds: Wall time by phase of the set-up [s]: ``mesh`` (read and split), ``assembly``,
             ``statics``, ``factor`` of the bulk, and ``compliance``: what else the first step takes
             more than the median.
@@ -249,6 +261,7 @@ class March:
     step_cpu_ms: float
     mean_ms: float
     solve_ms: float
+    iteration_ms: float
     seconds: dict[str, float]
     total: float
     total_cpu: float
@@ -310,6 +323,7 @@ def march(
         step_cpu_ms=slowest(statistics.median(watch.cpu[1:])),
         mean_ms=slowest(statistics.mean(watch.wall[1:])),
         solve_ms=slowest(statistics.median(watch.solves[1:])),
+        iteration_ms=slowest(statistics.median(watch.iterating[1:])),
         seconds={
             **{name: phases.seconds[name] for name in ("mesh", "assembly", "statics")},
             "factor": slowest(watch.factor),

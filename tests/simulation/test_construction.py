@@ -223,7 +223,7 @@ def test_a_bond_in_ufl_holds_from_the_grout_on(comm, wall):
     run = Simulation(wall([cold], law=law, supports=[*sides, held]))
     parted = run.statics(joints="inactive").displacement
     first = run.model.operator.joint == run.model.jointed.joint_names.index("joint_1")
-    with pytest.raises(JointsError, match="PotentialJoint of 'joint_2' pulls across the gap of 1e-05"):
+    with pytest.raises(JointsError, match="PotentialJoint of 'joint_2' pulls across the gap"):
         run.grout(["joint_2"], gap=1e-5)
     for state in (run.grout(["joint_2"]), run.statics(joints=["joint_2"])):
         assert state.inactive == ("joint_1",)

@@ -304,7 +304,7 @@ def test_free_with_an_iterative_bulk(scene):
 
 
 MODES = replace(STEP, exact_modes=6)
-SHORT = replace(STEP, mass=100.0 * STEP.mass)  # of a stiff body: columns that two ways share to 1e-14
+SHORT = replace(STEP, mass=100.0 * STEP.mass)  # a stiff body: two ways agree to 2e-15
 
 
 @pytest.mark.parametrize("linear", ["direct", "mumps"])

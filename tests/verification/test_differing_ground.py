@@ -238,7 +238,7 @@ def test_abutments_open_a_joint_and_close_it(comm):
     damping = stiffness_proportional(ratio=0.3, frequency=5.0)
     for distance in (0.01, -0.01):
         model = rod(comm, 8, CLOSED, damping=damping)
-        # Not slower: halves that move 1 cm with little energy have K u of rounding to set against it.
+        # Not slower: K u of halves that move 1 cm is rounding, to be small beside their energy.
         outcome = Simulation(model).dynamics(dt=0.02, steps=80, motion=apart(distance, 0.02, 1.6))
         joints = outcome.state.joints
         opening = np.full(len(joints.state.gap), max(distance, 0.0))

@@ -214,3 +214,6 @@ def test_objects_are_parsed():
     assert parsed("Law(a=1.5, b=None, c=[1, 2])") == ("Law", {"a": 1.5, "b": None, "c": "[1, 2]"})
     assert parsed("no python here(") == ("no python here(", {})
     assert parsed("Turn(30.0)") == ("Turn", {"argument 1": 30.0})
+    inner = "Load(group='a_b', factor=<function <lambda>>, wave=<function f.<locals>.<lambda>>)"
+    shown = {"factor": "function lambda", "wave": "function f.locals.lambda"}
+    assert parsed(inner) == ("Load", {"group": "a_b", **shown})

@@ -102,11 +102,15 @@ def parsed(text: Any) -> Named:
 
 
 def _value(node: ast.expr) -> Any:
-    """Number or text of a parameter."""
+    """Number, numbers or text of a parameter."""
+    if isinstance(node, ast.Call) and ast.unparse(node.func) == "array":
+        node = node.args[0]
     try:
         found = ast.literal_eval(node)
     except (ValueError, TypeError):
         return ast.unparse(node)
+    if isinstance(found, list | tuple) and all(isinstance(one, int | float) for one in found):
+        return tuple(found)
     return found if isinstance(found, int | float | str | None) else ast.unparse(node)
 
 
@@ -191,15 +195,16 @@ def _table(title: str, head: list[Cell], groups: list[Groups]) -> Html | None:
 def _in_unit(row: list[Any]) -> list[Cell]:
     """A row of a parameter with its title, in the unit named there."""
     title, factor = _UNITS.get(row[0], (str(row[0]).replace("_", " "), 1.0))
-    scaled = [
-        cell * factor if factor != 1.0 and isinstance(cell, int | float) else cell
-        for cell in row[1:]
-    ]
-    return [title, *(_plain(cell) for cell in scaled)]
+    return [title, *(_plain(_scaled(cell, factor)) for cell in row[1:])]
+
+
+def _scaled(cell: Any, factor: float) -> Any:
+    """A number or numbers times a factor, anything else as it is."""
+    if isinstance(cell, tuple):
+        return tuple(_scaled(each, factor) for each in cell)
+    return cell * factor if factor != 1.0 and isinstance(cell, int | float) else cell
 
 
 def _plain(cell: Any) -> Cell:
-    """A number or a text; anything else as text."""
-    if isinstance(cell, int | float | str | None):
-        return cell
-    return ", ".join(map(str, cell)) if isinstance(cell, list | tuple) else str(cell)
+    """Numbers and texts; anything else as text."""
+    return cell if isinstance(cell, int | float | str | list | tuple | None) else str(cell)

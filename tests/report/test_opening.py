@@ -191,7 +191,10 @@ def test_a_file_without_stages_shows_its_first_record(tmp_path):
 
 def test_parameters_are_tables_in_their_units(tmp_path):
     made = {
-        "material": {"concrete": "Elastic(young=24000000000.0, poisson=0.2, density=2400.0)"},
+        "material": {
+            "concrete": "Elastic(young=24000000000.0, poisson=0.2, density=2400.0)",
+            "rock": "Orthotropic(young=(20000000000.0, 20000000000.0, 1e10), density=2600.0)",
+        },
         "joint_laws": {f"joint_{i}": "FrictionNoTension(normal_stiffness=2e10)" for i in (1, 2)},
         "loads": ["Gravity(acceleration=None)", "Water(level=12.5, factor=<function always>)"],
         "settings": {"time step": 0.01, "time scheme": "EnergyConsistent()", "solver": "auto"},
@@ -200,6 +203,7 @@ def test_parameters_are_tables_in_their_units(tmp_path):
     cells = cells_of([path], tmp_path)
     assert after(cells, "concrete: Elastic", "Young's modulus [GPa]", 1) == ["24"]
     assert after(cells, "concrete: Elastic", "density [kg/m³]", 1) == ["2400"]
+    assert after(cells, "rock: Orthotropic", "Young's modulus [GPa]", 1) == ["20, 20, 10"]
     law = "joint_1, joint_2: FrictionNoTension"
     assert after(cells, law, "normal stiffness k_n [GPa/m]", 1) == ["20"]
     assert after(cells, "Water", "level [m]", 1) == ["12.5"]
@@ -211,7 +215,7 @@ def test_parameters_are_tables_in_their_units(tmp_path):
 
 def test_objects_are_parsed():
     parsed = parameter_sections.parsed
-    assert parsed("Law(a=1.5, b=None, c=[1, 2])") == ("Law", {"a": 1.5, "b": None, "c": "[1, 2]"})
+    assert parsed("Law(a=1.5, b=None, c=[1, 2])") == ("Law", {"a": 1.5, "b": None, "c": (1, 2)})
     assert parsed("no python here(") == ("no python here(", {})
     assert parsed("Turn(30.0)") == ("Turn", {"argument 1": 30.0})
     inner = "Load(group='a_b', factor=<function <lambda>>, wave=<function f.<locals>.<lambda>>)"

@@ -20,9 +20,13 @@ Groups = dict[str, dict[str, Any]]  # values by heading and parameter
 _UNITS = {
     "young": ("Young's modulus [GPa]", 1e-9),
     "poisson": ("Poisson's ratio", 1.0),
+    "shear": ("shear modulus [GPa]", 1e-9),
     "density": ("density [kg/m³]", 1.0),
     "normal_stiffness": ("normal stiffness k_n [GPa/m]", 1e-9),
     "shear_stiffness": ("shear stiffness k_s [GPa/m]", 1e-9),
+    "tangential_stiffness": ("tangential stiffness [GPa/m]", 1e-9),
+    "normal_viscosity": ("normal viscosity [MPa s/m]", 1e-6),
+    "shear_viscosity": ("shear viscosity [MPa s/m]", 1e-6),
     "friction_angle_deg": ("friction angle [°]", 1.0),
     "dilatancy_angle_deg": ("dilatancy angle [°]", 1.0),
     "cohesion": ("cohesion [MPa]", 1e-6),
@@ -43,6 +47,22 @@ _UNITS = {
     "diffusivity": ("diffusivity [m²/s]", 1.0),
     "level": ("level [m]", 1.0),
     "depth": ("depth [m]", 1.0),
+    "length": ("length [m]", 1.0),
+    "absorbing_length": ("absorbing length [m]", 1.0),
+    "sound_speed": ("speed of sound [m/s]", 1.0),
+    "ReservoirMass.frequency": ("frequency [Hz]", 1.0),
+    "aperture": ("aperture [m]", 1.0),
+    "JointWater.closed": ("pressure where closed [MPa]", 1e-6),
+    "Uplift.pressure": ("pressure [MPa]", 1e-6),
+    "Pressure.value": ("value [MPa]", 1e-6),
+    "Traction.value": ("value [MPa]", 1e-6),
+    "point": ("point [m]", 1.0),
+    "FreeField.surface": ("surface [m]", 1.0),
+    "FreeField.base": ("base [m]", 1.0),
+    "ObliqueFreeField.surface": ("surface [m]", 1.0),
+    "highest_frequency": ("highest frequency [Hz]", 1.0),
+    "angle_deg": ("angle from the vertical [°]", 1.0),
+    "azimuth_deg": ("azimuth [°]", 1.0),
     "gravity": ("gravity [m/s²]", 1.0),
     "mass_factor": ("factor on the mass [1/s]", 1.0),
     "stiffness_factor": ("factor on the stiffness [s]", 1.0),
@@ -186,16 +206,23 @@ def _table(title: str, head: list[Cell], groups: list[Groups]) -> Html | None:
     for heading in dict.fromkeys(h for run in groups for h in run):
         names = dict.fromkeys(n for run in groups for n in run.get(heading, {}))
         values = [[name, *(run.get(heading, {}).get(name) for run in groups)] for name in names]
-        known = [_in_unit(row) for row in values if any(cell is not None for cell in row[1:])]
+        kind = heading.split(": ")[-1]
+        known = [_in_unit(kind, row) for row in values if any(c is not None for c in row[1:])]
         if known:
             rows += [[heading]] * bool(heading) + known
     return table(title, head, rows) if rows else None
 
 
-def _in_unit(row: list[Any]) -> list[Cell]:
-    """A row of a parameter with its title, in the unit named there."""
-    title, factor = _UNITS.get(row[0], (str(row[0]).replace("_", " "), 1.0))
+def _in_unit(kind: str, row: list[Any]) -> list[Cell]:
+    """A row of a parameter of a kind of thing with its title, in the unit named there."""
+    title, factor = unit(kind, row[0])
     return [title, *(_plain(_scaled(cell, factor)) for cell in row[1:])]
+
+
+def unit(kind: str, name: str) -> tuple[str, float]:
+    """Title of a parameter, and the factor from SI to the unit named there."""
+    plain = (name.replace("_", " "), 1.0)
+    return _UNITS.get(f"{kind}.{name}", _UNITS.get(name, plain))
 
 
 def _scaled(cell: Any, factor: float) -> Any:

@@ -21,6 +21,7 @@ pytest.importorskip("dolfinx")
 import dolfinx_joints
 from dolfinx_joints import Elastic, spectra
 from dolfinx_joints.common.declared import CHECKED, Declaration, declarations
+from dolfinx_joints.report.parameter_sections import unit
 
 for module in walk_packages(dolfinx_joints.__path__, "dolfinx_joints."):
     if not module.name.endswith("__main__"):
@@ -68,6 +69,28 @@ def test_bad_values_raise_and_say_what_may_be_given(of, each):
         with pytest.raises(ValueError, match=f"^{of.__name__}: {each.name} is ") as error:
             each.check(value, of.__name__)
         assert str(error.value).endswith(f"it must be {each.allowed}.")
+
+
+# What a model is made of but for what is only a part of such a thing, which reports show as text.
+PARTS = {"AnnualWave", "JointConductance", "ReservoirTemperature", "SeepageLine"}
+OF_MODELS = [
+    (of, each)
+    for of, each in CASES
+    if of.__module__.split(".")[1] in ("body", "joints", "laws", "loads", "materials")
+    and isinstance(of, type)
+    and of.__name__ not in PARTS
+    and each.unit
+]
+
+
+@pytest.mark.parametrize(
+    ("of", "each"), OF_MODELS, ids=[f"{of.__qualname__}.{each.name}" for of, each in OF_MODELS]
+)
+def test_reports_show_a_parameter_in_a_unit(of, each):
+    title, factor = unit(of.__name__, each.name)
+    prefix = {1.0: "", 1e-6: "M", 1e-9: "G"}[factor]
+    si = each.unit.replace("^2", "²").replace("^3", "³").replace("degrees", "°")
+    assert title.endswith(f"[{prefix}{si}]")
 
 
 def test_classes_and_functions_are_checked_on_use():

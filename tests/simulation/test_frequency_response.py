@@ -85,6 +85,22 @@ def test_rod_on_a_viscous_boundary(rod):
     np.testing.assert_allclose(found.acceleration("top")[:, 2], exact, rtol=2e-3)
 
 
+@pytest.mark.parametrize(("axis", "held"), [("x", "yz"), ("z", "xy")])
+def test_rock_whose_sides_are_held_moves_as_the_outcrop(blocks_file, read, axis, held):
+    """A wave that rises sees a half space, whose surface lags by k H as seen from the outcrop."""
+    sizes = {"lower_height": 4.0, "upper_height": 4.0, "size": 1.0, "angle": 0.0}
+    rock = dj.Elastic(young=25e9, poisson=0.25, density=2400.0)
+    sides, base = dj.Fixed(group="sides", components=held), dj.ViscousBoundary(group="base")
+    model = dj.Model(
+        read(blocks_file(order=2, **sizes), joints=[]), material=rock, supports=[sides, base]
+    )
+    direction = np.eye(3)["xyz".index(axis)]
+    found = dj.frequency_response(model, FREQUENCIES, points=TOP, direction=tuple(direction))
+    modulus = (1.2 if axis == "z" else 0.4) * rock.young  # of P, 1 - nu over (1 + nu)(1 - 2 nu)
+    lag = 2.0 * np.pi * FREQUENCIES * HEIGHT / np.sqrt(modulus / rock.density)
+    np.testing.assert_allclose(found.acceleration("top") @ direction, np.exp(-1j * lag), rtol=2e-2)
+
+
 @pytest.fixture
 def wall(wall_file, comm):
     """The jointed wall, its modes damped and the rest by mass."""

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,6 +15,7 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from dolfinx_joints.body.viscous_boundary import impedance
+from dolfinx_joints.common.errors import PlausibilityWarning
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.loads.load import TimeFactor
 from dolfinx_joints.loads.loaded_body import LoadedBody
@@ -25,6 +27,9 @@ LEVELS = 20.0
 
 # Of the largest pattern, below which one is nothing but rounding.
 ROUNDING = 1e-13
+
+# Of the smaller side of a bottom, up to which it is level enough.
+STEEP = 0.1
 
 Patterns = list[tuple[PETSc.Vec, TimeFactor]]
 
@@ -96,6 +101,23 @@ def extent_along(
         (float(along.min(initial=np.inf)), float(along.max(initial=-np.inf)))
     )
     return min(low for low, _ in ends), max(high for _, high in ends)
+
+
+def warn_of_sides(model: LoadedBody, *, stacklevel: int) -> None:
+    """Warn of dashpots beside rock that is to move with the ground, on rank 0 (collective)."""
+    steep = []
+    for group in model.absorbing:
+        *level, rise = [np.ptp(extent_along(model, [group], axis)) for axis in np.eye(model.gdim)]
+        if rise > STEEP * min(level):
+            steep.append(group)
+    if steep and model.jointed.mesh.comm.rank == 0:
+        warnings.warn(
+            "The ground moves as one, and dashpots at the sides of the rock disturb the wave that "
+            f"rises in it: those of {', '.join(steep)}. Give dynamics() the wave as a FreeField, "
+            "or let ViscousBoundary end at the bottom and hold the sides but along the motion.",
+            PlausibilityWarning,
+            stacklevel=stacklevel + 1,
+        )
 
 
 def check_groups(name: str, groups: Sequence[str]) -> None:

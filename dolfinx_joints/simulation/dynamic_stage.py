@@ -27,6 +27,7 @@ from dolfinx_joints.laws.law import DISCRETE_GRADIENT
 from dolfinx_joints.loads.ground_motion import in_axes
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.loads.oblique_field import rising_waves
+from dolfinx_joints.loads.wave_levels import warn_of_sides
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.monitor import Monitor, ending
 from dolfinx_joints.simulation.outcome import Outcome
@@ -313,7 +314,7 @@ class DynamicRun:
 def ground_motion(
     model: Model, motion: Callable[[float], Any] | None, loads: Sequence[Load]
 ) -> Callable[[float], Any] | None:
-    """Ground acceleration in the axes of the model."""
+    """Ground acceleration in the axes of the model (collective)."""
     if motion is None:
         return None
     in_axes(motion, model.gdim)(0.0)
@@ -321,6 +322,7 @@ def ground_motion(
         raise ValueError(
             "motion is given beside a FreeField, which moves the ground already; give one."
         )
+    warn_of_sides(model, stacklevel=4)
     return in_axes(motion, model.gdim)
 
 

@@ -19,6 +19,7 @@ from dolfinx_joints.common.errors import JointsError, MeshError
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.loads.load import Vector
+from dolfinx_joints.loads.wave_levels import warn_of_sides
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.modal_damping import modal_damping
 from dolfinx_joints.model.model import Model
@@ -97,6 +98,7 @@ def frequency_response(
         raise JointsError("frequency_response moves the ground; supports must not move on it.")
     if modes is not None and model.coupled is not None:
         raise JointsError("modes are those of a body; one with waves in its water is solved for.")
+    warn_of_sides(model, stacklevel=3)
     along = along / np.linalg.norm(along)
     hertz = np.array(frequencies, dtype=np.float64)
     omegas: Floats = 2.0 * np.pi * hertz

@@ -13,6 +13,8 @@ the ground's acceleration at f is the response at tan(pi f dt) / (pi dt), exactl
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -99,6 +101,19 @@ def test_rock_whose_sides_are_held_moves_as_the_outcrop(blocks_file, read, axis,
     modulus = (1.2 if axis == "z" else 0.4) * rock.young  # of P, 1 - nu over (1 + nu)(1 - 2 nu)
     lag = 2.0 * np.pi * FREQUENCIES * HEIGHT / np.sqrt(modulus / rock.density)
     np.testing.assert_allclose(found.acceleration("top") @ direction, np.exp(-1j * lag), rtol=2e-2)
+
+
+def test_dashpots_at_the_sides_of_shaken_rock_are_doubted(rod):
+    model = rod(dj.ViscousBoundary(group="sides"))
+    said = r"disturb the wave that rises in it: those of sides\."
+    with pytest.warns(dj.PlausibilityWarning, match=said):
+        dj.frequency_response(model, [10.0], points=TOP)
+    with pytest.warns(dj.PlausibilityWarning, match=said):
+        dj.Simulation(model).dynamics(dt=1e-3, steps=1, motion=lambda t: (t, 0.0, 0.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        dj.frequency_response(rod(dj.ViscousBoundary(group="base")), [10.0], points=TOP)
+        dj.Simulation(model).dynamics(dt=1e-3, steps=1)
 
 
 @pytest.fixture

@@ -150,16 +150,17 @@ def linear_and_jointed(runs: Sequence[Run]) -> tuple[Run | None, Run]:
 
 
 def largest_moment(run: Run) -> tuple[float, str]:
-    """Time of the state nearest to the largest displacement of the first point [s], in words."""
-    moments = run.results.time("states")
+    """Time of the recorded state that displaces the first point most [s], in words."""
+    results = run.results
+    moments = results.time("states")
     if not run.has("histories", "displacement"):
         return float(moments[-1]), "the last record"
-    u = run.results.series("histories", "displacement")[:, 0]
-    u = u - reference_displacement(run.results, run.relative_to)
-    largest = int(np.argmax(np.linalg.norm(u - u[0], axis=1)))
-    time = float(run.results.time("histories")[largest])
-    words = f"the largest displacement of {run.results.point_names[0]} from the static state"
-    return float(moments[run.results.nearest("states", time)]), words
+    u = results.series("histories", "displacement")[:, 0]
+    u = u - reference_displacement(results, run.relative_to)
+    rows = [results.nearest("histories", time) for time in moments]
+    largest = int(np.argmax(np.linalg.norm(u[rows] - u[0], axis=1)))
+    words = f"the largest displacement of {results.point_names[0]} from the static state"
+    return float(moments[largest]), f"{words} among the recorded states"
 
 
 @contextmanager

@@ -224,6 +224,13 @@ def test_file_without_anything_known_is_reported_as_it_is(tmp_path):
     assert "The files hold no histories." in html
 
 
+def test_the_state_drawn_is_the_one_with_the_largest_displacement(tmp_path):
+    # States at 0, 0.5 and 1 s: x and z move by sin(2 pi 5.22 t), -0.64 and 0.98 at the last two,
+    # and the histories peak where the state at rest is nearer.
+    with runs.opened([write_run(tmp_path / "run.h5")]) as (run,):
+        assert runs.largest_moment(run)[0] == 1.0
+
+
 def test_pictures_beside_a_file_of_static_stages_are_of_the_run_that_is_named(tmp_path):
     pytest.importorskip("pyvista")
     files = [write_stages(tmp_path / "first.h5"), write_run(tmp_path / "second.h5", seconds=0.1)]

@@ -628,6 +628,23 @@ def test_the_manifest_of_a_run(wall, comm, new_path, capsys):
     assert "      time step: 0.004\n" in printed
 
 
+def test_the_manifest_names_fields_and_formulae():
+    from mpi4py import MPI
+
+    import ufl
+    from dolfinx import fem
+    from dolfinx.mesh import create_unit_square
+
+    from dolfinx_joints import Temperature
+    from dolfinx_joints.monitors.manifest import as_json
+
+    mesh = create_unit_square(MPI.COMM_SELF, 1, 1)
+    field = fem.Function(fem.functionspace(mesh, ("P", 1)), name="winter")
+    for value, text in ((field, "winter"), (2 * ufl.SpatialCoordinate(mesh)[0], "2 * x[0]")):
+        shown = as_json(Temperature(value=value, reference=7.0, expansion=1e-5))
+        assert shown.startswith(f"Temperature(value={text}, reference=7.0, expansion=1e-05")
+
+
 def test_the_hash_of_a_mesh_knows_its_nodes_and_facets():
     from mpi4py import MPI
 

@@ -69,7 +69,8 @@ def fragility(intensity: ArrayLike, exceeded: ArrayLike) -> Fragility:
 
     Raises:
         ValueError: Shapes or values are others, or the runs do not tell how steep the curve is:
-            none exceeds the limit, all do, or all below an intensity do not and all above do.
+            none exceeds the limit, all do, or all below an intensity do not and all above do; or
+            they do not exceed it more often at higher intensities.
     """
     whether = np.asarray(exceeded)
     x = numbers_of(intensity)
@@ -90,8 +91,13 @@ def fragility(intensity: ArrayLike, exceeded: ArrayLike) -> Fragility:
         where = "every run"
     elif yes.min() >= no.max():
         where = f"every run above {no.max():.4g} and in none below"
-    else:
+    elif (share - share.mean()) @ np.log(x) > 1e-9:  # if not, no finite dispersion is likeliest
         return _fitted(x, share)
+    else:
+        raise ValueError(
+            "The limit is not exceeded more often at higher intensities: add motions or scalings, "
+            "or take another intensity."
+        )
     raise ValueError(
         f"The limit is exceeded in {where}: a curve needs runs of both kinds that overlap; add "
         "motions or scalings."

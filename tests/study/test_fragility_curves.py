@@ -37,6 +37,8 @@ def test_many_runs_come_near_it_whatever_the_unit():
         ([0, 0, 0, 0], "in no run"),
         ([1, 1, 1, 1], "in every run"),
         ([0, 0, 1, 1], "in every run above 2 and in none below"),
+        # The mean logarithm where it is exceeded is lower: ln 4 / 2 and ln 6 / 2.
+        ([1, 0, 0, 1], "not exceeded more often at higher intensities"),
         ([0, 0, 1], "as many shares from 0 to 1"),
     ],
 )

@@ -123,3 +123,20 @@ def test_a_level_joint_alone_has_its_panel(tmp_path: Path) -> None:
         panel, _ = plots.joint_maps(results, "normal").axes
     assert panel.get_title(loc="left") == "joint_lift"
     np.testing.assert_allclose(panel.collections[0].get_array(), -2.0)  # MPa
+
+
+def test_a_joint_that_is_a_line_has_no_map(tmp_path: Path) -> None:
+    # Two triangles with the side from (0, 0) to (1, 0) in common.
+    nodes = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [1, 0, 0], [0, -1, 0]])
+    sides = np.array([[0, 1], [1, 2], [2, 0], [3, 4], [4, 5], [5, 3]])
+    line = {"points": nodes[:2], "areas": np.full(2, 0.5), "facet": np.zeros(2, dtype=int)}
+    line["frames"] = np.tile([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]], (2, 1, 1))
+    with ResultsWriter(tmp_path / "plane.h5", {"point_names": []}) as writer:
+        declare_states(writer, nodes, sides, {"joint_base": line})
+        writer.start()
+        record = {f"joints/joint_base/{name}": np.zeros((2, 3)) for name in RECORDED}
+        writer.append("states", 0.0, record | {"displacement": 0.0 * nodes})
+        writer.finish("complete", {})
+    plane = Results(tmp_path / "plane.h5")
+    with plane, pytest.raises(ValueError, match="plane and 'joint_base' a line"):
+        plots.joint_maps(plane)

@@ -71,6 +71,11 @@ class JointFacets:
         self.facet_of_point, self._both = facets_of_joint(results, joint)
         self._positions = results.static("mesh/nodes")
         self._surface = results.static("mesh/surface")
+        if self._surface.shape[1] < 3:
+            raise ValueError(
+                f"The model is plane and {joint!r} a line, of which no map is drawn; "
+                "plots.joint_histories shows its opening and slip."
+            )
         self.corners: Floats = self._positions[self._surface[self._both[:, 0]]]
         axes = tangent_axes(self.corners)
         shape = _Bilinear(np.einsum("fci,fki->fck", self.corners, axes))

@@ -150,7 +150,7 @@ def _points(results: Results) -> list[str]:
     for name, there in zip(names, results.static("histories/points"), strict=False):
         wanted = asked.get(name, {})
         place, sides = wanted.get("place", ()), wanted.get("sides", ())
-        scale = float(np.abs(there).max())
+        scale = max(1.0, float(np.abs(there).max()))  # of a point at the origin too
         away = float(np.linalg.norm(there[: len(place)] - np.array(place)))
         exact = [0.0 if abs(x) < 1e-9 * scale else x for x in there]
         text = f"{name} at ({' '.join(f'{x:.4g}' for x in exact)}) m"

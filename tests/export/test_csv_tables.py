@@ -319,6 +319,16 @@ def test_overview_fits_a_screen_and_says_nothing_twice(tmp_path, capsys):
     assert "joints/joint_12/traction" in capsys.readouterr().out
 
 
+def test_overview_tells_no_rounding_of_a_heel_at_the_origin(tmp_path):
+    heel = [-8.0e-17, -2.0e-17, 0.0]  # as Gmsh places it
+    facts = {"point_names": ["heel"], "points": {"heel": {"place": [0.0, 0.0], "sides": []}}}
+    with ResultsWriter(tmp_path / "r.h5", facts) as writer:
+        declare_histories(writer, [heel])
+        writer.start()
+        writer.finish("complete", {})
+    assert "points        heel at (0 0 0) m" in overview(tmp_path / "r.h5").splitlines()
+
+
 def test_overview_of_a_run_that_failed(tmp_path):
     def fail():
         with ResultsWriter(tmp_path / "r.h5", {}) as writer:

@@ -9,7 +9,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
+from dolfinx.mesh import entities_to_geometry
 
 from dolfinx_joints.common.errors import PlausibilityWarning
 from dolfinx_joints.common.parameters import numbers_of
@@ -74,6 +77,7 @@ def warn_of_what_no_dam_has(
         loads: Loads and added masses.
     """
     x, comm = jointed.mesh.geometry.x, jointed.mesh.comm
+    feet = {id(load): _foot(jointed, load) for load in loads}
     boxes = comm.gather((x.min(axis=0), x.max(axis=0)) if len(x) else None, root=0)
     if boxes is None:
         return []
@@ -88,7 +92,8 @@ def warn_of_what_no_dam_has(
         others = f" and {len(more)} more" if more else ""
         owner = f"{type(given).__name__}{f' of {first}' if first else ''}{others}"
         texts += [text for name, value in _parameters(given) for text in _of(owner, name, value)]
-        texts += _level(owner, given, float(lowest[up]), float(highest[up]))
+        ends = float(lowest[up]), float(highest[up])
+        texts += _level(owner, given, *ends, feet.get(id(given), -np.inf))
     texts += _water_twice(loads)
     for text in texts:
         warnings.warn(text, PlausibilityWarning, stacklevel=3)
@@ -119,12 +124,28 @@ def _water_twice(loads: Sequence[Any]) -> list[str]:
     ]
 
 
-def _level(owner: str, load: Any, bottom: float, top: float) -> list[str]:
-    """A line for water that does not reach the body, or stands above it by its height."""
+def _foot(jointed: JointedMesh, load: Any) -> float:
+    """Height of the lowest vertex of the face before which water stands [m] (collective)."""
+    mesh, group = jointed.mesh, getattr(load, "group", None)
+    if not hasattr(load, "level") or group not in jointed.facet_groups:
+        return -np.inf
+    facets, lowest = jointed.facets(group), np.inf
+    if len(facets):  # DOLFINx divides by their number
+        nodes = entities_to_geometry(mesh, mesh.topology.dim - 1, facets)
+        lowest = float(mesh.geometry.x[nodes, mesh.geometry.dim - 1].min())
+    return mesh.comm.allreduce(lowest, MPI.MIN)
+
+
+def _level(owner: str, load: Any, bottom: float, top: float, foot: float) -> list[str]:
+    """A line for water that reaches neither the body nor its face, or stands high above."""
     level = getattr(load, "level", None)
-    if not isinstance(level, int | float) or bottom < level <= 2.0 * top - bottom:
+    if not isinstance(level, int | float):
         return []
-    return [f"{owner}: level is {level:g} m; the body reaches from {bottom:g} to {top:g} m."]
+    if not bottom < level <= 2.0 * top - bottom:
+        return [f"{owner}: level is {level:g} m; the body reaches from {bottom:g} to {top:g} m."]
+    if level <= foot:
+        return [f"{owner}: level is {level:g} m; the group {load.group!r} begins at {foot:g} m."]
+    return []
 
 
 def _doubts(what: str, value: Any, known: Range) -> list[str]:

@@ -130,6 +130,24 @@ def test_water_that_misses_the_body(comm, wall, level, strange):
     assert found == ([text] if strange else [])
 
 
+@pytest.mark.parametrize(("level", "strange"), [(76.0, True), (176.0, False)])
+def test_water_that_misses_its_face(comm, level, strange):
+    # A dam of 80 m on rock of 60 m, its foot at 100 m: 76 m is the depth of a level of 176 m. On
+    # several ranks the face is on one of them.
+    heights = np.repeat([40.0, 100.0, 180.0], 2)
+    body = mesh_from_arrays(
+        comm,
+        cell="quadrilateral",
+        x=np.column_stack([np.tile([0.0, 60.0], 3), heights]),
+        cells=np.array([[0, 1, 2, 3], [2, 3, 4, 5]]),
+        facet_groups={"base": np.array([[0, 1]]), "upstream": np.array([[2, 4]])},
+    )
+    water = HydrostaticPressure(group="upstream", level=level)
+    found = told(comm, jointed=body, material=Elastic(**CONCRETE), loads=[water])
+    text = "HydrostaticPressure: level is 76 m; the group 'upstream' begins at 100 m."
+    assert found == ([text] if strange else [])
+
+
 def test_a_mesh_in_millimetres_and_the_switch(comm):
     # A body of 80 m by 40 m in mm.
     x = 1e3 * np.array([[0.0, 0.0], [80.0, 0.0], [0.0, 40.0], [80.0, 40.0]])

@@ -38,7 +38,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"dolfinx-joints: {error}", file=sys.stderr)
         return 2
     except OSError as error:
-        print(f"dolfinx-joints: The output cannot be written: {error}.", file=sys.stderr)
+        if not isinstance(error, BrokenPipeError):  # as of `| head`, which has read enough
+            print(f"dolfinx-joints: The output cannot be written: {error}.", file=sys.stderr)
         # What is still buffered would fail again at the end of the process.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 2

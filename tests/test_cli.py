@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -126,17 +127,29 @@ def test_wrong_usage_is_status_2(arguments, capsys):
     assert message.count("\n") == 1
 
 
+def info_to(output, path):
+    """The command on a file in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "dolfinx_joints", "info", str(path)],
+        cwd=Path(__file__).resolve().parents[1],
+        stdout=output,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+
+
+def test_a_reader_that_has_enough_is_no_error(tmp_path):
+    end, output = os.pipe()
+    os.close(end)
+    assert info_to(output, write_file(tmp_path / "r.h5")).stderr == ""
+    os.close(output)
+
+
 def test_a_full_disk_below_the_output_is_one_line(tmp_path):
     path = write_file(tmp_path / "r.h5")
     with open("/dev/full", "w") as full:
-        done = subprocess.run(
-            [sys.executable, "-m", "dolfinx_joints", "info", str(path)],
-            cwd=Path(__file__).resolve().parents[1],
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            check=False,
-        )
+        done = info_to(full, path)
     assert done.returncode == 2
     assert done.stderr.startswith("dolfinx-joints: The output cannot be written: ")
     assert done.stderr.count("\n") == 1

@@ -103,6 +103,11 @@ def of_ranks(comm: Any, values: NDArray[Any]) -> NDArray[Any]:
     return found
 
 
+def summed(comm: Any, values: NDArray[Any]) -> NDArray[Any]:
+    """Sum of the arrays of all ranks, the same on each (collective); on one rank its own."""
+    return values if comm.size == 1 else np.asarray(of_ranks(comm, values).sum(axis=0))
+
+
 def gathered(comm: Any, values: NDArray[Any]) -> NDArray[Any] | None:
     """Arrays of all ranks one after the other on rank 0, None elsewhere (collective)."""
     parts = comm.gather(values, root=0)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import JointsError, MeshError
-from dolfinx_joints.common.mpi import of_ranks, raised_together
+from dolfinx_joints.common.mpi import raised_together, summed
 from dolfinx_joints.common.parameters import (
     check_each,
     check_kind_of,
@@ -136,7 +136,7 @@ class Contact:
             idle: Which of the local points carry nothing, shape (n,).
         """
         acting = [part.among(~idle) for part in self._laws]
-        numbers = np.sum(self.operator.comm.allgather([len(p.points) for p in acting]), axis=0)
+        numbers = summed(self.operator.comm, np.array([len(p.points) for p in acting]))
         acting = [part for part, number in zip(acting, numbers, strict=True) if number]
         if not acting:
             return None
@@ -323,7 +323,7 @@ class Contact:
         sums = np.empty((len(values), len(operator.names)))
         for each, of_joints in zip(values, sums, strict=True):
             of_joints[:] = np.bincount(operator.joint, each, len(operator.names))
-        total = of_ranks(operator.comm, sums).sum(axis=0)
+        total = summed(operator.comm, sums)
         return total if density.ndim > 1 else total[0]
 
     def integral(self, density: Floats) -> float:
@@ -361,7 +361,7 @@ class Contact:
     def counts(self, status: NDArray[np.int8]) -> StatusCounts:
         """Open, sticking and sliding points on all ranks (collective)."""
         local = np.bincount(status, minlength=len(Status))
-        total = of_ranks(self.operator.comm, local).sum(axis=0)
+        total = summed(self.operator.comm, local)
         return StatusCounts(
             open=int(total[Status.OPEN]),
             stick=int(total[Status.STICK]),
@@ -372,7 +372,7 @@ class Contact:
         """Name of the joint with the largest sum of a value per acting point (collective)."""
         acting = change * self.acting
         sums = np.bincount(self.operator.joint, acting, minlength=len(self.operator.names))
-        total = np.sum(self.operator.comm.allgather(sums), axis=0)
+        total = summed(self.operator.comm, sums)
         return self.operator.names[int(np.argmax(total))] if total.any() else None
 
     def not_finite(self, response: Response) -> tuple[str, str] | None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.model.modes import SAME_FREQUENCY, too_few, whole_groups
 from dolfinx_joints.model.system import MatrixSystem
 
@@ -62,7 +63,7 @@ class LowestModes:
         at_supports = weighted[system.constrained]
         weighted[system.constrained] = 0.0
         # Orthonormal to rounding, on which the balance of energies depends.
-        factor = np.linalg.inv(np.linalg.cholesky(self._sum(shapes.T @ weighted))).T
+        factor = np.linalg.inv(np.linalg.cholesky(summed(self.comm, shapes.T @ weighted))).T
         factor = factor @ self._uncoupled(system, shapes @ factor)
         self._shapes = np.asfortranarray(shapes @ factor)
         self._weighted = np.asfortranarray(weighted @ factor)
@@ -84,7 +85,7 @@ class LowestModes:
         work = system.mass.createVecRight
         forces = _columns([system.damping_force(_vector(system, s), work()) for s in shapes.T])
         forces[system.constrained] = 0.0
-        damping = self._sum(shapes.T @ forces)
+        damping = summed(self.comm, shapes.T @ forces)
         apart = np.diff(self.frequencies) > SAME_FREQUENCY * self.frequencies[1:]
         turn = np.zeros_like(damping)
         for group in np.split(np.arange(len(turn)), np.flatnonzero(apart) + 1):
@@ -99,7 +100,7 @@ class LowestModes:
 
     def amounts(self, used: int, vector: PETSc.Vec) -> Floats:
         """Phi.M u of unconstrained dofs, shape (used,) (collective)."""
-        return self._sum(self._weighted[:, :used].T @ vector.array_r)
+        return summed(self.comm, self._weighted[:, :used].T @ vector.array_r)
 
     def combined(self, amounts: Floats) -> Floats:
         """Owned rows of phi times amounts."""
@@ -115,13 +116,13 @@ class LowestModes:
         """Phi.M u of moving supports alone, shape (used,) (collective)."""
         if not self._moves:
             return np.zeros(used)
-        return self._sum(vector.array_r[self._fixed] @ self._at_supports[:, :used])
+        return summed(self.comm, vector.array_r[self._fixed] @ self._at_supports[:, :used])
 
     def pushed(self, used: int, vector: PETSc.Vec) -> Floats:
         """Phi.K u of moving supports alone, shape (used,) (collective)."""
         if not self._moves:
             return np.zeros(used)
-        return self._sum(vector.array_r[self._fixed] @ self._held[:, :used])
+        return summed(self.comm, vector.array_r[self._fixed] @ self._held[:, :used])
 
     def add_at_supports(self, amounts: Floats, to: Floats) -> None:
         """Add M phi times amounts to the owned rows of supports."""
@@ -134,9 +135,6 @@ class LowestModes:
     def weighted(self, used: int) -> Floats:
         """M phi at unconstrained dofs, zero elsewhere, shape (local dofs, used)."""
         return self._weighted[:, :used]
-
-    def _sum(self, parts: Floats) -> Floats:
-        return parts if self.comm.size == 1 else np.sum(self.comm.allgather(parts), axis=0)
 
 
 class ModalStep:

@@ -22,7 +22,7 @@ from dolfinx_joints.body.places import nodes_of_facets
 from dolfinx_joints.body.supports import Constraints, Spring, Support
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_groups
 from dolfinx_joints.common.declared import declarations
-from dolfinx_joints.common.mpi import of_ranks
+from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.common.summary import Summarised
 from dolfinx_joints.joints.contact import Contact, InitialGap
@@ -364,7 +364,7 @@ class Model(Summarised):
         owned = self.V.dofmap.index_map.size_local
         values = force.getArray(readonly=True)[: owned * self.gdim].reshape(-1, self.gdim)
         local = values[nodes].sum(axis=0)
-        return np.asarray(of_ranks(self.jointed.mesh.comm, local).sum(axis=0))
+        return summed(self.jointed.mesh.comm, local)
 
     def nodes(self, group: str) -> NDArray[np.int64]:
         """Owned nodes of a facet group or a support at a point, local numbers (collective)."""

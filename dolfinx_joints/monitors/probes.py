@@ -16,7 +16,7 @@ from petsc4py import PETSc
 from dolfinx_joints.body.places import as_text, cell_size, extent, nearest_nodes, sides_at
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.common.mpi import of_ranks, sorted_rows
+from dolfinx_joints.common.mpi import sorted_rows, summed
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.mesh.orientation import facet_normals
@@ -194,7 +194,7 @@ class PointProbe:
         blocks = u.getArray(readonly=True).reshape(-1, self._gdim)
         for row, node in self._mine:
             values[row, : self._gdim] = blocks[node]
-        return np.asarray(of_ranks(self._comm, values).sum(axis=0))
+        return summed(self._comm, values)
 
     def units(self, local: int) -> Floats:
         """A unit vector for each component of each point, owned rows, shape (local, 3 n)."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.common.mpi import of_ranks
+from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Response, variables_of
 from dolfinx_joints.mesh.blocks import block_of_nodes, blocks_of_pairs
@@ -164,7 +164,7 @@ class JointForces:
         operator = self._operator
         sums = np.zeros((len(operator.names), values.shape[1]))
         np.add.at(sums, operator.joint, values)
-        return np.asarray(of_ranks(operator.comm, sums).sum(axis=0))
+        return summed(operator.comm, sums)
 
 
 class Blocks:
@@ -205,7 +205,7 @@ class Blocks:
             number = self.sides[:, side]
             arms = self._operator.points - self.centre[number]
             np.add.at(sums, number, sign * np.hstack([force, np.cross(arms, force)]))
-        return np.asarray(of_ranks(self._operator.comm, sums).sum(axis=0))
+        return summed(self._operator.comm, sums)
 
 
 def _masses(model: Model, block: Ints, count: int) -> tuple[Floats, Floats]:
@@ -219,7 +219,7 @@ def _masses(model: Model, block: Ints, count: int) -> tuple[Floats, Floats]:
         values.append((model.body_mass * u).getArray().reshape(-1, gdim).copy())
     sums = np.zeros((count, 4 + 2 * gdim))
     np.add.at(sums, block, np.hstack(values))
-    total = np.sum(comm.allgather(sums), axis=0)
+    total = summed(comm, sums)
     mass, mean = total[:, 4].copy(), total[:, 1:4] / total[:, :1]
     heavy = mass > 0.0
     mean[heavy, :gdim] = total[heavy, 4 + gdim :] / mass[heavy, None]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.supports import Prescribed, place_of
-from dolfinx_joints.common.mpi import of_ranks
+from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.common.parameters import number_at
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import GapOperator
@@ -77,7 +77,7 @@ def fingerprint(
     if system.values is not None:
         weights = sums.weights[system.constrained]
         moved = np.array([system.prescribed(float(t)) @ weights for t in times])
-        every = np.sum(model.jointed.mesh.comm.allgather(moved), axis=0)
+        every = summed(comm, moved)
         facts["motion of the supports"] = _over_time(every)
     functions: dict[str, Any] = {}
     if motion is not None:
@@ -146,7 +146,7 @@ def _numbers(first: int, rows: NDArray[Any]) -> NDArray[np.int64]:
 
 def _of_ranks(comm: Any, numbers: NDArray[np.int64], values: Floats) -> Floats:
     """Sums over numbered values of all ranks (collective)."""
-    return np.asarray(of_ranks(comm, _sums(numbers, values)).sum(axis=0))
+    return summed(comm, _sums(numbers, values))
 
 
 def first_difference(saved: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:

@@ -16,7 +16,7 @@ from petsc4py import PETSc
 from dolfinx_joints.body.places import extent, nearest_nodes
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError, MeshError
-from dolfinx_joints.common.mpi import of_ranks
+from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.loads.load import Vector
 from dolfinx_joints.loads.wave_levels import warn_of_sides
@@ -208,7 +208,7 @@ class _DynamicStiffness:
             return self._block(right[:, None])[:, 0]
         columns = modes.columns(self._system.mass.createVecRight())
         found = self._block(np.column_stack([right, columns]))
-        amounts = of_ranks(self._system.mass.comm.tompi4py(), columns.T @ found).sum(axis=0)
+        amounts = summed(self._system.mass.comm.tompi4py(), columns.T @ found)
         rates = 1j * omega * modes.rates
         small = np.eye(len(rates)) + amounts[:, 1:] * rates
         return found[:, 0] - found[:, 1:] @ (rates * np.linalg.solve(small, amounts[:, 0]))
@@ -250,7 +250,7 @@ class _Points:
         for i, node in enumerate(self._nodes):
             if node is not None:
                 found[i] = values[self._gdim * node : self._gdim * (node + 1)]
-        return np.asarray(of_ranks(self._comm, found).sum(axis=0))
+        return summed(self._comm, found)
 
 
 def _pairs(real: PETSc.Mat | None, imaginary: PETSc.Mat | None) -> PETSc.Mat:

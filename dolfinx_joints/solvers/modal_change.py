@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.mpi import summed
+
 Floats = NDArray[np.float64]
 
 
@@ -56,8 +58,7 @@ class ModalChange:
 
     def amounts(self, values: Floats) -> Floats:
         """Psi^T times owned rows (collective)."""
-        parts = self.columns.T @ values
-        return parts if self._comm.size == 1 else np.sum(self._comm.allgather(parts), axis=0)
+        return summed(self._comm, self.columns.T @ values)
 
     def add_product(self, x: PETSc.Vec, to: PETSc.Vec) -> None:
         """Add the change times x to the unconstrained dofs of a vector (collective)."""

@@ -15,7 +15,7 @@ import basix
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.common.mpi import on_root, summed
 from dolfinx_joints.common.parameters import check_vector, shown
 from dolfinx_joints.loads.load import Vector
 from dolfinx_joints.loads.loaded_body import LoadedBody
@@ -121,7 +121,7 @@ def wet_face(
     parts, every = face.wet_parts(comm, numbers, below, order)
     count = every if surface_moves else below
     areas = parts.points.areas.sum(axis=1)
-    upstream = _direction(water, np.sum(comm.allgather(areas.sum(axis=0)), axis=0))
+    upstream = _direction(water, summed(comm, areas.sum(axis=0)))
     _check_looks(water, comm, areas, upstream)
     nodes, corners = _gathered(comm, parts.nodes), _gathered(comm, parts.corners)
     rows, dofs, values = (_gathered(comm, part) for part in parts.coupling(model, count))
@@ -170,7 +170,7 @@ def _check_looks(water: MovedFace, comm: Any, areas: Floats, upstream: Floats) -
     """Check that all parts look upstream (collective)."""
     size = np.linalg.norm(areas, axis=1)
     off = areas @ upstream < STEEPEST * size
-    sums = np.sum(comm.allgather((float(size[off].sum()), float(size.sum()))), axis=0)
+    sums = summed(comm, np.array([size[off].sum(), size.sum()]))
     if sums[0] > 0.0:
         shown = ", ".join(f"{x:.3g}" for x in upstream)
         raise ValueError(

@@ -27,9 +27,10 @@ from scipy.linalg import cholesky, solve_triangular
 
 from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.kernels import njit
-from dolfinx_joints.common.mpi import blocks_of, of_ranks, rank_of, sent_to
+from dolfinx_joints.common.mpi import blocks_of, of_ranks, rank_of, sent_to, summed
 from dolfinx_joints.solvers.interface.compliance import Part, Split
 from dolfinx_joints.solvers.interface.gmres import gmres
+from dolfinx_joints.solvers.interface.low_rank import unknowns_of
 from dolfinx_joints.solvers.interface.row_matrix import Parts, RowMatrix
 
 Floats = NDArray[np.float64]
@@ -176,7 +177,7 @@ class Corrections:
         return None if tied is None else tied.matrix.columns()
 
     def _solve_active(self, residual: Floats, tangent: Floats, tolerance: float) -> Correction:
-        rows, block = _rows_of(self._kept), self._block
+        rows, block = unknowns_of(self._kept), self._block
         assert block is not None
         step = residual.copy()
         step[rows] = 0.0
@@ -208,7 +209,7 @@ class Corrections:
         if rough is not None and float(size) ** 2 <= rough.cost(size) and self._exact:
             rough = None
         self._finest = 0.0 if rough is None else FINEST
-        return (rough or self._split).block(_rows_of(points))
+        return (rough or self._split).block(unknowns_of(points))
 
     def state_dict(self) -> dict[str, Any]:
         """State that later corrections depend on beyond their arguments (collective)."""
@@ -265,13 +266,13 @@ class _Tied:
         known = self.matrix.product(residual, np.flatnonzero(residual))
         coupled, turned, products = known, residual, 0
         if changes:
-            rows = _rows_of(changed)
+            rows = unknowns_of(changed)
             block = self.matrix.block(rows)
             change = tangent[changed].copy()
             change[:, [0, 1, 2], [0, 1, 2]] -= self._stuck[rows].reshape(-1, 3)
             # What is left is to be small beside r, and W r may be larger.
             squares = np.array([residual @ residual, known[rows] @ known[rows]])
-            of_residual, of_system = of_ranks(self._comm, squares).sum(axis=0)
+            of_residual, of_system = summed(self._comm, squares)
             y, products = gmres(
                 lambda v: v + block.product(_turned(change, v)),
                 known[rows],
@@ -284,10 +285,6 @@ class _Tied:
             turned = residual - taken
             coupled = known - self.matrix.product(taken, rows)
         return Correction(step=turned - self._stuck * coupled, coupled=coupled, products=products)
-
-
-def _rows_of(points: Rows) -> Rows:
-    return (3 * points[:, None] + np.arange(3)).ravel()
 
 
 @njit(cache=True)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit
-from dolfinx_joints.common.mpi import of_ranks
+from dolfinx_joints.common.mpi import summed
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ def gmres(
     *,
     tolerance: float,
     most: int,
-    comm: Any = None,
+    comm: Any,
 ) -> tuple[Floats, int]:
     """Solve A x = b from x = 0 without restarts (Saad and Schultz 1986).
 
@@ -42,12 +42,12 @@ def gmres(
         right: b, the rank's part of it, shape (n,).
         tolerance: Largest residual accepted, relative to b in the 2-norm.
         most: Products spent at most; the best solution found is then returned.
-        comm: Communicator of the ranks; None for one.
+        comm: Communicator of the ranks.
 
     Returns:
         The rank's part of x, and the number of products (collective).
     """
-    square, count = _over_ranks(np.array([right @ right, len(right)], dtype=np.float64), comm)
+    square, count = summed(comm, np.array([right @ right, len(right)], dtype=np.float64))
     size, most = float(np.sqrt(square)), min(most, int(count))
     if size == 0.0 or most == 0:
         return right.copy(), 0
@@ -57,11 +57,11 @@ def gmres(
     basis[0], left[0] = right / size, size
     for j in range(most):
         new = apply(basis[j]) - shift * basis[j]
-        column = _over_ranks(_along(basis, new, j), comm)
+        column = summed(comm, _along(basis, new, j))
         rest = _taken_off(basis, new, column, j)
         whole = np.sqrt(max(column[j + 1] + 2.0 * shift * column[j] + shift * shift, 0.0))
         if not rest > AGAIN * column[j + 1]:
-            more = _over_ranks(_along(basis, new, j), comm)
+            more = summed(comm, _along(basis, new, j))
             rest = _taken_off(basis, new, more, j)
             column[: j + 1] += more[: j + 1]
         column[j] += shift
@@ -72,11 +72,6 @@ def gmres(
             break
         basis[j + 1] = new / column[j + 1]
     return _combined(basis, triangle, left, j + 1), j + 1
-
-
-def _over_ranks(values: Floats, comm: Any) -> Floats:
-    """Sums over the ranks, alike on all of them (collective)."""
-    return values if comm is None or comm.size == 1 else of_ranks(comm, values).sum(axis=0)
 
 
 @njit(cache=True)

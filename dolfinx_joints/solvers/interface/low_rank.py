@@ -148,7 +148,7 @@ class LowRankMatrix:
         self.symmetric, self.size = symmetric, 3 * len(points)
         self.tolerance, self.dtype = tolerance, np.dtype(dtype)
         order, self._trees = clusters(points, leaf, joint)
-        self.order = _unknowns(order)
+        self.order = unknowns_of(order)
         self.scale = np.where(scale > 0.0, scale, 1.0)[self.order]  # zero rows and columns
         self.panels = [panel for tree in self._trees for panel in tree.leaves()]
         self._start_over()
@@ -286,7 +286,7 @@ class LowRankMatrix:
         return left, self.data[start : start + rank * width].reshape(rank, width)
 
 
-def _unknowns(points: Ints) -> Ints:
+def unknowns_of(points: Ints) -> Ints:
     """Numbers of the three unknowns of each point."""
     return (3 * points[:, None] + np.arange(3)).ravel()
 

@@ -15,6 +15,7 @@ from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.law_points import LawPoints
 from dolfinx_joints.laws.law import JointState, Response, Rule
 from dolfinx_joints.solvers.interface.condensed import Condensed
+from dolfinx_joints.solvers.interface.low_rank import unknowns_of
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -127,7 +128,7 @@ class JointStep:
             for points, traction in self._contact.condensed_tractions(
                 colour, gap, compliance.own, self.state, self._rule
             ):
-                here = (3 * points[:, None] + np.arange(3)).ravel()
+                here = unknowns_of(points)
                 wanted = self._areas[here] * scale[here] * traction.ravel()
                 change[here] = np.where(dead[here], 0.0, wanted) - forces[here]
             forces += change

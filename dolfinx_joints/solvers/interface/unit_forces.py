@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.common.mpi import of_ranks
+from dolfinx_joints.common.mpi import of_ranks, summed
 from dolfinx_joints.common.progress import LOGGER
 from dolfinx_joints.joints.operator import diagonal_compliance
 from dolfinx_joints.solvers.direct import BLOCK, DirectSolver
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
+from dolfinx_joints.solvers.interface.low_rank import unknowns_of
 from dolfinx_joints.solvers.interface.schur_complement import schur_complement
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 
@@ -148,8 +149,8 @@ class UnitForces:
         here = np.flatnonzero((numbers >= first) & (numbers < stop))
         loaded = np.zeros((len(numbers), len(small)))
         loaded[here] = gaps[numbers[here] - first]
-        loaded = of_ranks(self._operator.comm.tompi4py(), loaded).sum(axis=0)
-        taken: Floats = gaps @ (small @ loaded.T)
+        every = summed(self._operator.comm.tompi4py(), loaded)
+        taken: Floats = gaps @ (small @ every.T)
         return taken
 
     def _right(self, numbers: Rows) -> Floats:
@@ -209,13 +210,13 @@ class UnitForces:
         estimate = diagonal_compliance(self._operator, self._effective.constrained.getDiagonal())
         size = self._operator.getSize()[0]
         points = np.unique(np.linspace(0, size // 3 - 1, SAMPLES).astype(np.int64))
-        numbers = (3 * points[:, None] + np.arange(3)).ravel()
+        numbers = unknowns_of(points)
         start, stop = self._operator.getOwnershipRange()
         gaps = self.gaps(numbers)
         here = np.flatnonzero((numbers >= start) & (numbers < stop))
         known = np.zeros((2, len(numbers)))
         known[:, here] = gaps[numbers[here] - start, here], estimate[numbers[here] - start]
-        found, estimated = of_ranks(comm, known).sum(axis=0)
+        found, estimated = summed(comm, known)
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = np.where(estimated > 0.0, found / estimated, np.nan).reshape(-1, 3)
         factors = [_median(ratio[:, :1]), *2 * [_median(ratio[:, 1:])]]

@@ -13,6 +13,7 @@ from petsc4py import PETSc
 from scipy.linalg import cholesky, lapack, solve_triangular
 
 from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.model.system import MatrixSystem, as_aij
 from dolfinx_joints.solvers.direct import BLOCK, DirectSolver
 from dolfinx_joints.solvers.interface.compliance import Compliance
@@ -114,7 +115,7 @@ class WholeBody:
 
     def sum(self, parts: Floats) -> Floats:
         """Sum over the ranks, the same on each (collective)."""
-        return parts if self.comm.size == 1 else np.sum(self.comm.allgather(parts), axis=0)
+        return summed(self.comm, parts)
 
 
 def _unit_forces(compliance: Compliance, comm: Any) -> Floats:

@@ -10,15 +10,18 @@
   5 m      5 m
 """
 
+import re
+
 import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
 from dolfinx.mesh import CellType, create_rectangle, locate_entities, locate_entities_boundary
+from petsc4py import PETSc
 
 import dolfinx_joints as dj
 from dolfinx_joints import report
-from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.common.mpi import lasting, on_root
 from dolfinx_joints.geometry.section_table import SectionTable
 from dolfinx_joints.geometry.sections_dam import sections_dam
 from dolfinx_joints.results.overview import overview
@@ -244,3 +247,21 @@ def test_increments_are_halved_and_grow_again():
         (2.0, 1.0, True),
     ]
     assert increments.cuts == 3
+
+
+@pytest.mark.mpi
+def test_what_petsc_keeps_of_load_steps_does_not_grow(comm, capfd):
+    # On several ranks PETSc keeps all that Python drops, until it is told to let go.
+    kept = []
+
+    class Counting(dj.Monitor):
+        def static_stage(self, model, stages):
+            PETSc.garbage_view(lasting(comm))
+            shown = comm.bcast(capfd.readouterr().out)
+            kept.append(sum(int(n) for n in re.findall(r"Total entries: (\d+)", shown)))
+
+    shape = CellType.quadrilateral
+    model = square(comm, law(1e10, 0.4, 45.0), cut="y", cells=[4, 4], shape=shape)
+    dj.Simulation(model, monitors=[Counting()]).quasi_statics([1.0, 2.0, 3.0, 4.0])
+    assert len(kept) == 4
+    assert kept[-1] <= kept[0]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.laws.law import Floats, Response
@@ -98,6 +99,7 @@ def march(
             watch.warn("in a static stage")
             increments.cut(failure, _remedy(failure, kind, at.solver.name, increments.reached))
             continue
+        free_petsc_garbage(model.jointed.mesh.comm)
         if at.joints is not None:
             watch.see(at.joints.gap)
         progress.advance(int(increment.whole))
@@ -106,9 +108,8 @@ def march(
     progress.finish()
     watch.warn("in a static stage")
     if stage is not None:
-        at.products.reaction.getArray()[stage.dofs] = (
-            0.0  # nothing acts there, nothing is supported
-        )
+        # Nothing acts there, nothing is supported.
+        at.products.reaction.getArray()[stage.dofs] = 0.0
         if contact is not None:
             at.response = with_inactive(contact, at.response, before, at.displacement, stage)
     return state()

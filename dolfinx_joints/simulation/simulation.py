@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import annotated_types as at
-import numpy as np
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
@@ -24,6 +23,7 @@ from dolfinx_joints.common.file_lock import released
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
+from dolfinx_joints.laws.law import Floats
 from dolfinx_joints.loads.free_field import SupportForces
 from dolfinx_joints.loads.ground_motion import moved_by
 from dolfinx_joints.loads.load import Load
@@ -47,9 +47,7 @@ from dolfinx_joints.simulation.statics.stage import check_acting, check_complete
 from dolfinx_joints.simulation.statics.unfinished import (
     Unfinished,
     check_grouted,
-    check_may_begin,
-    inactive_joints,
-    unfinished,
+    unfinished_stage,
 )
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.shared_bulk import SharedBulk
@@ -139,17 +137,12 @@ class Simulation:
         """
         acting = self.model.loads if loads is None else loads
         check_acting(self.model, acting)
-        inactive = inactive_joints(self.model, joints)
-        stage = None
-        if inactive or absent or joints == "inactive":
-            stage = unfinished(self.model, inactive, absent)
-            check_may_begin(self.model, self.static, acting, stage)
+        stage = unfinished_stage(self.model, self.static, joints, absent, acting)
         name = stage_name(name, "statics", self.stages)
-        shares = np.arange(1, steps + 1) / steps
-        path = [(None, float(share)) for share in shares]
-        static = self._statics(name, path, acting, stage)
-        self._ended(stage_record(self.model, name, 0.0, static, acting))
-        return static
+        path = [(None, step / steps) for step in range(1, steps + 1)]
+        self.static = self._march(name, path, acting, stage=stage)
+        self._ended(stage_record(self.model, name, 0.0, self.static, acting))
+        return self.static
 
     @checked
     def grout(
@@ -184,7 +177,7 @@ class Simulation:
         if self.static is None:
             raise JointsError("There is nothing to grout yet: run statics(joints=[...]) before.")
         name = stage_name(name, "grouting", self.stages)
-        pressed = partial(self._march, name, self.static, [(None, 1.0)], ())
+        pressed = partial(self._march, name, [(None, 1.0)], ())
         self.static = grouted(
             self.model, self.static, joints, gap=gap, pressure=pressure, pressed=pressed
         )
@@ -214,8 +207,10 @@ class Simulation:
             one = name if len(times) == 1 else f"{name}, t = {time:g} s"
             self._ended(stage_record(self.model, one, time, state, self.model.loads))
 
+        check_grouted(self.static)
         path = [(float(t), 1.0) for t in times]
-        return self._statics(name, path, self.model.loads, reached=reached)
+        self.static = self._march(name, path, self.model.loads, reached=reached)
+        return self.static
 
     def _ended(self, stage: StageRecord) -> None:
         """Show a static stage to the monitors (collective)."""
@@ -223,26 +218,32 @@ class Simulation:
         for monitor in self.monitors:
             monitor.static_stage(self.model, self.stages)
 
-    def _statics(
+    def _march(
         self,
         name: str,
         path: Sequence[tuple[float | None, float]],
         acting: Sequence[Load],
+        *,
         stage: Unfinished | None = None,
+        apart: Floats | None = None,
         reached: Callable[[float, StaticState], None] | None = None,
     ) -> StaticState:
-        """March from the last static state; see `march`."""
-        check_grouted(self.static, stage.inactive if stage else ())
-        self.static = self._march(name, self.static, path, acting, stage=stage, reached=reached)
+        """`march` from the last static state with the simulation's solver (collective)."""
+        with self._phase("static"), failures_shown(name, self.model, self.monitors, self.stages):
+            found = march(
+                self.model,
+                self.static,
+                path,
+                acting,
+                stage=stage,
+                apart=apart,
+                options=self._options,
+                kind=self.solver,
+                watch=self._watch,
+                reached=reached,
+            )
         free_petsc_garbage(self.model.jointed.mesh.comm)  # matrices of the stage's solver
-        return self.static
-
-    def _march(self, name: str, *given: Any, **further: Any) -> StaticState:
-        """`march` through the stage of a name with the simulation's solver (collective)."""
-        observers = self.model, self.monitors, self.stages
-        with self._phase("static"), failures_shown(name, *observers):
-            on: Callable[..., StaticState] = partial(march, self.model, watch=self._watch)
-            return on(*given, options=self._options, kind=self.solver, **further)
+        return found
 
     def save_static(self, path: str | Path) -> None:
         """Keep the static stages so far in a file, to go on from the last later (collective).

@@ -71,6 +71,26 @@ def unfinished(model: Model, inactive: Sequence[str], absent: Sequence[str]) -> 
     )
 
 
+def unfinished_stage(
+    model: Model,
+    before: StaticState | None,
+    joints: str | Sequence[str],
+    absent: Sequence[str],
+    acting: Sequence[Load],
+) -> Unfinished | None:
+    """What does not act in a stage, None where all does; arguments of `Simulation.statics`.
+
+    Checks that it may begin so after the one before (collective).
+    """
+    inactive = inactive_joints(model, joints)
+    check_grouted(before, inactive)
+    if not (inactive or absent or joints == "inactive"):
+        return None
+    stage = unfinished(model, inactive, absent)
+    check_may_begin(model, before, acting, stage)
+    return stage
+
+
 class _Blocks:
     """Blocks of a model, some of them absent (collective).
 

@@ -112,7 +112,9 @@ class NewtonSolver:
         if internal_forces is None or state is None:
             return None, solve_without_joints(tangent.effective, b, x, self.unconstrained)
         balance = _Balance(self, tangent.effective, internal_forces, b, x, state, rule)
-        return self._iterate(internal_forces, tangent, balance, x, state)
+        response, report = self._iterate(tangent, balance)
+        balance.change.copy(x)
+        return response, report
 
     def state_dict(self) -> dict[str, Any]:
         """Empty: every solve starts from its arguments alone."""
@@ -121,15 +123,8 @@ class NewtonSolver:
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Keep nothing: there is no state."""
 
-    def _iterate(
-        self,
-        internal_forces: InternalForces,
-        tangent: Tangent,
-        balance: _Balance,
-        x: PETSc.Vec,
-        state: JointState,
-    ) -> tuple[Response, SolveReport]:
-        options = self.options
+    def _iterate(self, tangent: Tangent, balance: _Balance) -> tuple[Response, SolveReport]:
+        options, internal_forces, state = self.options, balance.internal_forces, balance.state
         response, norm = balance.evaluate(balance.change)
         balance.accept()
         factorizations, iteration, norms = 0, 0, [norm]
@@ -139,7 +134,7 @@ class NewtonSolver:
                 residual = norm / balance.scale
                 raise solve_failure(internal_forces, response, state, iteration, residual, options)
             inner = _inner_tolerance(norms, balance.tolerance)
-            factorizations += self._correct(internal_forces, tangent, response, balance, inner)
+            factorizations += self._correct(tangent, response, balance, inner)
             if norm <= balance.tolerance and self._settled(balance.change):
                 break
             response, norm = self._search(balance, norm, line_search.cuts(norm))
@@ -147,11 +142,10 @@ class NewtonSolver:
             iteration += 1
             norms.append(norm)
         if balance.rule.name == DISCRETE_GRADIENT.name and norm > 0.0:
-            factorizations += self._correct(internal_forces, tangent, response, balance, POLISH)
+            factorizations += self._correct(tangent, response, balance, POLISH)
             response, norm = self._polish(balance, response, norm)
             iteration += 1
             norms.append(norm)
-        balance.change.copy(x)
         return response, SolveReport(
             iterations=iteration,
             factorizations=factorizations,
@@ -162,12 +156,7 @@ class NewtonSolver:
         )
 
     def _correct(
-        self,
-        internal_forces: InternalForces,
-        tangent: Tangent,
-        response: Response,
-        balance: _Balance,
-        tolerance: float,
+        self, tangent: Tangent, response: Response, balance: _Balance, tolerance: float
     ) -> int:
         """Newton's correction; factorizations it took (collective).
 
@@ -176,7 +165,7 @@ class NewtonSolver:
         and elastic cells is added: the correction only, not the equilibrium, depends on it.
         """
         for part in REGULARISATIONS:
-            values = internal_forces.tangent(response, part)
+            values = balance.internal_forces.tangent(response, part)
             try:
                 solver = tangent.update(values)
                 factored = solver.solve(balance.out_of_balance, self._correction, tolerance)
@@ -186,7 +175,7 @@ class NewtonSolver:
             except JointsError as error:
                 tangent.forget()
                 failure = error
-        facts = internal_forces.failure(response, balance.state)
+        facts = balance.internal_forces.failure(response, balance.state)
         if facts.get("law"):
             raise ConvergenceError(**facts) from failure
         raise failure
@@ -238,32 +227,29 @@ class _Balance:
         state: JointState,
         rule: Rule,
     ) -> None:
-        self._matrix, self._internal_forces, self.state, self.rule = (
-            matrix,
-            internal_forces,
-            state,
-            rule,
-        )
+        self._matrix, self.internal_forces = matrix, internal_forces
+        self.state, self.rule = state, rule
         self._unconstrained, self._right = solver.unconstrained, b
         self._relative = solver.options.relative_tolerance
         self._force = b.duplicate()
         self.change = x.copy()
-        self.residual, self.out_of_balance = b.duplicate(), b.duplicate()
+        self.out_of_balance = b.duplicate()
         self.scale, self._trial_scale, self._first_scale = 0.0, 0.0, 0.0
         self._rounding, self.inertia = 0.0, matrix.inertia
 
     def evaluate(self, change: PETSc.Vec) -> tuple[Response, float]:
         """Response to a change, and the norm of the residual at the unconstrained dofs."""
-        response = self._internal_forces.respond(change, self.state, self.rule)
-        self._internal_forces.force(response, self._force)
-        self._matrix.multiply(change, self.residual)
-        norms = (v.norm() for v in (self.residual, self._force, self._right))
+        left = self.out_of_balance
+        response = self.internal_forces.respond(change, self.state, self.rule)
+        self.internal_forces.force(response, self._force)
+        self._matrix.multiply(change, left)
+        norms = (v.norm() for v in (left, self._force, self._right))
         self._trial_scale = max(float(norm) for norm in norms)
         self._rounding = self._rounding_error(response, change)
-        self.residual.axpy(1.0, self._force)
-        self.residual.axpy(-1.0, self._right)
-        self.out_of_balance.pointwiseMult(self.residual, self._unconstrained)
-        return response, float(self.out_of_balance.norm())
+        left.axpy(1.0, self._force)
+        left.axpy(-1.0, self._right)
+        left.pointwiseMult(left, self._unconstrained)
+        return response, float(left.norm())
 
     def accept(self) -> None:
         """Measure from here on against the forces at the start and at this change."""
@@ -273,7 +259,7 @@ class _Balance:
     def _rounding_error(self, response: Response, change: PETSc.Vec) -> float:
         """Rounding error of A x, and of forces that follow from laws."""
         largest = float(change.norm(PETSc.NormType.NORM_INFINITY))
-        laws = self._internal_forces.rounding(response, largest)
+        laws = self.internal_forces.rounding(response, largest)
         bulk = self._matrix.norm * float(change.norm())
         return 4.0 * float(np.finfo(float).eps) * (bulk + laws)
 

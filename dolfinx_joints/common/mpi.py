@@ -8,6 +8,7 @@ first. Rank 0 writes such an array block by block, as `Dealt`, while others are 
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from time import monotonic, sleep
@@ -30,17 +31,20 @@ def abort_on_error(comm: Any) -> None:
     Also ``sys.exit`` within a stage of a simulation; of one elsewhere Python tells nobody.
     For the start of a program that runs under ``mpirun``; a library does not call it.
     """
-    if comm.size == 1:
-        return
-    import sys
+    if comm.size > 1:
+        sys.excepthook = _EndsAll(comm)
 
-    def end(*error: Any) -> None:
+
+class _EndsAll:
+    """Shows an error and ends all ranks."""
+
+    def __init__(self, comm: Any) -> None:
+        self._comm = comm
+
+    def __call__(self, *error: Any) -> None:
         sys.__excepthook__(*error)
         sys.stderr.flush()
-        comm.Abort(1)
-
-    sys.excepthook = end
-    ENDS_ALL[:] = [end]
+        self._comm.Abort(1)
 
 
 def free_petsc_garbage(comm: Any) -> None:
@@ -56,7 +60,6 @@ def free_petsc_garbage(comm: Any) -> None:
 
 _LASTING: list[Any] = []
 OF_ERRORS: list[Any] = []
-ENDS_ALL: list[Callable[..., None]] = []  # what `abort_on_error` does with an error
 
 
 def lasting(comm: Any, kept: list[Any] = _LASTING) -> Any:
@@ -86,8 +89,9 @@ def all_fail(comm: Any, error: BaseException) -> bool:
     arrival, end = comm.Ibarrier(), monotonic() + APART
     while not arrival.Test():
         if monotonic() > end:
-            if isinstance(error, SystemExit) and ENDS_ALL:  # no excepthook will see it
-                ENDS_ALL[0](type(error), error, error.__traceback__)
+            hook = sys.excepthook
+            if isinstance(error, SystemExit) and isinstance(hook, _EndsAll):
+                hook(type(error), error, error.__traceback__)  # which Python does not tell it
             return False
         sleep(0.01)
     return True

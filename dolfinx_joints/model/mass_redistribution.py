@@ -109,7 +109,7 @@ def redistributed_mass(
     operator: GapOperator,
     coordinates: Floats,
     constrained: Ints,
-    rings: int = RINGS,
+    rings: int,
 ) -> Redistribution:
     """M' = P^T M P (collective).
 

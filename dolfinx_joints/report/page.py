@@ -131,10 +131,9 @@ def paragraph(content: Cell, kind: str = "") -> Html:
     return Html(f"<p{_class(kind)}>{text(content)}</p>")
 
 
-def bullets(items: Sequence[Cell], *, ordered: bool = False) -> Html:
+def bullets(items: Sequence[Cell]) -> Html:
     """A list."""
-    tag = "ol" if ordered else "ul"
-    return Html(f"<{tag}>{''.join(f'<li>{text(item)}</li>' for item in items)}</{tag}>")
+    return Html(f"<ul>{''.join(f'<li>{text(item)}</li>' for item in items)}</ul>")
 
 
 def heading(content: Cell) -> Html:

@@ -19,9 +19,10 @@ Component = Literal["x", "y", "z"]
 COMPONENTS: tuple[Component, ...] = get_args(Component)
 
 
-def check_results(results: Any, name: str = "results") -> None:
+def check_results(results: Any) -> None:
     """Raise a ValueError for anything but an open results file."""
-    check_kind_of(name, results, isinstance(results, Results), "a Results, as Results(path) gives")
+    is_one = isinstance(results, Results)
+    check_kind_of("results", results, is_one, "a Results, as Results(path) gives")
 
 
 def record_number(results: Results, time: float | None, index: int) -> int:

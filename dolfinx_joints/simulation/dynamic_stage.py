@@ -78,10 +78,10 @@ class DynamicRun:
         state: DynamicState,
         steps: int,
         motion: Callable[[float], Any] | None,
-        free_surface: Callable[[float], NDArray[np.float64]] | None = None,
-        static_part: Callable[[float], PETSc.Vec] | None = None,
-        settings: Mapping[str, Any] | None = None,
-        stages: Sequence[StageRecord] = (),
+        free_surface: Callable[[float], NDArray[np.float64]] | None,
+        static_part: Callable[[float], PETSc.Vec] | None,
+        settings: Mapping[str, Any],
+        stages: Sequence[StageRecord],
     ) -> None:
         """Start the ledger (collective)."""
         self.model, self.monitors, self._watch, self._seconds = model, monitors, watch, seconds
@@ -103,7 +103,7 @@ class DynamicRun:
         self.origin = state.displacement.copy()
         self._work = state.displacement.duplicate()
         self._started: list[Monitor] = []
-        self._settings, self._warnings = dict(settings or {}), list(model.doubts)
+        self._settings, self._warnings = settings, list(model.doubts)
         self._stages = stages
         self._progress: Progress | None = None
         self._of_errors = lasting(model.jointed.mesh.comm, OF_ERRORS)

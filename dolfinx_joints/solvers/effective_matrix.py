@@ -255,7 +255,7 @@ def _modal_change(system: MatrixSystem, effective: MatrixCoefficients) -> ModalC
 class Cache:
     """The last few things made, by key; what is pushed out is destroyed."""
 
-    def __init__(self, make: Any, *, size: int = 4) -> None:
+    def __init__(self, make: Any, *, size: int) -> None:
         """``make`` gives the thing for a key."""
         self._make, self._size = make, size
         self._kept: OrderedDict[Any, Any] = OrderedDict()

@@ -164,7 +164,6 @@ class Stepper:
         """Take up what another's ``state_dict`` gave."""
         self._largest, self._level = state_dict["largest"], state_dict["level"]
         self.chatter.load_state_dict(state_dict["chatter"])
-        self._holds = self._control.tolerance is not None and bool(self.chatter.joints())
         self.counts = StepCounts(**state_dict["counts"])
 
     def _rejects(

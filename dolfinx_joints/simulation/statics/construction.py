@@ -72,8 +72,8 @@ def grouted(
     before: StaticState,
     names: Sequence[str] | None,
     *,
-    gap: float = 0.0,
-    pressure: float = 0.0,
+    gap: float,
+    pressure: float,
     pressed: Callable[..., StaticState],
 ) -> StaticState:
     """A static state with joints grouted; without pressure nothing moves (collective).

@@ -114,7 +114,7 @@ class InterfaceSolver:
         """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
         if state is None:
             raise ValueError("The state of the joints is missing.")
-        condensed: Condensed = self._condensed((effective, 1.0 / rule.weight))
+        condensed = self.condensed(effective, rule)
         factored, condensed.used = not condensed.used, True
         condensed.matrix.solve_linear(b, x, self._unconstrained)
         if condensed.static:

@@ -80,7 +80,7 @@ class WholeSolver(NewtonSolver):
         options: Tolerances and limits.
     """
 
-    def __init__(self, system: MatrixSystem, options: SolverOptions | None = None) -> None:
+    def __init__(self, system: MatrixSystem, options: SolverOptions | None) -> None:
         """Make the work vectors (collective)."""
         super().__init__(system, options)
         assert system.contact is not None

@@ -13,6 +13,7 @@ from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.model.mass_redistribution import joint_dofs
 from dolfinx_joints.model.system import MatrixSystem, unknowns
 from dolfinx_joints.solvers.step_solver import StepSolver
+from dolfinx_joints.time_integration.products import combination
 from dolfinx_joints.time_integration.states import DynamicState
 
 # Spacing of the differences that give the first velocity and acceleration of moving supports, as
@@ -50,8 +51,7 @@ def initial_state(
     u, v = unknowns(system, displacement), unknowns(system, velocity)
     if displacement is None:
         u.getArray()[system.constrained] = system.prescribed(time)
-    moving = u.duplicate()
-    moving.set(0.0)
+    moving = unknowns(system, None)
     if dt is None and system.values is not None:
         raise ValueError("dt is missing; the first velocity of moving supports depends on it.")
     rates = None if dt is None else system.prescribed_rates(time, -SPACING * dt)
@@ -61,15 +61,10 @@ def initial_state(
     if system.water is not None and system.contact is not None:
         known = joints.state if isinstance(joints, Response) else joints
         water = system.water.enter(system.contact.gap(u) if known is None else known.gap, water)
-    load = system.load(time, u.duplicate())
-    force = load.copy()
-    work = u.duplicate()
-    elastic_force = u.duplicate()
-    system.stiffness.mult(u, elastic_force)
-    force.axpy(-1.0, elastic_force)
-    force.axpy(-1.0, system.damping_force(v, work))
-    system.mass.mult(moving, work)
-    force.axpy(-1.0, work)
+    load, work = system.load(time, u.duplicate()), u.duplicate()
+    elastic_force = system.stiffness * u
+    damping_force, inertia = system.damping_force(v, work), system.mass * moving
+    force = combination((1.0, load), (-1.0, elastic_force), (-1.0, damping_force), (-1.0, inertia))
     response = None
     if system.internal_forces is not None:
         response = (
@@ -77,20 +72,14 @@ def initial_state(
             if isinstance(joints, Response)
             else system.internal_forces.trial(u, joints or system.internal_forces.at_rest(u))
         )
-        system.internal_forces.force_at_end(response, work)
-        force.axpy(-1.0, work)
+        force.axpy(-1.0, system.internal_forces.force_at_end(response, work))
     if velocity is None:
         _check_massless(system, force, max(load.norm(), elastic_force.norm()))
     a = _balance(system, force)
-    reaction = force.duplicate()
-    system.mass.mult(a, reaction)
-    reaction.axpy(-1.0, force)
+    left = combination((1.0, system.mass * a), (-1.0, force))
+    reaction = unknowns(system, None)
+    reaction.getArray()[system.constrained] = left.array_r[system.constrained]
     a.axpy(1.0, moving)
-    fixed = np.zeros(reaction.getLocalSize())
-    fixed[system.constrained] = reaction.getArray(readonly=True)[system.constrained]
-    reaction.setArray(fixed)
-    momentum = v.duplicate()
-    system.mass.mult(v, momentum)
     return DynamicState(
         time=time,
         displacement=u,
@@ -98,7 +87,7 @@ def initial_state(
         acceleration=a,
         load=load,
         reaction=reaction,
-        momentum=momentum,
+        momentum=system.mass * v,
         elastic_force=elastic_force,
         joints=response,
         water=water,

@@ -20,8 +20,8 @@ from scipy.sparse import coo_array
 
 from dolfinx_joints.common.mpi import gathered, lasting, rows_at
 from dolfinx_joints.joints.points import JointPoints, joint_points
-from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
-from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
+from dolfinx_joints.mesh.cells import Floats, Ints
+from dolfinx_joints.mesh.facet_quadrature import vertex_functions
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh, local_cells
 
 # Entries of B, which are of the order of one, that are zero but for rounding: left out, they keep
@@ -284,7 +284,7 @@ def _side_entries(jointed: JointedMesh, V: Any, layout: JointPoints) -> tuple[In
     for number, (facet, *turned) in enumerate(kinds):
         sides = np.flatnonzero(kind.ravel() == number)
         vertices = corners[shape.facet_vertices[facet]][turned]
-        basis = _side_table(element, shape, layout.rule, vertices)[:, on_facet[facet]]
+        basis = _side_table(element, layout.rule, vertices)[:, on_facet[facet]]
         q, a = np.nonzero(basis)
         pair, sign = sides % len(pairs.joint), np.where(sides < len(pairs.joint), -1.0, 1.0)
         points = layout.number[pair][:, q]
@@ -303,23 +303,16 @@ def _side_entries(jointed: JointedMesh, V: Any, layout: JointPoints) -> tuple[In
     return np.concatenate(rows), np.concatenate(columns), np.concatenate(values)
 
 
-def _side_table(element: Any, shape: CellShape, rule: Floats, vertices: Floats) -> Floats:
+def _side_table(element: Any, rule: Floats, vertices: Floats) -> Floats:
     """Basis functions of a cell at the rule's points on one of its facets, shape (q, a).
 
     Args:
         element: Scalar basix element of the displacement.
-        shape: Reference cell.
         rule: Points on the reference facet, shape (q, facet dimension).
         vertices: Reference coordinates of the facet's vertices in the order of the - side,
             shape (vertices per facet, cell dimension).
     """
-    corner = basix.create_element(
-        basix.ElementFamily.P,
-        facet_cell_type(shape.facet_vertices.shape[1]),
-        1,
-        basix.LagrangeVariant.gll_warped,
-    )
-    position = corner.tabulate(0, rule)[0, :, :, 0] @ vertices
+    position = vertex_functions(len(vertices), rule) @ vertices
     table: Floats = element.tabulate(0, position)[0, :, :, 0]
     table[np.abs(table) < ROUNDING] = 0.0  # at a node all functions but one
     return table

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.mpi import lasting
 from dolfinx_joints.joints.points import JointPoints
 from dolfinx_joints.mesh.cells import Floats, Ints
-from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
+from dolfinx_joints.mesh.facet_quadrature import facet_cell_type, vertex_functions
 from dolfinx_joints.mesh.joint_surface import JointSurface
 
 
@@ -72,10 +72,8 @@ def _order_of_integration(rule: Floats, turned: Ints) -> Ints:
         rule: Points on the reference facet, which the permutations of a facet leave a set.
         turned: Vertices of the facets as integrals see them, shape (facets, vertices per facet).
     """
-    kind = facet_cell_type(turned.shape[1])
-    corners = basix.cell.geometry(kind)
-    linear = basix.create_element(basix.ElementFamily.P, kind, 1, basix.LagrangeVariant.gll_warped)
-    weights = linear.tabulate(0, rule)[0, :, :, 0]
+    corners = basix.cell.geometry(facet_cell_type(turned.shape[1]))
+    weights = vertex_functions(turned.shape[1], rule)
     kinds, of_facet = np.unique(turned, axis=0, return_inverse=True)
     apart = np.linalg.norm((weights @ corners[kinds])[:, :, None] - rule, axis=3)
     if np.any(apart.min(axis=2, initial=np.inf) > 1e-9):

@@ -12,7 +12,7 @@ import numpy as np
 
 from dolfinx_joints.common.mpi import dealt, equal_blocks, positions, rank_of, rows_at, sent_to
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
-from dolfinx_joints.mesh.facet_quadrature import facet_cell_type, facet_rule
+from dolfinx_joints.mesh.facet_quadrature import facet_cell_type, facet_rule, vertex_functions
 from dolfinx_joints.mesh.joint_frames import facet_geometry, frames
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 
@@ -138,9 +138,7 @@ def _keys(pairs: JointPairs, corners: int, rule: Floats) -> Ints:
     A point is known by its joint, by the vertices, on both sides, of the facet's sub-entity
     (vertex, edge or the facet itself) that it lies on, and within a facet by its place in the rule.
     """
-    kind = facet_cell_type(corners)
-    linear = basix.create_element(basix.ElementFamily.P, kind, 1, basix.LagrangeVariant.gll_warped)
-    around = linear.tabulate(0, rule)[0, :, :, 0] > 1e-9  # vertices of the sub-entity
+    around = vertex_functions(corners, rule) > 1e-9  # vertices of the sub-entity
     keys = np.full((len(pairs.joint), len(rule), 2 + 2 * corners), -1, dtype=np.int64)
     keys[..., 0] = pairs.joint[:, None]
     for point, vertices in enumerate(around):

@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         set_log_level("INFO")
     try:
         with _warnings_in_lines(quiet=options.quiet):
-            _run(options)
+            options.run(options)
         sys.stdout.flush()
     except (JointsError, ValueError) as error:
         print(f"dolfinx-joints: {error}", file=sys.stderr)
@@ -44,21 +44,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 2
     return 0
-
-
-def _run(options: Any) -> None:
-    if options.command == "split":
-        _split(options.mesh, options.out, options.joints, force=options.force)
-    elif options.command == "info":
-        _info(options.file, whole=options.all)
-    elif options.command == "csv":
-        _csv(options.file, options.out, force=options.force)
-    elif options.command == "vtk":
-        _vtk(options.file, options.out, force=options.force)
-    elif options.command == "completion":
-        _completion(options.shell)
-    else:
-        _report(options.results, options.out, with_3d=not options.no_3d)
 
 
 @contextmanager
@@ -87,6 +72,12 @@ def _parser() -> Parser:
         "--quiet", action="store_true", help="tell neither how far it is nor what is implausible"
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for add in (_add_report, _add_split, _add_info, _add_csv, _add_vtk, _add_completion):
+        add(commands)
+    return parser
+
+
+def _add_report(commands: Any) -> None:
     report = commands.add_parser(
         "report",
         help="write a report on one or several runs",
@@ -99,6 +90,19 @@ def _parser() -> Parser:
     report.add_argument(
         "--no-3d", action="store_true", help="leave out the view in space and pictures of the body"
     )
+    report.set_defaults(run=_report)
+
+
+def _report(options: Any) -> None:
+    from dolfinx_joints import report
+
+    path = report.write(options.results, options.out, with_3d=not options.no_3d)
+    folder = report.picture_folder(path)
+    beside = f", pictures in {folder}" if folder.is_dir() else ""
+    print(f"{path}, {path.stat().st_size / 1e6:.1f} MB{beside}")
+
+
+def _add_split(commands: Any) -> None:
     split = commands.add_parser(
         "split",
         help="split a mesh of Gmsh at its joints",
@@ -108,12 +112,24 @@ def _parser() -> Parser:
     split.add_argument("mesh", type=Path, metavar="MESH", help=".msh file of Gmsh")
     split.add_argument("out", type=Path, metavar="FILE", help="HDF5 file to write")
     split.add_argument(
-        "--joints",
-        nargs="*",
-        metavar="NAME",
-        help="those named joint... unless given",
+        "--joints", nargs="*", metavar="NAME", help="those named joint... unless given"
     )
     split.add_argument("--force", action="store_true", help="replace a file of this name")
+    split.set_defaults(run=_split)
+
+
+def _split(options: Any) -> None:
+    from mpi4py import MPI
+
+    from dolfinx_joints.mesh.distribution.split_file import write_split
+    from dolfinx_joints.mesh.reading.readers import read_msh
+
+    split = read_msh(options.mesh, MPI.COMM_SELF, joints=options.joints)
+    write_split(options.out, split, overwrite=options.force)
+    print(options.out, split, sep="\n")
+
+
+def _add_info(commands: Any) -> None:
     info = commands.add_parser(
         "info",
         help="list the contents of a results file",
@@ -121,6 +137,16 @@ def _parser() -> Parser:
     )
     info.add_argument("file", type=Path, metavar="FILE", help="results file")
     info.add_argument("--all", action="store_true", help="every array, with unit and meaning")
+    info.set_defaults(run=_info)
+
+
+def _info(options: Any) -> None:
+    from dolfinx_joints.results.overview import describe, overview
+
+    print(describe(options.file) if options.all else overview(options.file))
+
+
+def _add_csv(commands: Any) -> None:
     tables = commands.add_parser(
         "csv",
         help="write tables that any program reads",
@@ -132,6 +158,19 @@ def _parser() -> Parser:
         "--out", type=Path, required=True, metavar="FOLDER", help="folder of the tables"
     )
     tables.add_argument("--force", action="store_true", help="replace files of the same names")
+    tables.set_defaults(run=_csv)
+
+
+def _csv(options: Any) -> None:
+    from dolfinx_joints.export.csv_files import write_csv
+    from dolfinx_joints.results.reader import Results
+
+    with Results(options.file) as results:
+        for path in write_csv(results, options.out, overwrite=options.force):
+            print(path)
+
+
+def _add_vtk(commands: Any) -> None:
     fields = commands.add_parser(
         "vtk",
         help="write files for ParaView",
@@ -142,52 +181,31 @@ def _parser() -> Parser:
         "--out", type=Path, metavar="NAME", help="NAME.vtkhdf; that of FILE unless given"
     )
     fields.add_argument("--force", action="store_true", help="replace files of the same names")
+    fields.set_defaults(run=_vtk)
+
+
+def _vtk(options: Any) -> None:
+    from dolfinx_joints.export.paraview import write_vtk
+    from dolfinx_joints.results.reader import Results
+
+    file = options.file
+    out = options.out or file.with_name(f"{file.name.removesuffix('.h5')}.vtkhdf")
+    with Results(file) as results:
+        for path in write_vtk(results, out, overwrite=options.force):
+            print(path)
+
+
+def _add_completion(commands: Any) -> None:
     completion = commands.add_parser(
         "completion",
         help="print what completes this command in a shell",
         description='Print the completion of a shell: eval "$(dolfinx-joints completion bash)".',
     )
     completion.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="the shell")
-    return parser
+    completion.set_defaults(run=_completion)
 
 
-def _split(mesh: Path, out: Path, joints: list[str] | None, *, force: bool) -> None:
-    from mpi4py import MPI
-
-    from dolfinx_joints.mesh.distribution.split_file import write_split
-    from dolfinx_joints.mesh.reading.readers import read_msh
-
-    split = read_msh(mesh, MPI.COMM_SELF, joints=joints)
-    write_split(out, split, overwrite=force)
-    print(out, split, sep="\n")
-
-
-def _info(file: Path, *, whole: bool) -> None:
-    from dolfinx_joints.results.overview import describe, overview
-
-    print(describe(file) if whole else overview(file))
-
-
-def _csv(file: Path, out: Path, *, force: bool) -> None:
-    from dolfinx_joints.export.csv_files import write_csv
-    from dolfinx_joints.results.reader import Results
-
-    with Results(file) as results:
-        for path in write_csv(results, out, overwrite=force):
-            print(path)
-
-
-def _vtk(file: Path, out: Path | None, *, force: bool) -> None:
-    from dolfinx_joints.export.paraview import write_vtk
-    from dolfinx_joints.results.reader import Results
-
-    out = out or file.with_name(f"{file.name.removesuffix('.h5')}.vtkhdf")
-    with Results(file) as results:
-        for path in write_vtk(results, out, overwrite=force):
-            print(path)
-
-
-def _completion(shell: str) -> None:
+def _completion(options: Any) -> None:
     try:
         import shtab
     except ImportError:
@@ -197,13 +215,4 @@ def _completion(shell: str) -> None:
         for action in command._actions:
             if action.type is Path:
                 action.complete = shtab.FILE
-    print(shtab.complete(parser, shell=shell))
-
-
-def _report(results: Sequence[Path], out: Path, *, with_3d: bool) -> None:
-    from dolfinx_joints import report
-
-    path = report.write(results, out, with_3d=with_3d)
-    folder = report.picture_folder(path)
-    beside = f", pictures in {folder}" if folder.is_dir() else ""
-    print(f"{path}, {path.stat().st_size / 1e6:.1f} MB{beside}")
+    print(shtab.complete(parser, shell=options.shell))

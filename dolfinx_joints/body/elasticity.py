@@ -14,7 +14,7 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.parameters import shown
-from dolfinx_joints.materials.bulk_law import Material, elastic_part, is_material, is_plastic
+from dolfinx_joints.materials.bulk_law import BulkLaw, Material, elastic_part, is_plastic
 from dolfinx_joints.materials.elastic import Elastic
 from dolfinx_joints.materials.orthotropic import Orthotropic
 from dolfinx_joints.mesh.cells import CellShape
@@ -64,7 +64,7 @@ class ElasticBody:
         by_group = material if isinstance(material, Mapping) else {"": material}
         self.materials = dict(by_group)
         for given in by_group.values():
-            if not is_material(given):
+            if not isinstance(given, Elastic | Orthotropic | BulkLaw):
                 raise ValueError(
                     f"material is {shown(given)}; it must be an Elastic, an Orthotropic or a "
                     "plastic material, or one of these per named cell group."

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias, TypeGuard, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -292,18 +292,13 @@ def gap_under(trial_gap: Floats, compliance: Floats, traction: Floats) -> Floats
     return gap
 
 
-def is_law(value: Any) -> TypeGuard[AnyLaw]:
-    """Whether a value is a joint law; a class in the place of an object is none."""
-    return not isinstance(value, type) and isinstance(value, Law | CondensedLaw)
-
-
 def check_law(name: str, law: Any) -> None:
-    """Check that a value is a joint law.
+    """Check that a value is a joint law; a class in the place of an object is none.
 
     Raises:
         ValueError: It does not give what one gives.
     """
-    if not is_law(law):
+    if isinstance(law, type) or not isinstance(law, Law | CondensedLaw):
         raise ValueError(f"{name} is {shown(law)}; it must be a joint law.")
 
 

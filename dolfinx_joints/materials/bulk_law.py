@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,8 +103,3 @@ def is_plastic(material: Material) -> bool:
 def elastic_part(material: Material) -> Elastic | Orthotropic:
     """The material itself, or what a plastic one is below its limit."""
     return material.elastic if isinstance(material, BulkLaw) else material
-
-
-def is_material(given: Any) -> bool:
-    """Whether a value is a material of one of these kinds."""
-    return isinstance(given, Elastic | Orthotropic | BulkLaw)

@@ -106,7 +106,7 @@ def frequency_response(
     if modes is None:
         found, forces = _solved(model, system, omegas, along, hysteretic_ratio, reader)
     else:
-        found = _summed(model, system, omegas, along, hysteretic_ratio, reader, modes)
+        found = _summed(system, omegas, along, hysteretic_ratio, reader, modes)
         forces = None
     return FrequencyResponse(
         frequencies=hertz,
@@ -117,7 +117,6 @@ def frequency_response(
 
 
 def _summed(
-    model: Model,
     system: MatrixSystem,
     omegas: Floats,
     along: Floats,

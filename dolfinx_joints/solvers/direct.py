@@ -60,8 +60,8 @@ class DirectSolver:
     ) -> None:
         """Choose the package; nothing is factored yet."""
         self._matrix = matrix
-        cholmod = symmetric and not mumps and matrix.comm.size == 1 and _has_cholmod()
-        package = "cholmod" if cholmod else "mumps"
+        serial = symmetric and not mumps and matrix.comm.size == 1
+        package = "cholmod" if serial and PETSc.Sys.hasExternalPackage("cholmod") else "mumps"
         self._options: dict[str, Any] = {
             "ksp_type": "preonly",
             "pc_type": "cholesky" if symmetric else "lu",
@@ -222,7 +222,3 @@ class DirectSolver:
     def destroy(self) -> None:
         """Free the factor."""
         self._ksp.destroy()
-
-
-def _has_cholmod() -> bool:
-    return bool(PETSc.Sys.hasExternalPackage("cholmod"))

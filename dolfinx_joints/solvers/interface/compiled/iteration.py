@@ -281,7 +281,7 @@ def _couple_exactly(split: Any, iterates: Iterates, here: int, memory: Memory) -
 
 
 @part
-def _renew(points: Points, split: Any, iterates: Iterates, at: int, memory: Memory) -> None:
+def _renew(points: Points, split: Any, iterates: Iterates, at: int) -> None:
     """Compute S f anew."""
     multiply(split, iterates.force[at], iterates.coupled[at])
     iterates.sizes[at, ERROR] = 0.0
@@ -325,7 +325,7 @@ def iterate(
         here = _better(points, inner, iterates, here, limits, memory)
         little = LITTLE * limits.enough * (sizes[here, SCALE] or sizes[here, LARGEST])
         if sizes[here, ERROR] > max(STALE * sizes[here, LARGEST], little):
-            _renew(points, split, iterates, here, memory)
+            _renew(points, split, iterates, here)
         size = sizes[here, LARGEST]
         scale = sizes[here, SCALE] or size or 1.0
         reach = passed + sizes[here, REACH]  # what rounding of the gaps is relative to

@@ -36,7 +36,7 @@ ZERO_PIVOT = (
 
 
 class DirectSolver:
-    """A PETSc direct solver under a prefix of its own.
+    """A PETSc direct solver; its options do not stay among those of the program.
 
     Args:
         matrix: Matrix to be factored.
@@ -47,8 +47,6 @@ class DirectSolver:
     Attributes:
         package: PETSc's name of the package that factors.
     """
-
-    _made = 0
 
     def __init__(
         self,
@@ -77,9 +75,8 @@ class DirectSolver:
         self._stale = True
 
     def _create(self) -> None:
-        DirectSolver._made += 1
         self._ksp = PETSc.KSP().create(self._matrix.comm)
-        self._ksp.setOptionsPrefix(f"dolfinx_joints_{DirectSolver._made}_")
+        self._ksp.setOptionsPrefix("dolfinx_joints_direct_")
 
     def refresh(self) -> None:
         """Factor the matrix anew at the next solve."""

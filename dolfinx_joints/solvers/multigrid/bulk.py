@@ -85,15 +85,12 @@ class IterativeSolver:
         iterations: Iterations of the last solve.
     """
 
-    _made = 0
-
     def __init__(self, matrix: PETSc.Mat) -> None:
         """Create the solver; it is set up at the first solve."""
-        IterativeSolver._made += 1
         self.matrix = matrix
         self._blocked: PETSc.Mat | None = None
         self._ksp = PETSc.KSP().create(matrix.comm)
-        self._ksp.setOptionsPrefix(f"dolfinx_joints_cg_{IterativeSolver._made}_")
+        self._ksp.setOptionsPrefix("dolfinx_joints_cg_")
         self._stale = True
         self.iterations = 0
 

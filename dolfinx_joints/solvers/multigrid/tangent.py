@@ -95,8 +95,6 @@ class TangentMultigrid:
         iterations: Iterations of the last solve.
     """
 
-    _made = 0
-
     def __init__(
         self,
         bulk: IterativeSolver,
@@ -105,9 +103,8 @@ class TangentMultigrid:
         change: ModalChange | None,
     ) -> None:
         """Make the levels (collective)."""
-        TangentMultigrid._made += 1
         self._ksp = PETSc.KSP().create(added.comm)
-        self._ksp.setOptionsPrefix(f"dolfinx_joints_gmres_{TangentMultigrid._made}_")
+        self._ksp.setOptionsPrefix("dolfinx_joints_gmres_")
         self._parts = [_Parts(bulk=bulk.for_products, added=added, change=change) for _ in range(2)]
         self._full, self._fine = (
             PETSc.Mat().createPython(added.getSizes(), _Products(each), comm=added.comm)

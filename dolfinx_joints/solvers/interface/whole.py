@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.common.mpi import of_ranks
+from dolfinx_joints.common.mpi import free_petsc_garbage, of_ranks
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.internal_forces import JointInternalForces
 from dolfinx_joints.joints.operator import diagonal_compliance
@@ -115,6 +115,7 @@ class WholeSolver(NewtonSolver):
             if at.solved(wanted) and self._settled(at.change):
                 break
             at = equations.search(at, self._correction, line_search.cuts(at.norm))
+            free_petsc_garbage(self._contact.operator.comm)  # vectors of trials and iterates
             norms.append(at.norm)
         at.change.copy(x)
         return at.response, SolveReport(

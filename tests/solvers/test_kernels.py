@@ -88,7 +88,7 @@ def test_gmres(monkeypatch, name):
     right = np.arange(1.0, len(matrix) + 1)
 
     def work():
-        return gmres.gmres(lambda x: matrix @ x, right, tolerance=1e-12, most=20)
+        return gmres.gmres(lambda x: matrix @ x, right, tolerance=1e-12, most=20, comm=MPI.COMM_SELF)
 
     x, products = check(monkeypatch, gmres, work)
     assert products == expected

@@ -21,6 +21,7 @@ from dolfinx_joints.loads.load import TimeFactor
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.loads.rock import Layer, behind
 from dolfinx_joints.mesh.cells import Floats
+from dolfinx_joints.mesh.orientation import facet_normals
 
 # Levels per period of the highest frequency; cubic interpolation between them errs by 2e-4.
 LEVELS = 20.0
@@ -28,8 +29,8 @@ LEVELS = 20.0
 # Of the largest pattern, below which one is nothing but rounding.
 ROUNDING = 1e-13
 
-# Of the smaller side of a bottom, up to which it is level enough.
-STEEP = 0.1
+# Slope from which on a part of a boundary is a side and none of the bottom.
+STEEP = 0.5
 
 Patterns = list[tuple[PETSc.Vec, TimeFactor]]
 
@@ -107,8 +108,9 @@ def warn_of_sides(model: LoadedBody, *, stacklevel: int) -> None:
     """Warn of dashpots beside rock that is to move with the ground, on rank 0 (collective)."""
     steep = []
     for group in model.absorbing:
-        *level, rise = [np.ptp(extent_along(model, [group], axis)) for axis in np.eye(model.gdim)]
-        if rise > STEEP * min(level):
+        normals = np.abs(facet_normals(model.jointed.corners(group)[:, :3]))
+        sides = np.linalg.norm(normals[:, :-1], axis=1) > STEEP * normals[:, -1]
+        if any(model.jointed.mesh.comm.allgather(bool(sides.any()))):
             steep.append(group)
     if steep and model.jointed.mesh.comm.rank == 0:
         warnings.warn(

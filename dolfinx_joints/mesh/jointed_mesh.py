@@ -18,12 +18,13 @@ import dolfinx.mesh
 import numpy as np
 import ufl
 from dolfinx import fem
+from dolfinx.mesh import entities_to_geometry
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.common.summary import Rows, Summarised, names, number
-from dolfinx_joints.mesh.cells import CellShape, Ints
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_rule
 from dolfinx_joints.mesh.joint_facets import IntegratedPairs, integrated_pairs
 from dolfinx_joints.mesh.joint_frames import ufl_frame
@@ -103,6 +104,13 @@ class JointedMesh(Summarised):
         """
         tags = self._tags_of_facets(name)
         return self._facet_tags.indices[np.isin(self._facet_tags.values, tags)]
+
+    def corners(self, name: str) -> Floats:
+        """Vertices of the facets of such a group, shape (n, vertices per facet, gdim), [m]."""
+        x, facets = self.mesh.geometry.x[:, : self.mesh.geometry.dim], self.facets(name)
+        if not len(facets):  # DOLFINx divides by their number
+            return np.empty((0, self.shape.facet_vertices.shape[1], x.shape[1]))
+        return x[entities_to_geometry(self.mesh, self.mesh.topology.dim - 1, facets)]
 
     def cells(self, name: str) -> NDArray[np.int32]:
         """Local cells of a named group.

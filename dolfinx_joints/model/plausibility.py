@@ -12,7 +12,6 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-from dolfinx.mesh import entities_to_geometry
 
 from dolfinx_joints.common.errors import PlausibilityWarning
 from dolfinx_joints.common.parameters import numbers_of
@@ -126,14 +125,11 @@ def _water_twice(loads: Sequence[Any]) -> list[str]:
 
 def _foot(jointed: JointedMesh, load: Any) -> float:
     """Height of the lowest vertex of the face before which water stands [m] (collective)."""
-    mesh, group = jointed.mesh, getattr(load, "group", None)
+    group = getattr(load, "group", None)
     if not hasattr(load, "level") or group not in jointed.facet_groups:
         return -np.inf
-    facets, lowest = jointed.facets(group), np.inf
-    if len(facets):  # DOLFINx divides by their number
-        nodes = entities_to_geometry(mesh, mesh.topology.dim - 1, facets)
-        lowest = float(mesh.geometry.x[nodes, mesh.geometry.dim - 1].min())
-    return mesh.comm.allreduce(lowest, MPI.MIN)
+    lowest = float(jointed.corners(group)[..., -1].min(initial=np.inf))
+    return jointed.mesh.comm.allreduce(lowest, MPI.MIN)
 
 
 def _level(owner: str, load: Any, bottom: float, top: float, foot: float) -> list[str]:

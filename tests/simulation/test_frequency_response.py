@@ -23,6 +23,7 @@ pytest.importorskip("slepc4py")
 
 from mpi4py import MPI
 
+from dolfinx.mesh import CellType, create_rectangle, locate_entities_boundary
 from shaken_wall import BASE, CONCRETE, LAW
 
 import dolfinx_joints as dj
@@ -114,6 +115,30 @@ def test_dashpots_at_the_sides_of_shaken_rock_are_doubted(rod):
         warnings.simplefilter("error")
         dj.frequency_response(rod(dj.ViscousBoundary(group="base")), [10.0], points=TOP)
         dj.Simulation(model).dynamics(dt=1e-3, steps=1)
+
+
+@pytest.mark.parametrize(
+    ("depth", "bottom", "group", "said"),
+    [
+        (8.0, lambda x: 0.0 * x, "outer", True),  # shallow beside its length of 100 m
+        (8.0, lambda x: 0.0 * x, "base", False),
+        (40.0, lambda x: 0.2 * x, "base", False),
+        (40.0, lambda x: 12.0 * ((x - 50.0) / 50.0) ** 2, "base", False),  # an arc, up to 1 in 2
+    ],
+)
+def test_a_bottom_is_told_from_sides(comm, depth, bottom, group, said):
+    mesh = create_rectangle(comm, [(0.0, -depth), (100.0, 0.0)], [20, 2], CellType.quadrilateral)
+    base = locate_entities_boundary(mesh, 1, lambda x: np.isclose(x[1], -depth))
+    ends = locate_entities_boundary(mesh, 1, lambda x: np.isclose(abs(x[0] - 50.0), 50.0))
+    groups = {"base": base, "outer": np.unique(np.concatenate([base, ends]))}
+    mesh.geometry.x[:, 1] *= 1.0 - bottom(mesh.geometry.x[:, 0]) / depth
+    jointed = dj.split_mesh(mesh, joints={}, groups={group: groups[group]})
+    model = dj.Model(jointed, material=BAR, supports=[dj.ViscousBoundary(group=group)])
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        dj.frequency_response(model, [10.0], points={"top": (50.0, 0.0)}, direction=(1.0, 0.0))
+    told = [w for w in found if issubclass(w.category, dj.PlausibilityWarning)]
+    assert len(told) == (said and comm.rank == 0)
 
 
 @pytest.fixture

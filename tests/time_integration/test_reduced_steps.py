@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -228,6 +229,20 @@ def test_rejected_attempts_do_not_loosen_the_tolerance(model):
         largest.append(steps._largest)
     assert largest[1] == pytest.approx(largest[0], rel=1e-6)
     assert largest[2] > 2.0 * largest[0]
+
+
+@pytest.mark.mpi
+def test_missing_energy_is_a_failed_solve(model, monkeypatch):
+    """1e-6 of the momentum is lost in each step, and so much of the kinetic energy."""
+    advance = ReducedSteps.advance
+
+    def leaky(*given):
+        after, report = advance(*given)
+        return replace(after, momentum=(1.0 - 1e-6) * after.momentum), report
+
+    monkeypatch.setattr(ReducedSteps, "advance", leaky)
+    with pytest.raises(JointsError, match="the largest energy is missing"):
+        run(model, Gaps(), reduced=ReducedBulk(modes=ALL_MODES))
 
 
 @pytest.mark.mpi

@@ -132,6 +132,6 @@ def as_json(value: Any) -> Any:
     text = repr(value)
     for part in getattr(value, "__dict__", {}).values():
         if isinstance(part, ufl.core.expr.Expr):  # its repr spells out spaces and elements
-            text = text.replace(repr(part), str(part))
+            text = text.replace(repr(part), repr(str(part)))
     # Addresses differ from run to run; what stands beside them does not.
     return re.sub(r" at 0x[0-9a-f]+", "", text)[:_LONGEST]

@@ -109,9 +109,9 @@ def parsed(text: Any) -> Named:
     """Class and parameters of an object as Python shows it; other values have no parameters."""
     flat, nested = str(text), 1
     while nested:  # <function <lambda>>
-        flat, nested = re.subn(r"(<[^<>]*)<([^<>]*)>", r"\1\2", flat)
+        flat, nested = re.subn(r"(<\w[^<>]*)<([^<>]*)>", r"\1\2", flat)
     try:
-        call = ast.parse(re.sub(r"<([^<>]*)>", r"'\1'", flat), mode="eval").body
+        call = ast.parse(re.sub(r"<(\w[^<>]*)>", r"'\1'", flat), mode="eval").body
     except (SyntaxError, ValueError):
         return str(text), {}
     if not isinstance(call, ast.Call):

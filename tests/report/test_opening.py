@@ -221,3 +221,6 @@ def test_objects_are_parsed():
     inner = "Load(group='a_b', factor=<function <lambda>>, wave=<function f.<locals>.<lambda>>)"
     shown = {"factor": "function lambda", "wave": "function f.locals.lambda"}
     assert parsed(inner) == ("Load", {"group": "a_b", **shown})
+    formula = "((x[0]) < (5.0)) ? (3.0) : (4.0)"
+    heat = f"Temperature(value={formula!r}, factor=<function <lambda>>)"
+    assert parsed(heat) == ("Temperature", {"value": formula, "factor": "function lambda"})

@@ -110,12 +110,14 @@ def _fitted(x: Floats, share: Floats) -> Fragility:
     from scipy.stats import norm
 
     logarithm = np.log(x)
+    middle, width = float(logarithm.mean()), float(logarithm.std())
 
-    def unlikely(parameters: Any) -> float:
-        z = (logarithm - parameters[0]) * np.exp(-parameters[1])
+    def unlikely(parameters: Any) -> float:  # convex in these two, as it is not in the other two
+        z = parameters[0] + parameters[1] * (logarithm - middle) / width
         return -float(share @ norm.logcdf(z) + (1.0 - share) @ norm.logsf(z))
 
-    start = [float(logarithm.mean()), np.log(max(float(logarithm.std()), 0.1))]
-    best = minimize(unlikely, start, method="Nelder-Mead", options={"xatol": 1e-10, "fatol": 1e-13})
-    median, dispersion = (float(np.exp(value)) for value in best.x)
+    limits = {"xatol": 1e-10, "fatol": 1e-13}
+    level, slope = minimize(unlikely, [0.0, 1.0], method="Nelder-Mead", options=limits).x
+    dispersion = float(width / slope)
+    median = float(np.exp(middle - level * dispersion))
     return Fragility(median=median, dispersion=dispersion, intensity=x, exceeded=share)

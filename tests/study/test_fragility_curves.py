@@ -31,6 +31,18 @@ def test_many_runs_come_near_it_whatever_the_unit():
     assert other.dispersion == pytest.approx(curve.dispersion, rel=1e-6)
 
 
+@pytest.mark.parametrize("counts", [(3, 5, 2, 3), (2, 3, 5, 7), (2, 4, 3, 4), (49, 100, 50, 100)])
+def test_two_intensities_have_the_shares_of_their_runs(counts):
+    # As many parameters as shares: the curve goes through both, however flat it is.
+    yes, runs, more, others = counts
+    intensity = np.repeat([1.0, 2.0], [runs, others])
+    exceeded = np.concatenate([np.arange(runs) < yes, np.arange(others) < more])
+    z = norm.ppf([yes / runs, more / others])
+    curve = fragility(intensity, exceeded)
+    assert curve.dispersion == pytest.approx(np.log(2.0) / (z[1] - z[0]), rel=1e-5)
+    np.testing.assert_allclose(curve(np.array([1.0, 2.0])), norm.cdf(z), atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("exceeded", "message"),
     [

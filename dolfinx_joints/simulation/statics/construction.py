@@ -195,7 +195,8 @@ def _check_no_shear(contact: Contact, traction: Floats, pressure: float) -> None
 
 def _check_open(contact: Contact, traction: Floats, gap: float) -> None:
     """Check that no law pulls across the gap that grout leaves [m] (collective)."""
-    joint = contact.worst_joint(np.linalg.norm(traction, axis=1))
+    pull, most = np.linalg.norm(traction, axis=1), gap * contact.closed_stiffness()[:, 0]
+    joint = contact.worst_joint(np.where(pull > 1e-9 * most, pull, 0.0))
     if joint is not None:
         raise JointsError(
             f"The {type(contact.laws[joint]).__name__} of {joint!r} pulls across the gap of "

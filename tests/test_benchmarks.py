@@ -70,6 +70,7 @@ def test_jointed_wall(capsys):
         assert row["accepted"] == row["steps"] == 4
         assert row["ledger"] < 1e-9
         assert row["linear_ms"] > 0.0
+        assert 0.0 < row["joints_iteration_ms"] < row["joints_ms"]
 
 
 def test_medians_over_repeats():

@@ -22,6 +22,9 @@ from dolfinx_joints.common.parameters import (
 from dolfinx_joints.loads.load import TimeFactor
 from dolfinx_joints.loads.loaded_body import LoadedBody
 
+# Components of a motion that move a model of so many axes, along its axes in their order.
+MOVING = {2: [0, 2], 3: [0, 1, 2]}
+
 # Points of an interval over which a ground acceleration is integrated; part of it that a time may
 # miss its end by.
 GAUSS_POINTS, ROUNDING = 4, 1e-9
@@ -129,6 +132,6 @@ def in_axes(
             raise ValueError(
                 f"{name}({time:g}) is {shown(given)}; it must be at least {gdim} finite numbers."
             )
-        return values[[0, 2]] if gdim == 2 and len(values) > 2 else values[:gdim]
+        return values[MOVING[gdim]] if len(values) > 2 else values[:gdim]
 
     return moved

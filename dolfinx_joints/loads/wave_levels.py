@@ -104,22 +104,27 @@ def extent_along(
     return min(low for low, _ in ends), max(high for _, high in ends)
 
 
-def warn_of_sides(model: LoadedBody, *, stacklevel: int) -> None:
-    """Warn of dashpots beside rock that is to move with the ground, on rank 0 (collective)."""
+def warn_of_sides(model: LoadedBody, *, stacklevel: int) -> list[str]:
+    """Warn of dashpots beside rock that is to move with the ground, on rank 0 (collective).
+
+    Returns:
+        What was warned of there.
+    """
     steep = []
     for group in model.absorbing:
         normals = np.abs(facet_normals(model.jointed.corners(group)[:, :3]))
         sides = np.linalg.norm(normals[:, :-1], axis=1) > STEEP * normals[:, -1]
         if any(model.jointed.mesh.comm.allgather(bool(sides.any()))):
             steep.append(group)
-    if steep and model.jointed.mesh.comm.rank == 0:
-        warnings.warn(
-            "The ground moves as one, and dashpots at the sides of the rock disturb the wave that "
-            f"rises in it: those of {', '.join(steep)}. Give dynamics() the wave as a FreeField, "
-            "or let ViscousBoundary end at the bottom and hold the sides but along the motion.",
-            PlausibilityWarning,
-            stacklevel=stacklevel + 1,
-        )
+    if not steep or model.jointed.mesh.comm.rank > 0:
+        return []
+    text = (
+        "The ground moves as one, and dashpots at the sides of the rock disturb the wave that "
+        f"rises in it: those of {', '.join(steep)}. Give dynamics() the wave as a FreeField, "
+        "or let ViscousBoundary end at the bottom and hold the sides but along the motion."
+    )
+    warnings.warn(text, PlausibilityWarning, stacklevel=stacklevel + 1)
+    return [text]
 
 
 def check_groups(name: str, groups: Sequence[str]) -> None:

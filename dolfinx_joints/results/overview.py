@@ -146,11 +146,13 @@ def _points(results: Results) -> list[str]:
     asked, names = results.metadata.get("points"), results.metadata.get("point_names", [])
     if not isinstance(asked, dict) or "histories/points" not in results.statics:
         return names
-    texts = []
-    for name, there in zip(names, results.static("histories/points"), strict=False):
+    texts, points = [], results.static("histories/points")
+    # Of the body, where one is kept: a point may lie at the origin.
+    kept = results.static("mesh/nodes") if "mesh/nodes" in results.statics else points
+    scale = float(np.abs(kept).max())
+    for name, there in zip(names, points, strict=False):
         wanted = asked.get(name, {})
         place, sides = wanted.get("place", ()), wanted.get("sides", ())
-        scale = max(1.0, float(np.abs(there).max()))  # of a point at the origin too
         away = float(np.linalg.norm(there[: len(place)] - np.array(place)))
         exact = [0.0 if abs(x) < 1e-9 * scale else x for x in there]
         text = f"{name} at ({' '.join(f'{x:.4g}' for x in exact)}) m"

@@ -104,6 +104,7 @@ class DynamicRun:
         self._work = state.displacement.duplicate()
         self._started: list[Monitor] = []
         self._settings, self._warnings = settings, list(model.doubts)
+        self._warnings += [] if motion is None else warn_of_sides(model, stacklevel=4)
         self._stages = stages
         self._progress: Progress | None = None
         self._of_errors = lasting(model.jointed.mesh.comm, OF_ERRORS)
@@ -314,7 +315,7 @@ class DynamicRun:
 def ground_motion(
     model: Model, motion: Callable[[float], Any] | None, loads: Sequence[Load]
 ) -> Callable[[float], Any] | None:
-    """Ground acceleration in the axes of the model (collective)."""
+    """Ground acceleration in the axes of the model."""
     if motion is None:
         return None
     in_axes(motion, model.gdim)(0.0)
@@ -322,7 +323,6 @@ def ground_motion(
         raise ValueError(
             "motion is given beside a FreeField, which moves the ground already; give one."
         )
-    warn_of_sides(model, stacklevel=4)
     return in_axes(motion, model.gdim)
 
 

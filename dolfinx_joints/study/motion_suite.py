@@ -26,6 +26,7 @@ from dolfinx_joints.common.hdf5 import check_superblock
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.common.parameters import check_kind_of, check_named
 from dolfinx_joints.common.summary import Rows, Summarised, names
+from dolfinx_joints.loads.ground_motion import MOVING
 from dolfinx_joints.monitors.results_monitor import ResultsMonitor
 from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.motions.spectra import arias_intensity, response_spectrum
@@ -167,8 +168,7 @@ class MotionSuite(Summarised):
 
     def _row(self, name: str, period: float | None) -> dict[str, float]:
         motion = self.motions[name]
-        moves = [0, 1, 2] if self._simulation.model.gdim == 3 else [0, 2]
-        acceleration = motion.acceleration[:, moves]
+        acceleration = motion.acceleration[:, MOVING[self._simulation.model.gdim]]
         arias = arias_intensity(acceleration, motion.dt)[-1].sum()
         row = {"pga [m/s^2]": float(np.abs(acceleration).max()), "arias [m/s]": float(arias)}
         if period is not None:

@@ -324,6 +324,7 @@ def test_overview_tells_no_rounding_of_a_heel_at_the_origin(tmp_path):
     facts = {"point_names": ["heel"], "points": {"heel": {"place": [0.0, 0.0], "sides": []}}}
     with ResultsWriter(tmp_path / "r.h5", facts) as writer:
         declare_histories(writer, [heel])
+        writer.static("mesh/nodes", np.array([heel, [30.0, 0.0, 0.0]]), "m", "nodes")
         writer.start()
         writer.finish("complete", {})
     assert "points        heel at (0 0 0) m" in overview(tmp_path / "r.h5").splitlines()

@@ -51,8 +51,9 @@ Floats = NDArray[np.float64]
 KEPT_BYTES = 2_000_000_000
 
 # The linear systems inside are solved to this part of their right-hand sides at first; later as
-# well as the iteration converges (Eisenstat and Walker 1996).
-INNER_TOLERANCE = 0.03
+# well as the iteration converges (Eisenstat and Walker 1996). The iteration goes on to `ENOUGH` of
+# the tolerance if rounding lets it: the energy balance sees what is left.
+INNER_TOLERANCE, ENOUGH = 0.03, 0.1
 
 # After a step of so many iterations, and as long as steps take so many, iterates whose residual is
 # larger than this part of the largest force are swept point by point, in so many colours. A sweep
@@ -154,7 +155,7 @@ class InterfaceSolver:
         sweeps = self._sweeps and condensed.compliance.kind == "dense"
         limits = Limits(
             tolerance=self.options.relative_tolerance,
-            enough=0.01 * self.options.relative_tolerance,
+            enough=ENOUGH * self.options.relative_tolerance,
             iterations=self.options.max_iterations,
             cuts=self.options.max_cuts,
             inner=INNER_TOLERANCE,
@@ -341,7 +342,7 @@ class InterfaceSolver:
         iteration, last, tolerance = 0, np.inf, self.options.relative_tolerance
         # Statics, where little is solved, go as far as rounding lets them.
         static = BALANCED if step.condensed.springs is not None else 1e-14
-        enough = static if step.condensed.static else 0.01 * tolerance
+        enough = static if step.condensed.static else ENOUGH * tolerance
         before, line_search = at, LineSearch(self.options.max_cuts)
         first = inner = 0.01 * INNER_TOLERANCE if step.condensed.static else INNER_TOLERANCE
         while True:
@@ -355,7 +356,6 @@ class InterfaceSolver:
                 if rounding > tolerance:
                     # What springs carry on a mechanism drowns the joints' forces.
                     relative = max(relative, rounding)
-            # Beyond the tolerance as far as rounding lets it: the energy balance sees what is left.
             if relative <= enough or (relative <= accepted and size >= 0.5 * last):
                 return at, iteration, relative
             given_up = iteration == self.options.max_iterations or not 0.0 < size < np.inf

@@ -36,7 +36,7 @@ from dolfinx_joints.solvers.effective_matrix import (
     MatrixCoefficients,
     unconstrained_dofs,
 )
-from dolfinx_joints.solvers.interface.compiled.iteration import Limits
+from dolfinx_joints.solvers.interface.compiled.iteration import START, Limits
 from dolfinx_joints.solvers.interface.compiled.steps import Solved
 from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.solvers.interface.corrections import Correction
@@ -342,7 +342,7 @@ class InterfaceSolver:
         iteration, last, tolerance = 0, np.inf, self.options.relative_tolerance
         # Statics, where little is solved, go as far as rounding lets them.
         static = BALANCED if step.condensed.springs is not None else 1e-14
-        enough = static if step.condensed.static else ENOUGH * tolerance
+        enough = static if step.condensed.static else START * ENOUGH * tolerance
         before, line_search = at, LineSearch(self.options.max_cuts)
         first = inner = 0.01 * INNER_TOLERANCE if step.condensed.static else INNER_TOLERANCE
         while True:
@@ -369,14 +369,14 @@ class InterfaceSolver:
                 raise solve_failure(joints, spoilt, step.state, iteration, relative, self.options)
             if iteration:
                 inner = min(first, (size / last) ** 2)
-            last = size
             # What is done already costs no product.
             left = np.where(np.abs(at.residual) > 0.1 * enough * scale, at.residual, 0.0)
             correction = step.condensed.corrections.solve(
                 left, at.tangent, max(inner, 0.3 * enough / relative)
             )
             before, at = at, self._smoothed(step, self._search(step, at, correction, line_search))
-            iteration += 1
+            iteration, last = iteration + 1, size
+            enough = enough if step.condensed.static else ENOUGH * tolerance
 
     def _search(
         self, step: JointStep, at: Iterate, correction: Correction, line_search: LineSearch

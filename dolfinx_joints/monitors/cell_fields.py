@@ -63,6 +63,7 @@ class CellFields:
         joints: Response | None,
         time: float,
         loads: Sequence[int] | None = None,
+        absent: Sequence[str] = (),
     ) -> dict[str, Floats]:
         """Values by name with unit of the cells dealt to this rank (collective).
 
@@ -71,14 +72,19 @@ class CellFields:
             joints: Response of the joints, and of the plastic cells with it.
             time: Time of the temperatures [s].
             loads: Places in ``Model.loads`` of those that act; all unless given.
+            absent: Cell groups of blocks that are not there, which temperatures do not reach.
         """
+        there = np.ones(self._cells.owned)
+        for group in absent:
+            gone = self._model.jointed.cells(group)
+            there[gone[gone < len(there)]] = 0.0
         acts = [loads is None or i in loads for i, _, _ in self._change]
         factors = [f(time) * on for (_, f, _), on in zip(self._change, acts, strict=True)]
         stresses = self._stresses(u, joints, factors)
-        found: dict[str, Floats] = {"stress [Pa]": self._cells.dealt(stresses)}
+        found: dict[str, Floats] = {"stress [Pa]": self._cells.dealt(there[:, None] * stresses)}
         if self._change:
-            changes = (f * each for f, (_, _, each) in zip(factors, self._change, strict=True))
-            found["temperature change [K]"] = self._cells.dealt(np.sum(list(changes), axis=0))
+            changes = [f * each for f, (_, _, each) in zip(factors, self._change, strict=True)]
+            found["temperature change [K]"] = self._cells.dealt(there * np.sum(changes, axis=0))
         if isinstance(joints, PlasticResponse) and self._model.bulk is not None:
             strains = np.zeros(self._cells.owned)
             cells, means = self._model.bulk.cell_means(joints.state.bulk.accumulated[:, None])

@@ -97,7 +97,9 @@ class FieldMonitor(Monitor):
         with released(self._lock, at_end=True):
             state, pressure = stage.state, stage.pressure
             water = None if pressure is None else lambda: pressure
-            cells = self._cell_fields(state.displacement, state.joints, stage.time, stage.loads)
+            cells = self._cell_fields(
+                state.displacement, state.joints, stage.time, stage.loads, state.absent
+            )
             values = self._values(state.displacement, state.joints, water, cells)
             self._append(number, values)
 

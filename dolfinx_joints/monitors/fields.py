@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.mpi import rows_at
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.loads.water.pressures_in_joints import water_in_joints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
@@ -24,6 +25,7 @@ from dolfinx_joints.results.layout import declare_static_stages, stage_bytes
 from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS
 from dolfinx_joints.results.writer import ResultsWriter
 from dolfinx_joints.simulation.record import Record, StageRecord
+from dolfinx_joints.simulation.statics.unfinished import unfinished
 
 Floats = NDArray[np.float64]
 
@@ -171,6 +173,16 @@ class StageFields:
         for group in self._held():
             found[f"reaction/{group}"] = self._model.resultant(state.reaction, group)
         if self._envelopes is not None:
-            columns = self._envelopes.at(state.displacement, stage.time, stage.loads)
+            there = self._there(self._envelopes, state.absent)
+            columns = self._envelopes.at(state.displacement, stage.time, stage.loads, there)
             found |= dict(zip(dict.fromkeys(STAGE_STRESSES.values()), columns, strict=True))
         return found
+
+    def _there(self, envelopes: StressEnvelopes, absent: Sequence[str]) -> Floats:
+        """1 at the vertices of the envelopes, 0 at those of absent blocks (collective)."""
+        there = self._model.stiffness.createVecRight()
+        there.set(1.0)
+        there.getArray()[unfinished(self._model, (), absent).dofs] = 0.0
+        return rows_at(
+            self._model.jointed.mesh.comm, self._nodes.dealt(there)[:, 0], envelopes.nodes
+        )

@@ -225,9 +225,16 @@ class StressEnvelopes:
         """Take in the stresses of a displacement [m] at a time [s] (collective)."""
         self._seen.see(self._stress(u, time))
 
-    def at(self, u: PETSc.Vec, time: float, loads: Sequence[int]) -> list[Array]:
-        """Stresses of a static stage of all ranks, as in `stage_stresses` (collective)."""
-        stress = self._stress(u, time, loads)
+    def at(self, u: PETSc.Vec, time: float, loads: Sequence[int], there: Floats) -> list[Array]:
+        """Stresses of a static stage of all ranks, as in `stage_stresses` (collective).
+
+        Args:
+            u: Displacement [m].
+            time: Time of the temperatures [s].
+            loads: Places in ``Model.loads`` of those that act.
+            there: 1 at the vertices dealt to this rank, 0 at those of absent blocks, shape (n,).
+        """
+        stress = there[:, None] * self._stress(u, time, loads)
         columns = stage_stresses(stress, self.arch, self.cantilever)
         return [self._stress.across(each) for each in columns.T]
 

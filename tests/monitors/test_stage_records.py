@@ -13,11 +13,13 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from vtk_files import on_root, read_vtk
 from whole_vectors import all_of
 
 from dolfinx_joints import (
     Checkpoints,
     Elastic,
+    FieldMonitor,
     Fixed,
     FrictionNoTension,
     Gravity,
@@ -156,6 +158,33 @@ def check(comm, model, results, states):
             found = results.series("statics", f"joints/joint_1/{what}", number)
             np.testing.assert_array_equal(found, all_of(comm, rows(local)))
     return stages
+
+
+def test_a_block_that_is_not_there_has_no_temperature(comm, column, new_path):
+    """The cold stretches the lower block between its sides, and the upper one once it is cast."""
+    path, fields = new_path("cast.h5"), new_path("cast.vtkhdf")
+    monitors = [ResultsMonitor(path, points=POINTS, envelopes=["sides"]), FieldMonitor(fields)]
+    simulation = Simulation(column(), monitors=monitors)
+    simulation.statics(loads=[WEIGHT, WINTER], absent=["upper"])
+    simulation.statics(loads=[WEIGHT, WINTER])
+
+    def look():
+        with Results(path) as results:
+            nodes = results.static("mesh/nodes")[results.static("envelopes/nodes")]
+            stresses = results.series("statics", "stress/principal_max")
+        grids = [grid for _, grid in read_vtk(fields.with_name(f"{fields.stem}_stages.vtkhdf"))]
+        for stress, grid, built in zip(stresses, grids, (HEIGHT / 2, HEIGHT), strict=True):
+            sure = ~np.isclose(nodes[:, 2], HEIGHT / 2)  # where nodes of both blocks are
+            there = nodes[sure, 2] < built + SIZE / 2
+            clamped = -E * EXPANSION * COLD
+            np.testing.assert_allclose(stress[sure], clamped * there, atol=1e-6 * clamped)
+            there = grid.cell_centers().points[:, 2] < built
+            found = grid.cell_data["largest principal stress [Pa]"]
+            np.testing.assert_allclose(found, clamped * there, atol=1e-6 * clamped)
+            change = grid.cell_data["temperature change [K]"]
+            np.testing.assert_allclose(change, COLD * there)
+
+    on_root(comm, look)
 
 
 def test_stages_saved_travel(comm, column, new_path):

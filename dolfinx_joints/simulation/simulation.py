@@ -155,10 +155,11 @@ class Simulation:
     ) -> StaticState:
         """Close joints where they stand after a static stage (collective).
 
-        Where a joint carries nothing, inactive or open, its gap and slip count anew from here;
-        points in contact stay as they are. Joints that were inactive and are not named stay open by
-        what their blocks have moved apart, and act from now on unless the next stage leaves them
-        inactive; those whose laws pull across that gap stay inactive.
+        Where a joint carries nothing, inactive or open, its gap and slip count anew from here, and
+        keys across an opening keep their shear; points in contact stay as they are. Joints that
+        were inactive and are not named stay open by what their blocks have moved apart, and act
+        from now on unless the next stage leaves them inactive; those whose laws pull across that
+        gap stay inactive.
 
         Grout under pressure first pushes the faces of these points apart, loads and supports
         staying as they are, then sets: the pressure remains as their traction.

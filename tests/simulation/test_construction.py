@@ -22,9 +22,11 @@ from dolfinx_joints import (
     CheckpointError,
     Elastic,
     Fixed,
+    FormLoad,
     FrictionNoTension,
     Gravity,
     HydrostaticPressure,
+    JointForces,
     JointsError,
     JointWater,
     KeyedJoint,
@@ -377,13 +379,44 @@ def test_grout_under_pressure(comm, bars, law):
     np.testing.assert_allclose(
         run.statics().joints.state.gap[:, 0], 5.0 * shrink - GROUT * soft, rtol=1e-6
     )
-    if isinstance(law, KeyedJoint):
-        return  # keys hold the open joint sideways by rounding, so that it is not idle
     # Filled again as it stands open: the faces part by the same as the first time.
     before = bar_displacements(run.model, run.static)
     again = run.grout(["joint_1"], pressure=GROUT)
     np.testing.assert_allclose(again.joints.traction[:, 0], -GROUT, rtol=1e-9)
     np.testing.assert_allclose(bar_displacements(run.model, again) - before, side, rtol=1e-8)
+
+
+@pytest.mark.parametrize("pressure", [0.0, GROUT])
+def test_keys_of_an_open_joint_keep_their_shear_in_the_grout(comm, bars, pressure):
+    """Bars shrink apart and the right one bears on the keys; then they swell in the grout.
+
+    Swelling by d in all presses with d / (2 L / E + 1 / k) on top of the pressure, and no force
+    along the joint changes.
+    """
+    cold, warm = (Temperature(value=value, reference=0.0, expansion=1e-5) for value in (-10.0, 4.0))
+    push = FormLoad(form=lambda v: 3e4 * v[2] * _place(v)[0] * ufl.dx)
+    keys = KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10)
+    run = Simulation(bars(keys, [cold, warm, push]))
+    apart = run.statics(loads=[cold, push]).joints
+    shear = JointForces(run.model)(apart)["joint_1"].shear_force
+    assert comm.allreduce(int((apart.state.gap[:, 0] <= 0.0).sum())) == 0
+    assert shear > 1e4
+    grouted = run.grout(pressure=pressure)
+    np.testing.assert_allclose(grouted.joints.traction[:, 0], -pressure, rtol=1e-9)
+    np.testing.assert_allclose(
+        grouted.joints.traction[:, 1:], apart.traction[:, 1:], atol=1e-9 * shear
+    )
+    still = run.statics(loads=[cold, push]).displacement.copy()
+    still.axpy(-1.0, grouted.displacement)
+    assert still.norm() < 1e-9 * grouted.displacement.norm()
+    normal = JointForces(run.model)(run.statics().joints)["joint_1"].normal_force
+    swell = 2 * BAR * 1e-5 * 4.0 / (2 * BAR / YOUNG + 1e-11)
+    assert normal == pytest.approx(4.0 * (pressure + swell), rel=1e-8)  # 2 m by 2 m
+
+
+def _place(v):
+    """Coordinates on the mesh of a test function (UFL)."""
+    return ufl.SpatialCoordinate(ufl.domain.extract_unique_domain(v))
 
 
 def test_a_law_that_stiffens_bears_the_grout(bars):

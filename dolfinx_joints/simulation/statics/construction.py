@@ -33,6 +33,9 @@ Rows = NDArray[np.bool_]
 # Newton iterations that a law may take to the pressure of the grout.
 MOST_ITERATIONS = 50
 
+# Traction over k_n times the opening, that is taken for none.
+SAME = 1e-9
+
 
 def with_inactive(
     contact: Contact,
@@ -99,9 +102,9 @@ def grouted(
     chosen = (before.inactive or model.jointed.joint_names) if names is None else names
     stage, missing = unfinished(model, before.inactive, before.absent), before.missing
     here, inactive = points_of(model, chosen) & ~stage.uncast, points_of(model, before.inactive)
-    filled = here & idle_points(response)
+    held, filled = response, here & _open_points(model, contact, response)
     if pressure:
-        before, filled = _filled(contact, before, here, stage, pressure, pressed)
+        before, held, filled = _filled(model, before, here, stage, pressure, pressed)
         response = before.joints
         assert response is not None
     idle = idle_points(response)
@@ -112,9 +115,10 @@ def grouted(
     # Where cantilevers have moved into each other, one was cast against the other.
     left = idle & ~filled
     target[left, 0] = np.maximum(target[left, 0], 0.0)
-    fresh = _bearing(contact, _at_rest(model, contact, target), filled, pressure)
+    slip = np.where((filled & ~idle_points(held))[:, None], held.state.elastic_slip, 0.0)
+    fresh = _bearing(contact, _at_rest(model, contact, target, slip), filled, pressure)
     if gap:
-        _check_open(contact, fresh.traction * filled[:, None], gap)
+        _check_open(contact, (fresh.traction - held.traction) * filled[:, None], gap)
     # Laws that pull across a gap, such as bonds in UFL: nothing holds there before the grout.
     pull = contact.integrals((left & inactive & ~idle_points(fresh)).astype(np.float64))
     areas = zip(model.jointed.joint_names, pull, strict=True)
@@ -131,28 +135,44 @@ def grouted(
     return replace(before, joints=joints, inactive=waiting, missing=missing)
 
 
+def _open_points(model: Model, contact: Contact, response: Response) -> Rows:
+    """Which local points grout reaches (collective).
+
+    They carry nothing, or keys that hold them open bear the same when the joint is closed.
+    """
+    gap, slip = response.state.gap, response.state.elastic_slip
+    closed, open_ = _at_rest(model, contact, np.zeros_like(gap), slip), gap[:, 0] > 0.0
+    off = np.linalg.norm(closed.traction - response.traction, axis=1)
+    least = SAME * contact.closed_stiffness()[:, 0] * np.where(open_, gap[:, 0], 1.0)
+    return idle_points(response) | (open_ & (off <= least))
+
+
 def _filled(
-    contact: Contact,
+    model: Model,
     before: StaticState,
     here: Rows,
     stage: Unfinished,
     pressure: float,
     pressed: Callable[..., StaticState],
-) -> tuple[StaticState, Rows]:
-    """The state under the pressure, and the points it acts in (collective).
+) -> tuple[StaticState, Response, Rows]:
+    """The state under the pressure, what points bore before, those it acts in (collective).
 
-    It reaches points that carry nothing, then those that it opens.
+    It reaches points that are open, then those that it opens.
     """
-    assert before.joints is not None
-    filled = here & idle_points(before.joints)
+    contact, joints = model.contact, before.joints
+    assert contact is not None
+    assert joints is not None
+    held: Response = joints
+    filled = here & _open_points(model, contact, held)
     while True:
-        traction = np.zeros((len(here), 3))
+        traction = np.where(filled[:, None], held.traction, 0.0)
         traction[filled, 0] = -pressure
         state = pressed(stage=replace(stage, idle=stage.idle | filled), apart=traction)
         assert state.joints is not None
-        more = here & idle_points(state.joints) & ~filled
+        more = here & _open_points(model, contact, state.joints) & ~filled
         if not contact.operator.comm.allreduce(int(more.sum())):
-            return state, filled
+            return state, held, filled
+        held = _chosen(more, state.joints, held)
         filled |= more
 
 
@@ -196,7 +216,7 @@ def _check_no_shear(contact: Contact, traction: Floats, pressure: float) -> None
 def _check_open(contact: Contact, traction: Floats, gap: float) -> None:
     """Check that no law pulls across the gap that grout leaves [m] (collective)."""
     pull, most = np.linalg.norm(traction, axis=1), gap * contact.closed_stiffness()[:, 0]
-    joint = contact.worst_joint(np.where(pull > 1e-9 * most, pull, 0.0))
+    joint = contact.worst_joint(np.where(pull > SAME * most, pull, 0.0))
     if joint is not None:
         raise JointsError(
             f"The {type(contact.laws[joint]).__name__} of {joint!r} pulls across the gap of "
@@ -204,11 +224,20 @@ def _check_open(contact: Contact, traction: Floats, gap: float) -> None:
         )
 
 
-def _at_rest(model: Model, contact: Contact, gap: Floats) -> Response:
-    """Answer of the laws to a gap, shape (n, 3), [m], without any history (collective)."""
+def _at_rest(model: Model, contact: Contact, gap: Floats, slip: Floats | float = 0.0) -> Response:
+    """Answer of the laws to a gap, shape (n, 3), [m], without any other history (collective).
+
+    Args:
+        model: The model.
+        contact: Its joints.
+        gap: The gap.
+        slip: Elastic slip, shape (n, 2), [m].
+    """
     still = model.stiffness.createVecRight()
     still.set(0.0)
-    return contact.respond(still, contact.resting(gap), BACKWARD_EULER)
+    rest = contact.resting(gap)
+    rest = replace(rest, elastic_slip=rest.elastic_slip + slip)
+    return contact.respond(still, rest, BACKWARD_EULER)
 
 
 def _bearing(contact: Contact, answer: Response, filled: Rows, pressure: float) -> Response:

@@ -62,13 +62,20 @@ def _pictures(content: Content) -> list[Html]:
         path = content.save(f"static_{number + 1}", drawn, dpi=90)
         pictures.append(content.drawings.picture(path, f"{run.label} after {name}"))
     caption = f"{run.label} after each static stage, from downstream."
+    if _any_lacks(run, "absent"):
+        caption += " Blocks that are absent in a stage are drawn unmoved."
     return [figure(pictures, caption + gaps_note(run))]
+
+
+def _any_lacks(run: Run, *what: str) -> bool:
+    """Whether joints were inactive, or blocks absent, in any static stage."""
+    acting = (run.results.metadata.get("manifest") or {}).get("static_stages", {})
+    return any(f"; {each}: " in text for text in acting.values() for each in what)
 
 
 def gaps_note(run: Run) -> str:
     """What to keep in mind of pictures of blocks that stood alone for a time; empty of others."""
-    acting = (run.results.metadata.get("manifest") or {}).get("static_stages", {})
-    if not any("inactive" in text for text in acting.values()):
+    if not _any_lacks(run, "inactive", "absent"):
         return ""
     return (
         " Displacements are from the unloaded body: where blocks moved apart before the joints "

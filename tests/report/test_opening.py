@@ -154,6 +154,15 @@ def test_curved_joints_are_named_below_their_forces(tmp_path, monkeypatch):
     assert "joint_1 is curved (flatness 0.75): its mean normal says little" in page.read_text()
 
 
+def test_blocks_that_are_absent_are_told_by_the_pictures(tmp_path):
+    for lacks, absent in (("; absent: block_2", True), ("; inactive: joint_1", False), ("", None)):
+        made = {"static_stages": {WEIGHT: f"Gravity{lacks}", "winter": "Gravity"}}
+        path = write_stages(tmp_path / f"{absent}.h5", made)
+        page = report.write([path], path.with_suffix(".html"), with_3d=False).read_text()
+        assert ("Blocks that are absent in a stage are drawn unmoved." in page) == bool(absent)
+        assert ("there are gaps that are no openings" in page) == (absent is not None)
+
+
 def test_static_stages_are_tables_with_their_units(tmp_path):
     cells = cells_of([write_stages(tmp_path / "s.h5")], tmp_path)
     assert after(cells, WEIGHT, "crest", 3) == ["0", "0", "-1"]  # mm

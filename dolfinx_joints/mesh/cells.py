@@ -5,12 +5,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import basix
 import dolfinx.cpp.io
 import dolfinx.mesh
 import numpy as np
 from numpy.typing import NDArray
+
+from dolfinx_joints.common.errors import MeshError
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -165,3 +168,27 @@ def find_facets(
         owner[there, side, 0] = slot // len(local)
         owner[there, side, 1] = slot % len(local)
     return owner, count
+
+
+def inside_out(shape: CellShape, x: Floats, cells: NDArray[Any]) -> Ints:
+    """Cells that are turned inside out in a part of them, told by the volume at their nodes."""
+    element = shape.element()
+    derivatives = element.tabulate(1, element.points)[1:, :, :, 0]
+    least, most = np.full(len(cells), np.inf), np.full(len(cells), -np.inf)
+    for at_node in np.moveaxis(derivatives, 1, 0):
+        volume = np.linalg.det(np.einsum("da,cai->cdi", at_node, x[cells]))
+        least, most = np.minimum(least, volume), np.maximum(most, volume)
+    largest = np.maximum(most, -least)
+    return np.flatnonzero(np.minimum(most, -least) > 1e-6 * largest)
+
+
+def check_curves(shape: CellShape, x: Floats, cells: NDArray[Any], source: str) -> None:
+    """Check that no cell is turned inside out, as Gmsh leaves curved ones in thin parts."""
+    wrong = inside_out(shape, x, cells)
+    if len(wrong):
+        where = ", ".join(f"{v:.4g}" for v in x[cells[wrong[0]]].mean(axis=0))
+        raise MeshError(
+            f"{source}: {len(wrong)} cells are turned inside out in a part of them, the first "
+            f"around ({where}); refine the mesh there, or make edges straight (of Gmsh "
+            "Mesh.SecondOrderLinear)."
+        )

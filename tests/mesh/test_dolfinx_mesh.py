@@ -126,6 +126,17 @@ def test_a_surface_in_space_is_refused(comm):
         split_mesh(shell, None, joints={}, groups={})
 
 
+def test_a_curved_cell_turned_inside_out_is_refused(comm):
+    """The middle of an edge has gone past the vertex opposite to it."""
+    first = comm.rank == 0
+    cells = np.array([[0, 1, 2, 3, 4, 5]] if first else np.empty((0, 6)), dtype=np.int64)
+    nodes = [[0, 0], [1, 0], [0, 1], [-0.2, -0.2], [0, 0.5], [0.5, 0]]
+    x = np.array(nodes if first else np.empty((0, 2)), dtype=np.float64)
+    element = basix.ufl.element("Lagrange", "triangle", 2, shape=(2,))
+    with pytest.raises(MeshError, match="^The mesh: 1 cells are turned inside out"):
+        split_mesh(dolfinx_versions.create_mesh(comm, cells, x, element))
+
+
 def edges_at(mesh, **places):
     """Tags 1, 2, ... on the edges of the places, in turn."""
     mesh.topology.create_connectivity(1, 2)

@@ -142,6 +142,24 @@ def test_cells_without_a_name_are_told_of(tmp_path):
         load_msh(path)
 
 
+def test_curved_cells_in_a_part_too_thin_for_them_are_refused(tmp_path):
+    """The middle of an edge along the inner face leaves its chord by 3.8 times the thickness."""
+    path = tmp_path / "shell.msh"
+    with gmsh_model.gmsh_session():
+        occ = gmsh.model.occ
+        disk, hole = (occ.addDisk(0, 0, 0, radius, radius) for radius in (10.2, 10.0))
+        occ.cut([(2, disk)], [(2, hole)])
+        occ.synchronize()
+        gmsh.model.addPhysicalGroup(2, [disk], name="shell")
+        for _, line in gmsh.model.getEntities(1):
+            gmsh.model.mesh.setTransfiniteCurve(line, 9)
+        gmsh.option.setNumber("Mesh.SecondOrderLinear", 0)
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.setOrder(2)
+        gmsh.write(str(path))
+    assert "cells are turned inside out in a part of them, the first around (" in refusal(path)
+
+
 def test_comments_may_come_first(lines, tmp_path):
     path = tmp_path / "blocks.msh"
     path.write_text("\n".join(["$Comments", "by hand", "$EndComments", *lines]))

@@ -11,7 +11,7 @@ import numpy as np
 
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import check_choice, check_named, finite, numbers_of, shown
-from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, inside_out
 
 _DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 
@@ -35,7 +35,12 @@ def mesh_of_arrays(
     nodes = _indices("cells", cells, "nodes", len(points), tuple(shapes))
     shape = shapes[nodes.shape[1]]
     corners = shape.facet_vertices.shape[1]
-    _check_order(shape, points, nodes)
+    wrong = inside_out(shape, points, nodes)
+    if len(wrong):
+        raise MeshError(
+            f"Cell {wrong[0]}, one of {len(wrong)}, is turned inside out in a part of it; nodes of "
+            "cells must come in the order of DOLFINx, see the docstring of mesh_from_arrays."
+        )
     return RawMesh(
         shape=shape,
         cells=nodes,
@@ -70,20 +75,3 @@ def _indices(name: str, given: Any, of: str, count: int, columns: tuple[int, ...
             f"numbered from 0 to {count - 1}."
         )
     return array.astype(np.int64)
-
-
-def _check_order(shape: CellShape, x: Floats, cells: Ints) -> None:
-    """Check that no cell is turned inside out in a part, as wrong orders of nodes make it."""
-    element = shape.element()
-    derivatives = element.tabulate(1, element.points)[1:, :, :, 0]
-    least, most = np.full(len(cells), np.inf), np.full(len(cells), -np.inf)
-    for at_node in np.moveaxis(derivatives, 1, 0):
-        volume = np.linalg.det(np.einsum("da,cai->cdi", at_node, x[cells]))
-        least, most = np.minimum(least, volume), np.maximum(most, volume)
-    largest = np.maximum(most, -least)
-    wrong = np.flatnonzero(np.minimum(most, -least) > 1e-6 * largest)
-    if len(wrong):
-        raise MeshError(
-            f"Cell {wrong[0]}, one of {len(wrong)}, is turned inside out in a part of it; nodes of "
-            "cells must come in the order of DOLFINx, see the docstring of mesh_from_arrays."
-        )

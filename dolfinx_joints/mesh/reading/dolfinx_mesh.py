@@ -29,7 +29,7 @@ from dolfinx_joints.common.mpi import (
 )
 from dolfinx_joints.common.parameters import check_kind_of, shown
 from dolfinx_joints.mesh import dolfinx_versions
-from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, check_curves
 from dolfinx_joints.mesh.distribution.shares import PreparedMesh
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.preparation import check_names, prepare, tag_sets
@@ -56,8 +56,11 @@ def split_share(
     cell_map, node_map = mesh.topology.index_map(tdim), mesh.geometry.index_map()
     owned, nodes = slice(cell_map.size_local), slice(node_map.size_local)
     number = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
-    cells, x = number[dolfinx_versions.geometry_nodes(mesh)], mesh.geometry.x[:, :tdim]
+    local, x = dolfinx_versions.geometry_nodes(mesh), mesh.geometry.x[:, :tdim]
+    cells = number[local]
     num_nodes = comm.allreduce(number.max(initial=-1), max) + 1
+    with raised_together(comm):
+        check_curves(shape, x, local, "The mesh")
 
     rows = _facet_rows(mesh, shape, cells, original, facets)
     of_joints = {k: name for k, name in enumerate(facets) if _is_of_joint(name, joints)}

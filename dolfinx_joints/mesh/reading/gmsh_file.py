@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import check_file
-from dolfinx_joints.mesh.cells import CellShape, Ints, RawMesh
+from dolfinx_joints.mesh.cells import CellShape, Ints, RawMesh, check_curves
 from dolfinx_joints.mesh.dolfinx_versions import gmsh_permutation
 from dolfinx_joints.mesh.reading.gmsh_syntax import check_msh
 
@@ -102,9 +102,9 @@ def _read_model(model: Any, source: str) -> RawMesh:
     if dim == 2 and np.ptp(x[:, 2]) > 1e-9 * np.ptp(x, axis=0).max():
         raise MeshError(f"{source!r} is a surface that does not lie in a plane z = constant.")
     cells = nodes[:, gmsh_permutation(shape.name, nodes.shape[1])]
-    return RawMesh(
-        shape=shape, cells=cells, x=x[:, :dim].copy(), cell_groups=cell_groups, facet_groups=facets
-    )
+    x = x[:, :dim].copy()
+    check_curves(shape, x, cells, repr(source))
+    return RawMesh(shape=shape, cells=cells, x=x, cell_groups=cell_groups, facet_groups=facets)
 
 
 def _groups(model: Any, dim: int) -> dict[str, list[int]]:

@@ -89,7 +89,7 @@ def _joint_names(raw: RawMesh, joints: list[str] | None) -> tuple[list[str], boo
     whole = {name.rstrip("+-") for name in groups if name[-1:] in "+-"}
     if joints is None:
         joints = sorted(
-            {name for name in (*groups, *whole) if name.startswith("joint")}
+            {name for name in (*groups, *whole) if name.lower().startswith("joint")}
             - {name for name in groups if name[-1:] in "+-"},
             key=lambda name: (len(name), name),
         )

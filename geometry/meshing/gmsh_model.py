@@ -236,7 +236,7 @@ class MeshReport:
     volume: dict[str, float]
 
     def __str__(self) -> str:
-        joints = {k: n for k, n in self.num_facets.items() if k.startswith("joint")}
+        joints = {k: n for k, n in self.num_facets.items() if k.lower().startswith("joint")}
         return (
             f"{self.num_cells} {self.element} cells, {self.num_nodes} nodes "
             f"({3 * self.num_nodes} unknowns), {len(joints)} joints with {sum(joints.values())} "

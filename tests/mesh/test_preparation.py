@@ -27,7 +27,7 @@ from dolfinx_joints import (
 pytestmark = pytest.mark.mpi
 
 
-def two_blocks(comm, joint, base, cells="all"):
+def two_blocks(comm, joint, base, cells="all", joints=None):
     """Two squares, one on the other, of 1 m."""
     return mesh_from_arrays(
         comm,
@@ -36,23 +36,29 @@ def two_blocks(comm, joint, base, cells="all"):
         cells=[[0, 1, 2, 3], [2, 3, 4, 5]],
         facet_groups={joint: [[2, 3]], base: [[0, 1]]},
         cell_groups={cells: [0, 1]},
-        joints=[joint],
+        joints=joints,
     )
+
+
+@pytest.mark.parametrize("name", ["joint_lift", "Joint_lift", "JOINT 1"])
+def test_groups_that_begin_with_joint_in_any_case_are_joints(comm, name):
+    """A body that nobody meant to be whole is not computed as one."""
+    assert two_blocks(comm, name, "base").joint_names == (name,)
 
 
 @pytest.mark.parametrize("name", ["a/b", "../x", "..", "", "line\nbreak"])
 def test_names_that_results_cannot_hold_are_refused(comm, name):
     sentence = re.escape(f"The facet group {name!r} has a name that results files cannot hold")
-    for names in ((name, "base"), ("joint", name)):
+    for joint, base in ((name, "base"), ("joint", name)):
         with pytest.raises(MeshError, match=sentence):
-            two_blocks(comm, *names)
+            two_blocks(comm, joint, base, joints=[joint])
 
 
 def test_names_that_are_taken_are_read_back(comm, new_path):
     """Joint and support stand in the results under their names; cell groups are not in them."""
     law = FrictionNoTension(normal_stiffness=1e10, shear_stiffness=1e10, friction_angle_deg=30.0)
     model = Model(
-        two_blocks(comm, "übergang 1.2", "foot of the dam", "all of it/them"),
+        two_blocks(comm, "übergang 1.2", "foot of the dam", "all of it/them", ["übergang 1.2"]),
         material={"all of it/them": Elastic(young=1e10, poisson=0.2, density=2400.0)},
         joints=law,
         supports=[Fixed(group="foot of the dam")],

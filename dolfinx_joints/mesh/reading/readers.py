@@ -37,8 +37,8 @@ def read_msh(path: str | Path, comm: Any, *, joints: list[str] | None = None) ->
             conforming mesh, or two coincident boundary groups ``NAME-`` and ``NAME+`` of a mesh
             whose nodes are already duplicated; the distance of the latter is an initial gap.
         comm: MPI communicator of the mesh.
-        joints: Names of the joints; every surface group whose name starts with ``joint`` unless
-            given.
+        joints: Names of the joints; every surface group whose name starts with ``joint``, in any
+            case, unless given.
 
     Raises:
         MeshError: The file cannot be read, mixes cell types, lacks a joint that was asked for, or
@@ -159,8 +159,8 @@ def mesh_from_arrays(
         facet_groups: Vertices of the facets of each group in any order, shape (n, vertices of a
             facet); joints are among them, as in `read_msh`.
         cell_groups: Numbers of the cells of each group, shape (n,).
-        joints: Names of the joints; every facet group whose name starts with ``joint`` unless
-            given.
+        joints: Names of the joints; every facet group whose name starts with ``joint``, in any
+            case, unless given.
 
     Raises:
         MeshError: An array has another shape or names what is not there, nodes of cells come in

@@ -29,7 +29,7 @@ SHIFT = 1e-8
 # Of the frequency of that, below which a frequency is zero.
 ZERO = 1e-3
 
-# Of the largest entry of K: what rounding leaves of the stiffness of a rigid-body motion.
+# Of phi.diag(K) phi: what rounding leaves of the stiffness of a rigid-body motion.
 HELD = 1e-13
 
 
@@ -145,17 +145,15 @@ def closed_stiffness(body: PETSc.Mat, contact: Contact | None) -> PETSc.Mat:
     return stiffness
 
 
-def _check_held(stiffness: PETSc.Mat, rigid: PETSc.NullSpace) -> None:
-    """Refuse a body that moves as a whole without any force (collective)."""
-    motions = rigid.getVecs() if rigid else []
-    forces = [stiffness.createVecLeft() for _ in motions]
-    for motion, force in zip(motions, forces, strict=True):
-        stiffness.mult(motion, force)
-    work = np.array([[motion.dot(force) for force in forces] for motion in motions])
-    if motions and np.linalg.eigvalsh(work)[0] < HELD * stiffness.getDiagonal().max()[1]:
+def _check_held(stiffness: PETSc.Mat, lowest: Modes) -> None:
+    """Refuse a body of which a part moves without any force (collective)."""
+    shape = lowest.shapes[0]
+    size = stiffness.getDiagonal()
+    size.pointwiseMult(size, shape)
+    if (2.0 * math.pi * lowest.frequencies[0]) ** 2 < HELD * size.dot(shape):
         raise JointsError(
-            "The body has no lowest modes: it moves as a whole without any force; give it "
-            "supports or springs."
+            "The body has no lowest modes: it, or a block of it, moves without any force; give it "
+            "supports, springs or joints."
         )
 
 
@@ -166,8 +164,6 @@ def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
     stiffness, mass = closed_stiffness(system.stiffness, system.contact), as_aij(system.mass)
     rows = (system.constrained + stiffness.getOwnershipRange()[0]).astype(PETSc.IntType)
     stiffness.zeroRowsColumns(rows, diag=1.0)
-    if target == 0.0:
-        _check_held(stiffness, system.stiffness.getNearNullSpace())
     mass.zeroRowsColumns(rows, diag=0.0)
     solver = SLEPc.EPS().create(mass.comm)
     solver.setOperators(stiffness, mass)
@@ -192,7 +188,10 @@ def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
         ) from None
     if solver.getConverged() < count:
         raise ConvergenceError(stage=f"modal ({solver.getConverged()} of {count} modes)")
-    return _collect(solver, system, count)
+    found = _collect(solver, system, count)
+    if target == 0.0:
+        _check_held(stiffness, found)
+    return found
 
 
 def _collect(solver: object, system: MatrixSystem, count: int) -> Modes:

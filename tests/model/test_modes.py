@@ -102,7 +102,7 @@ def test_cantilever(column):
     assert share[2] <= 1e-6
 
 
-@pytest.mark.parametrize("stiffness", [1e9, 1e10, 1e12])
+@pytest.mark.parametrize("stiffness", [1e9, 1e10, 1e12, 1e14])
 def test_joint_in_series_softens(column, stiffness):
     # Reference: linear bar elements by hand with a spring of k_n times 1 m^2 in the middle.
     law = FrictionNoTension(
@@ -212,5 +212,13 @@ def test_modes_in_a_file(column, comm, new_path):
 @pytest.mark.parametrize("supports", [(), (Fixed(group="sides", components="xy"),)])
 def test_a_body_that_nothing_holds_is_refused(column, supports):
     # The second may still rise.
-    with pytest.raises(JointsError, match="moves as a whole"):
+    with pytest.raises(JointsError, match="moves without any force"):
         modes(Model(column(joints=[]), material=BAR, supports=list(supports)).system(), 2)
+
+
+def test_a_block_that_nothing_holds_is_refused(column):
+    # The upper half slides on the lower one and turns on it about z.
+    law = FrictionNoTension(normal_stiffness=1e10, shear_stiffness=0.0, friction_angle_deg=30.0)
+    model = Model(column(), material=BAR, supports=[Fixed(group="base")], joints=law)
+    with pytest.raises(JointsError, match="a block of it, moves without any force"):
+        modes(model.system(), 6)

@@ -108,7 +108,7 @@ def response_spectra(
     if target is not None:
         ax.plot(target[0], np.asarray(target[1]) / STANDARD_GRAVITY, color="black", label="target")
     decorate(ax, "period [s]", "pseudo-acceleration [g]")
-    entitle(ax, f"{motion.name}: response spectra, {damping_ratio:.0%} damping")
+    entitle(ax, f"{motion.name}: response spectra, {100 * damping_ratio:g}% damping")
     plain_periods(ax)
     ax.set_xlim(natural.min(), natural.max())
     ax.set_ylim(bottom=0.0)
@@ -129,7 +129,7 @@ def spectrum_match(match: SpectrumMatch, *, ax: Axes | None = None) -> Axes:
         ax=ax,
     )
     low, high = ((1.0 + s * match.tolerance) * match.target / STANDARD_GRAVITY for s in (-1, 1))
-    label = f"target ± {match.tolerance:.0%}"
+    label = f"target ± {100 * match.tolerance:g}%"
     ax.fill_between(match.periods, low, high, color="black", alpha=0.15, linewidth=0, label=label)
     legend(ax)
     return ax

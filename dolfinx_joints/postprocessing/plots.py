@@ -239,7 +239,7 @@ def response_spectra(
         ax.axvspan(*ends, color="0.93", zorder=0, label=name)
     decorate(ax, "period [s]", f"pseudo-acceleration {component} [g]")
     name = point_name(results, point)
-    said = f"{damping_ratio:.0%} damping, {band_name(band)}"
+    said = f"{100 * damping_ratio:g}% damping, {band_name(band)}"
     entitle(ax, f"{name}: response spectra in {component}, {said}")
     plain_periods(ax)
     ax.margins(x=0.0)

@@ -39,6 +39,8 @@ def test_response_spectra_of_a_sine_and_a_step() -> None:
         "y, cross-valley",
     ]
     assert "5% damping" in ax.get_title(loc="left")
+    ax = motion_plots.response_spectra(MOTION, periods=[0.5], damping_ratio=0.025)
+    assert ax.get_title(loc="left").endswith("spectra, 2.5% damping")
 
 
 def test_a_target_and_a_reference_stand_beside_them() -> None:

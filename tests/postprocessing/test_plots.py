@@ -216,6 +216,8 @@ def test_response_spectra(tmp_path: Path) -> None:
     assert (
         ax.get_title(loc="left") == "crest: response spectra in x, 0% damping, low-passed at 25 Hz"
     )
+    ax = plots.response_spectra(run, "crest", "x", damping_ratio=0.075, periods=[0.5])
+    assert "7.5% damping" in ax.get_title(loc="left")
 
 
 @pytest.mark.parametrize("quantity", ["normal", "tangential", "ratio"])

@@ -114,6 +114,26 @@ def test_joint_in_series_softens(column, stiffness):
     assert found[0] < line_frequencies()[0]
 
 
+def test_equal_parts_have_each_mode_as_often_as_they_are():
+    # Four bars of 30 linear elements of length 1, E = rho = 1, held at one end: modes sin(j theta),
+    # omega^2 = 6 (1 - cos theta) / (2 + cos theta), theta = (i - 1/2) pi / 30 (Strang and Fix).
+    cells, copies = 30, 4
+    k = 2.0 * np.eye(cells) - np.eye(cells, k=1) - np.eye(cells, k=-1)
+    m = 4.0 * np.eye(cells) + np.eye(cells, k=1) + np.eye(cells, k=-1)
+    k[-1, -1], m[-1, -1] = 1.0, 2.0
+    system = MatrixSystem.from_arrays(
+        mass=np.kron(np.eye(copies), m / 6.0), stiffness=np.kron(np.eye(copies), k)
+    )
+    cosine = np.cos((np.arange(cells) + 0.5) * np.pi / cells)
+    one = np.sqrt(6.0 * (1.0 - cosine) / (2.0 + cosine)) / (2.0 * np.pi)
+    for asked in range(1, 25):
+        found = modes(system, asked)
+        np.testing.assert_allclose(found.frequencies, np.repeat(one, copies)[:asked], rtol=1e-8)
+        for i, shape in enumerate(found.shapes):
+            products = [shape.dot(system.mass * other) for other in found.shapes]
+            np.testing.assert_allclose(products, np.eye(asked)[i], atol=1e-8)
+
+
 def test_shapes_are_normalised_and_participation_adds_up(column, comm):
     # All modes of the 4 nodes on each of 8 levels, shearing ones included: the sum of squares is
     # f . M^-1 f with f = M 1 at the free dofs, which is the mass without the part that moves with

@@ -236,6 +236,7 @@ class _Balance:
         self.out_of_balance = b.duplicate()
         self.scale, self._trial_scale, self._first_scale = 0.0, 0.0, 0.0
         self._rounding, self.inertia = 0.0, matrix.inertia
+        self._flows = solver.system.bulk is not None
 
     def evaluate(self, change: PETSc.Vec) -> tuple[Response, float]:
         """Response to a change, and the norm of the residual at the unconstrained dofs."""
@@ -243,10 +244,13 @@ class _Balance:
         response = self.internal_forces.respond(change, self.state, self.rule)
         self.internal_forces.force(response, self._force)
         self._matrix.multiply(change, left)
-        norms = (v.norm() for v in (left, self._force, self._right))
-        self._trial_scale = max(float(norm) for norm in norms)
-        self._rounding = self._rounding_error(response, change)
+        sizes = [left.norm(), self._force.norm(), self._right.norm()]
         left.axpy(1.0, self._force)
+        if self._flows:
+            # Of cells that flow both grow without end; their stress does not.
+            sizes[:2] = [left.norm()]
+        self._trial_scale = max(sizes)
+        self._rounding = self._rounding_error(response, change)
         left.axpy(-1.0, self._right)
         left.pointwiseMult(left, self._unconstrained)
         return response, float(left.norm())

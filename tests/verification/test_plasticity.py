@@ -147,6 +147,23 @@ def test_triaxial_compression(comm, kind, dilatancy, new_path):
     on_root(comm, look)
 
 
+@pytest.mark.parametrize("steps", [1, 2, 5])
+def test_tension_without_change_of_volume(comm, steps):
+    # sqrt(J2) = s / sqrt(3), I1 = s; the block is pulled by 1 %, the limit is met at some 0.15 %.
+    # Points at the apex have no stiffness, with which iterates run away: they are no solution.
+    material = rock(dilatancy_angle_deg=0.0)
+    plates = [Fixed(group=f"{a}-", components=a) for a in "xyz"]
+    pull = Prescribed(group="z+", component="z", value=lambda t: t)
+    model = Model(block(comm), material=material, supports=[*plates, pull])
+    state = Simulation(model).quasi_statics(np.linspace(0.0, 0.01, steps + 1))
+    limit = material.strength / (1.0 / math.sqrt(3.0) + material.slope)
+    assert model.resultant(state.reaction, "z+")[2] == pytest.approx(limit, rel=1e-8)
+    # The rest of the 1 % is flow along z, half as much the other way across.
+    flow = 0.01 - limit / ELASTIC.young
+    plastic = state.joints.state.bulk.plastic_strain
+    np.testing.assert_allclose(plastic[:, :3], [[-flow / 2, -flow / 2, flow]] * len(plastic), 1e-6)
+
+
 @pytest.mark.parametrize(("kind", "degree"), [("quadrilateral", 1), ("triangle", 2)])
 def test_plane_strain_compression(comm, kind, degree):
     # The stress out of the plane settles exponentially with the plastic flow.

@@ -72,15 +72,8 @@ class CellShape:
 
         Shape (facets, nodes per facet).
         """
-        element = self.element()
-        topology = basix.topology(self.type)
-        rows = []
-        for facet, vertices in enumerate(topology[self.dim - 1]):
-            row = list(vertices)
-            if self.degree == 2:
-                row += _inner_facet_nodes(element, topology, vertices, self.dim, facet)
-            rows.append(row)
-        return np.array(rows, dtype=np.int64)
+        closure = self.element().entity_closure_dofs[self.dim - 1]
+        return np.array(closure, dtype=np.int64)
 
 
 def vtk_layout(shape: CellShape, count: int) -> tuple[int, Ints]:
@@ -94,24 +87,6 @@ def vtk_layout(shape: CellShape, count: int) -> tuple[int, Ints]:
     order = np.argsort(dolfinx.cpp.io.perm_vtk(kind, count))
     is_linear = count == len(basix.geometry(shape.type))
     return _VTK[shape.name][0 if is_linear else 1], order
-
-
-def _inner_facet_nodes(
-    element: basix.finite_element.FiniteElement,
-    topology: list[list[list[int]]],
-    vertices: list[int],
-    dim: int,
-    facet: int,
-) -> list[int]:
-    """Edge and interior nodes of one facet in the facet's own basix order (degree 2)."""
-    if dim == 2:
-        return list(element.entity_dofs[1][facet])
-    facet_type = basix.CellType.triangle if len(vertices) == 3 else basix.CellType.quadrilateral
-    edges = {frozenset(edge): number for number, edge in enumerate(topology[1])}
-    nodes: list[int] = []
-    for a, b in basix.topology(facet_type)[1]:
-        nodes += element.entity_dofs[1][edges[frozenset((vertices[a], vertices[b]))]]
-    return nodes + list(element.entity_dofs[2][facet])
 
 
 @dataclass(frozen=True, kw_only=True)

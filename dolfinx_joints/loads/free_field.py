@@ -13,6 +13,7 @@ import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
+from scipy.interpolate import make_interp_spline
 
 from dolfinx_joints.body.supports import components_of
 from dolfinx_joints.common.declared import checked
@@ -47,20 +48,9 @@ def incident_wave(outcrop: Motion) -> Callable[[float], Floats]:
         Velocity of the rising wave at a time [s], shape (3,), [m/s]; zero before the record, and
         after it what the record ends with, so correct its baseline.
     """
-    acceleration, dt = outcrop.acceleration, outcrop.dt
-    velocity, _ = outcrop.integrated()
-
-    def rising(time: float) -> Floats:
-        if time <= 0.0:
-            return np.zeros(3)
-        i = min(int(time / dt), len(velocity) - 1)
-        if i == len(velocity) - 1:
-            return 0.5 * velocity[-1]
-        past = time - i * dt
-        slope = (acceleration[i + 1] - acceleration[i]) / dt
-        return 0.5 * (velocity[i] + past * (acceleration[i] + 0.5 * past * slope))
-
-    return rising
+    acceleration = make_interp_spline(outcrop.time, outcrop.acceleration, k=1)
+    velocity, end = acceleration.antiderivative(), outcrop.duration
+    return lambda time: 0.5 * velocity(min(max(time, 0.0), end))
 
 
 @dataclass(frozen=True, kw_only=True)

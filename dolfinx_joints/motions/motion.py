@@ -27,7 +27,6 @@ from dolfinx_joints.motions.processing import (
     resample,
     without_baseline,
     without_drift,
-    without_line,
 )
 
 Seconds = Annotated[float, at.Gt(0.0), at.Unit("s")]
@@ -166,7 +165,9 @@ class Motion(Summarised):
 
     def detrended(self) -> Self:
         """The motion less the straight line that fits each component best (least squares)."""
-        return replace(self, acceleration=without_line(self.acceleration, self.dt))
+        from scipy.signal import detrend
+
+        return replace(self, acceleration=detrend(self.acceleration, axis=0))
 
     @checked
     def baseline_corrected(self, degree: Annotated[int, at.Interval(ge=0, le=6)] = 2) -> Self:

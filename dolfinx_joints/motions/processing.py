@@ -52,15 +52,6 @@ def resample(acceleration: Floats, old_dt: float, dt: float, count: int) -> Floa
     return values
 
 
-def without_line(acceleration: Floats, dt: float) -> Floats:
-    """The signal less the straight line that fits each column best (least squares)."""
-    time = np.arange(len(acceleration), dtype=np.float64) * dt
-    centred = time - time.mean()
-    slope = centred @ acceleration / (centred @ centred)
-    line: Floats = acceleration.mean(axis=0) + np.outer(centred, slope)
-    return acceleration - line
-
-
 def without_baseline(acceleration: Floats, degree: int) -> Floats:
     """The signal less the polynomial whose velocity fits its own velocity best (least squares)."""
     place = np.linspace(-1.0, 1.0, len(acceleration))

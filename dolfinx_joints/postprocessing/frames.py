@@ -101,11 +101,10 @@ def reference_displacement(results: Results, relative_to: str | None) -> Floats:
         u = results.series("histories", "displacement")
         return np.asarray(u[:, results.point_index(relative_to)])
     _check_ground(results)
+    from scipy.integrate import cumulative_trapezoid
+
     velocity = results.series("histories", _SURFACE)
-    moved = np.zeros_like(velocity)
-    steps = 0.5 * np.diff(time)[:, None] * (velocity[1:] + velocity[:-1])
-    np.cumsum(steps, axis=0, out=moved[1:])
-    return moved
+    return np.asarray(cumulative_trapezoid(velocity, time, axis=0, initial=0.0))
 
 
 def nodal_displacement(

@@ -57,6 +57,12 @@ def stress_along(stress: ArrayLike, direction: ArrayLike) -> Floats:
     return found
 
 
+def extreme_of(name: str, values: Floats) -> float:
+    """Largest of the values of an envelope, smallest of one of compression, NaN without any."""
+    known = values[~np.isnan(values)]
+    return float(known.max() if name.endswith("max") else known.min()) if known.size else np.nan
+
+
 def face_directions(nodes: ArrayLike, facets: ArrayLike) -> tuple[Floats, Floats]:
     """Arch and cantilever directions at the nodes of a surface.
 

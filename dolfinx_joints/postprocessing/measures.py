@@ -29,7 +29,7 @@ from dolfinx_joints.motions.spectra import (
     highest_peak,
     significant_duration,
 )
-from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, extreme_of
 from dolfinx_joints.postprocessing.frames import (
     ground_in_steps,
     ground_motion,
@@ -297,8 +297,8 @@ def joint_measures(results: Results, *, tail: NotNegative = 1.0) -> dict[str, di
 
 
 def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
-    time, opening, _ = joint_history(results, joint)
-    gap = results.series("states", f"joints/{joint}/gap")
+    time, gap = results.time("states"), results.series("states", f"joints/{joint}/gap")
+    opening = np.maximum(gap[..., 0], 0.0)
     traction = results.series("states", f"joints/{joint}/traction")
     areas = results.static(f"joints/{joint}/areas")
     shares = areas / areas.sum()
@@ -341,14 +341,9 @@ def stress_extremes(results: Results) -> dict[str, float]:
     has the direction.
     """
     check_results(results)
-    found = dict.fromkeys(ENVELOPE_NAMES, np.nan)
-    if "envelopes" in results.streams and results.rows("envelopes"):
-        for name in ENVELOPE_NAMES:
-            values = results.series("envelopes", name, -1)
-            known = values[~np.isnan(values)]
-            if known.size:
-                found[name] = float(known.max() if name.endswith("max") else known.min())
-    return found
+    if "envelopes" not in results.streams or not results.rows("envelopes"):
+        return dict.fromkeys(ENVELOPE_NAMES, np.nan)
+    return {n: extreme_of(n, results.series("envelopes", n, -1)) for n in ENVELOPE_NAMES}
 
 
 def _largest(values: Floats) -> float:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES
-from dolfinx_joints.postprocessing.joints.resultants import stage_resultants
+from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES, extreme_of
+from dolfinx_joints.postprocessing.joints.resultants import JointResultants, stage_resultants
 from dolfinx_joints.results.arguments import check_results
 from dolfinx_joints.results.reader import Results
 
@@ -92,27 +92,30 @@ def static_stages(results: Results) -> list[StaticStage]:
 def _of_joint(results: Results, joint: str, count: int) -> list[StageJoint]:
     """A joint at the end of each of the stages."""
     forces = stage_resultants(results, joint)
-    normal, shear, safety = forces.normal_force, forces.shear_force, forces.sliding_safety
-    water: Floats = np.zeros(count)
+    return [joint_in_state(results, "statics", forces, i) for i in range(count)]
+
+
+def joint_in_state(
+    results: Results, stream: str, forces: JointResultants, number: int
+) -> StageJoint:
+    """A joint in a record of a stream, with its resultants of that number, at the same time."""
+    gap, traction = (
+        results.series(stream, f"joints/{forces.joint}/{name}", number)
+        for name in ("gap", "traction")
+    )
+    water = 0.0
     if forces.water_force is not None:
-        water = forces.water_force @ forces.geometry.normal
-    found = []
-    for i in range(count):
-        gap = results.series("statics", f"joints/{joint}/gap", i)
-        traction = results.series("statics", f"joints/{joint}/traction", i)
-        found.append(
-            StageJoint(
-                normal_force=float(normal[i]),
-                shear_force=float(shear[i]),
-                sliding_safety=float(safety[i]),
-                contact=float(forces.contact[i]),
-                opening_max=float(gap[:, 0].max(initial=0.0)),
-                slip_max=float(np.linalg.norm(gap[:, 1:], axis=1).max(initial=0.0)),
-                pressure_max=float(abs(traction[:, 0].min(initial=0.0))),
-                water_force=float(water[i]),
-            )
-        )
-    return found
+        water = float(forces.water_force[number] @ forces.geometry.normal)
+    return StageJoint(
+        normal_force=float(forces.normal_force[number]),
+        shear_force=float(forces.shear_force[number]),
+        sliding_safety=float(forces.sliding_safety[number]),
+        contact=float(forces.contact[number]),
+        opening_max=float(gap[:, 0].max(initial=0.0)),
+        slip_max=float(np.linalg.norm(gap[:, 1:], axis=1).max(initial=0.0)),
+        pressure_max=float(abs(traction[:, 0].min(initial=0.0))),
+        water_force=water,
+    )
 
 
 def _reactions(results: Results, i: int) -> dict[str, Floats]:
@@ -122,12 +125,8 @@ def _reactions(results: Results, i: int) -> dict[str, Floats]:
 
 def _stresses(results: Results, i: int) -> dict[str, float]:
     """Extremes over the vertices that have a value."""
-    found: dict[str, float] = {}
+    found = dict.fromkeys(STAGE_STRESSES, np.nan)
     for name, series in STAGE_STRESSES.items():
-        found[name] = np.nan
         if series in results.streams["statics"]:
-            values = results.series("statics", series, i)
-            known = values[~np.isnan(values)]
-            if known.size:
-                found[name] = float(known.max() if name.endswith("max") else known.min())
+            found[name] = extreme_of(name, results.series("statics", series, i))
     return found

@@ -13,6 +13,7 @@ from dolfinx_joints.postprocessing.body import Body
 from dolfinx_joints.postprocessing.joints.resultants import joint_geometry, joint_resultants
 from dolfinx_joints.postprocessing.measures import StageJoint, StaticStage
 from dolfinx_joints.postprocessing.rendering import round_scale
+from dolfinx_joints.postprocessing.static_stages import joint_in_state
 from dolfinx_joints.report.page import Cell, Html, Section, figure, paragraph, table
 from dolfinx_joints.report.runs import Content, Run, nothing
 
@@ -105,22 +106,7 @@ def stages(run: Run) -> list[StaticStage]:
 
 def _first(run: Run, joint: str) -> StageJoint:
     """A joint at the first record."""
-    gap = run.results.series("states", f"joints/{joint}/gap", 0)
-    traction = run.results.series("states", f"joints/{joint}/traction", 0)
-    forces = joint_resultants(run.results, joint)
-    water = 0.0
-    if forces.water_force is not None:
-        water = float(forces.water_force[0] @ forces.geometry.normal)
-    return StageJoint(
-        normal_force=float(forces.normal_force[0]),
-        shear_force=float(forces.shear_force[0]),
-        sliding_safety=float(forces.sliding_safety[0]),
-        contact=float(forces.contact[0]),
-        opening_max=float(gap[:, 0].max(initial=0.0)),
-        slip_max=float(np.linalg.norm(gap[:, 1:], axis=1).max(initial=0.0)),
-        pressure_max=float(abs(traction[:, 0].min(initial=0.0))),
-        water_force=water,
-    )
+    return joint_in_state(run.results, "states", joint_resultants(run.results, joint), 0)
 
 
 def _tables(run: Run, found: Sequence[StaticStage]) -> list[Html]:

@@ -19,6 +19,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from dolfinx_joints.common.file_lock import replaced
 from dolfinx_joints.common.hdf5 import new_file
 
 Piece = tuple[int, bytes | memoryview]  # place in the file [bytes], what is written there
@@ -26,26 +27,9 @@ Piece = tuple[int, bytes | memoryview]  # place in the file [bytes], what is wri
 
 @contextmanager
 def begun(path: Path, size: int) -> Iterator[h5py.File]:
-    """An HDF5 file of so many bytes, to be written whole or not at all, as by `write_new`."""
-    part = path.with_name(f"{path.name}.part")
-    try:
-        with new_file(part, size) as file:
-            yield file
-        part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
-
-
-def write_new(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all; one that is there is replaced at once."""
-    part = path.with_name(f"{path.name}.part")
-    try:
-        part.write_bytes(content)
-        part.replace(path)
-    except OSError:
-        part.unlink(missing_ok=True)
-        raise
+    """An HDF5 file of so many bytes, to be written whole or not at all."""
+    with replaced(path) as part, new_file(part, size) as file:
+        yield file
 
 
 @contextmanager
@@ -107,7 +91,8 @@ def _make(path: Path, disk: io.FileIO, waiting: _Waiting) -> None:
             lengths=np.array([len(content) for _, content in inside], dtype=np.int64),
             content=np.frombuffer(b"".join(content for _, content in inside), dtype=np.uint8),
         )
-        write_new(_redo(path), kept.getvalue())
+        with replaced(_redo(path)) as part:
+            part.write_bytes(kept.getvalue())
     except OSError:
         disk.truncate(before)
         raise

@@ -15,7 +15,6 @@ another monitor point or the ``"ground"`` (`frames`); titles say which.
 
 from __future__ import annotations
 
-import contextlib
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -27,6 +26,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.constants import ACCELERATION_BAND, STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError, ResultsError
+from dolfinx_joints.common.file_lock import replaced
 from dolfinx_joints.motions.processing import low_pass
 from dolfinx_joints.motions.spectra import (
     equally_spaced,
@@ -111,15 +111,11 @@ def save(
         JointsError: The file cannot be written.
     """
     place = Path(path)
-    part = place.with_name(f".{place.stem}.part{place.suffix}")
     try:
-        figure.figure.savefig(part, dpi=dpi)
-        part.replace(place)
+        with replaced(place) as part:
+            figure.figure.savefig(part, dpi=dpi, format=place.suffix[1:])
     except OSError as error:
         raise JointsError(f"The figure {place} cannot be written: {error.strerror}.") from None
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink()
     return place
 
 

@@ -8,7 +8,6 @@ import csv
 import io
 import json
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from numbers import Real
 from os import PathLike
 from pathlib import Path
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import StudyError
+from dolfinx_joints.common.file_lock import replaced
 
 Row = dict[str, Any]
 Table = dict[str, NDArray[Any]]
@@ -128,11 +128,8 @@ def write_csv(table: Table, path: str | PathLike[str]) -> Path:
 
 def replace(path: Path, text: str) -> None:
     """Write a file so that it is whole or as it was."""
-    part = path.with_name(f".{path.name}.partial")
     try:
-        part.write_bytes(text.encode())
-        part.replace(path)
+        with replaced(path) as part:
+            part.write_bytes(text.encode())
     except OSError as error:
-        with suppress(OSError):
-            part.unlink()
         raise StudyError(f"{path} cannot be written: {error.strerror}.") from error

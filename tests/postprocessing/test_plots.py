@@ -316,6 +316,9 @@ def test_axes_given_are_drawn_on_and_saved(results: Results, tmp_path: Path) -> 
         plots.save(figure, tmp_path / "nowhere" / "figure.png")
     plots.save(upper.figure, tmp_path / "figure.pdf")
     assert (tmp_path / "figure.pdf").stat().st_size > 1000
+    with pytest.raises(ValueError, match="Format '' is not supported"):  # there is no ending
+        plots.save(figure, tmp_path / "figure")
+    assert {path.name for path in tmp_path.iterdir()} == {"figure.png", "figure.pdf"}
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from written_runs import NODES, write_envelopes, write_run, write_stages, write_
 from dolfinx_joints import report
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing import measures
-from dolfinx_joints.report import opening, run_sections, runs
+from dolfinx_joints.report import opening, run_sections, runs, writing
 from dolfinx_joints.report import page as report_page
 from dolfinx_joints.results.layout import declare_histories, declare_states
 from dolfinx_joints.results.reader import Results
@@ -388,6 +388,17 @@ def test_bad_input_has_one_message(tmp_path):
     with pytest.raises(ValueError, match=r"results is \[\]; it must be 1 or more values"):
         report.write([], tmp_path / "out.html")
     assert not (tmp_path / "out.html").exists()
+
+
+def test_a_report_that_fails_leaves_the_old_one(tmp_path, monkeypatch):
+    path, out = write_run(tmp_path / "run.h5", seconds=0.05), tmp_path / "out.html"
+    out.write_text("old")
+    monkeypatch.setattr(writing, "page", lambda *_: "\ud800")  # that no encoding has
+    with pytest.raises(UnicodeEncodeError):
+        report.write([path], out, with_3d=False)
+    assert [(file.name, file.read_text()) for file in tmp_path.glob("out.html*")] == [
+        ("out.html", "old")
+    ]
 
 
 def test_the_jointed_run_is_drawn(tmp_path):

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from dolfinx_joints.loads.wave_levels import cubic
 from dolfinx_joints.mesh.cells import Floats
 
 # Samples of the shortest delay between interfaces, at least: cubics need the one after the next.
@@ -96,9 +97,6 @@ class Column:
         """Samples between which a wave is cubic, zero before the first."""
         place = np.maximum(times, -float(FEWEST) * self._spacing) / self._spacing
         i = np.floor(place).astype(int)
-        x = place - i
-        before, here, after, next_ = (samples[i + BEFORE + k] for k in (-1, 0, 1, 2))
-        found: Floats = here * (1.0 - x) * (1.0 + x) * (2.0 - x) / 2.0
-        found += after * x * (1.0 + x) * (2.0 - x) / 2.0
-        found -= before * x * (1.0 - x) * (2.0 - x) / 6.0
-        return found - next_ * x * (1.0 - x) * (1.0 + x) / 6.0
+        near = np.arange(-1, 3)
+        weights = cubic((place - i)[:, None] - near)
+        return np.asarray(np.sum(samples[i[:, None] + BEFORE + near] * weights, axis=1))

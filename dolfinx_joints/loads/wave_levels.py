@@ -73,7 +73,7 @@ def forces_of_levels(
     first, last = ((end - start) / spacing for end in extent_along(model, groups, slowness, layer))
     forces = []
     for level in range(int(np.floor(first)) - 1, int(np.floor(last)) + 3):
-        share.setArray(_cubic(place - level))
+        share.setArray(cubic(place - level))
         matrix.mult(share, result)
         force = model.mass.createVecRight()
         force.setArray(result.getArray(readonly=True).copy())
@@ -162,8 +162,8 @@ def checked_base(
     return base
 
 
-def _cubic(offset: Floats) -> Floats:
-    """Weight of a level at nodes ``offset`` spacings from it, Lagrange's on four levels."""
+def cubic(offset: Floats) -> Floats:
+    """Weight of a sample ``offset`` spacings away, of Lagrange's interpolation on four."""
     x = np.abs(offset)
     near = (1.0 - x) * (1.0 + x) * (2.0 - x) / 2.0
     far = (1.0 - x) * (2.0 - x) * (3.0 - x) / 6.0

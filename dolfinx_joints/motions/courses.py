@@ -5,19 +5,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Any
 
-import annotated_types as at
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import numbers_of, shown
-from dolfinx_joints.motions.motion import Motion
+from dolfinx_joints.motions.motion import Motion, Seconds
 
 Floats = NDArray[np.float64]
-Seconds = Annotated[float, at.Gt(0.0), at.Unit("s")]
 
 # Of the largest velocity, with which a record of velocities may begin.
 AT_REST = 0.01

@@ -28,8 +28,8 @@ from dolfinx_joints.motions.processing import (
     without_baseline,
     without_drift,
 )
+from dolfinx_joints.motions.spectra import Seconds as Seconds
 
-Seconds = Annotated[float, at.Gt(0.0), at.Unit("s")]
 Hertz = Annotated[float, at.Gt(0.0), at.Unit("Hz")]
 
 

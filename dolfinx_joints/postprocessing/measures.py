@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.constants import ACCELERATION_BAND
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning
-from dolfinx_joints.motions.motion import Motion
+from dolfinx_joints.motions.motion import Hertz, Motion
 from dolfinx_joints.motions.processing import low_pass
 from dolfinx_joints.motions.spectra import (
     equally_spaced,
@@ -53,7 +53,6 @@ from dolfinx_joints.results.resolved import beyond
 from dolfinx_joints.results.resolved import resolved_frequencies as resolved_frequencies
 
 Floats = NDArray[np.floating[Any]]
-Hertz = Annotated[float, at.Gt(0.0), at.Unit("Hz")]
 NotNegative = Annotated[float, at.Ge(0.0), at.Unit("s")]
 
 OPEN, SLIDING = 0, 2  # `laws.Status.OPEN` and `SLIP`, as files hold them

@@ -27,6 +27,7 @@ from dolfinx_joints.common.constants import ACCELERATION_BAND, STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError, ResultsError
 from dolfinx_joints.common.file_lock import replaced
+from dolfinx_joints.motions.motion import Hertz
 from dolfinx_joints.motions.processing import low_pass
 from dolfinx_joints.motions.spectra import (
     equally_spaced,
@@ -58,7 +59,6 @@ from dolfinx_joints.postprocessing.joints.maps import joint_maps as joint_maps
 from dolfinx_joints.postprocessing.joints.panels import joint_panels as joint_panels
 from dolfinx_joints.postprocessing.joints.surface import LABELS, JointSurface, Quantity, map_value
 from dolfinx_joints.postprocessing.measures import (
-    Hertz,
     acceleration_history,
     band_name,
     common_band,
@@ -160,7 +160,7 @@ def fourier(
     ax: Axes | None = None,
     reference: Results | None = None,
     labels: tuple[str, str] | None = None,
-    max_frequency: Annotated[float, at.Gt(0.0), at.Unit("Hz")] = 15.0,
+    max_frequency: Hertz = 15.0,
 ) -> Axes:
     """Fourier amplitude of a monitor point's displacement against frequency [1e-3 m s].
 

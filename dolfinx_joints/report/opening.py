@@ -34,8 +34,6 @@ from dolfinx_joints.report.static_section import gaps_note
 from dolfinx_joints.results.reader import ENERGY_TERMS
 from dolfinx_joints.results.resolved import beyond
 
-UPSTREAM, DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
-
 JOINT_NOTE = (
     "Opening is the positive part of the normal gap. Slip is the tangential displacement of the "
     "two sides against each other from the static state. Safety is that "
@@ -168,7 +166,7 @@ def _dam(content: Content) -> list[Html]:
     if not needed or run.plane or not run.has("states", "displacement"):
         return []
     time, moment = largest_moment(run)
-    both = (UPSTREAM, DOWNSTREAM)
+    both = (views.UPSTREAM, views.DOWNSTREAM)
     drawn = views.deformed(run.results, time=time, groups=run.groups, azimuths_deg=both)
     caption = f"{run.label} at t = {time:.3f} s, {moment}. The joints are red.{gaps_note(run)}"
     path = content.save("dam", drawn, dpi=140)

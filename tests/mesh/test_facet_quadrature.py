@@ -109,12 +109,6 @@ def test_nodal_points_are_nodes_with_the_integrals_of_their_shape_functions(vert
     np.testing.assert_allclose(values, np.eye(element.dim)[here], atol=1e-14)
 
 
-def test_six_node_triangles_have_points_at_their_mid_sides():
-    points, weights = facet_rule(3, 2, "nodal")
-    assert sorted(map(tuple, points)) == [(0.0, 0.5), (0.5, 0.0), (0.5, 0.5)]
-    np.testing.assert_allclose(weights, 1.0 / 6.0)
-
-
 @pytest.mark.parametrize(("vertices", "degree"), [*FACETS, (3, 3), (4, 3)])
 def test_auto_ties_every_pair_of_a_facet(vertices, degree):
     """The sum of w phi phi^T is positive definite: only gaps of zero have no tractions.

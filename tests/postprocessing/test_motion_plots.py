@@ -92,8 +92,3 @@ def test_histories_show_the_drift_and_what_a_baseline_takes_off() -> None:
     assert ax.get_ylabel() == "displacement y [m]"
     plain = motion_plots.history(MOTION, "x")
     assert np.abs(plain.get_lines()[0].get_ydata()).max() == pytest.approx(0.1, rel=1e-3)
-
-
-def test_components_are_different_ones() -> None:
-    with pytest.raises(ValueError, match="different ones of x, y, z"):
-        motion_plots.response_spectra(MOTION, components="xx")

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Figures: what stands on the axes of a small wall of two blocks with one joint."""
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -345,12 +343,3 @@ def test_wrong_requests_have_a_message(results: Results) -> None:
         plots.joint_traction(results, "joint_1", index=2)
     with pytest.raises(ResultsError, match="No joint 'joint_9' in .*; it has joint_1"):
         plots.joint_traction(results, "joint_9")
-
-
-def test_importing_plots_loads_no_matplotlib() -> None:
-    code = (
-        "import sys, dolfinx_joints.postprocessing.plots\n"
-        "print([m for m in sys.modules if 'matplotlib' in m])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

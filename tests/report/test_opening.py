@@ -83,15 +83,6 @@ def test_joints_have_values_times_and_places(tmp_path):
     assert safety == "–"  # the file knows no friction angle
 
 
-def test_peaks_of_a_joint_are_those_of_measures(tmp_path):
-    with Results(write_run(tmp_path / "joints.h5")) as results:
-        found = peaks.joint_peaks(results, "joint_1")
-        measured = measures.joint_measures(results)["joint_1"]
-    for name in ("opening", "slip"):
-        assert found[name].value == measured[f"{name}_max"]
-        assert found[name].time == measured[f"{name}_time"]
-
-
 def test_the_crest_is_the_highest_points(tmp_path):
     points = [[0.0, 0.0, 10.0], [0.0, 5.0, 9.95], [0.0, 0.0, 4.0], [0.0, 0.0, 0.0]]
     with ResultsWriter(tmp_path / "r.h5", {"point_names": list("abcd")}) as writer:
@@ -161,27 +152,6 @@ def test_blocks_that_are_absent_are_told_by_the_pictures(tmp_path):
         page = report.write([path], path.with_suffix(".html"), with_3d=False).read_text()
         assert ("Blocks that are absent in a stage are drawn unmoved." in page) == bool(absent)
         assert ("there are gaps that are no openings" in page) == (absent is not None)
-
-
-def test_static_stages_are_tables_with_their_units(tmp_path):
-    cells = cells_of([write_stages(tmp_path / "s.h5")], tmp_path)
-    assert after(cells, WEIGHT, "crest", 3) == ["0", "0", "-1"]  # mm
-    assert after(cells, "winter", "crest", 3) == ["0", "0", "-2"]
-    head = cells[cells.index("joint") + 1 :]
-    row = dict(zip(head, after(cells[cells.index("joint") :], WEIGHT, "joint_1", 8), strict=False))
-    # 4 m^2 bear 2 MPa and 0.5 MPa along x; at 45 degrees the safety is 8 MN / 2 MN.
-    assert row["normal force [MN], pressure > 0"] == "8"
-    assert row["shear force [MN]"] == "2"
-    assert row["safety against sliding"] == "4"
-    assert row["largest tangential gap [mm]"] == "0.005"
-    assert row["largest pressure [MPa]"] == "2"
-    row = dict(
-        zip(head, after(cells[cells.index("joint") :], "winter", "joint_1", 8), strict=False)
-    )
-    assert row["largest opening [mm]"] == "3"
-    assert row["area under pressure [%]"] == "50"
-    assert row["normal force [MN], pressure > 0"] == "4"
-    assert row["force of water in it [MN]"] == "0.2"
 
 
 def test_a_file_without_stages_shows_its_first_record(tmp_path):

@@ -122,24 +122,6 @@ def test_steps_are_those_that_were_taken(failed):
     assert cells[cells.index("time steps") + 1] == "100"
 
 
-def test_joint_table_shows_what_the_gaps_are(plain):
-    # 3 mm at the end; half of the area is open in two of three states.
-    page, _ = plain
-    row = page.cells.index("joint_1", page.cells.index("static opening [mm]"))
-    assert page.cells[row + 1 : row + 3] == ["0", "3"]
-    assert page.cells[row + 4] == "1"
-    assert page.cells[row + 8] == "33.33"
-
-
-def test_packed_arrays_are_those_of_the_file(plain, folder):
-    text = re.search(r'<script type="application/json" id="data">(.*?)</script>', plain[1])[1]
-    trace = json.loads(text)["plots"]["history-1"]["data"][0]
-    drawn = np.frombuffer(base64.b64decode(trace["y"]["f4"]), dtype="<f4")
-    with Results(folder / "run.h5") as results:
-        u = 1e3 * results.series("histories", "displacement")[:, 0, 0]
-    np.testing.assert_allclose(drawn, u - u[0], rtol=1e-6, atol=1e-6)
-
-
 def data_of(html: str) -> dict[str, Any]:
     """What the scripts of a page draw."""
     text = re.search(r'<script type="application/json" id="data">(.*?)</script>', html)

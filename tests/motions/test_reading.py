@@ -74,9 +74,7 @@ GOOD = at2_text(np.linspace(0.0, 0.22, 23).tolist())
         (GOOD.replace("UNITS OF G", "UNITS OF G/10"), "line 3: must say 'UNITS OF G'"),
         (GOOD.replace("NPTS", "POINTS"), "line 4: must give 'NPTS= count, DT= step SEC'"),
         (GOOD.replace(".0050", ".0000"), "line 4: the time step must be positive"),
-        (GOOD.replace(" 1.0000000E-01", " ******"), "line 7: '[*]+' is not a finite number"),
         (GOOD.replace(" 1.0000000E-01", ""), "line 7: 4 values where the lines before"),
-        (GOOD[: GOOD.rindex(" 2.2")], "line 9: 22 values up to here, line 4 announces 23"),
     ],
 )
 def test_a_wrong_file_is_an_error(tmp_path: Path, text: str, message: str) -> None:

@@ -13,12 +13,10 @@ import pytest
 
 from dolfinx_joints import Results, ResultsError, cli
 from dolfinx_joints.export.csv_files import write_csv
-from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
+from dolfinx_joints.postprocessing.envelopes import declare_envelopes
 from dolfinx_joints.postprocessing.joints.resultants import block_resultants, joint_resultants
-from dolfinx_joints.postprocessing.measures import joint_measures
 from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
 from dolfinx_joints.results.overview import overview
-from dolfinx_joints.results.reader import ENERGY_TERMS
 from dolfinx_joints.results.writer import ResultsWriter
 
 STEPS, EVERY = 7, 3
@@ -92,39 +90,20 @@ def column(path: Path, name: str) -> np.ndarray:
 
 
 def test_tables_hold_the_numbers_of_the_file(tmp_path):
-    # Bit for bit: what is read back equals what the file holds.
+    # Series that only some runs have, and forces by hand; `test_readback` has every other column.
     with Results(write_run(tmp_path / "r.h5")) as results:
         paths = write_csv(results, tmp_path / "new" / "tables")
         names = ["histories", "peaks", "energy", "joints", "joint_extremes", "resultants"]
         names.append("envelopes")
         assert [path.name for path in paths] == [f"{name}.csv" for name in names]
-        history, _, energy, joints, extremes, forces, envelopes = paths
-        np.testing.assert_array_equal(column(history, "time [s]"), results.time("histories"))
-        for name, unit in (("displacement", "m"), ("acceleration", "m/s^2"), ("velocity", "m/s")):
-            values = results.series("histories", name)
-            shown = "raw acceleration" if name == "acceleration" else name
-            for i, point in enumerate(results.point_names):
-                for k, axis in enumerate("xyz"):
-                    found = column(history, f"{shown} of {point} {axis} [{unit}]")
-                    np.testing.assert_array_equal(found, values[:, i, k])
+        history, _, _, joints, extremes, forces, _ = paths
+        velocity = results.series("histories", "velocity")
+        found = column(history, "velocity of left, top y [m/s]")
+        np.testing.assert_array_equal(found, velocity[:, 1, 1])
         reaction = results.series("histories", "reaction/base")
         np.testing.assert_array_equal(column(history, "reaction/base z [N]"), reaction[:, 2])
-        counts = column(history, "iterations [-]")
-        np.testing.assert_array_equal(counts, results.series("histories", "iterations"))
         # Every series of the stream has its columns: 2 points x 3 x 3, and the others.
         assert len(read(history)[0]) == 1 + 18 + 3 + 3 + 1 + 3
-        for term in (*ENERGY_TERMS, "joints/joint_2/friction", "loads/Gravity"):
-            values = results.series("energy", term)
-            np.testing.assert_array_equal(column(energy, f"{term} [J]"), values)
-        assert [row[0] for row in read(joints)[1]] == ["joint_1", "joint_2"]
-        for name, unit in (("opening_max", "m"), ("pressure_time", "s"), ("share_sliding", "-")):
-            wanted = [each[name] for each in joint_measures(results).values()]
-            np.testing.assert_array_equal(column(joints, f"{name} [{unit}]"), wanted)
-        for k, name in enumerate(ENVELOPE_NAMES):
-            values = results.series("envelopes", name, -1)
-            np.testing.assert_array_equal(column(envelopes, f"{name} [Pa]"), values, err_msg=str(k))
-        nodes = results.static("mesh/nodes")[[1, 3]]
-        np.testing.assert_array_equal(column(envelopes, "position y [m]"), nodes[:, 1])
         # Frames n = z, s1 = x, s2 = y: on the + side minus the sums of areas times tractions.
         for i, joint in enumerate(results.joints):
             t = results.series("states", f"joints/{joint}/traction")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
@@ -85,11 +86,8 @@ class FarField:
         part = time / h - number
         if part > ROUNDING:
             end, end_rate, _ = self._at(number + 1)
-            change, start = end - place, rate
-            bend, skew = 3.0 * change - h * (2.0 * start + end_rate), h * (start + end_rate)
-            skew = skew - 2.0 * change
-            rate = start + part * (2.0 * bend + 3.0 * part * skew) / h
-            place = place + part * (h * start + part * (bend + part * skew))
+            course = CubicHermiteSpline([0.0, h], [place, end], [rate, end_rate])
+            place, rate = course(part * h), course(part * h, 1)
         section = self._section
         return np.asarray(section.by_rate @ rate + section.by_place @ place)
 

@@ -206,6 +206,16 @@ class _Through(NamedTuple):
     openings: Openings | None
 
 
+def factored(matrix: PETSc.Mat) -> PETSc.KSP:
+    """A solver by the matrix's factor (collective)."""
+    ksp = PETSc.KSP().create(matrix.comm)
+    ksp.setType("preonly")
+    ksp.getPC().setType("lu")
+    ksp.getPC().setFactorSolverType("mumps")
+    ksp.setOperators(matrix)
+    return ksp
+
+
 def scalar_space(jointed: JointedMesh, components: int = 1) -> Any:
     """Lagrange space of the degree of the mesh."""
     shape = () if components == 1 else (components,)
@@ -272,12 +282,7 @@ def _solve(
         matrix.mult(x, b)
         loads.append(np.where(known, values, -b.getArray()))
     matrix.zeroRowsColumns(rows, diag=1.0)
-    ksp = PETSc.KSP().create(matrix.comm)
-    ksp.setType("preonly")
-    ksp.getPC().setType("lu")
-    ksp.getPC().setFactorSolverType("mumps")
-    ksp.setOperators(matrix)
-    found = []
+    ksp, found = factored(matrix), []
     for load in loads:
         b.setArray(load)
         x.set(0.0)

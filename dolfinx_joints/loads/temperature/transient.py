@@ -28,6 +28,7 @@ from dolfinx_joints.loads.temperature.fields import (
     Day,
     Face,
     face_values,
+    factored,
     scalar_space,
 )
 from dolfinx_joints.loads.temperature.joint_conductance import Joints, Openings, joint_term
@@ -181,11 +182,7 @@ class _Stepper:
         matrix = self._whole.copy()
         first = matrix.getOwnershipRange()[0]
         matrix.zeroRowsColumns((np.flatnonzero(self._known) + first).astype(PETSc.IntType))
-        self._ksp = PETSc.KSP().create(matrix.comm)
-        self._ksp.setType("preonly")
-        self._ksp.getPC().setType("lu")
-        self._ksp.getPC().setFactorSolverType("mumps")
-        self._ksp.setOperators(matrix)
+        self._ksp = factored(matrix)
         matrix.destroy()
         self._dt = dt
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.loads.loaded_body import LoadedBody
-from dolfinx_joints.mesh.cells import Floats, Ints
+from dolfinx_joints.mesh.cells import Floats, Ints, facet_slots
 
 # Of the height of the layers: what heights at the same level may differ by.
 LEVEL = 1e-9
@@ -58,12 +58,8 @@ class Layer:
 
 def behind(model: LoadedBody, groups: Sequence[str]) -> tuple[Ints, Floats, Floats]:
     """Cells behind the facets of groups, local numbers, and their lowest and highest node [m]."""
-    mesh = model.jointed.mesh
-    tdim = mesh.topology.dim
-    mesh.topology.create_connectivity(tdim - 1, tdim)
-    cell_of = mesh.topology.connectivity(tdim - 1, tdim)
     facets = np.concatenate([model.jointed.facets(group) for group in groups])
-    cells = cell_of.array[cell_of.offsets[facets]]
+    cells, _ = facet_slots(model.jointed.mesh, facets)
     heights = model.V.tabulate_dof_coordinates()[:, model.gdim - 1][model.V.dofmap.list[cells]]
     return cells, heights.min(axis=1, initial=np.inf), heights.max(axis=1, initial=-np.inf)
 

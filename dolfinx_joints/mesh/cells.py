@@ -11,6 +11,7 @@ import basix
 import dolfinx.cpp.io
 import dolfinx.mesh
 import numpy as np
+from dolfinx.cpp.mesh import cell_num_entities
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
@@ -169,3 +170,16 @@ def check_curves(shape: CellShape, x: Floats, cells: NDArray[Any], source: str) 
             f"around ({where}); refine the mesh there, or make edges straight (of Gmsh "
             "Mesh.SecondOrderLinear)."
         )
+
+
+def facet_slots(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.integer[Any]]) -> tuple[Any, Ints]:
+    """The first local cell of each of some local facets, and which facet of it that is."""
+    topology, tdim = mesh.topology, mesh.topology.dim
+    topology.create_connectivity(tdim - 1, tdim)
+    topology.create_connectivity(tdim, tdim - 1)
+    to_cell = topology.connectivity(tdim - 1, tdim)
+    to_facet = topology.connectivity(tdim, tdim - 1)
+    cells = to_cell.array[to_cell.offsets[facets]]
+    count = cell_num_entities(topology.cell_type, tdim - 1)
+    per_cell = to_facet.array.reshape(-1, count)  # a rank may have no cells
+    return cells, np.argmax(per_cell[cells] == facets[:, None], axis=1)

@@ -32,7 +32,7 @@ from dolfinx_joints.loads.water.water import (
 from dolfinx_joints.loads.water.wet_face import ON_LEVEL
 from dolfinx_joints.loads.water.wetted_facets import WettedPoints, wetted_facets
 from dolfinx_joints.mesh import dolfinx_versions
-from dolfinx_joints.mesh.cells import Floats, Ints, vtk_layout
+from dolfinx_joints.mesh.cells import Floats, Ints, facet_slots, vtk_layout
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 # Of a cell: points of the body's face may lie so far outside of the water's mesh.
@@ -235,10 +235,8 @@ class _Meshed:
     def _cells(self, places: Floats) -> Ints:
         """The cell behind the face that is nearest to each place."""
         mesh, tdim = self._jointed.mesh, self._jointed.mesh.topology.dim
-        mesh.topology.create_connectivity(tdim - 1, tdim)
-        behind = mesh.topology.connectivity(tdim - 1, tdim)
-        facets = self._jointed.facets(self._given.face)
-        cells = np.unique(behind.array[behind.offsets[facets]]).astype(np.int32)
+        behind, _ = facet_slots(mesh, self._jointed.facets(self._given.face))
+        cells = np.unique(behind).astype(np.int32)
         tree = dolfinx.geometry.bb_tree(mesh, tdim, entities=cells)
         middles = dolfinx.geometry.create_midpoint_tree(mesh, tdim, cells)
         points = np.zeros((len(places), 3))

@@ -23,7 +23,7 @@ import numpy as np
 
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.mesh import dolfinx_versions
-from dolfinx_joints.mesh.cells import Floats, Ints
+from dolfinx_joints.mesh.cells import Floats, Ints, facet_slots
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 DIVISIONS = 8
@@ -57,7 +57,6 @@ def wetted_facets(space: Any, jointed: JointedMesh, group: str, level: float) ->
     facets = jointed.facets(group)
     fdim = mesh.topology.dim - 1
     mesh.topology.create_connectivity(fdim, fdim + 1)
-    mesh.topology.create_connectivity(fdim + 1, fdim)
     outer = dolfinx.mesh.exterior_facet_indices(mesh.topology)
     owned = facets[facets < mesh.topology.index_map(fdim).size_local]
     inside = sum(mesh.comm.allgather(int(np.sum(~np.isin(owned, outer)))))
@@ -88,13 +87,9 @@ class WettedFacets:
             basix.LagrangeVariant.gll_warped,
         )
         fdim = mesh.topology.dim - 1
-        around = mesh.topology.connectivity(fdim, fdim + 1)
-        cells = around.array[around.offsets[facets]]
-        of_cells = mesh.topology.connectivity(fdim + 1, fdim).array
-        of_cells = of_cells.reshape(-1, len(self._shape.facet_vertices))[cells]
-        self._local: Ints = np.argmax(of_cells == facets[:, None], axis=1)
+        cells, self._local = facet_slots(mesh, facets)
         closure = space.dofmap.dof_layout.entity_closure_dofs
-        layout = np.array([closure(fdim, i) for i in range(of_cells.shape[1])])
+        layout = np.array([closure(fdim, i) for i in range(len(self._shape.facet_vertices))])
         self._closure: Ints = layout[self._local]
         self.nodes: Ints = np.take_along_axis(
             space.dofmap.list[cells].astype(np.int64), self._closure, axis=1

@@ -13,7 +13,6 @@ from typing import Any
 
 import dolfinx.mesh
 import numpy as np
-from dolfinx.cpp.mesh import cell_num_entities
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
@@ -29,7 +28,7 @@ from dolfinx_joints.common.mpi import (
 )
 from dolfinx_joints.common.parameters import check_kind_of, shown
 from dolfinx_joints.mesh import dolfinx_versions
-from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, check_curves
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, check_curves, facet_slots
 from dolfinx_joints.mesh.distribution.shares import PreparedMesh
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.preparation import check_names, prepare, tag_sets
@@ -177,7 +176,7 @@ def _facet_rows(
     corners = shape.facet_vertices.shape[1]
     parts = [np.empty((0, 3 + corners), dtype=np.int64)]
     for k, entities in enumerate(facets.values()):
-        cell, facet = _slots(mesh, entities)
+        cell, facet = facet_slots(mesh, entities)
         vertices = np.sort(cells[cell[:, None], shape.facet_vertices[facet]], axis=1)
         parts.append(np.column_stack([original[cell], facet, np.full(len(cell), k), vertices]))
     rows = np.concatenate(parts)
@@ -330,17 +329,3 @@ def _order_of_cells(mesh: dolfinx.mesh.Mesh) -> Ints:
             "The mesh does not know in which order its cells were made, as one from create_submesh "
             "does not; make it with create_mesh, or write it to a file for read_xdmf."
         ) from None
-
-
-def _slots(mesh: dolfinx.mesh.Mesh, entities: NDArray[np.int32]) -> tuple[Ints, Ints]:
-    """Local cell of each of some local facets, and which facet of it that is."""
-    tdim = mesh.topology.dim
-    mesh.topology.create_connectivity(tdim - 1, tdim)
-    mesh.topology.create_connectivity(tdim, tdim - 1)
-    to_cell = mesh.topology.connectivity(tdim - 1, tdim)
-    to_facet = mesh.topology.connectivity(tdim, tdim - 1)
-    cell = to_cell.array[to_cell.offsets[entities]]
-    facets = cell_num_entities(mesh.topology.cell_type, tdim - 1)
-    per_cell = to_facet.array.reshape(-1, facets)  # a rank may have no cells
-    local = np.argmax(per_cell[cell] == entities[:, None], axis=1)
-    return cell, local

@@ -28,13 +28,6 @@ from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.mesh.cells import CellShape, find_facets
 from dolfinx_joints.mesh.splitting import pair_coincident, split_cells
 
-# Meshes: integer grids of unit cells. Simplices cut each cell along the chain of vertices from
-# its first to its last corner (Kuhn), which conforms from cell to cell.
-
-
-# The joints of each case on a grid of 4 x 4 (x 2) cells, with the number of vertices that
-# splitting adds to each horizontal layer, counted by hand.
-
 
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("shape", SHAPES, ids=name_of)

@@ -242,7 +242,7 @@ def test_a_layer_on_rock_echoes(comm, axis):
 
 
 def test_an_interrupted_run_goes_on(comm, new_path):
-    """With waves in layers and an oblique one, to rounding: of sums where BLAS finds its vectors."""
+    """With waves in layers and an oblique one, to rounding: BLAS sums by where its vectors lie."""
     parts = {"rock": (0.0, 20.0), "soil": (20.0, 30.0)}
     jointed = ground(comm, CellType.quadrilateral, [20.0, 30.0], [4, 6], parts)
     kept = Checkpoints(new_path("waves.ckpt"), every=4)

@@ -3,8 +3,8 @@
 """Compiled loops whose machine code is kept by content: every copy of a version shares it.
 
 numba keeps machine code beside the source of a loop, where a new clone or installation has none,
-and makes it anew when that file changes, but not when a function that it takes in from another file
-does. Here it is kept in the user's cache folder, by the content of all files that have loops.
+and makes it anew when that file changes, but not when a function or constant that it takes in from
+another file does. Here it is kept in the user's cache folder, by the content of all these files.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+import re
 from functools import cache
 from pathlib import Path
 from typing import Any, Self
@@ -30,14 +31,23 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 _OTHERS = ("UserProvidedCacheLocator", "InTreeCacheLocator", "UserWideCacheLocator")
 
 
+def sources() -> list[Path]:
+    """Files with loops, and those that they import from: constants are compiled in."""
+    found = set()
+    for path in _PACKAGE.rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        if "common.kernels import" in text or "numba" in text:
+            names = re.findall(r"^from dolfinx_joints\.([\w.]+) import", text, re.MULTILINE)
+            found |= {path, *(_PACKAGE / f"{name.replace('.', '/')}.py" for name in names)}
+    return sorted(path for path in found if path.is_file())
+
+
 @cache
 def _folder() -> Path:
     """Where the machine code of these sources is kept."""
     content = hashlib.sha256()
-    for path in sorted(_PACKAGE.rglob("*.py")):
-        text = path.read_bytes()
-        if b"jit" in text:
-            content.update(path.relative_to(_PACKAGE).as_posix().encode() + text)
+    for path in sources():
+        content.update(path.relative_to(_PACKAGE).as_posix().encode() + path.read_bytes())
     root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return root / "dolfinx_joints" / "loops" / content.hexdigest()[:16]
 

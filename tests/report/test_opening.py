@@ -186,7 +186,7 @@ def test_parameters_are_tables_in_their_units(tmp_path):
     law = "joint_1, joint_2: FrictionNoTension"
     assert after(cells, law, "normal stiffness k_n [GPa/m]", 1) == ["20"]
     assert after(cells, "Water", "level [m]", 1) == ["12.5"]
-    assert after(cells, "Water", "factor", 1) == ["function always"]
+    assert after(cells, "Water", "factor", 1) == ["constant"]
     assert after(cells, "Water", "time scheme", 1) == ["EnergyConsistent"]
     assert "Gravity" in cells
     assert not any("{" in cell for cell in cells)

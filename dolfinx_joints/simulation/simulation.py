@@ -302,7 +302,7 @@ class Simulation:
             start: State to go on from instead, such as ``state`` of an earlier outcome.
             checkpoint: Where the run is kept on the disk as it goes; nowhere unless given.
             resume: Go on from that checkpoint, with the arguments and monitors of the run that
-                wrote it. Its static state is taken as well; ``start`` is ignored.
+                wrote it. Its states are taken, of ``start`` the time alone.
 
         Raises:
             CheckpointError: A checkpoint cannot be written, is missing, damaged or another run's.
@@ -322,11 +322,12 @@ class Simulation:
             shaking: list[Load] = [*moved_by(motion, dt), *kept, *loads]
             system = on_ground(ground, self.model.system(shaking, waves=dt, shared=self.shared))
             solver = make_solver(system, self._options, self.solver, scheme.rule)
+            times = ends_of_steps(start.time if start else 0.0, dt, steps)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
             facts |= {"step control": control, "solver": self.solver, "Newton": self._options}
+            facts |= {"start at": float(times[0])} if start else {}
             facts |= {"reduced bulk": reduced} if reduced is not None else {}
             facts |= {f"initial {name}": vector for name, vector in given.items()}
-            times = ends_of_steps(start.time if start else 0.0, dt, steps)
             keeper = None
             if checkpoint is not None:
                 keeper = CheckpointKeeper(checkpoint, self.model, system, facts, motion, times)

@@ -544,6 +544,22 @@ def test_a_checkpoint_that_is_not_finished_leaves_the_old_one(
     assert content(tmp_path / "run.h5")[1]["steps"] == 4
 
 
+def test_a_stage_after_another_goes_on_at_its_time(wall_file, read, tmp_path):
+    """Without ``start``, whose time counts, its steps would end at times from zero on."""
+    model, kept = wall(read(wall_file())), Checkpoints(tmp_path / "run.ckpt", every=2)
+    first = Simulation(model).dynamics(dt=DT, steps=3, motion=shaking)
+
+    def run(kill, start=first.state, **options):
+        simulation = Simulation(model, monitors=[Killer(kill)])
+        return simulation.dynamics(dt=DT, steps=4, start=start, checkpoint=kept, **options)
+
+    with pytest.raises(Killed):
+        run(3)
+    with pytest.raises(CheckpointError, match="start at: only the checkpoint has it"):
+        run(None, None, resume=True)
+    assert run(None, resume=True).state.time == pytest.approx(7 * DT, rel=1e-14)
+
+
 def test_first_checkpoint_saves_the_statics(wall_file, read, tmp_path):
     jointed = read(wall_file())
     with pytest.raises(Killed):

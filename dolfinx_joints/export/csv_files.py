@@ -13,7 +13,7 @@ from pathlib import Path
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.file_lock import replaced
+from dolfinx_joints.common.replacement import replacing
 from dolfinx_joints.export.tables import Table, tables_of
 from dolfinx_joints.results.reader import Results, listing
 
@@ -69,7 +69,7 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
 
 def _write(table: Table, path: Path) -> None:
     """Write a table whole or not at all."""
-    with replaced(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(table.header)
         writer.writerows(table.rows)

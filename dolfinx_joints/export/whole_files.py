@@ -19,8 +19,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from dolfinx_joints.common.file_lock import replaced
 from dolfinx_joints.common.hdf5 import new_file
+from dolfinx_joints.common.replacement import replacing
 
 Piece = tuple[int, bytes | memoryview]  # place in the file [bytes], what is written there
 
@@ -28,7 +28,7 @@ Piece = tuple[int, bytes | memoryview]  # place in the file [bytes], what is wri
 @contextmanager
 def begun(path: Path, size: int) -> Iterator[h5py.File]:
     """An HDF5 file of so many bytes, to be written whole or not at all."""
-    with replaced(path) as part, new_file(part, size) as file:
+    with replacing(path) as part, new_file(part, size) as file:
         yield file
 
 
@@ -91,7 +91,7 @@ def _make(path: Path, disk: io.FileIO, waiting: _Waiting) -> None:
             lengths=np.array([len(content) for _, content in inside], dtype=np.int64),
             content=np.frombuffer(b"".join(content for _, content in inside), dtype=np.uint8),
         )
-        with replaced(_redo(path)) as part:
+        with replacing(_redo(path)) as part:
             part.write_bytes(kept.getvalue())
     except OSError:
         disk.truncate(before)

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.constants import ACCELERATION_BAND, STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError, ResultsError
-from dolfinx_joints.common.file_lock import replaced
+from dolfinx_joints.common.replacement import replacing
 from dolfinx_joints.motions.motion import Hertz
 from dolfinx_joints.motions.processing import low_pass
 from dolfinx_joints.motions.spectra import (
@@ -112,7 +112,7 @@ def save(
     """
     place = Path(path)
     try:
-        with replaced(place) as part:
+        with replacing(place) as part:
             figure.figure.savefig(part, dpi=dpi, format=place.suffix[1:])
     except OSError as error:
         raise JointsError(f"The figure {place} cannot be written: {error.strerror}.") from None

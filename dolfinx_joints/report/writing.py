@@ -14,7 +14,7 @@ import annotated_types as at
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning, ResultsError
-from dolfinx_joints.common.file_lock import replaced
+from dolfinx_joints.common.replacement import replacing
 from dolfinx_joints.report import opening, sections
 from dolfinx_joints.report.page import Drawings, page
 from dolfinx_joints.report.runs import Addition, Content, Run, linear_and_jointed, opened
@@ -63,7 +63,7 @@ def write(
         shown = sections.ordered(content, added, of_body=with_3d)
         top = opening.opening(content, added.note, of_body=with_3d)
         html = page(_title(runs), top, shown, drawings)
-        with replaced(target) as part:
+        with replacing(target) as part:
             part.write_text(html, encoding="utf-8")
     return target
 

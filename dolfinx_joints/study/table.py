@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import StudyError
-from dolfinx_joints.common.file_lock import replaced
+from dolfinx_joints.common.replacement import replacing
 
 Row = dict[str, Any]
 Table = dict[str, NDArray[Any]]
@@ -129,7 +129,7 @@ def write_csv(table: Table, path: str | PathLike[str]) -> Path:
 def replace(path: Path, text: str) -> None:
     """Write a file so that it is whole or as it was."""
     try:
-        with replaced(path) as part:
+        with replacing(path) as part:
             part.write_bytes(text.encode())
     except OSError as error:
         raise StudyError(f"{path} cannot be written: {error.strerror}.") from error

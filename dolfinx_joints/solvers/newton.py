@@ -101,7 +101,7 @@ class NewtonSolver:
             effective: Coefficients of A.
             b: Right-hand side [N].
             x: Start of the iteration, with the constrained dofs at their values already [m].
-            state: Joint state at the start of the step, None without joints.
+            state: Joint state at the start of the step, None without joints and plastic cells.
             rule: Response that the laws are asked for.
 
         Returns:
@@ -109,8 +109,9 @@ class NewtonSolver:
         """
         tangent: Tangent = self._tangents(effective)
         internal_forces = self._internal_forces
-        if internal_forces is None or state is None:
+        if internal_forces is None:
             return None, solve_without_joints(tangent.effective, b, x, self.unconstrained)
+        assert state is not None
         balance = _Balance(self, tangent.effective, internal_forces, b, x, state, rule)
         response, report = self._iterate(tangent, balance)
         balance.change.copy(x)

@@ -330,16 +330,6 @@ def test_the_same_solve_again_starts_from_its_solution(wall):
     assert difference(second, first) <= 1e-12
 
 
-def test_a_system_without_joints_is_refused(wall_file, read):
-    model = Model(
-        read(wall_file(divisions=(8, 2, 3)), joints=[]),
-        material=Elastic(young=24e9, poisson=0.2, density=2400.0),
-        supports=[Fixed(group="base")],
-    )
-    with pytest.raises(ValueError, match="has nothing to condense onto"):
-        InterfaceSolver(model.system())
-
-
 def test_what_a_solver_cannot_do_is_refused(wall):
     # A user-defined law without condensed forms, and one that is rigid beside it.
     class Plain:
@@ -359,15 +349,6 @@ def test_what_a_solver_cannot_do_is_refused(wall):
         make_solver(mixed)
     with pytest.raises(JointsError, match="no stiffness: modes and the solvers 'monolithic' and"):
         modes(mixed, 1)
-
-
-def test_a_solve_needs_the_state_of_the_joints(wall):
-    system = wall().system()
-    x = system.mass.createVecRight()
-    with pytest.raises(ValueError, match="The state of the joints is missing"):
-        InterfaceSolver(system).solve(
-            MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0), x.duplicate(), x, None
-        )
 
 
 @pytest.mark.parametrize("compliance", COMPLIANCES)

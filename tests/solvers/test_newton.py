@@ -62,20 +62,6 @@ def test_without_joints_a_solve_is_linear():
         assert x.array[0] == pytest.approx(0.5, rel=1e-15)
 
 
-def test_joints_without_a_state_are_left_out():
-    # 4 u = 2 of the body alone; with the joint, of 4 N/m where it is closed, half of it.
-    law = FrictionNoTension(normal_stiffness=4.0, shear_stiffness=0.0, friction_angle_deg=0.0)
-    gap = [[-1.0], [0.0], [0.0]]
-    system = MatrixSystem.from_arrays(mass=1.0, stiffness=4.0, gap=gap, law=law)
-    b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
-    b.set(2.0)
-    state = JointState.at_rest(system.contact.operator.jump(x))
-    for given, expected in ((None, 0.5), (state, 0.25)):
-        x.set(0.0)
-        NewtonSolver(system).solve(STATIC, b, x, given)
-        assert x.array[0] == pytest.approx(expected, rel=1e-14)
-
-
 @pytest.mark.parametrize("load", [1.0, 1e-20, 1e20])
 @pytest.mark.parametrize("kind", ["condensed", "monolithic"])
 def test_loads_of_any_size_are_carried(kind, load):

@@ -77,7 +77,7 @@ class InterfaceSolver:
     depend on them.
 
     Args:
-        system: The system; all its laws offer ``condensed_backward_euler``.
+        system: The system, with joints whose laws all offer ``condensed_backward_euler``.
         options: Tolerances and limits.
     """
 
@@ -86,8 +86,7 @@ class InterfaceSolver:
         self.system = system
         self.name = "condensed"
         self.options = options or SolverOptions()
-        if system.contact is None:
-            raise ValueError("A system without joints has nothing to condense onto.")
+        assert system.contact is not None
         self._contact: Contact = system.contact
         self._unconstrained = unconstrained_dofs(system)
         self._operator = self._contact.operator.constrained(self._unconstrained)
@@ -113,8 +112,7 @@ class InterfaceSolver:
         rule: Rule = BACKWARD_EULER,
     ) -> tuple[Response | None, SolveReport]:
         """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
-        if state is None:
-            raise ValueError("The state of the joints is missing.")
+        assert state is not None
         condensed = self.condensed(effective, rule)
         factored, condensed.used = not condensed.used, True
         condensed.matrix.solve_linear(b, x, self._unconstrained)

@@ -11,7 +11,6 @@ import pytest
 
 pytest.importorskip("numba")
 
-
 from plates import compressed, kernel, plates
 
 from dolfinx_joints.solvers.interface.low_rank import LowRankMatrix, clusters
@@ -72,11 +71,6 @@ def test_no_points():
     small = LowRankMatrix(lambda numbers: np.empty((0, 0)), np.empty((0, 3)), scale=np.empty(0))
     assert small.product(np.empty(0)).shape == (0,)
     assert small.whole().shape == (0, 0)
-
-
-def test_a_leaf_holds_points():
-    with pytest.raises(ValueError, match="leaf is 0"):
-        clusters(np.zeros((2, 3)), 0)
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-8, 1e-12])

@@ -76,8 +76,6 @@ def clusters(
     Returns:
         The points' numbers in the order of the trees, shape (n,), and the trees' roots.
     """
-    if leaf < 1:
-        raise ValueError(f"leaf is {leaf}; it must be at least 1.")
     labels = np.zeros(len(points), dtype=np.int64) if joint is None else np.asarray(joint)
     order = np.argsort(labels, kind="stable")
     bounds = np.flatnonzero(np.diff(labels[order], prepend=-1, append=-1))

@@ -79,23 +79,16 @@ class HoldingBonds:
     way would have broken stays, if it can.
 
     Args:
-        solver: Takes the steps.
+        inner: Takes the steps.
+
+    Attributes:
+        inner: The same.
     """
 
-    def __init__(self, solver: StepSolver) -> None:
+    def __init__(self, inner: StepSolver) -> None:
         """Keep the solver."""
-        self._solver = solver
-        self.system, self.name, self.options = solver.system, solver.name, solver.options
-
-    @property
-    def asks_last(self) -> bool:
-        """That of `FirstThatWorks`."""
-        return bool(getattr(self._solver, "asks_last", False))
-
-    @asks_last.setter
-    def asks_last(self, asked: bool) -> None:
-        if isinstance(self._solver, FirstThatWorks):
-            self._solver.asks_last = asked
+        self.inner = inner
+        self.system, self.name, self.options = inner.system, inner.name, inner.options
 
     def solve(
         self,
@@ -110,7 +103,7 @@ class HoldingBonds:
         assert self.system.contact is not None
         bonds, iterations, factorizations = self.system.contact.bonds(state), 0, 0
         while True:
-            response, report = self._solver.solve(effective, b, x, bonds.start(), rule)
+            response, report = self.inner.solve(effective, b, x, bonds.start(), rule)
             iterations += report.iterations
             factorizations += report.factorizations
             assert response is not None
@@ -121,11 +114,11 @@ class HoldingBonds:
 
     def state_dict(self) -> dict[str, Any]:
         """That of the solver."""
-        return self._solver.state_dict()
+        return self.inner.state_dict()
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Take up what another's ``state_dict`` gave."""
-        self._solver.load_state_dict(state_dict)
+        self.inner.load_state_dict(state_dict)
 
 
 def _distance(failure: ConvergenceError) -> float:

@@ -135,7 +135,8 @@ class _Equilibrium:
         carried: PETSc.Vec | None,
     ) -> None:
         """Start from a static state and the loads that it carries, or from rest (collective)."""
-        self._system, self._chosen = system, solver
+        self._system = system
+        self._chosen = solver.inner if isinstance(solver, HoldingBonds) else solver
         self.solver: StepSolver | JointWaterIteration = solver
         self.displacement = u = system.stiffness.createVecRight()
         u.set(0.0)
@@ -162,7 +163,7 @@ class _Equilibrium:
         """
         b, x, u = self._b, self._x, self.displacement
         self._set_up(increment)
-        if isinstance(self._chosen, FirstThatWorks | HoldingBonds):
+        if isinstance(self._chosen, FirstThatWorks):
             self._chosen.asks_last = increment.last_resort
         response, report = self.solver.solve(STATIC, b, x, self.joints)
         products = Products(self._system, STATIC, b, x, response)

@@ -17,6 +17,7 @@ pytest.importorskip("scipy")
 from whole_vectors import all_of, own_part
 
 from dolfinx_joints.solvers.interface.corrections import Correction, Corrections
+from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
 POINTS = 40
 
@@ -71,6 +72,14 @@ def states(kind: str, seed: int = 4) -> np.ndarray:
     if kind == "one closed":
         status[7] = 2
     return status
+
+
+def row_matrix(whole: np.ndarray, comm: Any, local: int | None = None) -> RowMatrix:
+    """A symmetric matrix over the ranks: so many rows on this one, or equal numbers of points."""
+    if local is None:
+        ends = 3 * np.linspace(0, len(whole) // 3, comm.size + 1).astype(int)
+        local = int(np.diff(ends)[comm.rank])
+    return RowMatrix.of(whole, comm, local)
 
 
 def right_side(kind: str = "all", seed: int = 5) -> np.ndarray:

@@ -56,7 +56,6 @@ from dolfinx_joints import (
 from dolfinx_joints.simulation import checkpoint_file, fingerprint
 from dolfinx_joints.simulation.inventory import Inventory
 from dolfinx_joints.solvers.interface import solver as interface
-from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
 
 def content(path):
@@ -711,6 +710,7 @@ def test_corrections_go_on_with_the_same_bits(comm):
     from joint_tangents import (
         WholeCorrections,
         right_side,
+        row_matrix,
         scaled_compliance,
         states,
         stuck_tangent,
@@ -718,7 +718,7 @@ def test_corrections_go_on_with_the_same_bits(comm):
     )
     from whole_vectors import as_read
 
-    matrix, stuck = RowMatrix.of(scaled_compliance(), comm), stuck_tangent(10.0)
+    matrix, stuck = row_matrix(scaled_compliance(), comm), stuck_tangent(10.0)
     first = WholeCorrections(matrix, None, stuck, comm)
     kinds = ["mixed", "stuck", "mostly open", "mostly stuck", "one closed", "mixed", "sliding"]
     for i, kind in enumerate(np.repeat(kinds, 2)):

@@ -18,6 +18,7 @@ from joint_tangents import (
     POINTS,
     WholeCorrections,
     right_side,
+    row_matrix,
     scaled_compliance,
     states,
     stuck_tangent,
@@ -80,7 +81,7 @@ def route(request, monkeypatch):
 
 def solver(comm, s, stuck, route):
     known = stuck if route == "complement" else None
-    return WholeCorrections(RowMatrix.of(s, comm), None, known, comm)
+    return WholeCorrections(row_matrix(s, comm), None, known, comm)
 
 
 def check(found, s, blocks, r, *, error=1e-11):
@@ -168,7 +169,7 @@ def test_the_complement_is_made_once_it_pays(comm):
     # All points stick: 15 products of 120^2 each time, against 2.3 x 120^3 operations. The answer
     # is the same before and after, and the iteration gone.
     s, stuck = scaled_compliance(), stuck_tangent(1e3)
-    one = WholeCorrections(RowMatrix.of(s, comm), None, stuck, comm)
+    one = WholeCorrections(row_matrix(s, comm), None, stuck, comm)
     blocks, r = tangents(states("stuck"), stuck), right_side()
     products = []
     for _ in range(4):
@@ -183,7 +184,7 @@ def test_the_complement_is_not_made_for_open_joints(comm, monkeypatch):
     monkeypatch.setattr(corrections, "OPERATIONS_PER_ENTRY", 1e30)
     monkeypatch.setattr(corrections, "_Tied", None)
     s, stuck = scaled_compliance(), stuck_tangent(1e3)
-    one = WholeCorrections(RowMatrix.of(s, comm), None, stuck, comm)
+    one = WholeCorrections(row_matrix(s, comm), None, stuck, comm)
     blocks, r = tangents(states("one closed"), stuck), right_side("few")
     check(one.solve(r, blocks, EXACT), s, blocks, r)
 
@@ -191,8 +192,8 @@ def test_the_complement_is_not_made_for_open_joints(comm, monkeypatch):
 def test_a_rough_matrix_that_costs_more_than_the_exact_one_is_not_asked(comm):
     s, stuck = scaled_compliance(), stuck_tangent(1e3)
     blocks, r = tangents(states("mixed"), stuck), right_side()
-    rough = Unwanted(RowMatrix.of(s, comm))
-    found = WholeCorrections(RowMatrix.of(s, comm), rough, None, comm).solve(r, blocks, EXACT)
+    rough = Unwanted(row_matrix(s, comm))
+    found = WholeCorrections(row_matrix(s, comm), rough, None, comm).solve(r, blocks, EXACT)
     check(found, s, blocks, r)
 
 
@@ -204,7 +205,7 @@ def test_rigid_points_that_cannot_move_apart_from_each_other(comm, monkeypatch):
     g = s + np.eye(3 * POINTS)
     g[3:6], g[:, 3:6] = g[:3], g[:, :3]
     g[3:6, 3:6] = g[:3, :3]
-    one = WholeCorrections(RowMatrix.of(g - np.eye(3 * POINTS), comm), None, stuck, comm)
+    one = WholeCorrections(row_matrix(g - np.eye(3 * POINTS), comm), None, stuck, comm)
     blocks, r = tangents(states("stuck"), stuck), g @ right_side()
     for _ in range(3):
         found = one.solve(r, blocks, EXACT)
@@ -235,8 +236,8 @@ def test_a_rough_matrix_inside(comm, kind):
     noise += noise.T
     rough = s + 1e-4 / np.linalg.norm(noise, 2) * noise
     blocks, r = tangents(states(kind), stuck), right_side()
-    fine = Unwanted(RowMatrix.of(s, comm))
-    one = WholeCorrections(fine, RowMatrix.of(rough, comm), None, comm)
+    fine = Unwanted(row_matrix(s, comm))
+    one = WholeCorrections(fine, row_matrix(rough, comm), None, comm)
     found = one.solve(r, blocks, EXACT)
     left = r - found.step - whole(blocks) @ (s @ found.step)
     assert np.linalg.norm(left) <= 1.2e-3 * np.linalg.norm(r)
@@ -250,7 +251,7 @@ def test_corrections_with_a_rough_matrix_converge(comm):
     noise += noise.T
     rough = s + 1e-4 / np.linalg.norm(noise, 2) * noise
     blocks, r = tangents(states("mixed"), stuck), right_side()
-    one = WholeCorrections(Unwanted(RowMatrix.of(s, comm)), RowMatrix.of(rough, comm), None, comm)
+    one = WholeCorrections(Unwanted(row_matrix(s, comm)), row_matrix(rough, comm), None, comm)
     total, left = np.zeros_like(r), r
     for _ in range(4):
         total = total + one.solve(left, blocks, EXACT).step
@@ -267,7 +268,7 @@ def test_results_do_not_depend_on_the_ranks(comm, route, owner):
     blocks, r = tangents(states("mixed"), stuck), right_side()
     local = None if owner is None else len(s) * (comm.rank == owner % comm.size)
     known = stuck if route == "complement" else None
-    spread = WholeCorrections(RowMatrix.of(s, comm, local), None, known, comm)
+    spread = WholeCorrections(row_matrix(s, comm, local), None, known, comm)
     alone = solver(MPI.COMM_SELF, s, stuck, route)
     found, expected = (one.solve(r, blocks, EXACT) for one in (spread, alone))
     assert found.products == expected.products

@@ -150,7 +150,7 @@ def test_products_between_ranks(monkeypatch):
 @pytest.mark.parametrize("count", [0, 1, 4, 7])
 def test_products_with_few_rows(monkeypatch, count):
     whole = RANDOM.normal(size=(9, 9))
-    matrix = row_matrices.RowMatrix.of(whole + whole.T, MPI.COMM_SELF)
+    matrix = row_matrices.RowMatrix.of(whole + whole.T, MPI.COMM_SELF, 9)
     rows = np.sort(RANDOM.permutation(9)[:count])
     values = np.zeros(9)
     values[rows] = RANDOM.normal(size=count)

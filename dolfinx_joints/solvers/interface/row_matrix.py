@@ -77,14 +77,8 @@ class RowMatrix:
         return np.hstack(self._comm.allgather(self._columns))
 
     @classmethod
-    def of(cls, whole: Floats, comm: Any, local: int | None = None) -> RowMatrix:
-        """A matrix given as a whole; the rank keeps so many rows, equal numbers of points if None.
-
-        (Collective.)
-        """
-        if local is None:
-            ends = 3 * np.linspace(0, len(whole) // 3, comm.size + 1).astype(np.int64)
-            local = int(ends[comm.rank + 1] - ends[comm.rank])
+    def of(cls, whole: Floats, comm: Any, local: int) -> RowMatrix:
+        """A matrix given as a whole, of which the rank keeps so many rows (collective)."""
         first = Parts(local, comm).first
         return cls(np.ascontiguousarray(whole[:, first : first + local]), comm)
 

@@ -47,7 +47,7 @@ INNER_TOLERANCE, POLISH = 0.1, 0.01
 
 
 class NewtonSolver:
-    """Full Newton on the consistent, unsymmetric tangent with a PETSc direct solver.
+    """Full Newton on the consistent, unsymmetric tangent, factored or solved by multigrid.
 
     Without joints, one back-substitution per solve with a factor that is kept. Matrices and
     factors are kept for the last few sets of coefficients.

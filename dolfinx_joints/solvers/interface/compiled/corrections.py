@@ -49,7 +49,7 @@ class Memory(NamedTuple):
         deflation: Of S.
         none: That of W, whose eigenvalues are below one.
         vectors: d and S d, in the rows `STEP` and `COUPLED`, and room for four more, shape (6, m).
-        numbers: Room for numbers of active and of changed points, shape (2, m).
+        numbers: Room for numbers of active and of changed points, shape (2, points).
     """
 
     active: Kept

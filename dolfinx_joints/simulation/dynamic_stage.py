@@ -95,8 +95,8 @@ class DynamicRun:
         self._ledger.start(state)
         self._stepper = Stepper(scheme, solver, self._ledger, control)
         contact = solver.system.contact
-        whole = scheme.rule == DISCRETE_GRADIENT and contact is not None
-        self._backward_euler_laws = contact.without_balance if whole and contact else ()
+        whole = scheme.rule == DISCRETE_GRADIENT
+        self._backward_euler_laws = contact.without_balance if contact and whole else ()
         self._laws_without_losses = contact.without_losses(scheme.rule) if contact else ()
         self._iterations = 0
         self._local_error = self._largest = 0.0
@@ -336,7 +336,7 @@ def free_surface(
 
 def _doubts(outcome: Outcome) -> list[str]:
     """What makes a run doubtful."""
-    texts, counts, at_end = [], outcome.reduced, ", ".join(outcome.backward_euler_laws)
+    texts, reduced, at_end = [], outcome.reduced, ", ".join(outcome.backward_euler_laws)
     rough = "scheme and time step; take EnergyConsistent, or a smaller step"
     if at_end:  # of EnergyConsistent
         rough = f"time step, at the end of which {at_end} is asked; take a smaller one"
@@ -356,10 +356,10 @@ def _doubts(outcome: Outcome) -> list[str]:
             f"A single step errs by an estimated {100 * outcome.local_error:.3g} % of the largest "
             "displacement; take a smaller one."
         )
-    if counts is not None and counts.whole > counts.reduced:
+    if reduced is not None and reduced.whole > reduced.reduced:
         texts.append(
-            f"{counts.whole} of {counts.whole + counts.reduced} steps were taken by the whole body "
-            "and its basis grew by each: reduced gains nothing here; give it more modes or a "
+            f"{reduced.whole} of {reduced.whole + reduced.reduced} steps were taken by the whole "
+            "body and its basis grew by each: reduced gains nothing here; give it more modes or a "
             "larger tolerance, or leave it out."
         )
     if outcome.chatter:

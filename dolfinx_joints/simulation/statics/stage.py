@@ -40,12 +40,12 @@ def march(
     path: Sequence[tuple[float | None, float]],
     acting: Sequence[Load],
     *,
-    stage: Unfinished | None = None,
-    apart: Floats | None = None,
+    stage: Unfinished | None,
+    apart: Floats | None,
     options: SolverOptions,
     kind: SolverKind,
     watch: SmallDisplacements,
-    reached: Callable[[float, StaticState], None] | None = None,
+    reached: Callable[[float, StaticState], None] | None,
 ) -> StaticState:
     """Equilibrium at each step of a path (collective).
 
@@ -55,13 +55,13 @@ def march(
         path: Time [s] of each step, None for a ramp at time zero, and its share of the way from
             the loads and prescribed displacements of ``before`` to those at this time.
         acting: Those of the model's loads that act.
-        stage: What does not act yet; everything acts unless given.
+        stage: What does not act yet; None where everything acts.
         apart: Tractions, shape (n, 3), [Pa], on the faces of joints that are added to what
-            ``before`` carries, which then is all that acts.
+            ``before`` carries, which then is all that acts; None without.
         options: Tolerances and limits of Newton's method.
         kind: Of the solver; see `make_solver`.
         watch: Observer of slip and opening.
-        reached: Called with time [s] and state after each step.
+        reached: Called with time [s] and state after each step, if given.
     """
     system, contact = model.system(only=acting, static=True), model.contact
     carried = _carried(system, before)

@@ -108,7 +108,8 @@ class DirectSolver:
         factored = self._factor_if_stale()
         if right.shape[1] == 0:
             return right.copy()
-        b, x = self._dense(right), self._empty(right.shape[1])
+        b = _dense(right, self._matrix.getSizes()[0], self._matrix.comm)
+        x = self._empty(right.shape[1])
         with self._reported():
             self._ksp.getPC().getFactorMatrix().matSolve(b, x)
         if factored and not self._solves_block(b, x):
@@ -142,11 +143,6 @@ class DirectSolver:
         right.destroy()
         x.destroy()
         return solution
-
-    def _dense(self, rows: Floats) -> PETSc.Mat:
-        """A dense matrix of the ranks' rows."""
-        size = (self._matrix.getSizes()[0], (PETSc.DECIDE, rows.shape[1]))
-        return PETSc.Mat().createDense(size, array=np.asfortranarray(rows), comm=self._matrix.comm)
 
     def _empty(self, columns: int) -> PETSc.Mat:
         """Room for as many solutions."""
@@ -219,3 +215,21 @@ class DirectSolver:
     def destroy(self) -> None:
         """Free the factor."""
         self._ksp.destroy()
+
+
+def multiplied(matrix: PETSc.Mat, columns: Floats) -> Floats:
+    """A matrix times owned rows of columns, each column contiguous (collective)."""
+    if not columns.shape[1]:
+        return np.zeros((matrix.getLocalSize()[0], 0))
+    factor = _dense(columns, matrix.getSizes()[1], matrix.comm)
+    product = matrix.matMult(factor)
+    found: Floats = product.getDenseArray(readonly=True).copy(order="F")
+    product.destroy()
+    factor.destroy()
+    return found
+
+
+def _dense(rows: Floats, sizes: tuple[int, int], comm: PETSc.Comm) -> PETSc.Mat:
+    """A dense matrix of the ranks' rows, as many as these sizes say."""
+    size = (sizes, (PETSc.DECIDE, rows.shape[1]))
+    return PETSc.Mat().createDense(size, array=np.asfortranarray(rows), comm=comm)

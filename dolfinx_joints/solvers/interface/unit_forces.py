@@ -15,7 +15,7 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import of_ranks, summed
 from dolfinx_joints.common.progress import LOGGER
 from dolfinx_joints.joints.operator import diagonal_compliance
-from dolfinx_joints.solvers.direct import BLOCK, DirectSolver
+from dolfinx_joints.solvers.direct import BLOCK, DirectSolver, multiplied
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.interface.low_rank import unknowns_of
 from dolfinx_joints.solvers.interface.schur_complement import schur_complement
@@ -120,25 +120,15 @@ class UnitForces:
             rows.destroy()
         else:
             moved = solver.solve_block(self._right(numbers))
-        return self._product(moved) - self._of_modes(numbers)
-
-    def _product(self, moved: Floats) -> Floats:
-        """B times owned rows of displacements, shape (local dofs, k) (collective)."""
-        size = (self._operator.getSizes()[1], (PETSc.DECIDE, moved.shape[1]))
-        dense = PETSc.Mat().createDense(
-            size, array=np.asfortranarray(moved), comm=self._operator.comm
-        )
-        product = self._operator.matMult(dense)
-        gaps: Floats = product.getDenseArray(readonly=True).copy()
-        product.destroy()
-        dense.destroy()
-        return gaps
+        return multiplied(self._operator, moved) - self._of_modes(numbers)
 
     @cached_property
     def _modal(self) -> tuple[Floats, Floats] | None:
         """B Z and W of `EffectiveMatrix.modal_parts` (collective when first asked for)."""
         parts = self._effective.modal_parts()
-        return None if parts is None else (self._product(parts[0]), parts[1])
+        if parts is None:
+            return None
+        return np.ascontiguousarray(multiplied(self._operator, parts[0])), parts[1]
 
     def _of_modes(self, numbers: Rows) -> Floats:
         """What exact and damped modes take from columns of G, shape (local, k) (collective)."""

@@ -26,7 +26,7 @@ from petsc4py import PETSc
 from scipy.linalg import cholesky, eigh, solve_triangular
 
 from dolfinx_joints.common.progress import Progress
-from dolfinx_joints.solvers.direct import BLOCK
+from dolfinx_joints.solvers.direct import BLOCK, multiplied
 from dolfinx_joints.solvers.reduced.whole_body import WholeBody
 
 Floats = NDArray[np.float64]
@@ -160,7 +160,7 @@ class ReducedBasis:
         self.mass = self._in_basis(raw_mass)
         self.loads = self._seen(self.body.gaps(self._responses), self._nodal)
         self._missed = self._in_basis(raw_twice) - self.mass @ self.mass
-        weighted = self.body.multiplied(self.body.mass, self._responses)
+        weighted = multiplied(self.body.mass, self._responses)
         self._missed_mixed = self.images(weighted) - self.mass @ self.loads
         self._missed_loads = self.body.sum(self._nodal.T @ self._responses)
         self._missed_loads -= self.loads.T @ self.loads
@@ -168,7 +168,7 @@ class ReducedBasis:
     def _beside(self, shapes: Floats) -> tuple[Floats, Floats]:
         """Shapes' energies beside responses to joint forces, and amounts of these (collective)."""
         gaps = solve_triangular(self.body.root, self.body.gaps(shapes), lower=True)
-        energies = self.body.sum(shapes.T @ self.body.multiplied(self.body.matrix, shapes))
+        energies = self.body.sum(shapes.T @ multiplied(self.body.matrix, shapes))
         return energies - gaps.T @ gaps, gaps
 
     def add(self, x: PETSc.Vec) -> None:
@@ -202,7 +202,7 @@ class ReducedBasis:
         self._missed -= np.outer(mass[:size], mass[:size])
         self._missed = _bordered(self._missed, twice - self.mass @ mass)
         self.loads = np.vstack([self.loads, pattern])
-        weighted = self.body.multiplied(self.body.mass, column)
+        weighted = multiplied(self.body.mass, column)
         mixed = self.body.sum(weighted.T @ self._responses)[0]
         self._missed_mixed -= np.outer(mass[:size], pattern)
         self._missed_mixed = np.vstack([self._missed_mixed, mixed - mass @ self.loads])
@@ -212,7 +212,7 @@ class ReducedBasis:
         """[Z, Phi]^T M and [Z, Phi]^T M A^-1 M of columns (collective)."""
         found, body = [], self.body
         for _ in range(2):
-            weighted = body.unconstrained(body.multiplied(body.mass, columns))
+            weighted = body.unconstrained(multiplied(body.mass, columns))
             columns = body.solved(weighted)
             found.append(np.vstack([body.gaps(columns), body.sum(self._shapes.T @ weighted)]))
         return found[0], found[1]

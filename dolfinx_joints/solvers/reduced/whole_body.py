@@ -15,7 +15,7 @@ from scipy.linalg import cholesky, lapack, solve_triangular
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.model.system import MatrixSystem, as_aij
-from dolfinx_joints.solvers.direct import BLOCK, DirectSolver
+from dolfinx_joints.solvers.direct import BLOCK, DirectSolver, multiplied
 from dolfinx_joints.solvers.interface.compliance import Compliance
 from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.solvers.interface.row_matrix import Parts
@@ -75,7 +75,7 @@ class WholeBody:
 
     def gaps(self, columns: Floats) -> Floats:
         """Gaps of the unknowns ``live`` (collective)."""
-        mine = self.multiplied(self.jump, columns)
+        mine = multiplied(self.jump, columns)
         every = mine if self.comm.size == 1 else np.concatenate(self.comm.allgather(mine))
         found: Floats = every[self.live]
         return found
@@ -85,19 +85,7 @@ class WholeBody:
         every = np.zeros((self.jump.getSize()[0], forces.shape[1]))
         every[self.live] = forces
         rows = every[slice(*self.jump.getOwnershipRange())]
-        return self.unconstrained(self.multiplied(self._pushed, rows))
-
-    def multiplied(self, matrix: PETSc.Mat, columns: Floats) -> Floats:
-        """A matrix times owned rows of columns (collective)."""
-        size = (matrix.getSizes()[1], (PETSc.DECIDE, columns.shape[1]))
-        if not columns.shape[1]:
-            return np.zeros((matrix.getLocalSize()[0], 0))
-        dense = PETSc.Mat().createDense(size, array=np.asfortranarray(columns), comm=matrix.comm)
-        product = matrix.matMult(dense)
-        found: Floats = product.getDenseArray(readonly=True).copy(order="F")
-        product.destroy()
-        dense.destroy()
-        return found
+        return self.unconstrained(multiplied(self._pushed, rows))
 
     def solved(self, right: Floats) -> Floats:
         """A^-1 of columns (collective)."""

@@ -310,20 +310,6 @@ def test_other_failures_reported_by_petsc():
     assert reported_by_package(ksp.getPC()) == ""
 
 
-def test_a_failure_without_a_sentence_has_petscs_reason(monkeypatch):
-    from petsc4py import PETSc
-
-    from dolfinx_joints.solvers.direct import DirectSolver
-
-    monkeypatch.setattr(DirectSolver, "_factor", lambda self: 4)
-    matrix = diagonal(PETSc.COMM_SELF, [1.0, 2.0])
-    solver = DirectSolver(matrix, symmetric=False)
-    b, x = matrix.createVecLeft(), matrix.createVecRight()
-    with pytest.raises(JointsError, match="could not be factored; PETSc's reason is 4.$"):
-        solver.solve(b, x)
-    solver.destroy()
-
-
 def test_who_deletes_a_lock_that_was_waited_for_does_not_make_two_owners(tmp_path, monkeypatch):
     # Between opening and locking, its last owner deletes the file: what is locked then is no lock.
     place, flock, calls = tmp_path / "r.h5.lock", file_lock.fcntl.flock, []

@@ -20,6 +20,7 @@ from whole_vectors import Whole, all_of
 
 import dolfinx_joints as dj
 from dolfinx_joints.solvers.effective_matrix import (
+    STATIC,
     EffectiveMatrix,
     MatrixCoefficients,
     unconstrained_dofs,
@@ -35,7 +36,6 @@ pytestmark = pytest.mark.mpi
 STEP = MatrixCoefficients(
     mass=8e4, damping=200.0, stiffness=0.5
 )  # of 0.01 s by average acceleration
-STATIC = MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0)
 KINDS = ("dense", "compressed", "matrix-free")
 
 

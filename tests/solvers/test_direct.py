@@ -245,9 +245,7 @@ def load(matrix: PETSc.Mat) -> PETSc.Vec:
     return b
 
 
-@pytest.mark.parametrize(
-    "effective", [STEP, MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0)]
-)
+@pytest.mark.parametrize("effective", [STEP, STATIC])
 def test_iterative_and_direct_solvers_agree(wall, effective):
     # A step, and statics, whose matrix has a condition number of some ten thousand: both leave
     # residuals near rounding, so that solutions agree but for that number times rounding.
@@ -272,7 +270,7 @@ def test_iterative_and_direct_solvers_agree(wall, effective):
 
 def test_rigid_modes_spare_iterations(wall):
     # In statics a slender wall is hard for multigrid that knows translations only.
-    matrix = EffectiveMatrix(wall, MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0))
+    matrix = EffectiveMatrix(wall, STATIC)
     b = load(matrix.constrained)
     x, counts = b.duplicate(), []
     for modes in (None, wall.stiffness.getNearNullSpace()):
@@ -310,9 +308,7 @@ def test_iterative_solver_of_single_unknowns(comm):
 def test_an_iterative_solver_needs_no_mesh():
     # Two masses in a row: K u = F with u = (1, 1.5) by hand.
     system = MatrixSystem.from_arrays(mass=np.eye(2), stiffness=[[3.0, -2.0], [-2.0, 2.0]])
-    matrix = EffectiveMatrix(
-        system, MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0), linear="iterative"
-    )
+    matrix = EffectiveMatrix(system, STATIC, linear="iterative")
     found = matrix.solver.solve_block(np.array([[0.0], [1.0]]))
     np.testing.assert_allclose(found[:, 0], [1.0, 1.5], rtol=1e-12)
     matrix.destroy()

@@ -43,7 +43,7 @@ from dolfinx_joints import (
 from dolfinx_joints.model.modes import modes
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.solvers.choice import make_solver
-from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
+from dolfinx_joints.solvers.effective_matrix import STATIC, MatrixCoefficients
 from dolfinx_joints.solvers.interface import corrections
 from dolfinx_joints.solvers.interface import solver as interface
 from dolfinx_joints.solvers.interface.compiled.steps import CompiledSteps
@@ -298,13 +298,12 @@ def test_a_solve_that_failed_leaves_no_trace(wall):
     system = model.system()
     b = system.stiffness.createVecRight()
     system.load(0.0, b)
-    effective = MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0)
-    expected, _ = solved(InterfaceSolver(system, options), effective, b, system)
+    expected, _ = solved(InterfaceSolver(system, options), STATIC, b, system)
     solver = InterfaceSolver(system, replace(options, max_iterations=1))
     with pytest.raises(ConvergenceError, match="in 1 iteration:"):
-        solved(solver, effective, b, system)
+        solved(solver, STATIC, b, system)
     solver.options = options
-    again, _ = solved(solver, effective, b, system)
+    again, _ = solved(solver, STATIC, b, system)
     assert difference(again, expected) <= 1e-10
 
 
@@ -321,11 +320,10 @@ def test_the_same_solve_again_starts_from_its_solution(wall):
     system = wall().system()
     b = system.stiffness.createVecRight()
     system.load(0.0, b)
-    effective = MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0)
     solver = InterfaceSolver(system, SolverOptions())
-    first, report = solved(solver, effective, b, system)
+    first, report = solved(solver, STATIC, b, system)
     assert report.iterations > 3
-    second, report = solved(solver, effective, b, system)
+    second, report = solved(solver, STATIC, b, system)
     assert report.iterations <= 1
     assert difference(second, first) <= 1e-12
 

@@ -20,6 +20,7 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.solvers.effective_matrix import (
+    STATIC,
     EffectiveMatrix,
     MatrixCoefficients,
     unconstrained_dofs,
@@ -31,7 +32,6 @@ pytestmark = pytest.mark.mpi
 
 DT = 0.005
 STEP = MatrixCoefficients(mass=2.0 / DT**2, damping=1.0 / DT, stiffness=0.5)
-STATIC = MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0)
 STIFFNESS = 1e10
 
 

@@ -299,3 +299,15 @@ def test_all_formats_hold_the_same(tmp_path, binary):
         assert set(raw.facet_groups) == {"side", "outside"}
         for facets in raw.facet_groups.values():
             assert len(facets) == len(new.facet_groups["side"])
+
+
+def test_reading_a_mesh_leaves_the_models_of_gmsh_alone(wall_file):
+    path = wall_file()
+    gmsh.initialize()
+    try:
+        gmsh.model.add("mine")
+        load_msh(path)
+        assert gmsh.model.getCurrent() == "mine"
+        assert "mine" in gmsh.model.list()
+    finally:
+        gmsh.finalize()

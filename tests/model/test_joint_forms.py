@@ -21,6 +21,7 @@ from mpi4py import MPI
 
 import ufl
 from dolfinx import fem
+from shaken_wall import swaying
 
 from benchmarks.shared.grids import case
 from dolfinx_joints import (
@@ -88,14 +89,9 @@ def upright(jointed, **changes):
     )
 
 
-def shaking(time):
-    """A motion that opens and slides joints, [m/s^2]."""
-    return 4.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.5 * np.sin(55.0 * time)])
-
-
 def gently(time):
     """One that leaves the joints of the wall on its side closed, [m/s^2]."""
-    return 0.05 * shaking(time)
+    return 0.05 * swaying(time)
 
 
 def difference(one, two):
@@ -109,7 +105,7 @@ def integral(model, form):
     return COMM.allreduce(fem.assemble_scalar(fem.form(form)))
 
 
-def run(model, *, motion=shaking, steps=6, solver="auto", scheme=None, **options):
+def run(model, *, motion=swaying, steps=6, solver="auto", scheme=None, **options):
     """Self weight and some steps: the static state and the outcome."""
     newton = SolverOptions(**{"relative_tolerance": 1e-12, **options})
     simulation = Simulation(model, solver=solver, options=newton)

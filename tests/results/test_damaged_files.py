@@ -155,3 +155,36 @@ def test_hdf5_of_an_older_kind_is_an_error(tmp_path):
         file.attrs["format"] = np.bytes_("dolfinx_joints results")
     with pytest.raises(ResultsError, match="HDF5 but not a file of this program.*version 0"):
         Results(path)
+
+
+def test_a_truncated_results_file_is_refused(tmp_path):
+    whole, torn = tmp_path / "whole.h5", tmp_path / "torn.h5"
+    with ResultsWriter(whole, {}) as writer:
+        writer.series("run", "u", (1000,), "m", "displacement")
+        writer.start()
+        for step in range(20):
+            writer.append("run", float(step), {"u": np.arange(1000.0)})
+        writer.finish("complete", {})
+    size = whole.stat().st_size
+    for length in (10, 35, 36, size // 2, size - 1):
+        torn.write_bytes(whole.read_bytes()[:length])
+        with pytest.raises(ResultsError, match=f"is truncated: it has {length} "):
+            Results(torn)
+
+
+def test_a_truncated_copy_of_a_growing_file_is_refused(tmp_path):
+    grows, torn = tmp_path / "grows.h5", tmp_path / "torn.h5"
+    with ResultsWriter(grows, {}, flush_interval=0.0) as writer:
+        writer.series("run", "u", (1000,), "m", "displacement")
+        writer.start()
+        for step in range(20):
+            writer.append("run", float(step), {"u": np.arange(1000.0)})
+            with Results(grows) as results:
+                assert results.rows("run") == step + 1
+        content = grows.read_bytes()
+    assert content[11]  # marked as open
+    end = int.from_bytes(content[28:36], "little")  # room that HDF5 has not used yet follows
+    for length in (20, 200, 2000, end // 2, end - 1):
+        torn.write_bytes(content[:length])
+        with pytest.raises(ResultsError, match=f"is truncated: it has {length} "):
+            Results(torn)

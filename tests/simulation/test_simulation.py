@@ -7,6 +7,8 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from shaken_wall import swaying
+
 from dolfinx_joints import (
     Elastic,
     Fixed,
@@ -24,11 +26,6 @@ from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = pytest.mark.mpi
 DT = 0.005
-
-
-def shaking(time):
-    """A motion that opens and slides the joints of the wall, [m/s^2]."""
-    return 4.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.5 * np.sin(55.0 * time)])
 
 
 @pytest.fixture
@@ -58,11 +55,11 @@ def test_a_run_in_two_parts_is_the_run(wall):
     # rounding of the balance from which its first acceleration follows.
     whole = Simulation(wall)
     whole.statics()
-    end = whole.dynamics(dt=DT, steps=24, motion=shaking)
+    end = whole.dynamics(dt=DT, steps=24, motion=swaying)
     parts = Simulation(wall)
     parts.statics()
-    middle = parts.dynamics(dt=DT, steps=11, motion=shaking)
-    last = parts.dynamics(dt=DT, steps=13, motion=shaking, start=middle.state)
+    middle = parts.dynamics(dt=DT, steps=11, motion=swaying)
+    last = parts.dynamics(dt=DT, steps=13, motion=swaying, start=middle.state)
     assert last.state.time == pytest.approx(24 * DT, rel=1e-12)
     assert end.state.joints.status.tolist() == last.state.joints.status.tolist()
     assert difference(last.state, end.state) < 1e-8
@@ -86,7 +83,7 @@ def test_loads_that_jump_as_a_dynamic_stage_starts_are_warned_of(wall, recwarn):
     wall.loads = [Gravity(), push]
     simulation = Simulation(wall)
     simulation.quasi_statics([0.25, 1.0])
-    simulation.dynamics(dt=DT, steps=1, motion=shaking)
+    simulation.dynamics(dt=DT, steps=1, motion=swaying)
     simulation.quasi_statics([0.25], name="pushed")
     assert not [w for w in recwarn if "at once" in str(w.message)]
     simulation.dynamics(dt=DT, steps=1)
@@ -103,7 +100,7 @@ def test_both_solvers_march_alike(wall):
             wall, solver=solver, options=SolverOptions(relative_tolerance=1e-12)
         )
         simulation.statics()
-        outcome = simulation.dynamics(dt=DT, steps=40, motion=shaking)
+        outcome = simulation.dynamics(dt=DT, steps=40, motion=swaying)
         assert outcome.solver == solver
         counts = wall.contact.counts(outcome.state.joints.status)
         ends.append((outcome.state, counts))

@@ -18,7 +18,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 from joint_tangents import POINTS, right_side, scaled_compliance, states, stuck_tangent, tangents
-from shaken_wall import wall
+from shaken_wall import swaying, wall
 
 from dolfinx_joints import (
     FrictionNoTension,
@@ -57,11 +57,6 @@ LAWS = {
 COMPLIANCES = ["dense", "compressed"] + ["auto"] * (MPI.COMM_WORLD.size > 1)
 
 
-def shaking(time: float) -> np.ndarray:
-    """A motion that opens and slides the joints of the wall, [m/s^2]."""
-    return 4.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.5 * np.sin(55.0 * time)])
-
-
 class Last(Monitor):
     """Keeps gaps, elastic slips and friction work of each step."""
 
@@ -80,7 +75,7 @@ def march(model: Any, steps: int = 20, **options: Any) -> tuple[np.ndarray, Any]
     options = {"relative_tolerance": 1e-12, **options}
     simulation = Simulation(model, options=SolverOptions(**options), monitors=[seen])
     simulation.statics()
-    outcome = simulation.dynamics(dt=0.005, steps=steps, motion=shaking)
+    outcome = simulation.dynamics(dt=0.005, steps=steps, motion=swaying)
     return np.array(seen.seen), outcome
 
 

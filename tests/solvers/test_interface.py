@@ -23,6 +23,8 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
+from shaken_wall import swaying
+
 from dolfinx_joints import (
     ConvergenceError,
     Elastic,
@@ -55,11 +57,6 @@ from dolfinx_joints.time_integration.initial_state import initial_state
 COMPLIANCES = ("dense", "compressed", "matrix-free")
 LINEAR = ("direct", "iterative")
 DT = 0.005
-
-
-def shaking(time: float) -> np.ndarray:
-    """A motion that opens and slides the joints of the wall, [m/s^2]."""
-    return 4.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.5 * np.sin(55.0 * time)])
 
 
 def friction(**changes: float) -> FrictionNoTension:
@@ -109,7 +106,7 @@ def march(model: Any, *, steps: int = 20, solver: str = "condensed", **options: 
     newton = SolverOptions(**{"relative_tolerance": 1e-12, **options})
     simulation = Simulation(model, options=newton, solver=solver, monitors=[path])
     static = simulation.statics()
-    outcome = simulation.dynamics(dt=DT, steps=steps, motion=shaking, scheme=scheme)
+    outcome = simulation.dynamics(dt=DT, steps=steps, motion=swaying, scheme=scheme)
     return path, static, outcome
 
 
@@ -205,7 +202,7 @@ def test_sweeps_take_iterations_away_and_change_nothing(wall, monkeypatch, law):
         monkeypatch.setattr(interface, "EASY", hard)
         simulation = Simulation(wall(law), options=SolverOptions(relative_tolerance=1e-12))
         simulation.statics()
-        ends[name] = simulation.dynamics(dt=10 * DT, steps=15, motion=shaking)
+        ends[name] = simulation.dynamics(dt=10 * DT, steps=15, motion=swaying)
     one, other = ends["never"], ends["always"]
     assert other.iterations < one.iterations
     assert difference(other.state.displacement, one.state.displacement) <= 1e-9
@@ -281,12 +278,12 @@ def test_a_step_too_hard_is_cut(wall):
     # Four iterations are too few for some of the steps from a sudden self weight; halves pass.
     model = wall()
     simulation = Simulation(model, options=SolverOptions(max_iterations=4))
-    outcome = simulation.dynamics(dt=4 * DT, steps=10, motion=shaking)
+    outcome = simulation.dynamics(dt=4 * DT, steps=10, motion=swaying)
     assert outcome.counts.rejected > 0
     assert outcome.imbalance <= 1e-10
     with pytest.raises(ConvergenceError, match="dynamic stage.* did not converge in 1 iteration:"):
         Simulation(model, options=SolverOptions(max_iterations=1)).dynamics(
-            dt=4 * DT, steps=10, motion=shaking, control=StepControl(max_halvings=0)
+            dt=4 * DT, steps=10, motion=swaying, control=StepControl(max_halvings=0)
         )
 
 
@@ -367,7 +364,7 @@ def test_an_unsymmetric_body(wall, compliance):
 def test_clamped_points_that_carry_load_do_not_loosen_tolerances(wall):
     """A joint pressed 10 um together on its clamped base: some 1e4 N there, which nothing moves."""
     model = wall(initial_gaps={"joint_2": -1e-5})
-    outcome = Simulation(model).dynamics(dt=DT, steps=10, motion=shaking)
+    outcome = Simulation(model).dynamics(dt=DT, steps=10, motion=swaying)
     assert outcome.counts.rejected == 0
     assert outcome.imbalance <= 1e-12
 

@@ -15,6 +15,8 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from shaken_wall import swaying
+
 import dolfinx_joints as dj
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.simulation.monitor import Monitor
@@ -132,11 +134,6 @@ class Gaps(Monitor):
         self.gaps.append(np.concatenate(self._operator.comm.allgather(record.joints.state.gap)))
 
 
-def shaking(time: float) -> np.ndarray:
-    """A motion that opens and slides the joint, [m/s^2]."""
-    return 4.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.5 * np.sin(55.0 * time)])
-
-
 @pytest.mark.parametrize(("modes", "stiffness"), [(0, STIFFNESS), (4, STIFFNESS), (0, 5e12)])
 def test_runs_are_those_of_the_direct_solver(wall, modes, stiffness):
     scheme, ends = dj.EnergyConsistent(exact_modes=modes), {}
@@ -144,7 +141,7 @@ def test_runs_are_those_of_the_direct_solver(wall, modes, stiffness):
         gaps, model = Gaps(), wall(stiffness=stiffness)
         simulation = dj.Simulation(model, options=dj.SolverOptions(linear=linear), monitors=[gaps])
         simulation.statics()
-        outcome = simulation.dynamics(dt=DT, steps=12, motion=shaking, scheme=scheme)
+        outcome = simulation.dynamics(dt=DT, steps=12, motion=swaying, scheme=scheme)
         assert outcome.solver == solver
         assert outcome.imbalance <= 1e-10
         ends[linear] = np.array(gaps.gaps)
@@ -202,7 +199,7 @@ def test_linear_steps_do_not_see_the_tolerance(wall_file, read):
             loads=[dj.Gravity()],
         )
         simulation = dj.Simulation(model, options=dj.SolverOptions(linear=linear))
-        outcome = simulation.dynamics(dt=DT, steps=40, motion=shaking)
+        outcome = simulation.dynamics(dt=DT, steps=40, motion=swaying)
         assert outcome.imbalance <= 1e-10
         ends[linear] = outcome.state.displacement
     size = ends["direct"].norm()

@@ -32,6 +32,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 from dolfinx.mesh import CellType, create_box, locate_entities
+from shaken_wall import swaying
 
 from dolfinx_joints import (
     Elastic,
@@ -420,11 +421,6 @@ def test_a_rigid_joint_is_the_limit_of_stiff_ones():
     assert errors[2] <= 1e-3
 
 
-def shaking(time: float) -> np.ndarray:
-    """Ground acceleration [m/s^2]."""
-    return 4.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.5 * np.sin(55.0 * time)])
-
-
 @pytest.mark.mpi
 @pytest.mark.filterwarnings("ignore:A single step errs")
 @pytest.mark.parametrize("name", ["medium", "rigid"])
@@ -435,7 +431,7 @@ def test_dynamics_from_a_static_state(name):
     static = run.statics()
     still = run.dynamics(dt=0.002, steps=10)
     assert difference(still.state.displacement, static.displacement) <= 1e-9
-    shaken = run.dynamics(dt=0.002, steps=50, motion=shaking)
+    shaken = run.dynamics(dt=0.002, steps=50, motion=swaying)
     counts = model.contact.counts(shaken.state.joints.status)
     assert counts.total == model.operator.num_points
     assert shaken.energy.friction > 0.0
@@ -471,7 +467,7 @@ def test_stiff_joints_that_meet_take_no_more_iterations(k_n):
         options = SolverOptions(compliance=kind)
         run = Simulation(wall_on_a_wall(friction(k_n)), solver="condensed", options=options)
         run.statics()
-        taken[kind] = run.dynamics(dt=0.002, steps=40, motion=lambda time: 3.0 * shaking(time))
+        taken[kind] = run.dynamics(dt=0.002, steps=40, motion=lambda time: 3.0 * swaying(time))
     for outcome in taken.values():
         assert outcome.counts.rejected <= 1
         assert outcome.iterations <= 1.3 * taken["matrix-free"].iterations
@@ -493,7 +489,7 @@ def test_rigid_joints_that_meet(kind):
     assert difference(still.state.displacement, static.displacement) <= 1e-8
     run = Simulation(wall_on_a_wall(RigidJoint(friction_angle_deg=80.0)), options=options)
     run.statics()
-    shaken = run.dynamics(dt=0.002, steps=30, motion=shaking)
+    shaken = run.dynamics(dt=0.002, steps=30, motion=swaying)
     assert shaken.energy.friction > 0.0
     assert max(still.imbalance, shaken.imbalance) <= 1e-10
 

@@ -12,8 +12,6 @@ pytest.importorskip("dolfinx")
 import ufl
 
 import dolfinx_joints as dj
-from dolfinx_joints.mesh.reading.gmsh_file import load_msh
-from dolfinx_joints.results.writer import ResultsWriter
 from dolfinx_joints.simulation.monitor import Monitor
 
 NAN = float("nan")
@@ -109,50 +107,3 @@ def test_prescribed_displacements_do_not_jump(wall):
         ValueError, match="of the supports at t = 0 differ from those that the dynamic"
     ):
         simulation.dynamics(dt=0.005, steps=1)
-
-
-def test_a_truncated_results_file_is_refused(tmp_path):
-    whole, torn = tmp_path / "whole.h5", tmp_path / "torn.h5"
-    with ResultsWriter(whole, {}) as writer:
-        writer.series("run", "u", (1000,), "m", "displacement")
-        writer.start()
-        for step in range(20):
-            writer.append("run", float(step), {"u": np.arange(1000.0)})
-        writer.finish("complete", {})
-    size = whole.stat().st_size
-    for length in (10, 35, 36, size // 2, size - 1):
-        torn.write_bytes(whole.read_bytes()[:length])
-        with pytest.raises(dj.ResultsError, match=f"is truncated: it has {length} "):
-            dj.Results(torn)
-
-
-def test_a_truncated_copy_of_a_growing_file_is_refused(tmp_path):
-    grows, torn = tmp_path / "grows.h5", tmp_path / "torn.h5"
-    with ResultsWriter(grows, {}, flush_interval=0.0) as writer:
-        writer.series("run", "u", (1000,), "m", "displacement")
-        writer.start()
-        for step in range(20):
-            writer.append("run", float(step), {"u": np.arange(1000.0)})
-            with dj.Results(grows) as results:
-                assert results.rows("run") == step + 1
-        content = grows.read_bytes()
-    assert content[11]  # marked as open
-    end = int.from_bytes(content[28:36], "little")  # room that HDF5 has not used yet follows
-    for length in (20, 200, 2000, end // 2, end - 1):
-        torn.write_bytes(content[:length])
-        with pytest.raises(dj.ResultsError, match=f"is truncated: it has {length} "):
-            dj.Results(torn)
-
-
-def test_reading_a_mesh_leaves_the_models_of_gmsh_alone(wall_file):
-    import gmsh
-
-    path = wall_file()
-    gmsh.initialize()
-    try:
-        gmsh.model.add("mine")
-        load_msh(path)
-        assert gmsh.model.getCurrent() == "mine"
-        assert "mine" in gmsh.model.list()
-    finally:
-        gmsh.finalize()

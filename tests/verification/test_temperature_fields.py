@@ -20,12 +20,14 @@ import pytest
 pytest.importorskip("dolfinx")
 
 from dolfinx import fem
+from petsc4py import PETSc
 
 from dolfinx_joints import (
     AnnualWave,
     Elastic,
     Fixed,
     FrictionNoTension,
+    JointsError,
     Model,
     ReservoirTemperature,
     Simulation,
@@ -209,6 +211,17 @@ def test_nodes_outside_take_the_nearest_point(comm, wall, new_path):
         temperature_from_file(path, wall(), reach=0.2)
     field = temperature_from_file(path, wall(), reach=3.0)
     np.testing.assert_allclose(field.x.array, 5.0, rtol=1e-12)
+
+
+def test_too_little_memory_is_told(wall):
+    """Of a factor that did not fit all temperatures would be infinite."""
+    options = PETSc.Options()
+    options["mat_mumps_icntl_14"] = -99  # per cent of the memory that the factor needs
+    try:
+        with pytest.raises(JointsError, match="does not fit into memory"):
+            steady_temperature(wall(), dict.fromkeys(FACES, 9.0))
+    finally:
+        options.delValue("mat_mumps_icntl_14")
 
 
 @pytest.mark.parametrize(

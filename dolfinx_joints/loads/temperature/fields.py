@@ -27,6 +27,7 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.common.parameters import check_each, check_kind_of
 from dolfinx_joints.loads.temperature.joint_conductance import Joints, Openings, joint_term
@@ -207,12 +208,22 @@ class _Through(NamedTuple):
 
 
 def factored(matrix: PETSc.Mat) -> PETSc.KSP:
-    """A solver by the matrix's factor (collective)."""
+    """A solver by the matrix's factor (collective).
+
+    Raises:
+        JointsError: The factor does not fit into memory.
+    """
     ksp = PETSc.KSP().create(matrix.comm)
     ksp.setType("preonly")
     ksp.getPC().setType("lu")
     ksp.getPC().setFactorSolverType("mumps")
     ksp.setOperators(matrix)
+    ksp.setUp()
+    if ksp.getPC().getFailedReason() == PETSc.PC.FailedReason.FACTOR_OUTMEMORY:
+        raise JointsError(
+            "The factor of the matrix of temperatures does not fit into memory, or into what MUMPS "
+            "sets aside: take a coarser mesh, more memory, or a larger mat_mumps_icntl_14."
+        )
     return ksp
 
 

@@ -165,10 +165,12 @@ def check_curves(shape: CellShape, x: Floats, cells: NDArray[Any], source: str) 
     wrong = inside_out(shape, x, cells)
     if len(wrong):
         where = ", ".join(f"{v:.4g}" for v in x[cells[wrong[0]]].mean(axis=0))
+        remedy = "refine the mesh there, or make edges straight (of Gmsh Mesh.SecondOrderLinear)"
+        if shape.degree == 1:
+            remedy = "a corner of each is dented, or its nodes are in a wrong order"
         raise MeshError(
             f"{source}: {len(wrong)} cells are turned inside out in a part of them, the first "
-            f"around ({where}); refine the mesh there, or make edges straight (of Gmsh "
-            "Mesh.SecondOrderLinear)."
+            f"around ({where}); {remedy}."
         )
 
 

@@ -137,6 +137,17 @@ def test_a_curved_cell_turned_inside_out_is_refused(comm):
         split_mesh(dolfinx_versions.create_mesh(comm, cells, x, element))
 
 
+def test_a_straight_cell_with_a_dented_corner_is_refused(comm):
+    """At the corner (0.3, 0.3) the volume is 1 - 2 * 0.7; no edge is curved."""
+    first = comm.rank == 0
+    cells = np.array([[0, 1, 2, 3]] if first else np.empty((0, 4)), dtype=np.int64)
+    nodes = [[0, 0], [1, 0], [0, 1], [0.3, 0.3]]
+    x = np.array(nodes if first else np.empty((0, 2)), dtype=np.float64)
+    element = basix.ufl.element("Lagrange", "quadrilateral", 1, shape=(2,))
+    with pytest.raises(MeshError, match=r"around \(0.325, 0.325\); a corner of each is dented"):
+        split_mesh(dolfinx_versions.create_mesh(comm, cells, x, element))
+
+
 def edges_at(mesh, **places):
     """Tags 1, 2, ... on the edges of the places, in turn."""
     mesh.topology.create_connectivity(1, 2)

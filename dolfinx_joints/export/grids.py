@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.postprocessing.joints.surface import JointFacets, Statics, facets_of_joint
+from dolfinx_joints.postprocessing.joints.surface import (
+    JointFacets,
+    Statics,
+    facets_of_joint,
+    is_plane,
+)
 from dolfinx_joints.results.arguments import rows_of_groups
 from dolfinx_joints.results.reader import Results
 
@@ -117,7 +122,7 @@ def joint_grid(results: Statics, joint: str) -> Grid:
     polygons: list[Any] = []
     if not len(static["points"]):  # a rank may have none
         motion = csr_matrix((0, len(results.static("mesh/nodes"))))
-    elif results.static("mesh/surface").shape[1] == 2:
+    elif is_plane(results):
         polygons = [point[None] for point in static["points"]]
         motion = _motion_of_points(results, joint, static["points"])
     else:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.postprocessing.joints.surface import is_plane
 from dolfinx_joints.results.reader import ABSOLUTE, RELATIVE, Results
 
 Floats = NDArray[np.floating[Any]]
@@ -148,5 +149,5 @@ def _is_ground(results: Results, relative_to: str) -> bool:
 
 
 def _up(results: Results) -> int:
-    """Number of the vertical axis: a plane model has lines as its boundary."""
-    return 1 if results.static("mesh/surface").shape[1] == 2 else 2
+    """Number of the vertical axis."""
+    return 1 if is_plane(results) else 2

@@ -17,6 +17,7 @@ from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.body import jointed_groups
 from dolfinx_joints.postprocessing.frames import reference_displacement, usual_reference
+from dolfinx_joints.postprocessing.joints.surface import is_plane
 from dolfinx_joints.report.page import Drawings, Section, paragraph
 from dolfinx_joints.results.arguments import Component
 from dolfinx_joints.results.reader import Results
@@ -75,9 +76,8 @@ class Run:
 
     @property
     def plane(self) -> bool:
-        """Whether the model is plane: its boundary consists of lines."""
-        statics = self.results.statics
-        return "mesh/surface" in statics and self.results.static("mesh/surface").shape[1] == 2
+        """Whether the model is plane."""
+        return "mesh/surface" in self.results.statics and is_plane(self.results)
 
 
 @dataclass(frozen=True, kw_only=True)

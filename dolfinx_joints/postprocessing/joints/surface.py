@@ -52,6 +52,11 @@ class Statics(Protocol):
         """Raise an error for a joint that is not there."""
 
 
+def is_plane(results: Statics) -> bool:
+    """Whether a body is plane: its boundary consists of lines."""
+    return results.static("mesh/surface").shape[1] == 2
+
+
 class JointFacets:
     """The facets of a joint in space, and the part of its facet that is nearest to each point.
 

@@ -8,14 +8,14 @@ Numbers are written with all their digits: read back, they are the same.
 from __future__ import annotations
 
 import csv
-import os
 from pathlib import Path
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.replacement import replacing
 from dolfinx_joints.export.tables import Table, tables_of
-from dolfinx_joints.results.reader import Results, listing
+from dolfinx_joints.export.vtk_files import check_free
+from dolfinx_joints.results.reader import Results
 
 
 @checked
@@ -55,9 +55,7 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
     if not tables:
         raise ResultsError(f"{results.path} holds no records, so there are no tables to write.")
     paths = {name: folder / f"{name}.csv" for name in tables}
-    there = [str(path) for path in paths.values() if os.path.exists(path)]
-    if there and not overwrite:
-        raise ResultsError(f"{listing(there)}: there already; --force replaces (overwrite=True).")
+    check_free(paths.values(), overwrite=overwrite)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, path in paths.items():

@@ -17,6 +17,7 @@ from dolfinx_joints.common.dealt import Dealt, blocks_in
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.export.grids import Array, Grid
 from dolfinx_joints.export.whole_files import begun, changed, finished, forgotten
+from dolfinx_joints.results.reader import listing
 from dolfinx_joints.results.stream import add_rows, write_whole
 
 SUFFIX = ".vtkhdf"
@@ -131,7 +132,7 @@ def check_free(paths: Iterable[Path], *, overwrite: bool) -> None:
     """
     there = [str(path) for path in paths if path.exists()]
     if there and not overwrite:
-        raise ResultsError(f"{', '.join(there)}: there already; --force replaces (overwrite=True).")
+        raise ResultsError(f"{listing(there)}: there already; --force replaces (overwrite=True).")
 
 
 def _is_of(root: h5py.Group, grid: Grid) -> bool:

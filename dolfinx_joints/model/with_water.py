@@ -13,7 +13,6 @@ step is symmetric, though not positive.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import copy
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -225,10 +224,7 @@ class BodyAndWater:
         operator = GapOperator(matrix, dry.areas, dry.joint, dry.names)
         operator.initial_gap, operator.points = dry.initial_gap, dry.points
         operator.sizes = dry.sizes
-        other = copy(contact)
-        other.__dict__.pop("by_forms", None)
-        other.operator = operator
-        return other
+        return contact.on(operator)
 
     def _body_columns(self, dofs: Ints) -> Ints:
         """Numbers among both of dofs of the body."""

@@ -20,7 +20,7 @@ from dolfinx_joints.materials.orthotropic import Orthotropic
 from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-# Rows of a 6 x 6 stiffness that a plane body has: xx, yy, xy of xx, yy, zz, yz, xz, xy.
+# Strain components that a plane body has: xx, yy, xy of xx, yy, zz, yz, xz, xy.
 IN_PLANE = (0, 1, 5)
 
 # Components of a stress as VTK orders them.

@@ -16,14 +16,13 @@ from dolfinx import fem
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.body.elasticity import law_degree, strain_vector
+from dolfinx_joints.body.elasticity import IN_PLANE, law_degree, strain_vector
 from dolfinx_joints.common.mpi import lasting
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-# Strain components of space, and those of them that a plane body has.
+# Strain components of space.
 SIZE = 6
-_PLANE = np.array([0, 1, 5])
 
 _CHUNK = 512  # cells evaluated at a time
 
@@ -64,7 +63,7 @@ class StrainOperator:
     def _assemble(self, V: Any, cells: NDArray[Any], places: Floats, like: PETSc.Mat) -> PETSc.Mat:
         """P, its rows those of the points of this rank."""
         gdim = V.mesh.geometry.dim
-        components = np.arange(SIZE) if gdim == 3 else _PLANE
+        components = np.arange(SIZE) if gdim == 3 else np.array(IN_PLANE)
         expression = strain_vector(ufl.TrialFunction(V))
         evaluate = fem.Expression(expression, places, comm=V.mesh.comm)
         dofmap = V.dofmap

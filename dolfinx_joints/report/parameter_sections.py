@@ -206,7 +206,9 @@ def _table(title: str, head: list[Cell], groups: list[Groups]) -> Html | None:
     """A table of the values of all runs, None without any."""
     rows: list[list[Cell]] = []
     for heading in dict.fromkeys(h for run in groups for h in run):
-        names = dict.fromkeys(n for run in groups for n in run.get(heading, {}))
+        # In the order of the run with most of them: static stages in that of construction.
+        fullest = sorted((run.get(heading, {}) for run in groups), key=len, reverse=True)
+        names = dict.fromkeys(n for given in fullest for n in given)
         values = [[name, *(run.get(heading, {}).get(name) for run in groups)] for name in names]
         kind = heading.split(": ")[-1]
         known = [_in_unit(kind, row) for row in values if any(c is not None for c in row[1:])]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.replacement import replacing
+from dolfinx_joints.common.files import replacing
 from dolfinx_joints.export.tables import Table, tables_of
 from dolfinx_joints.export.vtk_files import check_free
 from dolfinx_joints.results.reader import Results

@@ -19,8 +19,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from dolfinx_joints.common.files import replacing
 from dolfinx_joints.common.hdf5 import new_file
-from dolfinx_joints.common.replacement import replacing
 
 Piece = tuple[int, bytes | memoryview]  # place in the file [bytes], what is written there
 

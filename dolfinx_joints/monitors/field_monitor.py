@@ -18,7 +18,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.file_lock import FileLock, released
+from dolfinx_joints.common.files import FileLock, released
 from dolfinx_joints.common.mpi import RowsAt, across, blocks_of, dealt, handing_out
 from dolfinx_joints.export.grids import (
     Grid,

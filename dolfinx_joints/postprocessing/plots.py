@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.constants import ACCELERATION_BAND, STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError, ResultsError
-from dolfinx_joints.common.replacement import replacing
+from dolfinx_joints.common.files import replacing
 from dolfinx_joints.motions.motion import Hertz
 from dolfinx_joints.motions.processing import low_pass
 from dolfinx_joints.motions.spectra import (

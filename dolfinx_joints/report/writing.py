@@ -14,7 +14,7 @@ import annotated_types as at
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning, ResultsError
-from dolfinx_joints.common.replacement import replacing
+from dolfinx_joints.common.files import replacing
 from dolfinx_joints.report import opening, sections
 from dolfinx_joints.report.page import Drawings, page
 from dolfinx_joints.report.runs import Addition, Content, Run, linear_and_jointed, opened

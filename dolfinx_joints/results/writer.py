@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.file_lock import FileLock, released
+from dolfinx_joints.common.files import FileLock, released
 from dolfinx_joints.common.hdf5 import set_texts
 from dolfinx_joints.common.parameters import PLAIN_NAMES, check_kind_of, is_plain_name, shown
 from dolfinx_joints.results.disk_space import Room

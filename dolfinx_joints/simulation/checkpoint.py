@@ -23,7 +23,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import CheckpointError, OtherRunError
-from dolfinx_joints.common.file_lock import FileLock
+from dolfinx_joints.common.files import FileLock
 from dolfinx_joints.common.mpi import handing_out, on_root, raised_together
 from dolfinx_joints.joints.contact import StatusCounts
 from dolfinx_joints.laws.law import JointState, Response

@@ -19,7 +19,7 @@ import annotated_types as at
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
-from dolfinx_joints.common.file_lock import released
+from dolfinx_joints.common.files import released
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.small_displacements import SmallDisplacements

@@ -29,7 +29,7 @@ import annotated_types as at
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import StudyError
-from dolfinx_joints.common.file_lock import FileLock
+from dolfinx_joints.common.files import FileLock
 from dolfinx_joints.common.parameters import check_named, shown
 from dolfinx_joints.common.progress import LOGGER
 from dolfinx_joints.common.summary import Rows, Summarised, names

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import StudyError
-from dolfinx_joints.common.replacement import replacing
+from dolfinx_joints.common.files import replacing
 
 Row = dict[str, Any]
 Table = dict[str, NDArray[Any]]

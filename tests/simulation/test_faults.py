@@ -17,9 +17,9 @@ import pytest
 
 from dolfinx_joints import ConvergenceError, JointsError, Results, ResultsError
 from dolfinx_joints.cli import main
-from dolfinx_joints.common import file_lock
+from dolfinx_joints.common import files
 from dolfinx_joints.common.errors import CheckpointError
-from dolfinx_joints.common.file_lock import FileLock
+from dolfinx_joints.common.files import FileLock
 from dolfinx_joints.results.writer import ResultsWriter
 from dolfinx_joints.simulation.monitor import Monitor
 
@@ -312,7 +312,7 @@ def test_other_failures_reported_by_petsc():
 
 def test_who_deletes_a_lock_that_was_waited_for_does_not_make_two_owners(tmp_path, monkeypatch):
     # Between opening and locking, its last owner deletes the file: what is locked then is no lock.
-    place, flock, calls = tmp_path / "r.h5.lock", file_lock.fcntl.flock, []
+    place, flock, calls = tmp_path / "r.h5.lock", files.fcntl.flock, []
 
     def slow(file, how):
         if not calls:
@@ -323,7 +323,7 @@ def test_who_deletes_a_lock_that_was_waited_for_does_not_make_two_owners(tmp_pat
         calls.append(how)
         flock(file, how)
 
-    monkeypatch.setattr(file_lock.fcntl, "flock", slow)
+    monkeypatch.setattr(files.fcntl, "flock", slow)
     with FileLock(tmp_path / "r.h5", ResultsError) as lock:
         assert len(calls) == 3
         with pytest.raises(ResultsError, match=r"r\.h5 is being written by process \d+ on"):

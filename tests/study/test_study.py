@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from dolfinx_joints.common.errors import StudyError
-from dolfinx_joints.common.file_lock import FileLock
+from dolfinx_joints.common.files import FileLock
 from dolfinx_joints.study import Study, read_table, write_csv
 
 TIMES = ("wall_s", "peak_mb")

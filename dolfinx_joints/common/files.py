@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""One writer per file, by a lock on ``PATH.lock``.
+"""Files with one writer, by a lock on ``PATH.lock``, and files written whole or not at all.
 
 The system drops a lock when its process ends.
 """
@@ -12,7 +12,7 @@ import os
 import socket
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Protocol, Self
 
@@ -106,3 +106,19 @@ def released(lock: Lock | None, *, at_end: bool) -> Iterator[None]:
     finally:
         if lock is not None and at_end:
             lock.release()
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A place beside a file to write another one, which takes its place once the block ends.
+
+    What an error leaves there is removed, and the file is as it was.
+    """
+    part = path.with_name(f"{path.name}.part")
+    try:
+        yield part
+        part.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            part.unlink()
+        raise

@@ -120,8 +120,10 @@ def test_a_full_disk_leaves_the_table_before(tmp_path):
     assert squares(path, 3).run(progress=False).done == ["x=2"]
 
 
+# Shells have what they start in the background ignore interrupts.
 RUNNER = """
-import sys
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path.insert(0, {tests!r})
 from test_study import squares
 if __name__ == "__main__":

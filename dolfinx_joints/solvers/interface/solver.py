@@ -52,8 +52,8 @@ KEPT_BYTES = 2_000_000_000
 
 # The linear systems inside are solved to this part of their right-hand sides at first; later as
 # well as the iteration converges (Eisenstat and Walker 1996). The iteration goes on to `ENOUGH` of
-# the tolerance if rounding lets it, to `ENOUGH_OF_STIFF` with rigid points and teeth, which swing
-# with what is left: the energy balance sees it.
+# the tolerance if rounding lets it, to `ENOUGH_OF_STIFF` with rigid points and with laws that have
+# no loop, as teeth, which swing with what is left: the energy balance sees it.
 INNER_TOLERANCE, ENOUGH, ENOUGH_OF_STIFF = 0.03, 0.1, 0.01
 
 # After a step of so many iterations, and as long as steps take so many, iterates whose residual is

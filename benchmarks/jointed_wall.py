@@ -19,7 +19,7 @@ import argparse
 import json
 import os
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, get_args
 
 from mpi4py import MPI
@@ -27,17 +27,30 @@ from mpi4py import MPI
 import numpy as np
 
 import dolfinx_joints as dj
-from benchmarks.shared.measure import March, disturbance, load_average, march, print_disturbance
+from benchmarks.shared.measure import (
+    March,
+    disturbance,
+    load_average,
+    march,
+    print_disturbance,
+    supernodal_factors_alone,
+)
 from benchmarks.shared.scenes import DAM_STEPS, DIVISIONS, TIED_STEPS, Scene, dam, wall
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.solvers.choice import SolverKind
 
 Row = dict[str, Any]
+Pair = tuple[March, March]
 
 
-def measure(scene: Scene, steps: int, solver: str = "auto", repeat: int = 1) -> Row:
-    """Both runs of a scene, ``repeat`` times in turn (collective)."""
-    pairs = []
+def measure(
+    scene: Scene, steps: int, solver: str = "auto", repeat: int = 1, supernodal: bool = False
+) -> Row:
+    """Both runs of a scene, ``repeat`` times in turn, with `supernodal` also by CHOLMOD's factor.
+
+    (Collective.)
+    """
+    pairs, others = [], []
     with scene.mesh_file() as mesh:
         for _ in range(repeat):
             linear = march(scene, mesh, steps, law=None)
@@ -45,10 +58,27 @@ def measure(scene: Scene, steps: int, solver: str = "auto", repeat: int = 1) -> 
             if scene.tied_peaks_mm is not None and steps == TIED_STEPS:
                 np.testing.assert_allclose(linear.peaks_mm, scene.tied_peaks_mm, rtol=1e-4)
             pairs.append((linear, joints))
-    return summary([linear for linear, _ in pairs], [joints for _, joints in pairs], steps)
+            if supernodal:
+                with supernodal_factors_alone():
+                    linear = march(scene, mesh, steps, law=None)
+                    others.append((linear, march(scene, mesh, steps, law=scene.law())))
+    row = summary(*zip(*pairs, strict=True), steps)
+    return row | (beside_supernodal(pairs, others) if supernodal else {})
 
 
-def summary(linear: list[March], joints: list[March], steps: int) -> Row:
+def beside_supernodal(pairs: list[Pair], others: list[Pair]) -> Row:
+    """Steps by CHOLMOD's factor alone, and steps over one of its back-substitutions."""
+    row = {}
+    for i, name in enumerate(("linear", "joints")):
+        mine, theirs = [pair[i] for pair in pairs], [pair[i] for pair in others]
+        row[f"{name}_supernodal_ms"] = median_of(theirs, lambda run: run.step_ms)
+        row[f"{name}_supernodal_solve_ms"] = solve = median_of(theirs, lambda run: run.solve_ms)
+        for kind, runs in (("over", mine), ("supernodal_over", theirs)):
+            row[f"{name}_{kind}_supernodal"] = median_of(runs, lambda run: run.step_ms) / solve
+    return row
+
+
+def summary(linear: Sequence[March], joints: Sequence[March], steps: int) -> Row:
     """One row of JSON: medians over the repeats, facts of the last jointed run."""
     last = joints[-1]
     ratios = [b.step_ms / a.step_ms for a, b in zip(linear, joints, strict=True)]
@@ -91,12 +121,12 @@ def summary(linear: list[March], joints: list[March], steps: int) -> Row:
     return row
 
 
-def median_of(runs: list[March], value: Callable[[March], float]) -> float:
+def median_of(runs: Sequence[March], value: Callable[[March], float]) -> float:
     """Median of a number over runs."""
     return statistics.median(value(run) for run in runs)
 
 
-def by_name(runs: list[March], values: Callable[[March], dict[str, float]]) -> dict[str, float]:
+def by_name(runs: Sequence[March], values: Callable[[March], dict[str, float]]) -> dict[str, float]:
     """Medians of several numbers over runs."""
     return {name: statistics.median(values(run)[name] for run in runs) for name in values(runs[0])}
 
@@ -170,6 +200,24 @@ def print_tables(rows: dict[str, Row]) -> None:
             )
 
 
+def print_supernodal(rows: dict[str, Row]) -> None:
+    """A table of steps beside those by CHOLMOD's factor alone."""
+    width = max(len(name) for name in rows)
+    print(
+        "\nThe same runs by CHOLMOD's factor alone, in turn: steps and back-substitutions [ms];\n"
+        "these steps and those above over one of these back-substitutions.\n"
+    )
+    print(f"{'scene':{width}} {'run':8}     step    solve   its step   step above")
+    for name, row in rows.items():
+        for run, label in (("linear", "linear"), ("joints", "jointed")):
+            step, solve = (row[f"{run}_supernodal_{kind}"] for kind in ("ms", "solve_ms"))
+            print(
+                f"{name:{width}} {label:8} {step:8.2f} {solve:8.2f}"
+                f" {row[f'{run}_supernodal_over_supernodal']:10.2f}"
+                f" {row[f'{run}_over_supernodal']:12.2f}"
+            )
+
+
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     """Options of the command line."""
     parser = Parser(description=__doc__.splitlines()[0])
@@ -194,6 +242,11 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--repeat", type=at_least(1), default=1, help="runs over which medians are taken"
     )
+    parser.add_argument(
+        "--supernodal",
+        action="store_true",
+        help="also the same runs by CHOLMOD's factor alone, in turn",
+    )
     parser.add_argument("--solver", default="auto", choices=get_args(SolverKind))
     parser.add_argument("--quick", action="store_true", help="the tiny wall alone")
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
@@ -217,11 +270,15 @@ def main(arguments: list[str] | None = None) -> dict[str, Row]:
     """Print tables, or one JSON object as the last line."""
     options = parse_arguments(arguments)
     rows = {
-        scene.name: measure(scene, options.steps, options.solver, max(options.repeat, 1))
+        scene.name: measure(
+            scene, options.steps, options.solver, options.repeat, options.supernodal
+        )
         for scene in scenes(options)
     }
     if MPI.COMM_WORLD.rank == 0:
         print_tables(rows)
+        if options.supernodal:
+            print_supernodal(rows)
         if options.json:
             print(json.dumps(rows))
     return rows

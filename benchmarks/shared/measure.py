@@ -30,13 +30,15 @@ from dolfinx_joints.laws.law import Law
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome
 from dolfinx_joints.simulation.record import Record
+from dolfinx_joints.solvers import node_blocks
 from dolfinx_joints.solvers.interface.compiled.steps import CompiledSteps
 
 FACTOR = (
     *("MatCholFctrSym", "MatCholFctrNum"),
     *("MatLUFactorSym", "MatLUFactorNum"),
 )
-BACK_SUBSTITUTION = ("MatSolve", "MatMatSolve")
+SINGLE = ("MatSolve", "MatForwardSolve", "MatBackwardSolve")
+BACK_SUBSTITUTION = (*SINGLE, "MatMatSolve")
 ITERATION = "JointIteration"
 CompiledSteps.solve = PETSc.Log.EventDecorator(ITERATION)(  # type: ignore[method-assign]
     CompiledSteps.solve
@@ -50,8 +52,9 @@ def petsc_seconds(names: Sequence[str]) -> float:
 
 def back_substitution(since: tuple[float, int] = (0.0, 0)) -> tuple[float, int]:
     """Seconds of back-substitutions on this rank [s] and their number, less those before."""
-    infos = _logged(["MatSolve"])
-    return sum(i["time"] for i in infos) - since[0], sum(i["count"] for i in infos) - since[1]
+    whole, forward, backward = _logged(SINGLE)
+    spent = sum(info["time"] for info in (whole, forward, backward))
+    return spent - since[0], whole["count"] + backward["count"] - since[1]
 
 
 def _logged(names: Sequence[str]) -> list[dict[str, Any]]:
@@ -68,6 +71,16 @@ def petsc_sent() -> tuple[float, float]:
         for name in ("isend_ct", "send_ct", "allreduce_ct", "isend_len", "send_len")
     )
     return sum(calls), single + many
+
+
+@contextmanager
+def supernodal_factors_alone() -> Iterator[None]:
+    """Steps solve with CHOLMOD's factor even where that in blocks of a node is faster."""
+    before, node_blocks.LARGEST = node_blocks.LARGEST, 0
+    try:
+        yield
+    finally:
+        node_blocks.LARGEST = before
 
 
 # Wall time over processor time of a step above which wall times are not to be trusted.

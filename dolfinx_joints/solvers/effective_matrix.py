@@ -140,7 +140,10 @@ class EffectiveMatrix:
             mumps = self._linear == "mumps"
             if self._signs is not None and self.symmetric:
                 return SignedSolver(self.constrained, self._signs)
-            return DirectSolver(self.constrained, symmetric=self.symmetric, mumps=mumps)
+            often = self.inertia and self.rounds is None
+            return DirectSolver(
+                self.constrained, symmetric=self.symmetric, mumps=mumps, often=often
+            )
         self.constrained.setNearNullSpace(self._near)
         return IterativeSolver(self.constrained)
 

@@ -10,7 +10,10 @@ twice as fast as CHOLMOD.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from petsc4py import PETSc
+
+Floats = NDArray[np.float64]
 
 # Mean entries of a column of the factor up to which this one is faster, and the size of a matrix
 # up to which that was seen (measurements in docs/decisions).
@@ -57,11 +60,21 @@ class NodeBlocks:
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
         """Solve A x = b."""
-        self._right.setArray(np.take(b.getArray(readonly=True), self._dofs))
+        self._solve(b.getArray(readonly=True), x.getArray())
+
+    def solve_block(self, right: Floats) -> Floats:
+        """Solve A X = B, shape (rows, columns), one column after the other."""
+        found = np.empty_like(right, order="F")
+        for i in range(right.shape[1]):
+            self._solve(right[:, i], found[:, i])
+        return found
+
+    def _solve(self, b: Floats, x: Floats) -> None:
+        self._right.setArray(b[self._dofs])
         # Both halves one by one take two thirds of the time of PETSc's whole solve.
         self._factor.solveForward(self._right, self._half)
         self._factor.solveBackward(self._half, self._found)
-        x.getArray()[self._dofs] = self._found.getArray(readonly=True)
+        x[self._dofs] = self._found.getArray(readonly=True)
 
     def destroy(self) -> None:
         """Free the factor."""

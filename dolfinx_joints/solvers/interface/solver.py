@@ -36,7 +36,7 @@ from dolfinx_joints.solvers.effective_matrix import (
     MatrixCoefficients,
     unconstrained_dofs,
 )
-from dolfinx_joints.solvers.interface.compiled.iteration import START, Limits
+from dolfinx_joints.solvers.interface.compiled.iteration import Limits
 from dolfinx_joints.solvers.interface.compiled.steps import Solved
 from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.solvers.interface.corrections import Correction
@@ -52,9 +52,8 @@ KEPT_BYTES = 2_000_000_000
 
 # The linear systems inside are solved to this part of their right-hand sides at first; later as
 # well as the iteration converges (Eisenstat and Walker 1996). The iteration goes on to `ENOUGH` of
-# the tolerance if rounding lets it, to `ENOUGH_OF_STIFF` with rigid points and with laws that have
-# no loop, as teeth, which swing with what is left: the energy balance sees it.
-INNER_TOLERANCE, ENOUGH, ENOUGH_OF_STIFF = 0.03, 0.1, 0.01
+# the tolerance if rounding lets it: the energy balance sees what is left.
+INNER_TOLERANCE, ENOUGH = 0.03, 0.01
 
 # After a step of so many iterations, and as long as steps take so many, iterates whose residual is
 # larger than this part of the largest force are swept point by point, in so many colours. A sweep
@@ -98,8 +97,7 @@ class InterfaceSolver:
         self._last: tuple[Condensed | None, Floats, Floats] = (None, nothing, nothing)
         self._before: tuple[Condensed | None, Floats, Floats] = self._last
         operator, newton = self._operator, self.options  # a reference to self would keep it alive
-        self._sweeps, stiff = False, self._contact.rigid or not self._contact.has_loops
-        self._enough = (ENOUGH_OF_STIFF if stiff else ENOUGH) * newton.relative_tolerance
+        self._sweeps, self._enough = False, ENOUGH * newton.relative_tolerance
         self._condensed = Cache(
             lambda key: Condensed(system, key[0], operator, key[1], newton),
             size=int(min(8, max(2, KEPT_BYTES // (8 * size**2 or 1)))),
@@ -342,7 +340,7 @@ class InterfaceSolver:
         iteration, last, tolerance = 0, np.inf, self.options.relative_tolerance
         # Statics, where little is solved, go as far as rounding lets them.
         static = BALANCED if step.condensed.springs is not None else 1e-14
-        enough = static if step.condensed.static else START * self._enough
+        enough = static if step.condensed.static else self._enough
         before, line_search = at, LineSearch(self.options.max_cuts)
         first = inner = 0.01 * INNER_TOLERANCE if step.condensed.static else INNER_TOLERANCE
         while True:
@@ -376,7 +374,6 @@ class InterfaceSolver:
             )
             before, at = at, self._smoothed(step, self._search(step, at, correction, line_search))
             iteration, last = iteration + 1, size
-            enough = enough if step.condensed.static else self._enough
 
     def _search(
         self, step: JointStep, at: Iterate, correction: Correction, line_search: LineSearch

@@ -38,10 +38,6 @@ EPSILON = float(np.finfo(np.float64).eps)
 # up to eight times what is made of it here.
 STALE, NEXT, LITTLE = 0.1, 0.3, 0.03
 
-# A start is taken as it is below this part of what is enough: a body at rest takes nothing else,
-# and what is left of its forces works in every step.
-START = 0.1
-
 # Columns of the sizes of iterates.
 SCALE, NORM, LARGEST, ERROR, REACH = 0, 1, 2, 3, 4
 
@@ -336,15 +332,14 @@ def iterate(
         relative, rounding = size / scale, 64.0 * EPSILON * reach / scale
         # As in `InterfaceSolver._iterate`.
         accepted = max(limits.tolerance, min(rounding, 1e-6 if rounding < 1.0 else 1e-3))
-        enough = limits.enough if iteration else START * limits.enough
-        done = relative <= enough or (relative <= accepted and size >= 0.5 * last)
+        done = relative <= limits.enough or (relative <= accepted and size >= 0.5 * last)
         given_up = iteration == limits.iterations or not 0.0 < size < np.inf
         if done or given_up:
             return done or relative <= accepted, here, iteration, relative
         if iteration:
             inner_tolerance = min(limits.inner, (size / last) ** 2)
-        last, least = size, 0.1 * enough * scale
-        tolerance = max(inner_tolerance, 0.3 * enough / relative)
+        last, least = size, 0.1 * limits.enough * scale
+        tolerance = max(inner_tolerance, 0.3 * limits.enough / relative)
         residual, tangent = iterates.residual[here], iterates.tangent[here]
         error = sizes[here, ERROR] + limits.rough * size
         exactly = error > max(NEXT * relative * size, little)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dolfinx_joints import __version__
 from dolfinx_joints.common.dealt import blocks_in
 from dolfinx_joints.common.mpi import across, blocks_of, handing_out, sorted_rows
-from dolfinx_joints.loads.load import load_names
+from dolfinx_joints.loads.load import always, load_names
 from dolfinx_joints.results.resolved import Resolved, of_step
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ def as_json(value: Any) -> Any:
         return value
     if isinstance(value, np.generic):
         return as_json(value.item())
-    text = repr(value)
+    text = repr(value).replace(repr(always), "constant")
     for part in getattr(value, "__dict__", {}).values():
         if isinstance(part, ufl.core.expr.Expr):  # its repr spells out spaces and elements
             text = text.replace(repr(part), repr(str(part)))

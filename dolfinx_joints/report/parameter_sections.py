@@ -129,8 +129,6 @@ def _value(node: ast.expr) -> Any:
         found = ast.literal_eval(node)
     except (ValueError, TypeError):
         return ast.unparse(node)
-    if found == "function always":  # of `loads.load`, which needs DOLFINx
-        return "constant"
     if isinstance(found, list | tuple) and all(isinstance(one, int | float) for one in found):
         return tuple(found)
     return found if isinstance(found, int | float | str | None) else ast.unparse(node)

@@ -185,7 +185,7 @@ def test_parameters_are_tables_in_their_units(tmp_path):
             "rock": "Orthotropic(young=(20000000000.0, 20000000000.0, 1e10), density=2600.0)",
         },
         "joint_laws": {f"joint_{i}": "FrictionNoTension(normal_stiffness=2e10)" for i in (1, 2)},
-        "loads": ["Gravity(acceleration=None)", "Water(level=12.5, factor=<function always>)"],
+        "loads": ["Gravity(acceleration=None)", "Water(level=12.5, factor=constant)"],
         "settings": {"time step": 0.01, "time scheme": "EnergyConsistent()", "solver": "auto"},
     }
     path = write_run(tmp_path / "run.h5", facts={"manifest": made}, seconds=0.05)

@@ -628,6 +628,7 @@ def test_the_manifest_names_fields_and_formulae():
     for value, text in ((field, "winter"), (2 * ufl.SpatialCoordinate(mesh)[0], "2 * x[0]")):
         shown = as_json(Temperature(value=value, reference=7.0, expansion=1e-5))
         assert shown.startswith(f"Temperature(value={text!r}, reference=7.0, expansion=1e-05")
+        assert "factor=constant" in shown
 
 
 def test_the_hash_of_a_mesh_knows_its_nodes_and_facets():

@@ -414,7 +414,7 @@ def _program_checks() -> list[Check]:
     return [
         Check(
             f"The error in the energy content is below {bound:g} % ({name})",
-            "energy error / largest energy [%]; small by construction with scheme ec",
+            "energy error / largest energy [%]",
             f"below {bound:g} %",
             -math.inf,
             bound,

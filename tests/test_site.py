@@ -14,6 +14,7 @@ import io
 import os
 import re
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -113,6 +114,21 @@ def test_links_to_demos_and_the_readme_lead_to_pages(pages):
     assert found == (
         "[a](../demos/03_ambiesta.md) [b](../index.md#results) [c](design.md#contracts) [d](x)"
     )
+
+
+def test_links_of_the_site_lead_to_anchors():
+    site = os.environ.get("DOLFINX_JOINTS_SITE")
+    if site is None:
+        pytest.skip("looks at a built site: make docs")
+    texts = {page.resolve(): page.read_text("utf-8") for page in Path(site).rglob("*.html")}
+    known = {page: set(re.findall(r' id="([^"]+)"', text)) for page, text in texts.items()}
+    links = 0
+    for page, text in texts.items():
+        for link, anchor in re.findall(r' href="([^":#]*)#([^"]+)"', text):
+            target = (page.parent / link).resolve() if link else page
+            assert unquote(anchor) in known[target], f"{page}: {link}#{anchor}"
+            links += 1
+    assert links > 1000
 
 
 READY = """new Promise(done => {

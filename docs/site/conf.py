@@ -63,7 +63,22 @@ def keep_bars(*arguments: Any) -> None:
         lines[i] = "".join(p if p.startswith("``") else p.replace("|", "\\|") for p in parts)
 
 
+def lead_back(_: Sphinx, page: str, __: str, context: dict[str, Any], *___: Any) -> None:
+    """Let sources lead back to what is documented by the name of its module.
+
+    Sphinx takes all that a module holds for public names where one of them is.
+    """
+    if page.startswith("_modules/"):
+        module = page.removeprefix("_modules/").replace("/", ".")
+        context["body"] = re.sub(
+            r'(viewcode-back" href="[^"#]*#)dolfinx_joints\.(\w+)"',
+            lambda m: m[0] if hasattr(dolfinx_joints, m[2]) else f'{m[1]}{module}.{m[2]}"',
+            context["body"],
+        )
+
+
 def setup(app: Sphinx) -> None:
     """Connect what this file adds to Sphinx."""
     app.connect("doctree-read", leave_equations_alone)
     app.connect("autodoc-process-docstring", keep_bars)
+    app.connect("html-page-context", lead_back)

@@ -66,6 +66,7 @@ _UNITS = {
     "gravity": ("gravity [m/s²]", 1.0),
     "mass_factor": ("factor on the mass [1/s]", 1.0),
     "stiffness_factor": ("factor on the stiffness [s]", 1.0),
+    "start at": ("start at [s]", 1.0),
     "time step": ("time step [s]", 1.0),
     "time_step": ("time step [s]", 1.0),
     "size": ("cell size [m]", 1.0),

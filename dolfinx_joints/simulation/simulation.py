@@ -324,8 +324,8 @@ class Simulation:
             solver = make_solver(system, self._options, self.solver, scheme.rule)
             times = ends_of_steps(start.time if start else 0.0, dt, steps)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
-            facts |= {"step control": control, "solver": self.solver, "Newton": self._options}
-            facts |= {"start at": float(times[0])} if start else {}
+            facts |= {"start at": float(times[0]), "step control": control}
+            facts |= {"solver": self.solver, "Newton": self._options}
             facts |= {"reduced bulk": reduced} if reduced is not None else {}
             facts |= {f"initial {name}": vector for name, vector in given.items()}
             keeper = None

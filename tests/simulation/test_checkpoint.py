@@ -550,11 +550,12 @@ def test_a_stage_after_another_goes_on_at_its_time(wall_file, read, tmp_path):
 
     def run(kill, start=first.state, **options):
         simulation = Simulation(model, monitors=[Killer(kill)])
-        return simulation.dynamics(dt=DT, steps=4, start=start, checkpoint=kept, **options)
+        options |= {"start": start, "motion": shaking, "checkpoint": kept}
+        return simulation.dynamics(dt=DT, steps=4, **options)
 
     with pytest.raises(Killed):
         run(3)
-    with pytest.raises(CheckpointError, match="start at: only the checkpoint has it"):
+    with pytest.raises(CheckpointError, match=r"start at: 0\.012 in the checkpoint, 0\.0 here"):
         run(None, None, resume=True)
     assert run(None, resume=True).state.time == pytest.approx(7 * DT, rel=1e-14)
 

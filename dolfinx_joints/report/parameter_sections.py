@@ -205,9 +205,15 @@ def _table(title: str, head: list[Cell], groups: list[Groups]) -> Html | None:
     """A table of the values of all runs, None without any."""
     rows: list[list[Cell]] = []
     for heading in dict.fromkeys(h for run in groups for h in run):
-        # In the order of the run with most of them: static stages in that of construction.
-        fullest = sorted((run.get(heading, {}) for run in groups), key=len, reverse=True)
-        names = dict.fromkeys(n for given in fullest for n in given)
+        # Before what follows in their run: static stages stand in the order of construction.
+        names: list[str] = []
+        for run in groups:
+            place = len(names)
+            for name in reversed(run.get(heading, {})):
+                if name in names:
+                    place = names.index(name)
+                else:
+                    names.insert(place, name)
         values = [[name, *(run.get(heading, {}).get(name) for run in groups)] for name in names]
         kind = heading.split(": ")[-1]
         known = [_in_unit(kind, row) for row in values if any(c is not None for c in row[1:])]

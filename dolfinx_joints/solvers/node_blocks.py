@@ -79,5 +79,5 @@ class NodeBlocks:
 
     def destroy(self) -> None:
         """Free the factor."""
-        for each in (self._pc, self._right, self._half, self._found):
+        for each in (self._factor, self._pc, self._right, self._half, self._found):
             each.destroy()

@@ -53,7 +53,13 @@ def test_solution(dim, held):
     matrix = strip(dim, held=held)
     blocks = NodeBlocks(matrix)
     solved(blocks, matrix)
+
+
+def test_freed_when_destroyed():
+    blocks = NodeBlocks(strip(3))
+    factor = blocks._factor
     blocks.destroy()
+    assert not factor  # the last reference to it, whoever holds the solver still
 
 
 def test_solves_one_at_a_time_where_it_is_faster(monkeypatch):

@@ -114,13 +114,14 @@ class DirectSolver:
         factored = self._factor_if_stale()
         if right.shape[1] == 0:
             return right.copy()
-        if self._blocks is not None:
-            # The steps' own factor: of nearly singular matrices another has other solutions.
-            return self._blocks.solve_block(right)
         b = _dense(right, self._matrix.getSizes()[0], self._matrix.comm)
         x = self._empty(right.shape[1])
         with self._reported():
-            self._ksp.getPC().getFactorMatrix().matSolve(b, x)
+            if self._blocks is None:
+                self._ksp.getPC().getFactorMatrix().matSolve(b, x)
+            else:
+                # The steps' own factor: of nearly singular matrices another has other solutions.
+                self._blocks.solve_block(right, x.getDenseArray())
         if factored and not self._solves_block(b, x):
             self._stale = True
             raise JointsError(why_singular(self._matrix))

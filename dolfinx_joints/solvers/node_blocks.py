@@ -63,12 +63,10 @@ class NodeBlocks:
         """Solve A x = b."""
         self._solve(b.getArray(readonly=True), x.getArray())
 
-    def solve_block(self, right: Floats) -> Floats:
+    def solve_block(self, right: Floats, found: Floats) -> None:
         """Solve A X = B, shape (rows, columns), one column after the other."""
-        found = np.empty_like(right, order="F")
-        for i in range(right.shape[1]):
-            self._solve(right[:, i], found[:, i])
-        return found
+        for b, x in zip(right.T, found.T, strict=True):
+            self._solve(b, x)
 
     def _solve(self, b: Floats, x: Floats) -> None:
         self._right.setArray(b[self._dofs])

@@ -12,6 +12,7 @@ pytest.importorskip("petsc4py")
 from petsc4py import PETSc
 from scipy import sparse
 
+from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.solvers import node_blocks
 from dolfinx_joints.solvers.direct import DirectSolver
 from dolfinx_joints.solvers.node_blocks import NodeBlocks
@@ -76,6 +77,22 @@ def test_solves_one_at_a_time_where_it_is_faster(monkeypatch):
     monkeypatch.undo()
     assert NodeBlocks.serves(matrix, entries=100.0 * matrix.getSize()[0])
     assert not NodeBlocks.serves(matrix, entries=200.0 * matrix.getSize()[0])
+
+
+def test_columns_of_a_free_body_are_refused():
+    # Springs between nodes in a row that nothing holds, coupled in each node: rounding decides
+    # whether a factor of this singular matrix has a negative pivot.
+    springs = np.random.default_rng(3).uniform(0.5, 2.0, 39)
+    differences = sparse.diags([-1.0, 1.0], [0, 1], shape=(39, 40))
+    row = differences.T @ sparse.diags(springs) @ differences
+    node = np.array([[2.0, 0.3, 0.1], [0.3, 3.0, 0.2], [0.1, 0.2, 1.5]])
+    whole = sparse.kron(row, node).tocsr()
+    rows = (whole.indptr.astype(PETSc.IntType), whole.indices.astype(PETSc.IntType), whole.data)
+    matrix = PETSc.Mat().createAIJ(whole.shape, bsize=3, csr=rows, comm=PETSc.COMM_SELF)
+    solver = DirectSolver(matrix, symmetric=True, often=True)
+    with pytest.raises(JointsError, match="restrained by supports"):
+        solver.solve_block(np.random.default_rng(4).standard_normal((120, 2)))
+    solver.destroy()
 
 
 def test_new_values_are_factored_anew():

@@ -65,8 +65,8 @@ class NodeBlocks:
 
     def solve_block(self, right: Floats, found: Floats) -> None:
         """Solve A X = B, shape (rows, columns), one column after the other."""
-        for b, x in zip(right.T, found.T, strict=True):
-            self._solve(b, x)
+        for i in range(right.shape[1]):
+            self._solve(right[:, i], found[:, i])
 
     def _solve(self, b: Floats, x: Floats) -> None:
         self._right.setArray(b[self._dofs])

@@ -34,7 +34,8 @@ class NodeBlocks:
         """Order the nodes by minimum degree, and factor."""
         blocks = matrix.convert("baij", PETSc.Mat())
         nodes, _ = blocks.getOrdering("amd")
-        dofs = PETSc.IS().createBlock(matrix.getBlockSize(), nodes.getIndices())
+        size = matrix.getBlockSize()
+        dofs = PETSc.IS().createBlock(size, nodes.getIndices(), comm=matrix.comm)
         ordered = matrix.permute(dofs, dofs)
         ordered.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         half = ordered.convert("sbaij", PETSc.Mat())

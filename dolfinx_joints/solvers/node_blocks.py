@@ -16,8 +16,8 @@ from petsc4py import PETSc
 Floats = NDArray[np.float64]
 
 # Mean entries of a column of the factor up to which this one is faster, and the size of a matrix
-# up to which that was seen (measurements in docs/decisions).
-LONGEST_COLUMN, LARGEST = 150.0, 100_000
+# beyond which it pays late, for its set-up and columns of compliances (docs/decisions).
+LONGEST_COLUMN, LARGEST = 150.0, 25_000
 
 # Dofs of a node for which PETSc has loops that are written out.
 BLOCKS = (2, 3)

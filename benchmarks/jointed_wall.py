@@ -40,15 +40,14 @@ from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.solvers.choice import SolverKind
 
 Row = dict[str, Any]
-Pair = tuple[March, March]
 
 
 def measure(
     scene: Scene, steps: int, solver: str = "auto", repeat: int = 1, supernodal: bool = False
 ) -> Row:
-    """Both runs of a scene, ``repeat`` times in turn, with `supernodal` also by CHOLMOD's factor.
+    """Both runs of a scene, ``repeat`` times in turn (collective).
 
-    (Collective.)
+    With ``supernodal`` also by CHOLMOD's factor alone.
     """
     pairs, others = [], []
     with scene.mesh_file() as mesh:
@@ -61,20 +60,12 @@ def measure(
             if supernodal:
                 with supernodal_factors_alone():
                     linear = march(scene, mesh, steps, law=None)
-                    others.append((linear, march(scene, mesh, steps, law=scene.law())))
+                    joints = march(scene, mesh, steps, law=scene.law(), solver=solver)
+                    others.append((linear, joints))
     row = summary(*zip(*pairs, strict=True), steps)
-    return row | (beside_supernodal(pairs, others) if supernodal else {})
-
-
-def beside_supernodal(pairs: list[Pair], others: list[Pair]) -> Row:
-    """Steps by CHOLMOD's factor alone, and steps over one of its back-substitutions."""
-    row = {}
-    for i, name in enumerate(("linear", "joints")):
-        mine, theirs = [pair[i] for pair in pairs], [pair[i] for pair in others]
-        row[f"{name}_supernodal_ms"] = median_of(theirs, lambda run: run.step_ms)
-        row[f"{name}_supernodal_solve_ms"] = solve = median_of(theirs, lambda run: run.solve_ms)
-        for kind, runs in (("over", mine), ("supernodal_over", theirs)):
-            row[f"{name}_{kind}_supernodal"] = median_of(runs, lambda run: run.step_ms) / solve
+    for name, runs in zip(("linear", "joints"), zip(*others, strict=True), strict=False):
+        row[f"{name}_supernodal_ms"] = median_of(runs, lambda run: run.step_ms)
+        row[f"{name}_supernodal_solve_ms"] = median_of(runs, lambda run: run.solve_ms)
     return row
 
 
@@ -213,8 +204,7 @@ def print_supernodal(rows: dict[str, Row]) -> None:
             step, solve = (row[f"{run}_supernodal_{kind}"] for kind in ("ms", "solve_ms"))
             print(
                 f"{name:{width}} {label:8} {step:8.2f} {solve:8.2f}"
-                f" {row[f'{run}_supernodal_over_supernodal']:10.2f}"
-                f" {row[f'{run}_over_supernodal']:12.2f}"
+                f" {step / solve:10.2f} {row[f'{run}_ms'] / solve:12.2f}"
             )
 
 

@@ -79,6 +79,17 @@ def test_medians_over_repeats():
     assert row["ratio_range"][0] < row["ratio"] < row["ratio_range"][1]
 
 
+def test_steps_over_those_of_the_supernodal_factor(capsys):
+    rows = jointed_wall.main(["--quick", "--steps", "4", "--supernodal"])
+    lines = capsys.readouterr().out.rstrip().split("\n")[-2:]
+    for line, run in zip(lines, ("linear", "joints"), strict=True):
+        row = {name.removeprefix(run): value for name, value in rows["tiny"].items()}
+        step, solve = row["_supernodal_ms"], row["_supernodal_solve_ms"]
+        shown = [float(number) for number in line.split()[2:]]
+        found = [step, solve, step / solve, row["_ms"] / solve]
+        assert shown == pytest.approx(found, abs=5.1e-3)
+
+
 def test_the_tied_peaks_are_checked(monkeypatch):
     monkeypatch.setattr(jointed_wall, "TIED_STEPS", 3)
     wrong = replace(wall("tiny"), tied_peaks_mm=(1.0, 1.0, 1.0))

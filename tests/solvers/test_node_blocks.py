@@ -18,7 +18,7 @@ from dolfinx_joints.solvers.direct import DirectSolver
 from dolfinx_joints.solvers.node_blocks import NodeBlocks
 
 pytestmark = pytest.mark.skipif(
-    not PETSc.Sys.hasExternalPackage("cholmod"), reason="PETSc without CHOLMOD orders otherwise"
+    not PETSc.Sys.hasExternalPackage("cholmod"), reason="kept beside CHOLMOD alone"
 )
 
 

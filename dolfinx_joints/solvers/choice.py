@@ -18,7 +18,7 @@ from dolfinx_joints.joints.operator import diagonal_compliance
 from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import iterates
-from dolfinx_joints.solvers.first_that_works import FirstThatWorks, HoldingBonds
+from dolfinx_joints.solvers.first_that_works import HoldingBonds, OtherStarts, StaticSolver
 from dolfinx_joints.solvers.interface.compliance import LARGEST_WHOLE
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.interface.whole import WholeSolver
@@ -89,24 +89,25 @@ def _solver_of(
             f"{why}The condensed solver needs laws with condensed forms; {missing[0]} has none."
         )
 
-    def condensed(*_: StepSolver) -> StepSolver:
+    def condensed() -> InterfaceSolver:
         return InterfaceSolver(system, _for_steps(options, contact, static_steps))
 
     def monolithic(*_: StepSolver) -> StepSolver:
         return NewtonSolver(system, options)
 
-    def whole(*_: StepSolver) -> StepSolver:
-        return WholeSolver(system, options)
-
-    solvers = [condensed] if rigid else [condensed, monolithic]
     if missing:
-        solvers = [monolithic]
-    elif kind == "auto" and _takes_whole(system, contact, options or SolverOptions()):
-        solvers = [whole, condensed]
-    first, *others = solvers
-    if static_steps and kind == "auto":
-        return FirstThatWorks(first(), *others, PseudoTime)
-    return first()
+        return StaticSolver(monolithic(), PseudoTime) if static_steps else monolithic()
+    auto = kind == "auto"
+    if auto and _takes_whole(system, contact, options or SolverOptions()):
+        whole = WholeSolver(system, options)
+        return StaticSolver(whole, lambda _: condensed(), PseudoTime) if static_steps else whole
+    first = condensed()
+    if not static_steps:
+        return first
+    others = [lambda _: OtherStarts(first)]
+    if auto:
+        others += [PseudoTime] if rigid else [monolithic, PseudoTime]
+    return StaticSolver(first, *others)
 
 
 def _takes_whole(system: MatrixSystem, contact: Contact, options: SolverOptions) -> bool:

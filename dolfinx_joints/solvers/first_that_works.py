@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Solvers that ask others: one after the other, or again without what has broken."""
+"""Wrappers of solvers: fall back to the next solver, or repeat a step without broken bonds."""
 
 from __future__ import annotations
 
@@ -13,24 +13,28 @@ from petsc4py import PETSc
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
+from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
 
 
-class FirstThatWorks:
-    """Takes each step by one solver and, where that does not converge, by the next.
+class StaticSolver:
+    """Solve static increments by one solver, and by others only as a last resort.
+
+    The first solver follows the branch of equilibria that the accepted state is on. The others may
+    find another branch, which the structure reaches by a jump.
 
     Args:
-        first: Asked first.
-        others: Make the others, each when first needed, from the one before.
+        first: Solver of all increments.
+        others: Make the other solvers when they are first needed, each from the one before.
 
     Attributes:
-        asks_last: Whether the last of several is asked as well.
+        last_resort: Whether the other solvers are tried if the first one does not converge.
     """
 
     def __init__(self, first: StepSolver, *others: Callable[[StepSolver], StepSolver]) -> None:
-        """Make nothing yet."""
+        """Make no solver yet."""
         self.system, self.name, self.options = first.system, first.name, first.options
-        self._solvers, self._others, self.asks_last = [first], others, True
+        self._solvers, self._others, self.last_resort = [first], others, False
 
     def solve(
         self,
@@ -43,11 +47,12 @@ class FirstThatWorks:
         """Solve for ``x`` in place; see `NewtonSolver.solve` (collective).
 
         Raises:
-            ConvergenceError: None converged; what is said is of the nearest one but the last, whose
-                residual may be relative to forces of what has moved far.
+            ConvergenceError: No solver converged. The error describes the attempt with the smallest
+                residual. The last solver is excluded: its residual may be relative to the forces of
+                blocks that have moved far.
         """
         start, failures = x.copy(), []
-        for i in range(len(self._others) + self.asks_last):
+        for i in range(1 + len(self._others) * self.last_resort):
             if i == len(self._solvers):
                 self._solvers.append(self._others[i - 1](self._solvers[-1]))
             start.copy(x)
@@ -56,7 +61,7 @@ class FirstThatWorks:
             except ConvergenceError as failure:
                 if failure.law is not None:
                     raise
-                if i < len(self._others):
+                if i < len(self._others) or not failures:
                     failures.append(failure)
             except JointsError:
                 if not failures:
@@ -64,12 +69,41 @@ class FirstThatWorks:
         raise min(failures, key=_distance) from None
 
     def state_dict(self) -> dict[str, Any]:
-        """That of the first solver; the others keep nothing."""
+        """Return the state of the first solver; the others keep none."""
         return self._solvers[0].state_dict()
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Take up what another's ``state_dict`` gave."""
+        """Restore the state that another solver's ``state_dict`` returned."""
         self._solvers[0].load_state_dict(state_dict)
+
+
+class OtherStarts:
+    """Solve static increments with the condensed solver from the forces of its last solve.
+
+    Args:
+        inner: The solver.
+    """
+
+    def __init__(self, inner: InterfaceSolver) -> None:
+        """Keep the solver."""
+        self._inner = inner
+        self.system, self.name, self.options = inner.system, inner.name, inner.options
+        self.state_dict, self.load_state_dict = inner.state_dict, inner.load_state_dict
+
+    def solve(
+        self,
+        effective: MatrixCoefficients,
+        b: PETSc.Vec,
+        x: PETSc.Vec,
+        state: JointState | None,
+        rule: Rule = BACKWARD_EULER,
+    ) -> tuple[Response | None, SolveReport]:
+        """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
+        self._inner.follows_path = False
+        try:
+            return self._inner.solve(effective, b, x, state, rule)
+        finally:
+            self._inner.follows_path = True
 
 
 class HoldingBonds:

@@ -22,8 +22,7 @@ class Increment:
         time: Time [s] of the loads, None for a ramp at time zero.
         share: Of the way from the loads before to those at this time.
         whole: Whether the load step ends here.
-        last_resort: Whether all solvers are asked, however long they take: of a whole step, and of
-            the shortest increment.
+        last_resort: Whether it is the shortest increment, for which all solvers are tried.
     """
 
     time: float | None
@@ -63,7 +62,7 @@ class LoadIncrements:
                 end = done + (FINEST >> self._level)
                 whole = end == FINEST
                 part = share if whole else start + (share - start) * end / FINEST
-                last = FINEST >> self._level in (1, FINEST)
+                last = FINEST >> self._level == 1
                 yield Increment(time=time, share=part, whole=whole, last_resort=last)
                 if self._again:
                     self._again = False

@@ -29,7 +29,7 @@ from dolfinx_joints.simulation.statics.load_increments import Increment, LoadInc
 from dolfinx_joints.simulation.statics.unfinished import Unfinished
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC
-from dolfinx_joints.solvers.first_that_works import FirstThatWorks, HoldingBonds
+from dolfinx_joints.solvers.first_that_works import HoldingBonds, StaticSolver
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, StepSolver
 from dolfinx_joints.time_integration.products import Products
 
@@ -163,8 +163,8 @@ class _Equilibrium:
         """
         b, x, u = self._b, self._x, self.displacement
         self._set_up(increment)
-        if isinstance(self._chosen, FirstThatWorks):
-            self._chosen.asks_last = increment.last_resort
+        if isinstance(self._chosen, StaticSolver):
+            self._chosen.last_resort = increment.last_resort
         response, report = self.solver.solve(STATIC, b, x, self.joints)
         products = Products(self._system, STATIC, b, x, response)
         fixed = self._system.constrained

@@ -67,7 +67,7 @@ class JointStep:
         self.condensed, self._contact = condensed, contact
         self._compliance, self._comm = condensed.compliance, contact.operator.comm
         self._areas = np.repeat(contact.operator.areas, 3)
-        self._trial_gap, self.state, self._rule = trial_gap, state, rule
+        self.trial_gap, self.state, self.rule = trial_gap, state, rule
         passed = np.maximum(np.abs(trial_gap), np.abs(state.gap)).ravel()
         self._passed = passed / self._compliance.scale
 
@@ -76,22 +76,26 @@ class JointStep:
         """Scaled force that rounding of the gaps may leave."""
         return 64.0 * float(np.finfo(float).eps) * (at.reach + at.size)
 
+    def forces(self, traction: Floats) -> Floats:
+        """Return the scaled forces of tractions of shape (n, 3), zero where no point can move."""
+        scale, dead = self._compliance.scale, self._compliance.dead
+        return np.where(dead.ravel(), 0.0, self._areas * scale * traction.ravel())
+
     def evaluate(self, force: Floats, coupled: Floats) -> Iterate:
         """Residual, tangent and response (collective)."""
         scale, dead = self._compliance.scale, self._compliance.dead
-        gap = self._trial_gap - (scale * coupled).reshape(-1, 3)
+        gap = self.trial_gap - (scale * coupled).reshape(-1, 3)
         own, springs = self._compliance.own, self.condensed.springs
         reach = self._passed
         if springs is None:
-            response = self._contact.respond_condensed(gap, own, self.state, self._rule)
+            response = self._contact.respond_condensed(gap, own, self.state, self.rule)
             traction, tangent = response.traction, response.tangent
         else:
             response = self._contact.respond_condensed(
-                *springs.without(gap, own, self.state.gap), self.state, self._rule
+                *springs.without(gap, own, self.state.gap), self.state, self.rule
             )
             traction, tangent = springs.taken_off(response, own, self.state.gap)
-        # Where nothing can move, the scale has no meaning.
-        given = np.where(dead.ravel(), 0.0, self._areas * scale * response.traction.ravel())
+        given = self.forces(response.traction)
         residual, scaled = _scaled(force, traction, tangent, scale, self._areas, dead)
         if springs is not None:
             # Soft joints may move far, but make little of it.
@@ -123,10 +127,10 @@ class JointStep:
         scale, dead = compliance.scale, compliance.dead.ravel()
         forces, coupled = at.force.copy(), at.coupled
         for colour, rows in colours:
-            gap = self._trial_gap - (scale * coupled).reshape(-1, 3)
+            gap = self.trial_gap - (scale * coupled).reshape(-1, 3)
             change = np.zeros_like(forces)
             for points, traction in self._contact.condensed_tractions(
-                colour, gap, compliance.own, self.state, self._rule
+                colour, gap, compliance.own, self.state, self.rule
             ):
                 here = unknowns_of(points)
                 wanted = self._areas[here] * scale[here] * traction.ravel()

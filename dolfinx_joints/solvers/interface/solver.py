@@ -55,6 +55,9 @@ KEPT_BYTES = 2_000_000_000
 # the tolerance if rounding lets it: the energy balance sees what is left.
 INNER_TOLERANCE, ENOUGH = 0.03, 0.01
 
+# Residual of the linear system of the elastic predictor, relative to its right-hand side.
+PREDICTOR_TOLERANCE = 1e-10
+
 # After a step of so many iterations, and as long as steps take so many, iterates whose residual is
 # larger than this part of the largest force are swept point by point, in so many colours. A sweep
 # takes the time of two iterations and saves one: it is for steps too long for the last to tell of
@@ -79,6 +82,10 @@ class InterfaceSolver:
     Args:
         system: The system, with joints whose laws all offer ``condensed_backward_euler``.
         options: Tolerances and limits.
+
+    Attributes:
+        follows_path: Whether static solves start from the elastic predictor alone. Else they
+            start from the forces of the last solve and may find another branch of equilibria.
     """
 
     def __init__(self, system: MatrixSystem, options: SolverOptions | None = None) -> None:
@@ -94,6 +101,9 @@ class InterfaceSolver:
         self._points = self._operator.createVecLeft()
         self._nodal, self._moved = (self._operator.createVecRight() for _ in range(2))
         nothing = np.zeros(local)
+        self.follows_path = True
+        self._ended: tuple[JointState | None, Floats] = (None, nothing)
+        self._accepted = self._ended
         self._last: tuple[Condensed | None, Floats, Floats] = (None, nothing, nothing)
         self._before: tuple[Condensed | None, Floats, Floats] = self._last
         operator, newton = self._operator, self.options  # a reference to self would keep it alive
@@ -119,15 +129,14 @@ class InterfaceSolver:
         if condensed.static:
             self._refine(condensed.matrix, b, x)
         trial_gap = state.gap + self._contact.operator.jump(x)
-        starts = self._starts(condensed)
-        found = self._compiled(condensed, trial_gap, state, rule, starts)
-        if found is None:
-            step = JointStep(self._contact, condensed, trial_gap, state, rule)
-            found = self._in_python(step, starts, b, x)
+        step = JointStep(self._contact, condensed, trial_gap, state, rule)
+        if condensed.static and self.follows_path:
+            found = self._in_python(step, [self._predicted(step)], b, x)
         else:
-            self._expand_all(condensed, found.force, x)
+            found = self._from_last_steps(step, b, x)
         self._sweeps = found.iterations >= (EASY if self._sweeps else HARD)
         condensed.close(found)
+        self._ended = (found.response.state, found.response.traction)
         return found.response, SolveReport(
             iterations=found.iterations,
             factorizations=int(factored),
@@ -135,6 +144,54 @@ class InterfaceSolver:
             counts=self._contact.counts(found.response.status),
             solver=self.name,
         )
+
+    def _from_last_steps(self, step: JointStep, b: PETSc.Vec, x: PETSc.Vec) -> Solved:
+        """Solve from the forces of the last steps, compiled if possible (collective)."""
+        condensed, starts = step.condensed, self._starts(step.condensed)
+        found = self._compiled(condensed, step.trial_gap, step.state, step.rule, starts)
+        if found is None:
+            return self._in_python(step, starts, b, x)
+        self._expand_all(condensed, found.force, x)
+        return found
+
+    def _predicted(self, step: JointStep) -> tuple[Floats, Floats]:
+        """Return the forces f of the elastic predictor and S f (collective).
+
+        The laws are linearised at the accepted state, where the joints carry f0 and their gap is
+        that of the state. With h0 the trial gaps of the laws there and T the tangent,
+
+            f = f0 + T (h(f) - h0)   with   h(f) = h_trial - S f.                            (13d)
+
+        Newton's method from f stays on the branch of equilibria that the state is on.
+        """
+        condensed, compliance = step.condensed, step.condensed.compliance
+        traction = self._carried(step.state)
+        force = step.forces(traction)
+        coupled = compliance.split.product(force, np.flatnonzero(force))
+        own = np.repeat(compliance.own, (1, 2), axis=1)
+        here = step.state.gap + own * traction + (compliance.scale * coupled).reshape(-1, 3)
+        accepted = JointStep(self._contact, condensed, here, step.state, step.rule)
+        tangent = accepted.evaluate(force, coupled).tangent
+        change = ((step.trial_gap - here).ravel() / compliance.scale).reshape(-1, 3)
+        left = -np.einsum("nij,nj->ni", tangent, change).ravel()
+        correction = condensed.corrections.solve(left, tangent, PREDICTOR_TOLERANCE)
+        return force - correction.step, coupled - correction.coupled
+
+    def _carried(self, state: JointState) -> Floats:
+        """Return the tractions that a state carries, shape (n, 3), [Pa] (collective).
+
+        Tractions of rigid joints do not follow from their gaps: those of the solve that ended in
+        this state are kept, and a state of another solver starts from zero.
+        """
+        if not self._contact.rigid:
+            still = self._operator.createVecRight()
+            still.set(0.0)
+            return self._contact.respond(still, state, BACKWARD_EULER).traction
+        if state is self._ended[0]:
+            self._accepted = self._ended
+        elif state is not self._accepted[0]:
+            self._accepted = (state, np.zeros_like(state.gap))
+        return self._accepted[1]
 
     def _compiled(
         self,

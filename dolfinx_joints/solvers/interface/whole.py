@@ -99,8 +99,7 @@ class WholeSolver(NewtonSolver):
         assert state is not None
         tangent: Tangent = self._tangents(effective)
         equations, options = _Equations(self, tangent.effective, b, state, rule), self.options
-        at = equations.evaluate(x.copy(), np.zeros_like(state.gap))
-        at = equations.evaluate(at.change, at.response.traction)
+        at = equations.start(x)
         factorizations, norms, line_search = 0, [at.norm], LineSearch(options.max_cuts)
         inertia, wanted = tangent.effective.inertia, options.relative_tolerance
         while not (at.solved(wanted) if inertia else at.relative.max() <= wanted):
@@ -169,6 +168,17 @@ class _Equations:
         self._inverse = diagonal
         self._inverse.reciprocal()
         self._force, self._product = b.duplicate(), b.duplicate()
+
+    def start(self, x: PETSc.Vec) -> _Iterate:
+        """Return the first iterate (collective).
+
+        In statics the tractions are those of the accepted state, so that the first correction is
+        the elastic predictor.
+        """
+        if not self._matrix.inertia:
+            return self.evaluate(x.copy(), self._contact.respond(x, self._state, self._rule).traction)
+        at = self.evaluate(x.copy(), np.zeros_like(self._state.gap))
+        return self.evaluate(at.change, at.response.traction)
 
     def evaluate(self, change: PETSc.Vec, traction: Floats) -> _Iterate:
         """Residuals at a displacement and tractions (collective)."""

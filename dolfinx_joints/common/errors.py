@@ -96,6 +96,10 @@ class ConvergenceError(JointsError, RuntimeError):
         """Keep the attributes when the exception travels between processes."""
         return partial(type(self), **asdict(self)), ()
 
+    def _what(self) -> str:
+        beyond = "" if self.reached is None else f" beyond the load factor {self.reached:.4g}"
+        return f"did not converge{beyond}"
+
     def _sentence(self) -> str:
         subject = "the solve" if self.stage is None else f"the {self.stage} stage"
         if self.name is not None:
@@ -104,9 +108,7 @@ class ConvergenceError(JointsError, RuntimeError):
             subject += f", step {self.step},"
         if self.time is not None:
             subject += f" at t = {self.time:.6g} s"
-        text = f"{subject} did not converge"
-        if self.reached is not None:
-            text += f" beyond the load factor {self.reached:.4g}"
+        text = f"{subject} {self._what()}"
         if self.iteration is not None:
             text += f" in {self.iteration} iteration{'' if self.iteration == 1 else 's'}"
         details = []
@@ -126,3 +128,21 @@ class ConvergenceError(JointsError, RuntimeError):
         text = text[0].upper() + text[1:]
         text = f"{text}{': ' if details else ''}{'; '.join(details)}."
         return text if self.remedy is None else f"{text} {self.remedy}"
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class JumpError(ConvergenceError):
+    """A static stage in which the structure jumps to a distant equilibrium.
+
+    Args:
+        released: Energy that the jump releases [J].
+        joints: Names of the joints that release it, the largest share first.
+    """
+
+    released: float = 0.0
+    joints: tuple[str, ...] = ()
+
+    def _what(self) -> str:
+        where = f" in {', '.join(map(repr, self.joints))}" if self.joints else ""
+        after = "" if self.reached is None else f" beyond the load factor {self.reached:.4g}"
+        return f"jumps{after}: the next equilibrium releases {self.released:.4g} J{where}"

@@ -29,6 +29,7 @@ from dolfinx_joints.joints.operator import GapOperator, JointOperator
 from dolfinx_joints.laws.inactive import Inactive
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
+    BROKEN,
     AnyLaw,
     Floats,
     JointState,
@@ -164,8 +165,11 @@ class Contact:
         return state
 
     def trial(self, u: Any, state: JointState) -> Response:
-        """End-point answer of the laws at the displacement ``u``, from ``state`` (collective)."""
-        gap = self.gap(u)
+        """Return the end-point response at the displacement ``u``, from ``state`` (collective)."""
+        return self.at_gap(self.gap(u), state)
+
+    def at_gap(self, gap: Floats, state: JointState) -> Response:
+        """Return the end-point response at a gap (n, 3) [m], from ``state`` (collective)."""
         with raised_together(self.operator.comm):
             return self._ask(BACKWARD_EULER, gap, None, state)
 
@@ -275,6 +279,15 @@ class Contact:
     def without_losses(self, rule: Rule) -> tuple[str, ...]:
         """Kinds of the laws whose numerical loss under a rule is a difference of other works."""
         return tuple(sorted({part.kind for part in self._laws if not part.states_losses(rule)}))
+
+    def broken(self, before: JointState, after: JointState) -> NDArray[np.bool_]:
+        """Return at which local points bonds have broken between two states, shape (n,)."""
+        found = np.zeros(len(before.gap), dtype=bool)
+        for part in self._laws:
+            if part.brittle:
+                was, bond = (state.internal[part.points, 0] for state in (before, after))
+                found[part.points] = (was < BROKEN) & (bond == BROKEN)
+        return found
 
     @property
     def stops(self) -> bool:

@@ -311,9 +311,11 @@ class Model(Summarised):
                 "A Temperature was given to a stage; give it to Model(loads=...) with a factor of "
                 "time, since stresses are recovered with the temperatures of the model."
             )
-        loads = [*(self.loads if only is None else only), *extra_loads]
-        by_name = dict(zip(load_names(loads), loads, strict=True))
-        named = [(n, pattern) for n in by_name for pattern in self._patterns(n, by_name[n])]
+        every = [*self.loads, *extra_loads]
+        loads = every if only is None else [*only, *extra_loads]
+        named = zip(load_names(every), every, strict=True)
+        by_name = {name: load for name, load in named if any(load is one for one in loads)}
+        patterns = [(n, pattern) for n in by_name for pattern in self._patterns(n, by_name[n])]
         following = {n: load for n, load in by_name.items() if isinstance(load, FollowsJoints)}
         constraints = self.constraints
         system = MatrixSystem(
@@ -324,8 +326,8 @@ class Model(Summarised):
             absorption=self.absorption,
             contact=self.contact,
             bulk=self.bulk,
-            patterns=[pattern for _, pattern in named],
-            load_names=[name for name, _ in named],
+            patterns=[pattern for _, pattern in patterns],
+            load_names=[name for name, _ in patterns],
             constrained=constraints.static_dofs if static else constraints.dofs,
             values=partial(constraints.values, static=static) if constraints.moves else None,
             symmetric=self._symmetric,

@@ -221,6 +221,21 @@ class MatrixSystem:
             self.far_field.add(out, time, scale)
         return out
 
+    def loads_by_name(self, time: float, scale: float) -> dict[str, PETSc.Vec]:
+        """Return the nodal forces of each load at a time [s], times ``scale``, [N] (collective).
+
+        Of static stages: without the forces on the far end of water with waves.
+        """
+        factors, found = scale * self._factors(time), {}
+        for name, factor, (vector, _) in zip(
+            self.names_of_patterns, factors, self.patterns, strict=True
+        ):
+            if name in found:
+                found[name].axpy(float(factor), vector)
+            else:
+                found[name] = float(factor) * vector
+        return found | ({} if self.water is None else self.water.by_load(time, scale))
+
     def work_of_loads(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
         """Work of each load on a displacement x by the mean of its ends, [J] (collective)."""
         names = self.names_of_patterns

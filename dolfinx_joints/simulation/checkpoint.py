@@ -35,6 +35,7 @@ from dolfinx_joints.simulation.dynamic_stage import DynamicRun
 from dolfinx_joints.simulation.fingerprint import fingerprint, first_difference
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import StageRecord
+from dolfinx_joints.simulation.statics.ledger import Jump, StaticEnergy
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.states import DynamicState
 
@@ -211,8 +212,12 @@ class CheckpointKeeper:
             return Dealt(self._comm, self._nodes.dealt(thing)[:, : self._model.gdim])
         if isinstance(thing, np.ndarray):
             return Dealt(self._comm, thing)
+        if isinstance(thing, StaticEnergy):
+            return asdict(thing)
         if isinstance(thing, DynamicState | Response | JointState | StaticState | StageRecord):
             return {f.name: self._kept(getattr(thing, f.name)) for f in fields(thing)}
+        if isinstance(thing, Mapping):
+            return {name: self._kept(each) for name, each in thing.items()}
         if isinstance(thing, list):
             return {str(i): asdict(each) for i, each in enumerate(thing)}
         return thing
@@ -259,6 +264,9 @@ class CheckpointKeeper:
             absent=tuple(tree["absent"]),
             missing=tuple(tree["missing"]),
             cuts=tree["cuts"],
+            energy=StaticEnergy(**tree["energy"]),
+            loads={name: self._vector(load) for name, load in tree["loads"].items()},
+            jumps=[Jump(**{**j, "joints": tuple(j["joints"])}) for j in tree["jumps"].values()],
         )
 
     def _stage(self, tree: Tree) -> StageRecord:

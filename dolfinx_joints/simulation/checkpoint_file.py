@@ -29,7 +29,7 @@ from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.results.stream import write_whole
 
 FORMAT = "dolfinx_joints checkpoint"
-VERSION = 2
+VERSION = 3
 
 _MORE_BYTES = 1 << 12  # of HDF5 for an array
 

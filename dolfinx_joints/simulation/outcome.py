@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from petsc4py import PETSc
 
@@ -13,6 +13,7 @@ from dolfinx_joints.common.summary import Rows, Summarised, names, number
 from dolfinx_joints.joints.contact import StatusCounts
 from dolfinx_joints.laws.law import BACKWARD_EULER, Response
 from dolfinx_joints.model.model import Model
+from dolfinx_joints.simulation.statics.ledger import Jump, StaticEnergy
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.energy import EnergyRow
 from dolfinx_joints.time_integration.reduced_steps import ReducedCounts
@@ -37,20 +38,26 @@ class StaticState(Summarised):
         joints: Response of the joints, None without joints.
         reaction: Forces of the supports on the body, zero at unconstrained dofs [N].
         reports: How the solves went, one per load step, or more where steps were cut.
+        energy: Energies, works and losses since the unloaded body.
+        loads: Loads by name [N]; empty in the records of earlier stages.
         inactive: Names of the joints that carried nothing and have not been grouted since.
         absent: Cell groups of the blocks that were not there.
         missing: Names of loads of the model that did not act, as those of their works.
-        cuts: Increments of the loads that did not converge and were cut in halves.
+        cuts: Increments of the loads that were cut in halves.
+        jumps: Jumps of the stage that ``allow_jumps`` accepted.
     """
 
     displacement: PETSc.Vec
     joints: Response | None
     reaction: PETSc.Vec
     reports: list[SolveReport]
+    energy: StaticEnergy
+    loads: Mapping[str, PETSc.Vec]
     inactive: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
     cuts: int = 0
+    jumps: list[Jump] = field(default_factory=list)
 
     def _summary(self) -> Rows:
         solve = self.reports[-1] if self.reports else None
@@ -60,6 +67,9 @@ class StaticState(Summarised):
         yield "inactive joints", names(self.inactive)
         yield "absent blocks", names(self.absent)
         yield "loads cut in halves", f"{self.cuts} times" if self.cuts else ""
+        yield "balance of energies", f"{100 * self.energy.relative_error:.2g} % of the largest"
+        jumped = sum(jump.energy for jump in self.jumps)
+        yield "jumps", f"{len(self.jumps)}, {number(jumped)} J released" if self.jumps else ""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -149,6 +149,7 @@ def stage_record(
         water = WaterPressures(model, wet)
         pressure = water(time, water.by_opening(state.joints.state.gap))
     places = tuple(i for i, one in enumerate(model.loads) if any(one is load for load in acting))
+    state = replace(state, loads={})  # a vector for each load and stage would fill the memory
     return StageRecord(name=name, time=time, state=state, loads=places, pressure=pressure)
 
 
@@ -161,7 +162,7 @@ def grout_record(
     """
     if not stages:
         return stage_record(model, name, 0.0, state, model.loads)
-    return replace(stages[-1], name=name, state=state)
+    return replace(stages[-1], name=name, state=replace(state, loads={}))
 
 
 def stage_name(given: str | None, kind: str, stages: Sequence[StageRecord]) -> str:

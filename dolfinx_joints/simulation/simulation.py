@@ -111,6 +111,7 @@ class Simulation:
         joints: Literal["active", "inactive"] | Sequence[str] = "active",
         absent: Sequence[str] = (),
         name: str | None = None,
+        allow_jumps: bool = False,
     ) -> StaticState:
         """Bring loads to their values at time zero in equal steps (collective).
 
@@ -129,10 +130,13 @@ class Simulation:
                 where the mesh has them, against what is there.
             name: Name of the stage in results, unlike those before; "statics 1" and so on unless
                 given.
+            allow_jumps: Whether a jump of the structure is reported in the state. Otherwise it is
+                an error.
 
         Raises:
             JointsError: Joints are in the wrong state, a block does not stand without them, or
                 water in joints and their openings do not come to agree.
+            JumpError: The structure jumps to a distant equilibrium.
             ConvergenceError: A load step did not converge.
         """
         acting = self.model.loads if loads is None else loads
@@ -140,7 +144,7 @@ class Simulation:
         stage = unfinished_stage(self.model, self.static, joints, absent, acting)
         name = stage_name(name, "statics", self.stages)
         path = [(None, step / steps) for step in range(1, steps + 1)]
-        self.static = self._march(name, path, acting, stage=stage)
+        self.static = self._march(name, path, acting, stage=stage, allow_jumps=allow_jumps)
         self._ended(stage_record(self.model, name, 0.0, self.static, acting))
         return self.static
 
@@ -191,6 +195,7 @@ class Simulation:
         times: Annotated[Sequence[float], at.MinLen(1), at.Unit("s")],
         *,
         name: str | None = None,
+        allow_jumps: bool = False,
     ) -> StaticState:
         """Equilibrium at each of a sequence of times, in order (collective).
 
@@ -201,6 +206,11 @@ class Simulation:
             times: Times [s] of the load steps.
             name: Name in results, "quasi-statics 1" and so on unless given. Of several times each
                 is a stage of its own: "NAME, t = 2 s".
+            allow_jumps: As in `statics`.
+
+        Raises:
+            JumpError: The structure jumps to a distant equilibrium.
+            ConvergenceError: A load step did not converge.
         """
         name = stage_name(name, "quasi-statics", self.stages)
 
@@ -210,7 +220,8 @@ class Simulation:
 
         check_grouted(self.static)
         path = [(float(t), 1.0) for t in times]
-        self.static = self._march(name, path, self.model.loads, reached=reached)
+        loads = self.model.loads
+        self.static = self._march(name, path, loads, reached=reached, allow_jumps=allow_jumps)
         return self.static
 
     def _ended(self, stage: StageRecord) -> None:
@@ -227,6 +238,7 @@ class Simulation:
         *,
         stage: Unfinished | None = None,
         apart: Floats | None = None,
+        allow_jumps: bool = False,
         reached: Callable[[float, StaticState], None] | None = None,
     ) -> StaticState:
         """`march` from the last static state with the simulation's solver (collective)."""
@@ -240,6 +252,7 @@ class Simulation:
                 apart=apart,
                 options=self._options,
                 kind=self.solver,
+                allow_jumps=allow_jumps,
                 watch=self._watch,
                 reached=reached,
             )

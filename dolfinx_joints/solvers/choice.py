@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
@@ -49,10 +50,10 @@ def make_solver(
         options: Tolerances and limits.
         kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws have
             condensed forms, monolithic elsewhere and where the bulk is solved by iteration and
-            joints are not too stiff beside its elements (`LARGEST_RATIO`); in statics, where
-            that does not converge, the other where it can, then pseudo-time. Plastic cells take
-            the monolithic one alone. ``forms`` is that with the joints by interior-facet
-            integrals, a reference.
+            joints are not too stiff beside its elements (`LARGEST_RATIO`). Plastic cells take the
+            monolithic one alone. ``forms`` is that with the joints by interior-facet integrals, a
+            reference. If the shortest static increment does not converge, other starts are tried,
+            and with ``auto`` other solvers and pseudo-time.
         rule: Response that the time scheme will ask the laws for.
         static_steps: Number of solves with K alone that are to come; 0 in dynamics.
     """
@@ -68,7 +69,31 @@ def _solver_of(
     rule: Rule,
     static_steps: int,
 ) -> StepSolver:
-    """A solver of steps whose bonds are what the state says (collective)."""
+    """Return a solver of steps whose bonds are what the state says (collective)."""
+    contact = system.contact
+    first = _first_solver(system, options, kind, rule, static_steps)
+    if not static_steps or contact is None or system.bulk is not None:
+        return first
+    others: list[Callable[[StepSolver], StepSolver]] = [lambda _: OtherStarts(first)]
+    if kind == "auto":
+        if isinstance(first, WholeSolver):
+            condensed = _for_steps(options, contact, static_steps)
+            others.append(lambda _: InterfaceSolver(system, condensed))
+        elif isinstance(first, InterfaceSolver) and not contact.rigid:
+            others.append(lambda _: NewtonSolver(system, options))
+        alone = len(others) == 1
+        others.append(lambda last: PseudoTime(first if alone else last))
+    return StaticSolver(first, *others)
+
+
+def _first_solver(
+    system: MatrixSystem,
+    options: SolverOptions | None,
+    kind: SolverKind,
+    rule: Rule,
+    static_steps: int,
+) -> NewtonSolver | InterfaceSolver:
+    """Return the solver that takes all steps if it converges (collective)."""
     contact = system.contact
     rigid = contact is not None and contact.rigid
     if system.bulk is not None and (kind == "condensed" or rigid):
@@ -88,26 +113,11 @@ def _solver_of(
         raise JointsError(
             f"{why}The condensed solver needs laws with condensed forms; {missing[0]} has none."
         )
-
-    def condensed() -> InterfaceSolver:
-        return InterfaceSolver(system, _for_steps(options, contact, static_steps))
-
-    def monolithic(*_: StepSolver) -> StepSolver:
-        return NewtonSolver(system, options)
-
     if missing:
-        return StaticSolver(monolithic(), PseudoTime) if static_steps else monolithic()
-    auto = kind == "auto"
-    if auto and _takes_whole(system, contact, options or SolverOptions()):
-        whole = WholeSolver(system, options)
-        return StaticSolver(whole, lambda _: condensed(), PseudoTime) if static_steps else whole
-    first = condensed()
-    if not static_steps:
-        return first
-    others = [lambda _: OtherStarts(first)]
-    if auto:
-        others += [PseudoTime] if rigid else [monolithic, PseudoTime]
-    return StaticSolver(first, *others)
+        return NewtonSolver(system, options)
+    if kind == "auto" and _takes_whole(system, contact, options or SolverOptions()):
+        return WholeSolver(system, options)
+    return InterfaceSolver(system, _for_steps(options, contact, static_steps))
 
 
 def _takes_whole(system: MatrixSystem, contact: Contact, options: SolverOptions) -> bool:

@@ -14,6 +14,7 @@ from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
+from dolfinx_joints.solvers.newton import NewtonSolver
 from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
 
 
@@ -78,13 +79,16 @@ class StaticSolver:
 
 
 class OtherStarts:
-    """Solve static increments with the condensed solver from the forces of its last solve.
+    """Solve static increments from other starts than the accepted state.
+
+    The condensed solver starts from the forces of its last solve or from open joints, whichever has
+    the smaller residual; other solvers start from open joints.
 
     Args:
         inner: The solver.
     """
 
-    def __init__(self, inner: InterfaceSolver) -> None:
+    def __init__(self, inner: InterfaceSolver | NewtonSolver) -> None:
         """Keep the solver."""
         self._inner = inner
         self.system, self.name, self.options = inner.system, inner.name, inner.options
@@ -99,11 +103,15 @@ class OtherStarts:
         rule: Rule = BACKWARD_EULER,
     ) -> tuple[Response | None, SolveReport]:
         """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
-        self._inner.follows_path = False
+        inner = self._inner
+        if isinstance(inner, NewtonSolver):
+            inner.matrix(effective).solve_linear(b, x, inner.unconstrained)
+            return inner.solve(effective, b, x, state, rule)
+        inner.follows_path = False
         try:
-            return self._inner.solve(effective, b, x, state, rule)
+            return inner.solve(effective, b, x, state, rule)
         finally:
-            self._inner.follows_path = True
+            inner.follows_path = True
 
 
 class HoldingBonds:

@@ -117,6 +117,11 @@ class NewtonSolver:
         balance.change.copy(x)
         return response, report
 
+    def matrix(self, effective: MatrixCoefficients) -> EffectiveMatrix:
+        """Return A of some coefficients, without the joints (collective)."""
+        tangent: Tangent = self._tangents(effective)
+        return tangent.effective
+
     def state_dict(self) -> dict[str, Any]:
         """Empty: every solve starts from its arguments alone."""
         return {}

@@ -268,6 +268,6 @@ def _changes(system: MatrixSystem, before: DynamicState, after: DynamicState) ->
 
 
 def located(failure: ConvergenceError, **where: Any) -> ConvergenceError:
-    """The same failure with stage, step or time filled in."""
+    """Return the same failure with stage, step or time filled in."""
     known = {name: value for name, value in vars(failure).items() if not name.startswith("_")}
-    return ConvergenceError(**{**known, **where})
+    return type(failure)(**{**known, **where})

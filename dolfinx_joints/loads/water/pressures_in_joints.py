@@ -84,9 +84,14 @@ class JointWaters:
 
     def add(self, out: PETSc.Vec, time: float, scale: float) -> None:
         """Add the forces of the end of the step, times ``scale``, [N]."""
+        for force in self.by_load(time, scale).values():
+            out.axpy(1.0, force)
+
+    def by_load(self, time: float, scale: float) -> dict[str, PETSc.Vec]:
+        """Return the forces of each load at the end of the step, times ``scale``, [N]."""
         self._time_and_scale = time, scale
-        for part, force in zip(self._parts, self._end.forces, strict=True):
-            out.axpy(scale * part.factor(time), force)
+        ends = zip(self._parts, self._end.forces, strict=True)
+        return {part.name: scale * part.factor(time) * force for part, force in ends}
 
     def change(self, codes: Codes, out: PETSc.Vec) -> None:
         """Take other codes, and add what that changes of the forces last added (collective)."""

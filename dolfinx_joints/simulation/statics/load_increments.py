@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Load steps of a static stage, cut where they do not converge."""
+"""Load steps of a static stage, cut into increments."""
 
 from __future__ import annotations
 
@@ -16,19 +16,28 @@ FINEST = 2**6
 
 @dataclass(frozen=True, kw_only=True)
 class Increment:
-    """Where an increment of the loads ends.
+    """Place of an increment of the loads.
 
     Attributes:
         time: Time [s] of the loads, None for a ramp at time zero.
         share: Of the way from the loads before to those at this time.
         whole: Whether the load step ends here.
-        last_resort: Whether it is the shortest increment, for which all solvers are tried.
+        shortest: Whether it cannot be cut.
+        step: Number of its load step, from 1.
+        start: Load factor at its start, as ``share`` of a ramp and of each step in time.
     """
 
     time: float | None
     share: float
     whole: bool
-    last_resort: bool
+    shortest: bool
+    step: int
+    start: float
+
+    def located(self, failure: ConvergenceError, remedy: str | None) -> ConvergenceError:
+        """Return a failure with the place of the increment and one sentence on what may help."""
+        place = {"stage": "static", "step": self.step, "time": self.time, "reached": self.start}
+        return located(failure, **place, remedy=remedy)
 
 
 class LoadIncrements:
@@ -43,46 +52,39 @@ class LoadIncrements:
 
     Attributes:
         cuts: Increments that were cut.
-        reached: Share of the way that is in equilibrium.
     """
 
     def __init__(self, path: Sequence[tuple[float | None, float]]) -> None:
         """Begin with whole steps."""
         self._path, self._level, self._again, self.cuts = path, 0, False, 0
-        self._step, self.reached = 0, 0.0
+        self._step, self._reached = 0, 0.0
 
     def __iter__(self) -> Iterator[Increment]:
         """Each increment; after a `cut` a shorter one from the same start."""
         for time, share in self._path:
             self._step += 1
-            start = self.reached if time is None else 0.0
+            start = self._reached if time is None else 0.0
             done = 0
             while done < FINEST:
-                self.reached = start + (share - start) * done / FINEST
+                reached = start + (share - start) * done / FINEST
                 end = done + (FINEST >> self._level)
                 whole = end == FINEST
                 part = share if whole else start + (share - start) * end / FINEST
-                last = FINEST >> self._level == 1
-                yield Increment(time=time, share=part, whole=whole, last_resort=last)
+                yield Increment(
+                    time=time,
+                    share=part,
+                    whole=whole,
+                    shortest=FINEST >> self._level == 1,
+                    step=self._step,
+                    start=reached,
+                )
                 if self._again:
                     self._again = False
                     continue
-                done, self.reached = end, part
+                done, self._reached = end, part
                 if self._level and done % (FINEST >> (self._level - 1)) == 0:
                     self._level -= 1
 
-    def cut(self, failure: ConvergenceError, remedy: str | None) -> None:
-        """Go back to the start of the increment, to take half of it; the shortest one raises.
-
-        Args:
-            failure: Of the increment.
-            remedy: What may help, one sentence.
-
-        Raises:
-            ConvergenceError: The failure, where it happened and the remedy.
-        """
-        if FINEST >> self._level == 1:
-            time = self._path[self._step - 1][0]
-            place = {"stage": "static", "step": self._step, "time": time, "reached": self.reached}
-            raise located(failure, **place, remedy=remedy) from None
+    def cut(self) -> None:
+        """Repeat the increment from its start with half of its length."""
         self._level, self._again, self.cuts = self._level + 1, True, self.cuts + 1

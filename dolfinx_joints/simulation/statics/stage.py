@@ -24,8 +24,11 @@ from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import StageRecord
 from dolfinx_joints.simulation.statics.construction import with_inactive
+from dolfinx_joints.simulation.statics.jumps import Jumps
 from dolfinx_joints.simulation.statics.joint_water_iteration import JointWaterIteration
+from dolfinx_joints.simulation.statics.ledger import SolvedIncrement, StaticEnergy, StaticLedger
 from dolfinx_joints.simulation.statics.load_increments import Increment, LoadIncrements
+from dolfinx_joints.simulation.statics.stage_start import carried_loads, start_of_stage
 from dolfinx_joints.simulation.statics.unfinished import Unfinished
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC
@@ -44,14 +47,18 @@ def march(
     apart: Floats | None,
     options: SolverOptions,
     kind: SolverKind,
+    allow_jumps: bool,
     watch: SmallDisplacements,
     reached: Callable[[float, StaticState], None] | None,
 ) -> StaticState:
-    """Equilibrium at each step of a path (collective).
+    """Return the equilibrium at the end of a path of load steps (collective).
+
+    An increment is cut in halves if its solve does not converge, or if it releases more energy than
+    an increment on a continuous path of equilibria does (`RELEASED_SHARE`).
 
     Args:
         model: The model.
-        before: State to go on from; zero, joints at rest, without one.
+        before: State to continue from; None for the unloaded body with its joints at rest.
         path: Time [s] of each step, None for a ramp at time zero, and its share of the way from
             the loads and prescribed displacements of ``before`` to those at this time.
         acting: Those of the model's loads that act.
@@ -60,19 +67,24 @@ def march(
             ``before`` carries, which then is all that acts; None without.
         options: Tolerances and limits of Newton's method.
         kind: Of the solver; see `make_solver`.
+        allow_jumps: Whether a jump is reported in the state rather than raised as an error.
         watch: Observer of slip and opening.
         reached: Called with time [s] and state after each step, if given.
+
+    Raises:
+        JumpError: No equilibrium without a jump was found and ``allow_jumps`` is false.
+        ConvergenceError: No equilibrium was found.
     """
     system, contact = model.system(only=acting, static=True), model.contact
-    carried = _carried(system, before)
     if apart is not None and before is not None and contact is not None:
-        push = contact.operator.force(apart, before.displacement.duplicate())
-        system = _under(system, before, carried - push)
+        push = contact.operator.force(-apart, before.displacement.duplicate())
+        system = _under(system, before, push)
     if stage is not None:
         idle = None if contact is None else contact.without(stage.idle)
         system = _holding(replace(system, contact=idle), before, stage.dofs)
     solver = make_solver(system, options, kind, static_steps=len(path))
-    at, increments = _Equilibrium(system, solver, before, carried), LoadIncrements(path)
+    at = _Equilibrium(system, solver, model, before, stays=apart is not None)
+    increments, jumps = LoadIncrements(path), Jumps(at.ledger, model, allow_jumps)
     missing = tuple(
         name
         for name, one in zip(load_names(model.loads), model.loads, strict=True)
@@ -83,22 +95,34 @@ def march(
         return StaticState(
             displacement=at.displacement.copy(),
             joints=at.response,
-            reaction=at.products.reaction,
+            reaction=at.reaction,
             reports=list(at.reports),
+            energy=at.ledger.energy,
+            loads=at.loads if apart is None or before is None else before.loads,
             inactive=stage.inactive if stage else (),
             absent=stage.absent if stage else (),
             missing=missing,
             cuts=increments.cuts,
+            jumps=list(jumps.found),
         )
 
     progress = Progress("static stage", len(path), "steps", model.jointed.mesh.comm.rank)
     for increment in increments:
         try:
-            at.advance(increment)
+            solved = at.solve(increment)
         except ConvergenceError as failure:
             watch.warn("in a static stage")
-            increments.cut(failure, _remedy(failure, kind, at.solver.name, increments.reached))
+            if increment.shortest:
+                remedy = _remedy(failure, kind, at.solver.name, increment.start)
+                raise increment.located(failure, remedy) from None
+            increments.cut()
             continue
+        energy = at.ledger.after(solved)
+        if jumps.suspected(energy, increment) and not increment.shortest:
+            increments.cut()
+            continue
+        at.accept(solved, energy, increment)
+        jumps.check(increment)
         free_petsc_garbage(model.jointed.mesh.comm)
         if at.joints is not None:
             watch.see(at.joints.gap)
@@ -108,97 +132,139 @@ def march(
     progress.finish()
     watch.warn("in a static stage")
     if stage is not None:
-        # Nothing acts there, nothing is supported.
-        at.products.reaction.getArray()[stage.dofs] = 0.0
+        # Blocks that are absent have no loads and no supports.
+        at.reaction.getArray()[stage.dofs] = 0.0
         if contact is not None:
             at.response = with_inactive(contact, at.response, before, at.displacement, stage)
     return state()
 
 
 class _Equilibrium:
-    """The last one reached in a stage, and the way to the next.
+    """The last accepted equilibrium of a stage, and the solution of the next increment.
 
     Attributes:
-        solver: With water in joints the iteration around it.
-        displacement: Displacement vector.
+        solver: The solver, inside an iteration on the water if there is water in joints.
+        ledger: Energies up to here.
+        displacement: Displacement vector [m].
         joints: State of the joints, None without any.
-        response: Response of the joints, likewise.
-        products: What follows from the equation solved, the forces of the supports among it.
-        reports: Of the solver, one for each increment.
+        response: Response of the joints, None if none acts.
+        reaction: Forces of the supports on the body, zero at unconstrained dofs [N].
+        loads: Loads by name [N].
+        reports: Reports of the solver, one for each accepted increment.
     """
 
     def __init__(
         self,
         system: MatrixSystem,
         solver: StepSolver,
+        model: Model,
         before: StaticState | None,
-        carried: PETSc.Vec | None,
+        *,
+        stays: bool,
     ) -> None:
-        """Start from a static state and the loads that it carries, or from rest (collective)."""
-        self._system = system
+        """Start from a static state and its loads, or from rest (collective).
+
+        ``stays`` keeps these loads in full beside those of the system.
+        """
+        self._system, self._stays = system, stays
         self._chosen = solver.inner if isinstance(solver, HoldingBonds) else solver
         self.solver: StepSolver | JointWaterIteration = solver
         self.displacement = u = system.stiffness.createVecRight()
         u.set(0.0)
-        self.joints = system.internal_forces.at_rest(u) if system.internal_forces else None
         if before is not None:
             before.displacement.copy(u)
-            if self.joints is not None and before.joints:
-                self.joints = before.joints.state
+        self._start = start_of_stage(system, before)
+        self.response: Response | None = None
+        self.joints = None if self._start is None else self._start.state
         if system.water is not None and self.joints is not None:
             self.solver = JointWaterIteration(system.water, solver)
-        self.response: Response | None = None
-        self.products: Products
         self.reports: list[SolveReport] = []
-        self._elastic_force, self._load, self._b, self._x = (u.duplicate() for _ in range(4))
+        self._elastic_force, self._b, self._x = (u.duplicate() for _ in range(3))
         system.stiffness.mult(u, self._elastic_force)
-        # Where loads and supports of a step go from.
-        self._carried, self._supported = carried, u.getArray()[system.constrained]
+        self.reaction = u.duplicate()
+        self.reaction.set(0.0)
+        if before is not None:
+            before.reaction.copy(self.reaction)
+        self.loads = carried_loads(system, before, self._start, self._elastic_force)
+        self._step_loads, self._supported = self.loads, u.getArray()[system.constrained]
+        names = model.contact.operator.names if model.contact is not None else ()
+        self.ledger = StaticLedger(system, names, before and before.energy, self._start)
 
-    def advance(self, increment: Increment) -> None:
-        """Equilibrium at the end of an increment (collective).
+    def solve(self, increment: Increment) -> SolvedIncrement:
+        """Return the solution of an increment; the last equilibrium stays as it is (collective).
 
         Raises:
-            ConvergenceError: None was found; all is as before.
+            ConvergenceError: No solution was found.
         """
-        b, x, u = self._b, self._x, self.displacement
+        system, x, water = self._system, self._x, self._system.water
         self._set_up(increment)
         if isinstance(self._chosen, StaticSolver):
-            self._chosen.last_resort = increment.last_resort
-        response, report = self.solver.solve(STATIC, b, x, self.joints)
-        products = Products(self._system, STATIC, b, x, response)
-        fixed = self._system.constrained
+            self._chosen.last_resort = increment.shortest
+        entered = None if water is None else water.codes
+        response, report = self.solver.solve(STATIC, self._b, x, self.joints)
+        products = Products(system, STATIC, self._b, x, response)
+        moved = water is not None and bool(water.toggled(water.codes, entered).any())
+        return SolvedIncrement(
+            displacement=self.displacement,
+            elastic_force=self._elastic_force,
+            change=x,
+            products=products,
+            reaction=self.reaction,
+            loads=(self.loads, self._loads(increment)),
+            before=self._start,
+            after=response,
+            water_moved=moved,
+            report=report,
+        )
+
+    def accept(self, solved: SolvedIncrement, energy: StaticEnergy, increment: Increment) -> None:
+        """Continue from the solution of an increment (collective)."""
+        self.displacement.axpy(1.0, solved.change)
+        self._elastic_force.axpy(1.0, solved.products.stiffness)
+        self.reaction, self.loads = solved.products.reaction, solved.loads[1]
+        self.ledger.energy = energy
+        self.response = solved.after
+        if solved.after is not None:
+            self._start, self.joints = solved.after, solved.after.state
+        self.reports.append(solved.report)
         if increment.time is not None and increment.whole:
-            # The next step in time starts from these loads.
-            self._carried = b + self._elastic_force
-            self._supported = u.getArray()[fixed] + x.getArray()[fixed]
-        u.axpy(1.0, x)
-        self._elastic_force.axpy(1.0, products.stiffness)
-        self.response, self.products = response, products
-        if response:
-            self.joints = response.state
-        self.reports.append(report)
+            # The next step in time starts from these loads and supports.
+            self._step_loads = self.loads
+            self._supported = self.displacement.getArray()[self._system.constrained]
 
     def _set_up(self, increment: Increment) -> None:
-        """Right-hand side b, and in x the way of the supports."""
-        system, b, x, load = self._system, self._b, self._x, self._load
-        time, share, fixed = increment.time or 0.0, increment.share, system.constrained
+        """Set the right-hand side b, and in x the displacement of the supports."""
+        system, b, x = self._system, self._b, self._x
+        share, fixed = increment.share, system.constrained
         if system.water is not None and self.joints is not None:
             system.water.enter(self.joints.gap)
-        system.load(time, load, scale=share)
-        supported = system.prescribed(time, scale=share)
-        if self._carried is not None and share < 1.0:
-            load.axpy(1.0 - share, self._carried)
-            supported = supported + (1.0 - share) * self._supported
-        b.waxpy(-1.0, self._elastic_force, load)
+        self._elastic_force.copy(b)
+        b.scale(-1.0)
+        for load in self._loads(increment).values():
+            b.axpy(1.0, load)
+        supported = system.prescribed(increment.time or 0.0, scale=share)
+        supported = supported + (1.0 - share) * self._supported
         x.set(0.0)
         x.getArray()[fixed] = supported - self.displacement.array[fixed]
 
+    def _loads(self, increment: Increment) -> dict[str, PETSc.Vec]:
+        """Return the loads by name at the end of an increment [N] (collective)."""
+        share = increment.share
+        found = self._system.loads_by_name(increment.time or 0.0, share)
+        remains = 1.0 if self._stays else 1.0 - share
+        for name, load in self._step_loads.items() if remains else ():
+            if name in found:
+                found[name].axpy(remains, load)
+            else:
+                found[name] = remains * load
+        return found
 
-def _under(system: MatrixSystem, before: StaticState, load: PETSc.Vec) -> MatrixSystem:
-    """The system under a load that does not change, supports staying where they are."""
+
+def _under(system: MatrixSystem, before: StaticState, push: PETSc.Vec) -> MatrixSystem:
+    """Return the system under a constant load of the grout, with its supports at rest."""
     there = before.displacement.getArray()[system.constrained]
-    return replace(system, patterns=[(load, always)], load_names=(), values=lambda _: there)
+    patterns, names = [(push, always)], ["grout"]
+    return replace(system, patterns=patterns, load_names=names, values=lambda _: there)
 
 
 def _holding(
@@ -230,17 +296,6 @@ def _remedy(failure: ConvergenceError, kind: str, solver: str, reached: float) -
         softer = "" if failure.yielding else " or softer joints"
         return f"SolverOptions(max_iterations=100){softer} may go further. {limit}"
     return limit
-
-
-def _carried(system: MatrixSystem, before: StaticState | None) -> PETSc.Vec | None:
-    """Loads that a static state carries, from its balance [N]; None without one (collective)."""
-    if before is None:
-        return None
-    force, internal_forces = system.stiffness * before.displacement, system.internal_forces
-    if internal_forces is not None and before.joints is not None:
-        force.axpy(1.0, internal_forces.force(before.joints, force.duplicate()))
-    force.axpy(-1.0, before.reaction)
-    return force
 
 
 def check_acting(model: Model, loads: Any) -> None:

@@ -85,7 +85,8 @@ class InterfaceSolver:
 
     Attributes:
         follows_path: Whether static solves start from the elastic predictor alone. Else they
-            start from the forces of the last solve and may find another branch of equilibria.
+            start from the forces of the last solve, or from open joints, and may find another
+            branch of equilibria.
     """
 
     def __init__(self, system: MatrixSystem, options: SolverOptions | None = None) -> None:
@@ -148,6 +149,8 @@ class InterfaceSolver:
     def _from_last_steps(self, step: JointStep, b: PETSc.Vec, x: PETSc.Vec) -> Solved:
         """Solve from the forces of the last steps, compiled if possible (collective)."""
         condensed, starts = step.condensed, self._starts(step.condensed)
+        if condensed.static:
+            starts.append((np.zeros_like(starts[0][0]), np.zeros_like(starts[0][1])))
         found = self._compiled(condensed, step.trial_gap, step.state, step.rule, starts)
         if found is None:
             return self._in_python(step, starts, b, x)

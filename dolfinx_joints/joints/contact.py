@@ -355,8 +355,19 @@ class Contact:
         """Whether some law has infinite stiffness, on all ranks alike."""
         return any(math.isinf(k) for part in self._laws for k in part.law.closed_stiffness())
 
-    def closed_tangent(self) -> Floats:
-        """Tangent of every point while closed and sticking, shape (n, 3, 3), [Pa/m].
+    def firm_stiffness(self) -> Floats:
+        """Return the closed stiffness with k_n in place of a k_s of zero, (n, 2), [Pa/m].
+
+        For stabilising terms, which have to hold blocks on frictionless joints as well.
+        """
+        stiffness = self.closed_stiffness()
+        stiffness[:, 1] = np.where(stiffness[:, 1] > 0.0, stiffness[:, 1], stiffness[:, 0])
+        return stiffness
+
+    def closed_tangent(self, *, firm: bool = False) -> Floats:
+        """Return the tangent of each point while closed and sticking, (n, 3, 3), [Pa/m].
+
+        With ``firm`` it is that of `firm_stiffness`.
 
         Raises:
             JointsError: A law is rigid.
@@ -366,7 +377,7 @@ class Contact:
                 "A rigid joint has no stiffness: modes and the solvers 'monolithic' and 'forms' "
                 "need a finite one; 'condensed' does not."
             )
-        stiffness = self.closed_stiffness()
+        stiffness = self.firm_stiffness() if firm else self.closed_stiffness()
         tangent = np.zeros((len(stiffness), 3, 3))
         tangent[:, [0, 1, 2], [0, 1, 2]] = np.repeat(stiffness, (1, 2), axis=1)
         return tangent

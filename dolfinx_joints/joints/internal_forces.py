@@ -75,7 +75,7 @@ class JointInternalForces:
     def tangent(self, response: Response, part: float = 0.0) -> Floats:
         """Tangent of each point, shape (n, 3, 3), [Pa/m]."""
         tangent = response.tangent
-        return tangent + part * self.contact.closed_tangent() if part else tangent
+        return tangent + part * self.contact.closed_tangent(firm=True) if part else tangent
 
     def tangent_matrix(self, free: PETSc.Vec) -> TangentMatrix:
         """What makes B^T (w D) B of point tangents D (collective)."""

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.joints.operator import TangentMatrix
+from dolfinx_joints.solvers.diagnosis import SINGULAR
 from dolfinx_joints.solvers.direct import DirectSolver
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.modal_change import ChangedSolver, Solver
@@ -19,6 +21,10 @@ from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 from dolfinx_joints.solvers.multigrid.tangent import TangentMultigrid
 
 Floats = NDArray[np.float64]
+
+# Displacements under random forces, times the norm of the matrix over that of the forces, from
+# which the matrix is singular to rounding: a hundredth of the inverse of the rounding unit.
+LARGEST_GROWTH = 0.01 / float(np.finfo(float).eps)
 
 
 class Tangent:
@@ -77,6 +83,14 @@ class Tangent:
         self.effective.destroy()
 
 
+def _random(matrix: PETSc.Mat) -> PETSc.Vec:
+    """Return random forces, the same on any number of ranks (collective)."""
+    forces = matrix.createVecRight()
+    start, end = forces.getOwnershipRange()
+    forces.setArray(np.random.default_rng(1).standard_normal(end)[start:])
+    return forces
+
+
 class _Sum:
     """A constant matrix plus a changing one, both on the union of their patterns."""
 
@@ -92,6 +106,7 @@ class _Sum:
         self._solver: Solver = (
             self._direct if change is None else ChangedSolver(self._direct, change)
         )
+        self._probe = None if effective.inertia else _random(self._total)
 
     def add(self, added: PETSc.Mat) -> None:
         """Make the sum anew; the solver factors it when next used."""
@@ -100,8 +115,25 @@ class _Sum:
         self._direct.refresh()
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, tolerance: float) -> bool:
-        """Solve, to rounding whatever the tolerance; whether the sum was factored (collective)."""
-        return self._solver.solve(b, x)
+        """Solve to rounding error whatever the tolerance; return True if it factored (collective).
+
+        Raises:
+            JointsError: The matrix of statics is singular to rounding.
+        """
+        factored = self._solver.solve(b, x)
+        if factored and self._probe is not None:
+            self._check_regular(x.duplicate())
+        return factored
+
+    def _check_regular(self, moved: PETSc.Vec) -> None:
+        """Check that random forces do not move the body without limit (collective).
+
+        A factorization often succeeds with pivots that are rounding errors.
+        """
+        self._solver.solve(self._probe, moved)
+        growth = float(self._total.norm(PETSc.NormType.NORM_INFINITY)) * float(moved.norm())
+        if not growth <= LARGEST_GROWTH * float(self._probe.norm()):
+            raise JointsError(SINGULAR)
 
     def destroy(self) -> None:
         """Free matrices and factor."""

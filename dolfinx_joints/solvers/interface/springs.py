@@ -26,6 +26,10 @@ Floats = NDArray[np.float64]
 # A point that nothing but its own spring holds has c s = 1; any c below does as well.
 LARGEST_SHARE = 0.9
 
+# Share of the springs that Newton's corrections keep, not the equilibrium: an open block would move
+# without limit, a frictionless one by rounding errors divided by zero.
+KEPT_SHARE = 1e-6
+
 
 class JointSprings:
     """Springs as stiff as the joints and the elements beside them in series.
@@ -45,8 +49,7 @@ class JointSprings:
         operator = system.contact.operator
         own = diagonal_compliance(operator.matrix, system.stiffness.getDiagonal())
         elements = operator.areas[:, None] * own.reshape(-1, 3).max(axis=1)[:, None]
-        joint = system.contact.closed_stiffness()
-        joint[:, 1] = np.where(joint[:, 1] > 0.0, joint[:, 1], joint[:, 0])
+        joint = system.contact.firm_stiffness()
         joint = np.where(elements > 0.0, joint, 0.0)  # the end of a joint inside the body
         with np.errstate(divide="ignore"):  # no springs where points carry nothing
             self.stiffness: NDArray[Any] = 1.0 / (elements + 1.0 / joint)
@@ -80,5 +83,5 @@ class JointSprings:
         rest = 1.0 - s * self._wide(own)
         traction = response.traction - s * (response.state.gap - before)
         tangent = response.tangent / rest[:, :, None]
-        tangent[:, [0, 1, 2], [0, 1, 2]] -= s
+        tangent[:, [0, 1, 2], [0, 1, 2]] -= (1.0 - KEPT_SHARE) * s
         return traction, tangent / rest[:, None, :]

@@ -135,7 +135,7 @@ class WholeSolver(NewtonSolver):
         tolerance *= min(at.forces / (float(right.norm()) or 1.0), 1.0)
         for part in REGULARISATIONS:
             try:
-                added = part * self._contact.closed_tangent() if part else 0.0
+                added = part * self._contact.closed_tangent(firm=True) if part else 0.0
                 solver = tangent.update(equations.stiffness(at) + added)
                 factored = solver.solve(right, self._correction, tolerance)
                 self._correction.pointwiseMult(self._correction, self.unconstrained)

@@ -12,8 +12,8 @@ of the laws. The released energy is the work of the out-of-balance forces along 
 
     sum of w [(t0 + t1) . dg / 2 - integral of t(g0 + s dg) . dg over s from 0 to 1].              (31)
 
-It tends to zero with the increment if equilibria follow each other continuously. If the structure
-jumps, it is the energy that a dynamic analysis would turn into motion.
+It tends to zero with the increment if equilibria follow each other continuously, and is negative in
+joints that begin to slide. If the structure jumps, it is the energy that would set it in motion.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ class StaticEnergy:
             increment is straight, negative for a gain, shape (number of joints,).
         joint_bonds: Energy lost by each joint at points whose bonds broke, likewise.
         plastic: Plastic work of the bulk.
-        joint_released: Energy released by jumps and short of them in each joint (31), likewise.
-            It is a part of friction and numerical loss.
+        joint_released: Energy released in each joint (31), likewise, of increments in which the
+            sum over the joints is positive. It is a part of friction and numerical loss.
         water_released: Released in increments in which water entered or left joint points.
         error: Sum of all lines, which is zero but for rounding and the tolerance of the solver.
         scale: Largest of stored energy, |input| and losses so far.
@@ -177,6 +177,7 @@ class StaticLedger:
         """Return the energies after an increment; the ledger stays as it is (collective)."""
         last, x = self.energy, increment.change
         friction, numerical, broken, released = self._of_joints(increment)
+        released = released * bool(released.sum() > 0.0)
         moved = 0.5 * (increment.reaction.dot(x) + increment.products.reaction.dot(x))
         energy = replace(
             last,

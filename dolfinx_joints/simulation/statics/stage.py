@@ -166,7 +166,7 @@ class _Equilibrium:
 
         ``stays`` keeps these loads in full beside those of the system.
         """
-        self._system, self._stays = system, stays
+        self._system, self._stays, self._unloaded = system, stays, before is None
         self._chosen = solver.inner if isinstance(solver, HoldingBonds) else solver
         self.solver: StepSolver | JointWaterIteration = solver
         self.displacement = u = system.stiffness.createVecRight()
@@ -199,7 +199,9 @@ class _Equilibrium:
         system, x, water = self._system, self._x, self._system.water
         self._set_up(increment)
         if isinstance(self._chosen, StaticSolver):
-            self._chosen.last_resort = increment.shortest
+            # The equations of unloaded joints without gaps are homogeneous: to cut does not help.
+            unloaded = self._unloaded and increment.whole and not self.reports
+            self._chosen.last_resort = increment.shortest or unloaded
         entered = None if water is None else water.codes
         response, report = self.solver.solve(STATIC, self._b, x, self.joints)
         products = Products(system, STATIC, self._b, x, response)

@@ -55,8 +55,9 @@ KEPT_BYTES = 2_000_000_000
 # the tolerance if rounding lets it: the energy balance sees what is left.
 INNER_TOLERANCE, ENOUGH = 0.03, 0.01
 
-# Residual of the linear system of the elastic predictor, relative to its right-hand side.
-PREDICTOR_TOLERANCE = 1e-10
+# Residual of the linear systems of static solves at first, relative to their right-hand sides: few
+# solves are made, and each correction is to use the whole of its linearisation.
+STATIC_TOLERANCE = 3e-4
 
 # After a step of so many iterations, and as long as steps take so many, iterates whose residual is
 # larger than this part of the largest force are swept point by point, in so many colours. A sweep
@@ -181,7 +182,7 @@ class InterfaceSolver:
         tangent = accepted.evaluate(force, coupled).tangent
         change = ((step.trial_gap - here).ravel() / compliance.scale).reshape(-1, 3)
         left = -np.einsum("nij,nj->ni", tangent, change).ravel()
-        correction = condensed.corrections.solve(left, tangent, PREDICTOR_TOLERANCE)
+        correction = condensed.corrections.solve(left, tangent, STATIC_TOLERANCE)
         return force - correction.step, coupled - correction.coupled
 
     def _carried(self, state: JointState) -> Floats:
@@ -406,7 +407,7 @@ class InterfaceSolver:
         static = BALANCED if step.condensed.springs is not None else 1e-14
         enough = static if step.condensed.static else self._enough
         before, line_search = at, LineSearch(self.options.max_cuts)
-        first = inner = 0.01 * INNER_TOLERANCE if step.condensed.static else INNER_TOLERANCE
+        first = inner = STATIC_TOLERANCE if step.condensed.static else INNER_TOLERANCE
         while True:
             size = at.worst
             scale = at.largest or size or 1.0

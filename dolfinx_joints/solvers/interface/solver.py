@@ -168,7 +168,7 @@ class InterfaceSolver:
         The laws are linearised at the accepted state, where the joints carry f0 and their gap is
         that of the state. With h0 the trial gaps of the laws there and T the tangent,
 
-            f = f0 + T (h(f) - h0)   with   h(f) = h_trial - S f.                            (13d)
+            f = f0 + T (h(f) - h0)   with   h(f) = h_trial - S f.                           (28c)
 
         Newton's method from f stays on the branch of equilibria that the state is on.
         """

@@ -588,7 +588,7 @@ def test_water_that_is_not_before_the_dam(comm):
         MPI.COMM_SELF, [[-50.0, 0.0], [-2.0, H]], [4, 4], CellType.quadrilateral
     )
     water = meshed(mesh, {"face": lambda x: x[0] > -2.1, "floor": lambda x: x[1] < 1e-9})
-    with pytest.raises(dj.MeshError, match=r"wet face at \(.*\) m lies outside of the water"):
+    with pytest.raises(dj.MeshError, match=r"wet face at \(.*\) m is 2 m away from the water"):
         rigid_dam(comm, water)
 
 

@@ -79,7 +79,7 @@ CASES = {
 }
 # Relative errors by steps, of ours and of theirs: what halving them changes, in the fine run what
 # halving them from two to four parts of a step changes. Of the rocking block theirs is 0.018, and
-# the sum is kept at 0.05. The two motions of the wall change alike by 0.9 %, of which half is taken.
+# the sum is kept at 0.05. The motions of the wall change alike by 0.9 %, of which half is taken.
 STEPS = {
     "sliding block, x": (0.004, 0.051),
     "rocking block, x": (0.034, 0.016),

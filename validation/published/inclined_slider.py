@@ -26,8 +26,8 @@ SOURCE = "code_aster's test SSNV503 (V6.04.503), displacements and forces printe
 
 LENGTH, HEIGHT, CELL, DISTANCE, FRICTION = 0.04, 0.02, 0.005, 2e-3, 0.3
 PRESSURE, STIFFNESS = 300e6, 1e15  # [Pa], of the joint [Pa/m]
-# Relative errors: by cells, of which halving them changes 0.06 %; by the joint, whose elastic overlap
-# is pressure / stiffness = 0.0003 mm beside displacements of 1 mm and more.
+# Relative errors: by cells, as halving them changes 0.06 %; by the joint, whose elastic overlap is
+# pressure / stiffness = 0.0003 mm beside displacements of 1 mm and more.
 CELLS, SOFTNESS = 0.001, PRESSURE / STIFFNESS / 1e-3
 ALONG, ACROSS = 2 * 2e6, 2 * 5e3  # springs per depth [N/m per m]
 # Displacements (x, y) of the corner that is pushed and of the other one [mm].

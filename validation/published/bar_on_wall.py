@@ -7,6 +7,10 @@ away. It touches after 20 us; a wave runs to its free end and back in 80 us; the
 as it came. Compared are the displacements of both ends that code_aster's test prints, the duration
 of the contact and the velocity of the rebound. 40 cells of degree 1, a joint a hundred times as
 stiff as a cell, redistributed mass, steps of 0.2 us.
+
+The displacement of the end that strikes after 100 us is that at the moment when the bar leaves. It
+does not converge steadily: its deviation is 0.02 % with 40 cells, 2.3 % with 80 and 0.9 % with 160,
+in steps of 0.2, 0.1 and 0.05 us. The others stay within 0.1 %.
 """
 
 from __future__ import annotations
@@ -27,8 +31,9 @@ LENGTH, YOUNG, DENSITY, VELOCITY, DISTANCE = 0.2, 2e11, 8000.0, 100.0, 2e-3
 STRIKES = {4e-5: -2.0, 1e-4: -2.0}
 FREE = {2e-5: -2.0, 8e-5: -4.0, 1.2e-4: 0.0}
 
-# Relative errors of 40 cells, by what doubling their number from 20 changes. Of displacements at
-# the turns of the wave and of impulse and rebound, which what still vibrates in the bar changes.
+# Relative errors of 40 cells: of impulse and rebound what doubling the number from 20 changes. Of
+# displacements the bound is below such an estimate, as the bar flies 5 % of DISTANCE in the time in
+# which a wave crosses a cell.
 TURN, IMPULSE, REBOUND = 0.01, 0.005, 0.01
 
 

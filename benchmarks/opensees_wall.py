@@ -55,6 +55,7 @@ class SceneFile(StepWatch):
         steps: Of the run.
         overlap: Of the faces of joints in OpenSees before any displacement [m]: its contact that
             just touches has no stiffness, and a block on it alone no static state.
+        dt: Step [s].
 
     Attributes:
         top: Nodes at the point on the crest, two if it is on a joint.
@@ -62,23 +63,25 @@ class SceneFile(StepWatch):
         last: Those of the last step from it, shape (nodes, 3), [m].
     """
 
-    def __init__(self, scene: Scene, path: Path, steps: int, overlap: float = 0.0) -> None:
+    def __init__(
+        self, scene: Scene, path: Path, steps: int, overlap: float = 0.0, dt: float = TIME_STEP
+    ) -> None:
         """Take where to write."""
         super().__init__(scene)
-        self._overlap = overlap
-        self._path, self._motion = path, scene.shaking(steps * TIME_STEP)
+        self._overlap, self._dt = overlap, dt
+        self._path, self._motion = path, scene.shaking(steps * dt)
         self._steps = steps
 
     def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
         """Write the arrays."""
         self.static = first.displacement.getArray(readonly=True).reshape(-1, 3).copy()
-        ground = [self._motion(i * TIME_STEP) for i in range(self._steps + 1)]
+        ground = [self._motion(i * self._dt) for i in range(self._steps + 1)]
         given = arrays(self._scene, model)
         distance = np.linalg.norm(given["nodes"] - np.array(self._scene.crest), axis=1)
         self.top = np.flatnonzero(distance < distance.min() + 1e-9 * np.ptp(given["nodes"]))
         if len(given["pairs"]):
             given["nodes"][given["pairs"][:, 1]] -= self._overlap * given["normals"]
-        given |= {"watched": self.top, "acceleration": np.array(ground), "dt": TIME_STEP}
+        given |= {"watched": self.top, "acceleration": np.array(ground), "dt": self._dt}
         np.savez(self._path, **given)
         super().start(model, stage, steps, first)
 

@@ -33,7 +33,7 @@ def quarter_ring(cell, boxes, degree=2):
     place = place.reshape(-1, shape.dim)
     first = place[np.all((place % degree == 0) & (place < counts), axis=1)]
     cells = np.concatenate(
-        [number[tuple(np.moveaxis(first[:, None] + own, -1, 0))] for own in _nodes(shape)]
+        [number[tuple(np.moveaxis(first[:, None] + own, -1, 0))] for own in nodes_of_boxes(shape)]
     )
     facets = cells[:, shape.facet_vertices].reshape(-1, shape.facet_vertices.shape[1])
     ends = {"inside": (0, 0), "joint": (0, counts[0] // 2), "outside": (0, counts[0])}
@@ -55,7 +55,7 @@ def quarter_ring(cell, boxes, degree=2):
     }
 
 
-def _nodes(shape):
+def nodes_of_boxes(shape):
     """Whole coordinates of the nodes of the cells in a box that is ``degree`` wide."""
     dim, points = shape.dim, shape.element().points
     corners = np.array([[(c >> k) & 1 for k in range(dim)] for c in range(2**dim)])

@@ -47,13 +47,21 @@ class LeftOutError(Exception):
 class Row:
     """A number of ours beside that of others.
 
+    A deviation larger than the tolerance is stated by `differs` and `cause`. Such a row fails if
+    its deviation is not the stated one, to the tolerance.
+
     Attributes:
         quantity: What is compared, with its unit.
         ours: The number computed here.
         theirs: The number of the source.
-        tolerance: Largest deviation allowed.
-        reason: Where the tolerance comes from.
-        scale: What the deviation is relative to; the size of `theirs` unless given.
+        tolerance: Estimated error of ours and of the printed number, relative to `theirs`.
+        reason: Where the tolerance comes from, as from `estimate`.
+        scale: What the deviation is relative to where `theirs` is zero, and only there.
+        differs: Known deviation that exceeds the tolerance.
+        cause: Of this deviation.
+
+    Raises:
+        ValueError: There is a scale beside a number other than zero, or none beside zero.
     """
 
     quantity: str
@@ -62,16 +70,46 @@ class Row:
     tolerance: float
     reason: str
     scale: float | None = None
+    differs: float | None = None
+    cause: str = "cause not known"
+
+    def __post_init__(self) -> None:
+        """Check what the deviation is relative to."""
+        if (self.scale is None) == (self.theirs == 0.0):
+            raise ValueError(
+                f"{self.quantity}: the deviation is relative to the number of the source, "
+                f"{self.theirs:g}, or to a scale if that number is zero; scale is {self.scale}."
+            )
 
     @property
     def deviation(self) -> float:
-        """Ours less theirs, relative to `scale`."""
+        """Ours less theirs, relative to theirs, or to `scale` where theirs is zero."""
         return (self.ours - self.theirs) / (abs(self.theirs) if self.scale is None else self.scale)
 
     @property
     def holds(self) -> bool:
-        """Whether the deviation is allowed; one that is not a number is not."""
-        return bool(abs(self.deviation) <= self.tolerance)
+        """Whether the deviation is allowed or the stated one; one that is not a number is not."""
+        return bool(abs(self.deviation - (self.differs or 0.0)) <= self.tolerance)
+
+
+# Parts of an estimate that are not listed beside larger ones.
+SMALL = 1e-5
+
+
+def estimate(theirs: float = 1.0, *, digits: int | None = None, **errors: float) -> dict[str, Any]:
+    """Return ``tolerance`` and ``reason`` of a row: the sum of the estimated errors.
+
+    Args:
+        theirs: The number of the source.
+        digits: Number of digits printed in the source: half a unit of the last one is its error.
+        errors: Relative errors of ours by name, such as ``cells`` and ``steps``.
+    """
+    if digits is not None:
+        unit = 10.0 ** (np.floor(np.log10(abs(theirs))) + 1 - digits)
+        errors[f"{digits} digits"] = 0.5 * float(unit) / abs(theirs)
+    listed = {name: error for name, error in errors.items() if error >= SMALL} or errors
+    reason = ", ".join(f"{name} {share(error)}" for name, error in listed.items())
+    return {"tolerance": sum(errors.values()), "reason": reason}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,12 +195,18 @@ def title_of(module: ModuleType) -> str:
     return (inspect.getdoc(module) or "").splitlines()[0].rstrip(".")
 
 
-def run_case(name: str, *, quick: bool = False) -> Result:
+def refines(name: str) -> bool:
+    """Return whether a case can run on finer cells or in shorter steps."""
+    return "fine" in inspect.signature(module_of(name).run).parameters
+
+
+def run_case(name: str, *, quick: bool = False, fine: bool = False) -> Result:
     """Run a case.
 
     Args:
         name: One of `names`.
         quick: A shorter run with the same rows.
+        fine: The run on finer cells or in shorter steps, of a case that `refines`.
     """
     module = module_of(name)
     run: Callable[..., Outcome] = module.run
@@ -170,7 +214,7 @@ def run_case(name: str, *, quick: bool = False) -> Result:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what matters of them is on the page
-            outcome = run(quick)
+            outcome = run(quick, fine=True) if fine else run(quick)
     except LeftOutError as missing:
         return Result(name=name, module=module, outcome=None, seconds=0.0, missing=str(missing))
     seconds = processor_time() - began
@@ -189,9 +233,12 @@ def table(rows: Sequence[Row]) -> str:
         "|---|---|---|---|---|---|",
     ]
     for row in rows:
-        mark = "" if row.holds else " **too large**"
+        mark = "" if row.holds else " **too large**" if row.differs is None else " **changed**"
         numbers = f"{row.ours:.5g} | {row.theirs:.5g} | {share(row.deviation)}{mark}"
-        lines.append(f"| {row.quantity} | {numbers} | {share(row.tolerance)} | {row.reason} |")
+        reason = row.reason
+        if row.differs is not None:
+            reason += f"; **differs by {share(abs(row.differs))}**: {row.cause}"
+        lines.append(f"| {row.quantity} | {numbers} | {share(row.tolerance)} | {reason} |")
     return "\n".join(lines)
 
 
@@ -220,22 +267,23 @@ def write_page(result: Result, out: Path) -> None:
 
 
 def summary(results: Sequence[Result]) -> str:
-    """All cases as a Markdown table: the row nearest to its tolerance, and the time."""
+    """All cases as a Markdown table: the row farthest beyond or nearest to its tolerance, time."""
     lines = [
-        "| case | against | numbers | nearest to its tolerance | deviation | tolerance | [s] |",
-        "|---|---|---|---|---|---|---|",
+        "| case | against | numbers | beyond tolerance | worst | deviation | tolerance | [s] |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for result in results:
         first = f"| [{result.title}]({result.name}.md) | {result.module.SOURCE} | "
         if result.outcome is None:
-            lines.append(f"{first}left out: {result.missing} | | | | |")
+            lines.append(f"{first}left out: {result.missing} | | | | | |")
             continue
         rows = result.outcome.rows
         worst = max(
             rows, key=lambda row: np.nan_to_num(abs(row.deviation), nan=1e9) / row.tolerance
         )
+        beyond = sum(row.differs is not None for row in rows)
         lines.append(
-            f"{first}{len(rows)} | {worst.quantity} | {share(worst.deviation)} "
+            f"{first}{len(rows)} | {beyond} | {worst.quantity} | {share(worst.deviation)} "
             f"| {share(worst.tolerance)} | {result.seconds:.0f} |"
         )
     return "\n".join(lines)

@@ -104,6 +104,13 @@ def _first_solver(
             "stiffness."
         )
     if kind == "forms" and contact is not None:
+        if system.coupled is not None:
+            raise JointsError(
+                'solver="forms" integrates joints over the mesh of the body alone; it does not '
+                "solve the coupled system of a model with reservoir=. Use "
+                'solver="monolithic", which gives the same result, or an added mass instead of the '
+                "reservoir."
+            )
         return NewtonSolver(_by_forms(system, contact), options, name="forms")
     if system.bulk is not None or kind == "monolithic" or contact is None:
         return NewtonSolver(system, options)

@@ -588,7 +588,7 @@ def test_water_that_is_not_before_the_dam(comm):
         MPI.COMM_SELF, [[-50.0, 0.0], [-2.0, H]], [4, 4], CellType.quadrilateral
     )
     water = meshed(mesh, {"face": lambda x: x[0] > -2.1, "floor": lambda x: x[1] < 1e-9})
-    with pytest.raises(dj.MeshError, match=r"wet face at \(.*\) m lies outside of the water"):
+    with pytest.raises(dj.MeshError, match=r"wet face at \(.*\) m is 2 m away from the water"):
         rigid_dam(comm, water)
 
 
@@ -610,6 +610,10 @@ def test_what_waves_do_not_go_with(comm, jointed_dam):
     run = {"dt": 4e-3, "steps": 1, "motion": shaking}
     with pytest.raises(dj.JointsError, match="coupled with the water"):
         dj.Simulation(model).dynamics(**run, scheme=dj.EnergyConsistent(exact_modes=4))
+    by_forms = dj.Simulation(model, solver="forms")
+    by_forms.statics()  # the water is at rest: the body alone
+    with pytest.raises(dj.JointsError, match=r"model with reservoir=\. Use solver=.monolithic"):
+        by_forms.dynamics(**run)
     options = dj.SolverOptions(linear="iterative")
     with pytest.raises(ValueError, match="without waves in"):
         dj.Simulation(model, options=options).dynamics(**run)

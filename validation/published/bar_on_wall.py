@@ -7,6 +7,10 @@ away. It touches after 20 us; a wave runs to its free end and back in 80 us; the
 as it came. Compared are the displacements of both ends that code_aster's test prints, the duration
 of the contact and the velocity of the rebound. 40 cells of degree 1, a joint a hundred times as
 stiff as a cell, redistributed mass, steps of 0.2 us.
+
+The displacement of the end that strikes after 100 us is that at the moment when the bar leaves. It
+does not converge steadily: its deviation is 0.02 % with 40 cells, 2.3 % with 80 and 0.9 % with 160,
+in steps of 0.2, 0.1 and 0.05 us. The others stay within 0.1 %.
 """
 
 from __future__ import annotations
@@ -18,7 +22,7 @@ import numpy as np
 import dolfinx_joints as dj
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record
-from validation.atlas import Outcome, Row, new_figure
+from validation.atlas import Outcome, Row, estimate, new_figure
 
 SOURCE = "code_aster's test SDNV100 (V5.03.100), exact values printed there"
 
@@ -26,6 +30,11 @@ LENGTH, YOUNG, DENSITY, VELOCITY, DISTANCE = 0.2, 2e11, 8000.0, 100.0, 2e-3
 # Time [s] and displacement [mm] of the end that strikes, and of the free one.
 STRIKES = {4e-5: -2.0, 1e-4: -2.0}
 FREE = {2e-5: -2.0, 8e-5: -4.0, 1.2e-4: 0.0}
+
+# Relative errors of 40 cells: of impulse and rebound what doubling the number from 20 changes. Of
+# displacements the bound is below such an estimate, as the bar flies 5 % of DISTANCE in the time in
+# which a wave crosses a cell.
+TURN, IMPULSE, REBOUND = 0.01, 0.005, 0.01
 
 
 class _Ends(Monitor):
@@ -100,9 +109,8 @@ def run(quick: bool) -> Outcome:
                     quantity=f"{name} after {1e6 * t:.0f} us [mm]",
                     ours=1e3 * float(np.interp(t, time, found)),
                     theirs=theirs,
-                    tolerance=0.01,
-                    reason="front of the wave spread over cells",
-                    scale=4.0,
+                    **estimate(cells=TURN),
+                    scale=None if theirs else 1e3 * DISTANCE,
                 )
             )
     impact = DENSITY * np.sqrt(YOUNG / DENSITY) * VELOCITY
@@ -111,8 +119,7 @@ def run(quick: bool) -> Outcome:
             quantity="impulse on the wall / (2 m v)",
             ours=float(pressure[1:].sum() * dt / (2.0 * DENSITY * LENGTH * VELOCITY)),
             theirs=1.0,
-            tolerance=0.02,
-            reason="what still vibrates when the bar leaves",
+            **estimate(cells=IMPULSE),
         )
     )
     late = time > 1.1e-4
@@ -121,8 +128,7 @@ def run(quick: bool) -> Outcome:
             quantity="velocity of the rebound, mean of both ends [m/s]",
             ours=float(np.polyfit(time[late], (struck + free)[late] / 2.0, 1)[0]),
             theirs=VELOCITY,
-            tolerance=0.03,
-            reason="what still vibrates when the bar leaves",
+            **estimate(cells=REBOUND),
         )
     )
     figure, (left, right) = new_figure(2)

@@ -14,7 +14,8 @@ series, each under a uniform stress,
     unloading  k, then with sin(a + phi) instead of sin(a - phi),
 
 while here the stress in the block is not uniform while the middle slides. Quadratic cells of 1/24 m
-in plane stress.
+in plane stress. Halving our cells changes the stiffnesses by 0.03 %, so the 0.7 and 0.8 % between
+both are errors of the closed form. Which of its assumptions makes them has not been isolated.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from mpi4py import MPI
 import numpy as np
 
 import dolfinx_joints as dj
-from validation.atlas import Outcome, Row, new_figure
+from validation.atlas import Outcome, Row, estimate, new_figure
 from validation.grids import line, quads
 
 SOURCE = (
@@ -37,6 +38,11 @@ SOURCE = (
 YOUNG, POISSON, STIFFNESS = 88.9e9, 0.26, 220e9  # [Pa], -, [Pa/m]
 WIDTH, HEIGHT, SLIPS, ANGLE, FRICTION = 1.0, 2.0, 0.54, 45.0, 16.0  # [m], [degrees]
 PRESSED = 1e-3  # of the top [m]
+
+# Relative error of stiffnesses: what halving the cells from 1/12 m changes.
+CELLS = 0.001
+# Deviations beyond that, of the closed form.
+DIFFERS = {"loading": -0.0068, "unloading, slipping": -0.0077}
 
 
 def mesh(cells: int) -> dj.JointedMesh:
@@ -83,8 +89,8 @@ def slopes() -> tuple[float, float, float]:
     return with_slip[0], k, with_slip[1]
 
 
-def run(quick: bool) -> Outcome:
-    """Press and let go; quick on half the cells."""
+def run(quick: bool, *, fine: bool = False) -> Outcome:
+    """Press and let go; quick on half the cells, fine on twice as many."""
     bond = dj.FrictionNoTension(
         normal_stiffness=STIFFNESS, shear_stiffness=STIFFNESS, friction_angle_deg=89.0
     )
@@ -92,7 +98,7 @@ def run(quick: bool) -> Outcome:
         normal_stiffness=STIFFNESS, shear_stiffness=STIFFNESS, friction_angle_deg=FRICTION
     )
     model = dj.Model(
-        mesh(12 if quick else 24),
+        mesh(12 if quick else 48 if fine else 24),
         material=dj.Elastic(young=YOUNG, poisson=POISSON, density=2600.0),
         joints={"joint_bonded": bond, "joint_slips": slides},
         supports=[
@@ -123,8 +129,9 @@ def run(quick: bool) -> Outcome:
                 quantity=f"stiffness, {name} [N/m]",
                 ours=ours,
                 theirs=theirs,
-                tolerance=0.02,
-                reason="uniform stress in their model",
+                **estimate(cells=CELLS),
+                differs=DIFFERS.get(name),
+                cause="the closed form is not exact; ours is converged to 0.03 %",
             )
         )
     figure, ax = new_figure()

@@ -9,12 +9,11 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import annotated_types as at
-import basix
-import dolfinx.geometry
 import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import locate_entities_boundary, meshtags
+from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
 from dolfinx_joints.common.declared import checked
@@ -33,13 +32,12 @@ from dolfinx_joints.loads.water.wet_face import ON_LEVEL
 from dolfinx_joints.loads.water.wetted_facets import WettedPoints, wetted_facets
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import Floats, Ints, facet_slots, vtk_layout
+from dolfinx_joints.mesh.closest_points import ClosestPoints, FacetSurface
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-# Of a cell: points of the body's face may lie so far outside of the water's mesh.
-OUTSIDE = 0.1
-
-# Shape functions of a cell that are zero but for rounding.
-ROUNDING = 1e-12
+# Distance between the faces of dam and water, over the longest side of the larger facet. Straight
+# sides on a circle, of 30 degrees each, leave it by 0.066 of their length.
+OUTSIDE = 0.07
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,7 +91,8 @@ class MeshedReservoir:
         """Its matrices, in the same order on any number of ranks (collective).
 
         Raises:
-            MeshError: The wet face of the dam is not where that of the water is.
+            MeshError: The wet face of the dam is away from that of the water by more than
+                `OUTSIDE` of a facet's side, or the closest point of the latter is not found.
         """
         whole = _Meshed(self)
         coupling = whole.coupling(model)
@@ -133,7 +132,21 @@ class _Meshed:
         self._number = np.full(len(x), -1)
         self._number[self._kept] = np.arange(len(self._kept))
         self.size, self.places = len(self._kept), x[self._kept]
+        self._face, self._of_face = self._water_face()
         self._assemble()
+
+    def _water_face(self) -> tuple[FacetSurface, Ints]:
+        """The face before the dam, and unknowns at the nodes of each facet, -1 at the level.
+
+        Pressures and geometry have the same Lagrange element.
+        """
+        mesh, shape = self._jointed.mesh, self._jointed.shape
+        cells, local = facet_slots(mesh, self._jointed.facets(self._given.face))
+        slots = shape.facet_nodes[local]
+        nodes = np.take_along_axis(dolfinx_versions.geometry_nodes(mesh)[cells], slots, axis=1)
+        dofs = np.take_along_axis(self._space.dofmap.list[cells], slots, axis=1)
+        x = mesh.geometry.x[nodes][:, :, : self._gdim]
+        return FacetSurface(x, shape.facet_vertices.shape[1], shape.degree), self._number[dofs]
 
     def _assemble(self) -> None:
         given, ds, surface = self._given, self._jointed.ds, self._surface()
@@ -189,56 +202,105 @@ class _Meshed:
         """Unknowns times dofs of the body, [m^2] (collective)."""
         comm, blocks = model.jointed.mesh.comm, model.V.dofmap.index_map
         shape = (self.size, blocks.size_global * model.gdim)
-        mine = csr_array(shape)
+        mine, worst = csr_array(shape), _Gap()
         wet = wetted_facets(model.V, model.jointed, self._given.group, self.level)
         with raised_together(comm):
             for points in wet:
-                mine = mine + csr_array(coo_array(self._entries(points, model), shape=shape))
+                # Of a facet that the level cuts not all points act.
+                acts = np.any(points.areas != 0.0, axis=2)
+                if not acts.any():
+                    continue
+                sizes = np.broadcast_to(points.sizes[:, None], acts.shape)
+                found, gap = self._closest(points.positions[acts], sizes[acts])
+                worst = max(worst, gap)
+                if worst.allowed:
+                    entries = self._entries(points, acts, found, model)
+                    mine = mine + csr_array(coo_array(entries, shape=shape))
+        self._check(max(comm.allgather(worst)))
         first, *others = comm.allgather(mine)
         return sum(others, start=first)
 
-    def _entries(self, points: WettedPoints, model: LoadedBody) -> tuple[Floats, tuple[Ints, Ints]]:
-        """Values with rows and columns of some points (pieces, q) of the body's face."""
-        acts = points.areas.any(axis=2)  # of a facet that the level cuts not all points do
-        dofs, basis = self._located(points.positions[acts])
+    def _closest(self, places: Floats, sizes: Floats) -> tuple[ClosestPoints, _Gap]:
+        """Return the closest points of the water's face to places on the dam's, and the worst gap.
+
+        Args:
+            places: Shape (n, gdim), [m].
+            sizes: Longest sides of the dam's facets there, shape (n,), [m].
+
+        Returns:
+            All points, or that of the farthest place alone if its gap is too large: all facets
+            may have about the same distance to a place that is far away.
+        """
+        farthest = [int(self._face.sample_distances(places).argmax())]
+        found = self._face.closest(places[farthest])
+        gap = self._gap(places[farthest], sizes[farthest], found)
+        if not gap.allowed:
+            return found, gap
+        found = self._face.closest(places)
+        return found, self._gap(places, sizes, found)
+
+    def _gap(self, places: Floats, sizes: Floats, found: ClosestPoints) -> _Gap:
+        """Return the worst gap at places with sizes as in `_closest`."""
+        sizes = np.maximum(sizes, self._face.sizes[found.facet])
+        parts = np.where(found.converged, found.distance / sizes, np.inf)
+        worst = int(parts.argmax())
+        return _Gap(
+            part=float(parts[worst]),
+            distance=float(found.distance[worst]),
+            size=float(sizes[worst]),
+            place=tuple(places[worst].tolist()),
+        )
+
+    def _check(self, worst: _Gap) -> None:
+        """Check the largest gap between the faces, of all ranks."""
+        if worst.allowed:
+            return
+        place = ", ".join(f"{value:.4g}" for value in worst.place)
+        face = f"the water's face {shown(self._given.face)}"
+        if np.isinf(worst.part):
+            raise MeshError(
+                f"{self._given}: no closest point on {face} is found for ({place}) m on the dam's "
+                f"wet face, the best is {worst.distance:.3g} m away; check the water's mesh there "
+                "for folded facets."
+            )
+        raise MeshError(
+            f"{self._given}: the dam's wet face at ({place}) m is {worst.distance:.3g} m away from "
+            f"{face}; {OUTSIDE * worst.size:.3g} m are allowed, {100 * OUTSIDE:g} % of a facet's "
+            "side. Both faces must be the same surface."
+        )
+
+    def _entries(
+        self, points: WettedPoints, acts: NDArray[np.bool_], found: ClosestPoints, model: LoadedBody
+    ) -> tuple[Floats, tuple[Ints, Ints]]:
+        """Values with rows and columns of the points (pieces, q) of the body's face that act."""
+        basis, dofs = self._face.shape_functions(found.local), self._of_face[found.facet]
         blocks = model.V.dofmap.index_map.local_to_global(points.nodes.ravel().astype(np.int32))
         blocks = blocks.reshape(points.nodes.shape)[np.nonzero(acts)[0]]
         forces = (points.shapes[..., None] * points.areas[:, :, None, :])[acts]
         values = np.einsum("pw,pni->pwni", basis, forces)
         columns = model.gdim * blocks[:, None, :, None] + np.arange(model.gdim)
         rows, columns = np.broadcast_arrays(dofs[:, :, None, None], columns)
-        wet = (rows >= 0) & (np.abs(basis) > ROUNDING)[:, :, None, None]
+        wet = rows >= 0
         return values[wet], (rows[wet], columns[wet])
 
-    def _located(self, places: Floats) -> tuple[Ints, Floats]:
-        """Unknowns (-1 at the level) and shape functions of the cell at each place, (places, n)."""
-        mesh, element = self._jointed.mesh, self._space.element.basix_element
-        cells, nodes = self._cells(places), dolfinx_versions.geometry_nodes(mesh)
-        local = np.empty_like(places)
-        for cell in np.unique(cells):
-            here, corners = cells == cell, mesh.geometry.x[nodes[cell], : self._gdim]
-            local[here] = mesh.geometry.cmap.pull_back(places[here], corners)
-        simplex = len(basix.topology(self._jointed.shape.type)[0]) == self._gdim + 1
-        over = local.sum(axis=1) if simplex else local.max(axis=1)
-        outside = np.maximum(-local.min(axis=1), over - 1.0)
-        worst = int(outside.argmax())
-        if outside[worst] > OUTSIDE:
-            place = ", ".join(f"{value:.3g}" for value in places[worst])
-            raise MeshError(
-                f"{self._given}: the dam's wet face at ({place}) m lies outside of the water "
-                f"before it by {100 * outside[worst]:.3g} % of a cell; {100 * OUTSIDE:g} % are "
-                "allowed."
-            )
-        basis = element.tabulate(0, local)[0, :, :, 0]
-        return self._number[self._space.dofmap.list[cells]], basis
 
-    def _cells(self, places: Floats) -> Ints:
-        """The cell behind the face that is nearest to each place."""
-        mesh, tdim = self._jointed.mesh, self._jointed.mesh.topology.dim
-        behind, _ = facet_slots(mesh, self._jointed.facets(self._given.face))
-        cells = np.unique(behind).astype(np.int32)
-        tree = dolfinx.geometry.bb_tree(mesh, tdim, entities=cells)
-        middles = dolfinx.geometry.create_midpoint_tree(mesh, tdim, cells)
-        points = np.zeros((len(places), 3))
-        points[:, : self._gdim] = places
-        return dolfinx.geometry.compute_closest_entity(tree, middles, mesh, points)
+@dataclass(frozen=True, kw_only=True, order=True)
+class _Gap:
+    """Distance of a place on the dam's face to the water's, compared by its part of a facet.
+
+    Attributes:
+        part: Distance over this size; infinite where no closest point is found.
+        distance: [m].
+        size: Longest side of the larger one of both facets [m].
+        place: Coordinates on the dam's face [m].
+    """
+
+    part: float = 0.0
+    distance: float = 0.0
+    size: float = 0.0
+    place: tuple[float, ...] = ()
+
+    @property
+    def allowed(self) -> bool:
+        """Whether the faces are the same surface there."""
+        return self.part <= OUTSIDE

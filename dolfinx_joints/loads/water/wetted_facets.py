@@ -24,6 +24,7 @@ import numpy as np
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import Floats, Ints, facet_slots
+from dolfinx_joints.mesh.closest_points import longest_sides
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 DIVISIONS = 8
@@ -42,6 +43,7 @@ class WettedPoints:
         areas: Outward normals times weights, shape (pieces, points, gdim), [m^2], [m] in 2-D.
         positions: Coordinates, shape (pieces, points, gdim), [m].
         depths: Depths below the level, zero above it, shape (pieces, points), [m].
+        sizes: Longest side of each piece's facet, shape (pieces,), [m].
     """
 
     nodes: Ints
@@ -49,6 +51,7 @@ class WettedPoints:
     areas: Floats
     positions: Floats
     depths: Floats
+    sizes: Floats
 
 
 def wetted_facets(space: Any, jointed: JointedMesh, group: str, level: float) -> WettedFacets:
@@ -96,6 +99,8 @@ class WettedFacets:
         )
         nodes = dolfinx_versions.geometry_nodes(mesh)[cells]
         self._x: Floats = mesh.geometry.x[nodes][:, :, : self._gdim]
+        vertices = self._shape.facet_vertices[self._local]
+        self._sizes = longest_sides(np.take_along_axis(self._x, vertices[:, :, None], axis=1))
         self._facet, self._corners = self._pieces()
 
     def __iter__(self) -> Iterator[WettedPoints]:
@@ -164,6 +169,7 @@ class WettedFacets:
             areas=normals * scale[:, :, None],
             positions=positions,
             depths=np.maximum(self._level - positions[:, :, -1], 0.0),
+            sizes=self._sizes[facet],
         )
 
     @property

@@ -1,0 +1,226 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Closest points of straight and curved facets, by a constrained Gauss-Newton method.
+
+Distances are measured in space, in metres. The unknowns are the reference coordinates of a facet,
+so neither the shape nor the size of the cell behind the facet enters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import basix
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from dolfinx_joints.mesh.cells import Floats, Ints
+
+# Samples along a side of a facet; the iteration starts from the nearest sample.
+DIVISIONS = 4
+
+# The iteration ends if a step is shorter than this part of the facet's longest side, or of the
+# distance: the distance is flat at its minimum, where rounding leaves half of the digits.
+STEP, STEP_FAR = 1e-10, 1e-6
+
+# Over coordinates and distance: differences of distances below this are rounding.
+ROUNDING = 1e-14
+
+# Of a facet whose radius of curvature is ten times the distance or more, each iteration gains a
+# digit. Halvings of a step are needed for points that are as far away as the radius of curvature.
+ITERATIONS, HALVINGS = 100, 12
+
+# Determinant over the squared trace of a facet's metric, below which two directions are parallel.
+SINGULAR = 1e-14
+
+_TYPES = {
+    2: basix.CellType.interval,
+    3: basix.CellType.triangle,
+    4: basix.CellType.quadrilateral,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClosestPoints:
+    """Closest points of facets to n given points.
+
+    Attributes:
+        facet: Number of the facet, the lowest one if several are equally near, shape (n,).
+        local: Reference coordinates on the facet, shape (n, dim of the facet).
+        distance: Distance to the given point, shape (n,), [m].
+        converged: False where the iteration ended without a minimum, shape (n,).
+    """
+
+    facet: Ints
+    local: Floats
+    distance: Floats
+    converged: NDArray[np.bool_]
+
+
+def longest_sides(vertices: Floats) -> Floats:
+    """Return the longest side of facets between vertices (facets, vertices, gdim), (facets,)."""
+    ends = np.array(basix.topology(_TYPES[vertices.shape[1]])[1])
+    sides = vertices[:, ends[:, 1]] - vertices[:, ends[:, 0]]
+    return np.asarray(np.linalg.norm(sides, axis=2).max(axis=1))
+
+
+class FacetSurface:
+    """Facets of cells of degree 1 or 2, as lines in the plane or surfaces in space.
+
+    Args:
+        x: Coordinates of the nodes of each facet in the order of the facet's own Lagrange element,
+            shape (facets, nodes, gdim), [m].
+        vertices: Number of vertices of a facet; these are its first nodes.
+        degree: Polynomial degree of the geometry.
+
+    Attributes:
+        sizes: Longest side of each facet, between vertices, shape (facets,), [m].
+    """
+
+    def __init__(self, x: Floats, vertices: int, degree: int) -> None:
+        """Sample the facets."""
+        kind = _TYPES[vertices]
+        # Coordinates of maps are millions of metres: differences would be rounding.
+        self._origin: Floats = x.reshape(-1, x.shape[2]).mean(axis=0)
+        self._x, self._dim = x - self._origin, x.shape[2] - 1
+        self._extent = float(np.abs(self._x).max())
+        self._element = basix.create_element(
+            basix.ElementFamily.P, kind, degree, basix.LagrangeVariant.gll_warped
+        )
+        self._edges: Floats = basix.geometry(kind)[np.array(basix.topology(kind)[1])]
+        self.sizes: Floats = longest_sides(x[:, :vertices])
+        lattice = basix.create_lattice(kind, DIVISIONS, basix.LatticeType.equispaced, True)
+        self._lattice: Floats = lattice
+        table = self._element.tabulate(1, lattice)[..., 0]
+        samples = np.einsum("sk,fki->fsi", table[0], self._x)
+        slopes = np.linalg.norm(np.einsum("dsk,fki->fsid", table[1:], x), axis=(2, 3)).max(axis=1)
+        # No place in the reference facet is farther from a sample than half a square's diagonal.
+        reach = slopes * np.sqrt(self._dim) / (2 * DIVISIONS)
+        # Trees of facets of similar size: small ones must not be searched with the reach of large.
+        octaves = np.floor(np.log2(np.maximum(reach, np.finfo(float).tiny)))
+        self._trees = [
+            (np.flatnonzero(octaves == n), KDTree(samples[octaves == n].reshape(-1, x.shape[2])))
+            for n in np.unique(octaves)
+        ]
+        self._reach: Floats = reach
+
+    def sample_distances(self, points: Floats) -> Floats:
+        """Return the distances of points (n, gdim) to the nearest sample, shape (n,), [m]."""
+        return self._nearest(points - self._origin)
+
+    def _nearest(self, points: Floats) -> Floats:
+        return np.asarray(np.min([tree.query(points)[0] for _, tree in self._trees], axis=0))
+
+    def shape_functions(self, local: Floats) -> Floats:
+        """Return the shape functions of a facet's nodes at reference coordinates, (n, nodes)."""
+        return self._element.tabulate(0, local)[0, :, :, 0]
+
+    def closest(self, points: Floats) -> ClosestPoints:
+        """Return the closest points to one or more points, shape (n, gdim), [m]."""
+        shifted = points - self._origin
+        point, facet, start = self._candidates(shifted)
+        local, distance, converged = self._projected(shifted[point], facet, start)
+        order = np.lexsort((distance, point))
+        best = order[np.append(True, np.diff(point[order]) > 0)]
+        return ClosestPoints(
+            facet=facet[best],
+            local=local[best],
+            distance=distance[best],
+            converged=converged[best],
+        )
+
+    def _candidates(self, points: Floats) -> tuple[Ints, Ints, Floats]:
+        """Return numbers of points, of facets that may be closest, and where to start on these."""
+        nearest = self._nearest(points)
+        found = []
+        for facets, tree in self._trees:
+            radii = nearest + (1.0 + 1e-9) * self._reach[facets].max()
+            lists = tree.query_ball_point(points, radii)
+            point = np.repeat(np.arange(len(points)), [len(each) for each in lists])
+            samples = np.concatenate([np.asarray(each, dtype=np.int64) for each in lists])
+            place, sample = np.divmod(samples, len(self._lattice))
+            away = np.linalg.norm(points[point] - tree.data[samples], axis=1)
+            found.append((point, facets[place], sample, away))
+        point, facet, sample, away = (np.concatenate(each) for each in zip(*found, strict=True))
+        order = np.lexsort((away, facet, point))
+        point, facet, sample = point[order], facet[order], sample[order]
+        other = (np.diff(point) > 0) | (np.diff(facet) != 0)
+        first = np.flatnonzero(np.append(True, other))
+        return point[first], facet[first], self._lattice[sample[first]]
+
+    def _projected(
+        self, points: Floats, facet: Ints, local: Floats
+    ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        """Return the closest place on one facet for each point, its distance, and convergence."""
+        local, distance = local.copy(), np.zeros(len(points))
+        active = np.arange(len(points))
+        for _ in range(ITERATIONS):
+            table = self._element.tabulate(1, local[active])[..., 0]
+            x = self._x[facet[active]]
+            offset = points[active] - np.einsum("pk,pki->pi", table[0], x)
+            jacobian = np.einsum("dpk,pki->pid", table[1:], x)
+            distance[active] = np.linalg.norm(offset, axis=1)
+            step = self._linear_minimum(jacobian, offset, local[active]) - local[active]
+            length = np.linalg.norm(np.einsum("pid,pd->pi", jacobian, step), axis=1)
+            enough = STEP * self.sizes[facet[active]] + STEP_FAR * distance[active]
+            active, step = active[length > enough], step[length > enough]
+            if not len(active):
+                break
+            local[active] = self._best_part(points[active], facet[active], local[active], step)
+        converged = np.ones(len(points), dtype=bool)
+        converged[active] = False
+        return local, distance, converged
+
+    def _best_part(self, points: Floats, facet: Ints, local: Floats, step: Floats) -> Floats:
+        """Return where the distance is least after a step or a half, a quarter, ... of it."""
+
+        def distance(at: Floats, which: Ints) -> Floats:
+            places = np.einsum("pk,pki->pi", self.shape_functions(at), self._x[facet[which]])
+            return np.linalg.norm(points[which] - places, axis=1)
+
+        which = np.arange(len(points))
+        before, best = distance(local, which), local + step
+        least, rounding = distance(best, which), ROUNDING * (self._extent + before)
+        for halving in range(1, HALVINGS + 1):
+            shorter = local[which] + 0.5**halving * step[which]
+            found = distance(shorter, which)
+            better = found < (least - rounding)[which]
+            best[which[better]], least[which[better]] = shorter[better], found[better]
+            which = which[better | (least > before + rounding)[which]]
+            if not len(which):
+                break
+        farther = least > before + rounding
+        best[farther] = local[farther]
+        return best
+
+    def _linear_minimum(self, jacobian: Floats, offset: Floats, local: Floats) -> Floats:
+        """Return the place in the reference facet that minimises |offset - J (place - local)|.
+
+        The minimum lies inside, where it is that without bounds, or else on one of the edges.
+        """
+        least, place = np.full(len(local), np.inf), local.copy()
+        for start, end in self._edges:
+            rest = offset - np.einsum("pid,pd->pi", jacobian, start - local)
+            along = jacobian @ (end - start)
+            square = (along**2).sum(axis=1)
+            ratio = np.zeros(len(local))
+            np.divide((along * rest).sum(axis=1), square, out=ratio, where=square > 0.0)
+            share = np.clip(ratio, 0.0, 1.0)[:, None]
+            miss = np.linalg.norm(rest - share * along, axis=1)
+            nearer = miss < least
+            least[nearer], place[nearer] = miss[nearer], (start + share * (end - start))[nearer]
+        if self._dim == 2:
+            a, b = jacobian[:, :, 0], jacobian[:, :, 1]
+            aa, ab, bb = ((u * v).sum(axis=1) for u, v in ((a, a), (a, b), (b, b)))
+            ar, br = (a * offset).sum(axis=1), (b * offset).sum(axis=1)
+            determinant = aa * bb - ab**2
+            regular = determinant > SINGULAR * (aa + bb) ** 2
+            step = np.zeros_like(local)
+            right = np.stack([bb * ar - ab * br, aa * br - ab * ar], axis=1)
+            np.divide(right, determinant[:, None], out=step, where=regular[:, None])
+            inner = local + step
+            beyond = inner.sum(axis=1) if len(self._edges) == 3 else inner.max(axis=1)
+            inside = regular & (inner.min(axis=1) >= 0.0) & (beyond <= 1.0)
+            place[inside] = inner[inside]
+        return place

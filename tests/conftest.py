@@ -21,6 +21,10 @@ except ImportError:  # records, spectra, results and plots are tested without MP
     MPI = None
 
 
+# Of the largest energy of a static stage: the residual that solvers accept is 1e-10 of the forces.
+LEDGER_ERROR = 1e-10
+
+
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Remove what compilations that were killed left: FFCx would wait for their end and fail."""
     if hasattr(session.config, "workerinput") or (MPI is not None and MPI.COMM_WORLD.rank > 0):
@@ -71,6 +75,22 @@ def freed_together() -> Iterator[None]:
     yield
     if MPI is not None and MPI.COMM_WORLD.size > 1:
         gc.collect()
+
+
+@pytest.fixture(autouse=True)
+def static_ledgers_close(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Check in all tests that the energies of each static stage balance to `LEDGER_ERROR`."""
+    stages = sys.modules.get("dolfinx_joints.simulation.simulation")
+    if stages is None:
+        return
+    march = stages.march
+
+    def checked(*arguments: Any, **options: Any) -> Any:
+        state = march(*arguments, **options)
+        assert state.energy.relative_error <= LEDGER_ERROR
+        return state
+
+    monkeypatch.setattr(stages, "march", checked)
 
 
 @pytest.fixture(scope="session")

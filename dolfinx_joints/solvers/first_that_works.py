@@ -69,6 +69,12 @@ class StaticSolver:
                     raise
         raise min(failures, key=_distance) from None
 
+    def continue_from(self, response: Response | None) -> None:
+        """Start the next solves from the tractions of an accepted response."""
+        first = self._solvers[0]
+        if isinstance(first, InterfaceSolver) and response is not None:
+            first.carried = response.traction
+
     def state_dict(self) -> dict[str, Any]:
         """Return the state of the first solver; the others keep none."""
         return self._solvers[0].state_dict()

@@ -202,6 +202,7 @@ class _Equilibrium:
             # The equations of unloaded joints without gaps are homogeneous: to cut does not help.
             unloaded = self._unloaded and increment.whole and not self.reports
             self._chosen.last_resort = increment.shortest or unloaded
+            self._chosen.continue_from(self._start)
         entered = None if water is None else water.codes
         response, report = self.solver.solve(STATIC, self._b, x, self.joints)
         products = Products(system, STATIC, self._b, x, response)

@@ -89,6 +89,9 @@ class InterfaceSolver:
         options: Tolerances and limits.
 
     Attributes:
+        carried: Tractions of the accepted state that static solves start from, shape (n, 3), [Pa].
+            Those of its gaps unless given; rigid joints, whose tractions do not follow from gaps,
+            start without.
         follows_path: Whether static solves start from the elastic predictor alone. Else they
             start from the forces of the last solve, or from open joints, and may find another
             branch of equilibria.
@@ -108,8 +111,7 @@ class InterfaceSolver:
         self._nodal, self._moved = (self._operator.createVecRight() for _ in range(2))
         nothing = np.zeros(local)
         self.follows_path = True
-        self._ended: tuple[JointState | None, Floats] = (None, nothing)
-        self._accepted = self._ended
+        self.carried: Floats | None = None
         self._last: tuple[Condensed | None, Floats, Floats] = (None, nothing, nothing)
         self._before: tuple[Condensed | None, Floats, Floats] = self._last
         operator, newton = self._operator, self.options  # a reference to self would keep it alive
@@ -142,7 +144,6 @@ class InterfaceSolver:
             found = self._from_last_steps(step, b, x)
         self._sweeps = found.iterations >= (EASY if self._sweeps else HARD)
         condensed.close(found)
-        self._ended = (found.response.state, found.response.traction)
         return found.response, SolveReport(
             iterations=found.iterations,
             factorizations=int(factored),
@@ -186,20 +187,14 @@ class InterfaceSolver:
         return force - correction.step, coupled - correction.coupled
 
     def _carried(self, state: JointState) -> Floats:
-        """Return the tractions that a state carries, shape (n, 3), [Pa] (collective).
-
-        Tractions of rigid joints do not follow from their gaps: those of the solve that ended in
-        this state are kept, and a state of another solver starts from zero.
-        """
-        if not self._contact.rigid:
-            still = self._operator.createVecRight()
-            still.set(0.0)
-            return self._contact.respond(still, state, BACKWARD_EULER).traction
-        if state is self._ended[0]:
-            self._accepted = self._ended
-        elif state is not self._accepted[0]:
-            self._accepted = (state, np.zeros_like(state.gap))
-        return self._accepted[1]
+        """Return the tractions that a state carries, shape (n, 3), [Pa] (collective)."""
+        if self.carried is not None:
+            return self.carried
+        if self._contact.rigid:
+            return np.zeros_like(state.gap)
+        still = self._operator.createVecRight()
+        still.set(0.0)
+        return self._contact.respond(still, state, BACKWARD_EULER).traction
 
     def _compiled(
         self,

@@ -33,7 +33,7 @@ TEETH = {
 GAP = np.array([[1e-6, 0.0, 0.0], [-1e-6, 1e-9, 0.0], [-1e-6, 1e-3, 0.0]])
 
 RUBS, NO_FRICTION = {"friction_coefficient": 0.5}, {"friction_coefficient": 0.0}
-BOND = {"cohesion": 1e12}  # [Pa], nothing here breaks it
+BOND = {"cohesion": 1e12, "tensile_strength": 1e7}  # [Pa], nothing here breaks it
 # Law, and the status of the three points; an intact bond is closed in tension too.
 LAWS = {
     "friction": (FrictionNoTension(**K, **RUBS), [OPEN, STICK, SLIP]),
@@ -48,9 +48,12 @@ LAWS = {
     "Mohr-Coulomb": (MohrCoulombJoint(**K, **RUBS), [OPEN, STICK, SLIP]),
     "Mohr-Coulomb without friction": (MohrCoulombJoint(**K, **NO_FRICTION), [OPEN, FREE, FREE]),
     "Mohr-Coulomb without shear": (MohrCoulombJoint(**SMOOTH, **RUBS), [OPEN, FREE, FREE]),
-    "cohesion alone": (MohrCoulombJoint(**K, **NO_FRICTION, **BOND, tensile_strength=1e7), [STICK] * 3),
+    "cohesion alone": (
+        MohrCoulombJoint(**K, **NO_FRICTION, **BOND),
+        [STICK] * 3,
+    ),
     "bond without shear": (
-        MohrCoulombJoint(**SMOOTH, **NO_FRICTION, **BOND, tensile_strength=1e7),
+        MohrCoulombJoint(**SMOOTH, **NO_FRICTION, **BOND),
         [FREE] * 3,
     ),
     "shear keys": (ShearKeyJoint(**K, **RUBS, **TEETH), [OPEN, STICK, SLIP]),

@@ -201,7 +201,7 @@ def joint_map(
         edges: dict[str, Any] = {"show_edges": True, "edge_color": "#b3b3b3"}
         for shown, colours in (
             (~tied[name], {"of_faces": of_points[~tied[name]], "clim": limits, "cmap": cmap}),
-            (tied[name], {"color": TIED}),
+            (tied[name], {"color": TIED, "lighting": False}),
         ):
             chosen = [face for face, is_shown in zip(faces, shown, strict=True) if is_shown]
             if chosen:

@@ -62,7 +62,7 @@ def joints(content: Content) -> Section:
         measures.has_bonds(run.results, name) for run in runs for name in run.results.joints
     )
     free = any(measures.some_frictionless(run.results) for run in runs)
-    columns = (*_COLUMNS, *[_FREE] * free, *[_BONDS] * bonds)
+    columns = (*_COLUMNS[:-1], *[_FREE] * free, _COLUMNS[-1], *[_BONDS] * bonds)
     head = ["joint", *(title for title, _, _ in columns)]
     for run in runs:
         rows = [
@@ -85,7 +85,7 @@ def joints(content: Content) -> Section:
 
 def _area(run: Run) -> Html:
     """Return the area of the joints, and what tied points are if there are some."""
-    text, note = joint_area(run.results), ""
+    text, note = joint_area(run.results), "."
     if "tied" in text:
         note = (
             ": there the joint ends inside the body, and its sides share their nodes. Tied points "

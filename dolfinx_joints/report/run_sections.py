@@ -106,7 +106,7 @@ def convergence(content: Content) -> Section:
         return nothing("iterations", "Iterations and joint states", "histories")
     titles = ["iterations", "open [%]", "sticking [%]", "sliding [%]"]
     if any(measures.some_frictionless(run.results) for run in runs):
-        names, titles = (*names, _FREE), [*titles, "closed without friction [%]"]
+        names, titles = (*names, _FREE), [*titles, "without friction [%]"]
     curves: list[list[Curve]] = [[] for _ in titles]
     for run in runs:
         time = run.results.time("histories")

@@ -199,13 +199,13 @@ def joint_map(
             points = _turned(points, joint_surface.axes, camera)
             how = "\neach upright joint rotated in its place to show its face"
         edges: dict[str, Any] = {"show_edges": True, "edge_color": "#b3b3b3"}
-        for shown, colours in (
-            (~tied[name], {"of_faces": of_points[~tied[name]], "clim": limits, "cmap": cmap}),
-            (tied[name], {"color": TIED, "lighting": False}),
-        ):
+        free = ~tied[name]
+        by_value: dict[str, Any] = {"of_faces": of_points[free], "clim": limits, "cmap": cmap}
+        plain: dict[str, Any] = {"color": TIED, "lighting": False}
+        for shown, style in ((free, by_value), (tied[name], plain)):
             chosen = [face for face, is_shown in zip(faces, shown, strict=True) if is_shown]
             if chosen:
-                scene.surface(points, chosen, **colours, **edges)
+                scene.surface(points, chosen, **style, **edges)
         tops[name] = top(points, camera)
     figure, axes = draw(scene, [camera])
     labels = short_names(joints)

@@ -182,7 +182,7 @@ def small_steps(gap, state, sliding):
     trial = np.hypot(*(state.elastic_slip + gap[:, 1:] - state.gap[:, 1:]).T)
     opening = state.gap[:, 0]
     way = np.where(opening > 0, opening + np.maximum(-gap[:, 0], 0.0), UM)
-    scale = np.minimum(np.where(sliding, trial, UM), way)
+    scale = np.minimum(np.where(sliding & (trial > 0), trial, UM), way)
     return 3e-7 * np.maximum(np.minimum(scale, UM), 1e-3 * trial)
 
 

@@ -112,8 +112,8 @@ def random_states(law, count, seed):
 
 
 def piece_of(answer):
-    """Status; without friction a point that has not slipped has the tangent of sticking."""
-    still = (answer.status == Status.FRICTIONLESS) & (answer.tangent[:, 1, 1] != 0.0)
+    """Status; without friction a point with a trial traction of zero has the tangent of sticking."""
+    still = (answer.status == Status.FRICTIONLESS) & answer.tangent[:, 1:].any(axis=(1, 2))
     return answer.status.astype(int) + 64 * still
 
 

@@ -351,11 +351,9 @@ def joint_geometry(results: Results, joint: str) -> JointGeometry:
 
 def _geometry(results: Results, joint: str) -> tuple[_Arrays, JointGeometry]:
     """Arrays of a joint, and its centroid, mean normal and area."""
-    points, frames, areas = (
-        results.static(f"joints/{joint}/{name}") for name in ("points", "frames", "areas")
-    )
-    arrays = _Arrays(points, frames, free_areas(results, joint))
-    return arrays, JointGeometry.of(points, frames[:, 0], areas)
+    arrays = _Arrays(*(results.static(f"joints/{joint}/{name}") for name in _Arrays._fields))
+    geometry = JointGeometry.of(arrays.points, arrays.frames[:, 0], arrays.areas)
+    return arrays._replace(areas=free_areas(results, joint)), geometry
 
 
 def _recorded(results: Results, where: str, names: Iterable[str], rows: slice) -> dict[str, Any]:

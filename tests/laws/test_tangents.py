@@ -112,7 +112,7 @@ def random_states(law, count, seed):
 
 
 def piece_of(answer):
-    """Status; without friction a point with a trial traction of zero has the tangent of sticking."""
+    """Status; without friction a trial traction of zero has the tangent of sticking."""
     still = (answer.status == Status.FRICTIONLESS) & answer.tangent[:, 1:].any(axis=(1, 2))
     return answer.status.astype(int) + 64 * still
 

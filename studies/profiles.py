@@ -51,6 +51,7 @@ def traction_profile(
     surface = JointSurface(results, joint)
     ax = new_axes(width=4.6, height=4.6)
     chosen = points_along(surface, position)
+    chosen = chosen[~surface.tied[chosen]]  # tied points transmit nothing
     height = surface.points[chosen, 1]
     traction, is_open = (array[chosen] for array in tractions(results, joint, number))
     curves: tuple[tuple[Quantity, str, str], ...] = (("ratio", BLUE, "o"),)

@@ -11,6 +11,7 @@ import numpy as np
 
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
 from dolfinx_joints.results.layout import (
+    JOINT_SHARES,
     declare_body,
     declare_energy,
     declare_histories,
@@ -23,6 +24,7 @@ from dolfinx_joints.results.reader import ENERGY_TERMS
 from dolfinx_joints.results.writer import ResultsWriter
 
 STEP = 0.01
+SHARES = tuple(f"joint_{name}" for name in JOINT_SHARES)
 AMPLITUDE = {"linear": (1.0, 1.0, 1.0), "joints": (1.3, 0.4, 1.3)}  # as the paper's largest peaks
 SURFACE_ACCELERATION = 0.5  # m/s^2
 
@@ -81,7 +83,8 @@ def write_run(
             time = row * STEP
             wave = 1e-3 * np.sin(2 * np.pi * np.array([5.22, 5.0, 5.22]) * time)
             ground = np.array([np.sin(9.0 * time), 0.0, 0.0]) * (time < 0.6 * seconds)
-            shares = {"joint_open": 0.5, "joint_stick": 0.5, "joint_slip": 0.0, "iterations": 2}
+            shares = dict.fromkeys(SHARES, 0.0) | {"joint_open": 0.5, "joint_stick": 0.5}
+            shares["iterations"] = 2
             motion = {"free_surface_velocity": along * time} if waves else {}
             record = {
                 "displacement": [wave * AMPLITUDE[name] + along * time**2 / 2],
@@ -132,7 +135,7 @@ def write_tip(path: Path, rows: int, *, plane: bool = False, **facts: Any) -> Pa
         for row in range(rows):
             record = {"displacement": [[0.0, 1e-3 * row, 0.0]], "iterations": 1}
             record |= {"acceleration": np.ones((1, 3)), "ground_acceleration": np.ones(3)}
-            shares = dict.fromkeys(("joint_open", "joint_stick", "joint_slip"), 0.0)
+            shares = dict.fromkeys(SHARES, 0.0)
             writer.append("histories", 0.1 * row, record | shares)
         writer.finish("failed", {})
     return path
@@ -213,7 +216,7 @@ def write_distinct(path: Path, seed: int = 1) -> Path:
         writer.start()
         for step, t in enumerate(time):
             shares = random.dirichlet([1.0, 1.0, 1.0])
-            history = dict(zip(("joint_open", "joint_stick", "joint_slip"), shares, strict=True))
+            history = dict.fromkeys(SHARES, 0.0) | dict(zip(SHARES, shares, strict=False))
             history |= {"displacement": 1e-2 * random.standard_normal((2, 3))}
             history |= {"acceleration": 3.0 * random.standard_normal((2, 3))}
             history |= {"ground_acceleration": random.standard_normal(3), "iterations": step % 7}

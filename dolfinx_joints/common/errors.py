@@ -66,6 +66,7 @@ class ConvergenceError(JointsError, RuntimeError):
         open: number of open joint points at the last iteration.
         stick: number of sticking joint points.
         slip: number of sliding joint points.
+        frictionless: number of joint points that are closed without friction.
         joint: name of the joint with the largest residual.
         yielding: number of points of plastic cells at their limit.
         law: kind of a joint law that gave numbers that are not finite, in ``joint``.
@@ -83,6 +84,7 @@ class ConvergenceError(JointsError, RuntimeError):
     open: int | None = None
     stick: int | None = None
     slip: int | None = None
+    frictionless: int | None = None
     joint: str | None = None
     yielding: int | None = None
     law: str | None = None
@@ -117,6 +119,8 @@ class ConvergenceError(JointsError, RuntimeError):
             details.append(f"residual {self.residual:.3g}{limit}")
         states = (("open", self.open), ("stick", self.stick), ("slip", self.slip))
         counts = [f"{count} {name}" for name, count in states if count is not None]
+        if self.frictionless:
+            counts.append(f"{self.frictionless} closed without friction")
         if counts:
             details.append(f"joint points {', '.join(counts)}")
         if self.law is not None:

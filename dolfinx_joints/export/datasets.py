@@ -12,6 +12,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.export.optional import imported
 from dolfinx_joints.results.arguments import COMPONENTS, check_results
+from dolfinx_joints.results.joint_points import tied_points
 from dolfinx_joints.results.reader import Results, listing
 
 if TYPE_CHECKING:
@@ -32,7 +33,8 @@ def to_xarray(results: Results, stream: StreamName = "histories") -> Dataset:
     - ``energy``, ``joints``: ``time``, and ``component`` where a series has it;
     - ``states``: ``displacement`` over ``time``, ``node``, ``component``; of all joints together
       ``gap``, ``traction``, ``status`` over ``time``, ``joint_point`` (coordinates ``joint``,
-      ``area`` and the place ``joint_x``, ``joint_y``, ``joint_z``) and ``axis`` (n, s1, s2).
+      ``area``, ``tied``, true where both sides share their nodes, and the place ``joint_x``,
+      ``joint_y``, ``joint_z``) and ``axis`` (n, s1, s2).
 
     Args:
         results: The run.
@@ -99,6 +101,8 @@ class _Builder:
             np.concatenate(static["areas"]),
             {"units": "m^2"},
         )
+        tied = [tied_points(results, joint) for joint in joints]
+        self.coordinates["tied"] = ("joint_point", np.concatenate(tied))
         self._coordinates("joint_point", "joint_", np.concatenate(static["points"]))
         self.coordinates["axis"] = list(_AXES)
         for name in sorted(names):

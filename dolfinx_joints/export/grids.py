@@ -15,11 +15,11 @@ from scipy.sparse import csr_matrix, vstack
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing.joints.surface import (
     JointFacets,
-    Statics,
     facets_of_joint,
     is_plane,
 )
 from dolfinx_joints.results.arguments import rows_of_groups
+from dolfinx_joints.results.joint_points import Statics, tied_points
 from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[np.float64]
@@ -103,6 +103,11 @@ def uniform_grid(
 class StaticArrays(dict[str, NDArray[Any]]):
     """Arrays of mesh and joints by the names that a results file has for them."""
 
+    @property
+    def statics(self) -> Collection[str]:
+        """Names of the arrays."""
+        return self.keys()
+
     def static(self, name: str) -> NDArray[Any]:
         """Return an array."""
         return self[name]
@@ -139,7 +144,11 @@ def joint_grid(results: Statics, joint: str) -> Grid:
         connectivity=np.arange(offsets[-1]),
         offsets=offsets,
         kinds=np.array([POLYGON if len(p) > 2 else VERTEX for p in polygons], dtype=np.uint8),
-        cell_data={"area [m^2]": static["areas"], **{f"axis {k} [-]": v for k, v in axes.items()}},
+        cell_data={
+            "area [m^2]": static["areas"],
+            **{f"axis {k} [-]": v for k, v in axes.items()},
+            "tied [-]": tied_points(results, joint).astype(np.int8),
+        },
         motion=motion,
     )
 

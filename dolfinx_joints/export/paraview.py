@@ -29,8 +29,9 @@ def write_vtk(
     ``displacement [m]`` and ``in GROUP [-]``, 1 in the cells of a group; ``NAME_joints.vtkhdf`` the
     joints, a polygon for each joint point, with ``displacement [m]``, the mean of both faces,
     ``gap [m]`` and ``traction [Pa]`` in local axes (n, s1, s2), ``opening [m]``, ``tangential gap
-    [m]``, ``status [-]`` (0 open, 1 sticking, 2 sliding) and what else was recorded. Both have all
-    times. Static stages are in ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the
+    [m]``, ``status [-]`` (0 open, 1 sticking, 2 sliding, 3 closed without friction, 4 tied),
+    ``tied [-]`` and what else was recorded. Both have all times. Static stages are in
+    ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the
     stage's number as time.
 
     Args:

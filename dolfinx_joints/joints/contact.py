@@ -46,16 +46,18 @@ InitialGap = float | Callable[[Floats], Floats]
 
 @dataclass(frozen=True, kw_only=True)
 class StatusCounts:
-    """Joint points by what they do, on all ranks."""
+    """Joint points by what they do, as `Status` says, on all ranks."""
 
     open: int
     stick: int
     slip: int
+    frictionless: int = 0
+    tied: int = 0
 
     @property
     def total(self) -> int:
-        """All points."""
-        return self.open + self.stick + self.slip
+        """Number of points that can open or slide: all but tied ones."""
+        return self.open + self.stick + self.slip + self.frictionless
 
 
 class Contact:
@@ -72,6 +74,7 @@ class Contact:
         laws: Law of each joint by name.
         initial_gap: Gap before any displacement, in the mesh and given, shape (n, 3), [m].
         acting: Which of the local points carry tractions, shape (n,).
+        tied: Which of the local points can neither open nor slide, shape (n,).
 
     Raises:
         MeshError: A name stands for no joint, or a joint has no law.
@@ -103,6 +106,7 @@ class Contact:
             self._laws.append(LawPoints(law, np.flatnonzero(np.isin(operator.joint, members))))
         self._variables = max((part.variables for part in self._laws), default=0)
         self.acting: NDArray[np.bool_] = np.ones(len(operator.joint), dtype=bool)
+        self.tied = operator.tied  # also of a reduced operator, whose rows may vanish elsewhere
         self.initial_gap: Floats = operator.initial_gap.copy()
         places = np.zeros_like(self.initial_gap) if operator.points is None else operator.points
         for name, gap in gaps.items():
@@ -378,19 +382,18 @@ class Contact:
                 "need a finite one; 'condensed' does not."
             )
         stiffness = self.firm_stiffness() if firm else self.closed_stiffness()
-        tangent = np.zeros((len(stiffness), 3, 3))
-        tangent[:, [0, 1, 2], [0, 1, 2]] = np.repeat(stiffness, (1, 2), axis=1)
-        return tangent
+        diagonal: Floats = np.repeat(stiffness, (1, 2), axis=1)
+        return diagonal[:, :, None] * np.eye(3)
+
+    def shown_status(self, status: NDArray[np.int8]) -> NDArray[np.int8]:
+        """Return the status that the laws gave the local points, tied ones marked, shape (n,)."""
+        return np.where(self.tied, np.int8(Status.TIED), status)
 
     def counts(self, status: NDArray[np.int8]) -> StatusCounts:
-        """Open, sticking and sliding points on all ranks (collective)."""
-        local = np.bincount(status, minlength=len(Status))
-        total = summed(self.operator.comm, local)
-        return StatusCounts(
-            open=int(total[Status.OPEN]),
-            stick=int(total[Status.STICK]),
-            slip=int(total[Status.SLIP]),
-        )
+        """Count points by what they do, on all ranks (collective)."""
+        numbers = np.bincount(self.shown_status(status), minlength=len(Status))
+        every = summed(self.operator.comm, numbers)
+        return StatusCounts(**{each.name.lower(): int(every[each]) for each in Status})
 
     def worst_joint(self, change: NDArray[Any]) -> str | None:
         """Name of the joint with the largest sum of a value per acting point (collective)."""

@@ -82,7 +82,7 @@ class JointInternalForces:
         return self.contact.operator.tangent_matrix(free)
 
     def counts(self, response: Response) -> StatusCounts:
-        """Open, sticking and sliding points on all ranks (collective)."""
+        """Count points by what they do, on all ranks (collective)."""
         return self.contact.counts(response.status)
 
     def rounding(self, response: Response, change: float) -> float:
@@ -101,7 +101,8 @@ class JointInternalForces:
     def failure(self, response: Response, state: JointState) -> dict[str, Any]:
         """Counts, and the joint that moved most (collective)."""
         moved = np.abs(response.state.gap - state.gap).sum(axis=1)
-        counts = vars(self.counts(response))
+        counts = vars(self.counts(response)).copy()
+        del counts["tied"]
         blamed = self.contact.not_finite(response)
         if blamed is not None:
             return {**counts, "joint": blamed[0], "law": blamed[1]}

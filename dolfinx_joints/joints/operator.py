@@ -10,6 +10,7 @@ the sides and `joint_frames` the tangential axes.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, Protocol
 
 import basix
@@ -84,6 +85,17 @@ class GapOperator:
     def num_points(self) -> int:
         """Number of points on all ranks."""
         return int(self.matrix.getSize()[0] // 3)
+
+    @cached_property
+    def tied(self) -> NDArray[np.bool_]:
+        """Return which local points can neither open nor slide, their rows of B zero, shape (n,).
+
+        At the end of a joint inside a body both sides share their nodes.
+        """
+        starts, _, values = self.matrix.getValuesCSR()
+        moves = np.zeros(len(starts) - 1, dtype=bool)
+        moves[np.repeat(np.arange(len(moves)), np.diff(starts))[values != 0.0]] = True
+        return ~(moves[0::3] | moves[1::3] | moves[2::3])
 
     def jump(self, u: PETSc.Vec) -> Floats:
         """B u of the local points, shape (n, 3), [m] (collective)."""

@@ -230,14 +230,19 @@ def _after(gap: Floats, state: JointState) -> JointState:
 
 
 def _response(after: JointState, traction: Floats, tangent: Floats) -> Response:
-    """The answer of a law that loses nothing; open and closed by the normal gap."""
+    """The answer of a law that loses nothing; open and closed by the normal gap.
+
+    A closed point without shear traction and without shear tangent is frictionless.
+    """
     # What a gap of zero has because `_seen` takes it for closed.
     by_seen = 2.0 * np.finfo(float).tiny * np.abs(tangent).max(axis=(1, 2))
     traction = np.where(np.abs(traction) <= by_seen[:, None], 0.0, traction)
+    sheared = (traction[:, 1:] != 0.0).any(axis=1) | (tangent[:, 1:] != 0.0).any(axis=(1, 2))
+    closed = np.where(sheared, Status.STICK, Status.FRICTIONLESS)
     return Response(
         traction=np.ascontiguousarray(traction),
         tangent=np.ascontiguousarray(tangent),
         state=after,
         dissipation=np.zeros(len(after.gap)),
-        status=np.where(after.gap[:, 0] > 0.0, Status.OPEN, Status.STICK).astype(np.int8),
+        status=np.where(after.gap[:, 0] > 0.0, Status.OPEN, closed).astype(np.int8),
     )

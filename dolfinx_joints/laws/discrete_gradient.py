@@ -36,14 +36,12 @@ from dolfinx_joints.laws.return_mapping import (
     Shear,
     Start,
     Vector,
+    closed_status,
     law_of,
     put_nothing,
     put_traction,
 )
 from dolfinx_joints.laws.turning import Limit, friction_with_turns
-
-# Values of `Status`.
-STICK, SLIP = 1, 2
 
 # Of the energy h^2 / c that presses a rigid point: what it stores is nothing.
 NO_BOUNCE = 1e-30
@@ -230,7 +228,7 @@ def discrete_gradient_points(
         end_gap[i, 2] -= c_s * t_2
         dissipation[i] = lost
         if closed:
-            status[i] = SLIP if slides else STICK
+            status[i] = closed_status(slides, law)
 
 
 def whole_step_from(

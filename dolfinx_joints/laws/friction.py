@@ -42,6 +42,7 @@ from dolfinx_joints.laws.return_mapping import (
     Shear,
     Start,
     Vector,
+    closed_status,
     law_of,
     put_nothing,
     put_traction,
@@ -50,9 +51,6 @@ from dolfinx_joints.laws.return_mapping import (
     solve_points,
     yield_function,
 )
-
-# Values of `Status`.
-STICK, SLIP = 1, 2
 
 
 @register_jitable
@@ -133,10 +131,10 @@ def backward_euler_points(
         shear = trial_traction(  # (6), (8)
             (e_1 + slip_1, e_2 + slip_2), opening, t_n, stiffness, c_s, law
         )
-        status[i] = STICK
-        if yield_function(t_n, shear.traction, mu) > 0.0:  # (5)
-            status[i] = SLIP
+        slides = yield_function(t_n, shear.traction, mu) > 0.0  # (5)
+        if slides:
             shear = return_to_limit(shear, t_n, stiffness, mu)  # (7), (10)
+        status[i] = closed_status(slides, law)
         put_traction(i, t_n, stiffness, shear, traction, tangent)
         t_1, t_2 = shear.traction
         if c_n > 0.0:  # of a stiff joint the traction holds more digits of the overlap

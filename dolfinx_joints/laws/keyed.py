@@ -112,6 +112,7 @@ class KeyedJoint:
         tangent[:, 1, 1] = tangent[:, 2, 2] = mean * k_s
         gap = gap_under(trial_gap, compliance, traction)
         gap[:, 0] = gap_n
+        closed = Status.STICK if self.shear_stiffness > 0.0 else Status.FRICTIONLESS
         return Response(
             traction=traction,
             tangent=tangent,
@@ -119,5 +120,5 @@ class KeyedJoint:
                 gap=gap, elastic_slip=state.elastic_slip + gap[:, 1:] - state.gap[:, 1:]
             ),
             dissipation=np.zeros(len(gap)),
-            status=np.where(gap_n > 0.0, Status.OPEN, Status.STICK).astype(np.int8),
+            status=np.where(gap_n > 0.0, Status.OPEN, closed).astype(np.int8),
         )

@@ -30,11 +30,22 @@ NO_COMPLIANCE: Floats = np.zeros((1, 2))
 
 
 class Status(IntEnum):
-    """Contact of a joint point."""
+    """What a joint point does, as files number it.
+
+    Attributes:
+        OPEN: The two sides do not touch.
+        STICK: Closed, below the limit of the shear traction.
+        SLIP: Closed, at the limit.
+        FRICTIONLESS: Closed, by a law without shear resistance: neither friction nor bond.
+        TIED: At the end of a joint inside a body, where both sides share their nodes. Laws never
+            return it; `Contact.shown_status` sets it.
+    """
 
     OPEN = 0
     STICK = 1
     SLIP = 2
+    FRICTIONLESS = 3
+    TIED = 4
 
 
 @dataclass(frozen=True, kw_only=True)

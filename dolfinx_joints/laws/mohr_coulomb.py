@@ -120,7 +120,8 @@ class MohrCoulombJoint:
 
         Returns:
             Tractions, consistent tangent, trial state, dissipation (friction, dilatancy and what
-            breaking bonds set free) and status; an intact point counts as sticking.
+            breaking bonds set free) and status; an intact point counts as sticking, without shear
+            stiffness as frictionless.
         """
         k_n, k_s = self.normal_stiffness, self.shear_stiffness
         slip = state.elastic_slip + gap[:, 1:] - state.gap[:, 1:]
@@ -133,7 +134,8 @@ class MohrCoulombJoint:
         tangent[:] = np.diag([k_n, k_s, k_s])
         bond = np.where(held, bond_under(ratio), np.where(holds, INTACT, BROKEN))
         internal = np.column_stack([bond, state.internal[:, 1]])
-        status = np.full(len(gap), Status.STICK, dtype=np.int8)
+        bonded_status = Status.STICK if k_s > 0.0 else Status.FRICTIONLESS
+        status = np.full(len(gap), bonded_status, dtype=np.int8)
         loose = np.flatnonzero(~holds)
         if len(loose):
             was = np.where(bonded, 0.0, state.gap[:, 0] - state.internal[:, 1])[loose]
@@ -205,7 +207,9 @@ class MohrCoulombJoint:
             direction[:, :, None] * stretch[:, None, :]
         )
         tangent[:, 1:] = direction[:, :, None] * normal[:, None, :] + ratio[:, None, None] * across
-        status = np.where(slides, Status.SLIP, np.where(closed, Status.STICK, Status.OPEN))
+        rubs = mu > 0.0 and k_s > 0.0
+        closed_status = np.where(slides, Status.SLIP, Status.STICK) if rubs else Status.FRICTIONLESS
+        status = np.where(closed, closed_status, Status.OPEN)
         traction = np.column_stack([t_n, ratio[:, None] * trial])
         # A point that leaves has ridden up on its slip until then, on a straight path.
         leaving = stays & ~closed

@@ -26,6 +26,9 @@ from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.laws.law import Floats, JointState, Response
 
 Vector = tuple[float, float]
+
+# Values of `Status`.
+STICK, SLIP, FRICTIONLESS = 1, 2, 3
 Flagged = tuple[Response, NDArray[Any]]
 
 # Of Newton's method on a compliance; the last of the sizes that rounding has.
@@ -143,6 +146,14 @@ def put_traction(
     tangent[i, 1, 0], tangent[i, 2, 0] = shear.by_normal
     tangent[i, 1, 1], tangent[i, 2, 2] = shear.by_shear[0], shear.by_shear[1]
     tangent[i, 1, 2] = tangent[i, 2, 1] = shear.by_shear[2]
+
+
+@register_jitable
+def closed_status(slides: bool, law: Coulomb) -> int:
+    """Return the `Status` of a closed point; without friction it neither sticks nor slides."""
+    if law.friction == 0.0 or law.shear_compliance == np.inf:
+        return FRICTIONLESS
+    return SLIP if slides else STICK
 
 
 @register_jitable

@@ -39,7 +39,7 @@ class JointFunctions:
         traction: Traction, 3 components, [Pa].
         traction_vector: The same, gdim components, [Pa].
         slip: Tangential gap less its elastic part, what has slid; the first component is 0, [m].
-        status: 0 open, 1 sticking, 2 sliding, as `Status`.
+        status: 0 open, 1 sticking, 2 sliding, 3 closed without friction, 4 tied, as `Status`.
 
     Raises:
         MeshError: The model has no joint with a law, or none of this name.
@@ -47,11 +47,12 @@ class JointFunctions:
 
     def __init__(self, model: Model, joints: str | Sequence[str] | None = None) -> None:
         """Make the Functions (collective)."""
-        if model.operator is None:
+        if model.operator is None or model.contact is None:
             raise MeshError(
                 "The model has no joint with a law, so there are no functions on joints."
             )
         self._operator, jointed = model.operator, model.jointed
+        self._shown_status = model.contact.shown_status
         rule = model.operator.quadrature, model.V.ufl_element().degree
         self.surface = jointed.surface(joints)
         self.dS = jointed.dS(joints, quadrature=rule[0], degree=rule[1])
@@ -109,7 +110,7 @@ class JointFunctions:
             found.traction,
             np.einsum("nki,nk->ni", axes, found.traction),
             np.pad(found.state.gap[:, 1:] - found.state.elastic_slip, ((0, 0), (1, 0))),
-            found.status[:, None].astype(np.float64),
+            self._shown_status(found.status)[:, None].astype(np.float64),
         )
         for function, each in zip(self._at_points, values, strict=True):
             self._exchange.give(function, each)

@@ -76,7 +76,10 @@ class Fields:
     ) -> None:
         """Find the joints with water or a bond."""
         self._nodes, self._rows = nodes, rows
-        self._extras = None if model.contact is None else PointExtras(model.contact, wet)
+        self._extras = None
+        if model.contact is not None:
+            self._extras = PointExtras(model.contact, wet)
+            self._shown_status = model.contact.shown_status
 
     def declare(self, writer: ResultsWriter, stream: str, joints: Mapping[str, Any]) -> None:
         """Declare what not every run has, from the arrays of `JointRows.statics`; on the writer."""
@@ -95,7 +98,7 @@ class Fields:
         if self._rows is None or self._extras is None or joints is None:
             return {}
         found: dict[str, NDArray[Any]] = {"gap": joints.state.gap, "traction": joints.traction}
-        found["status"] = joints.status
+        found["status"] = self._shown_status(joints.status)
         found |= self._extras.values(joints, pressure)
         return {what: self._rows(values) for what, values in found.items()}
 

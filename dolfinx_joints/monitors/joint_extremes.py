@@ -45,6 +45,7 @@ class JointExtremesStream:
         assert model.operator is not None
         assert model.contact is not None
         self._operator, self._gap = model.operator, gap.copy()
+        self._tied = model.contact.tied
         self._forces, self._bonded = JointForces(model), broken_joints(model.contact)
         self._recorded = np.ones((len(model.operator.names), 12), dtype=bool)
         self._recorded[:, -1] = [name in self._bonded for name in model.operator.names]
@@ -77,6 +78,7 @@ class JointExtremesStream:
         slip = gap[:, 1:] - self._gap[:, 1:]
         np.sqrt(np.einsum("ij,ij->i", slip, slip), out=here[:, 1])
         np.maximum(-joints.traction[:, 0], 0.0, out=here[:, 2])
+        here[self._tied] = 0.0
         own = np.zeros((2, len(operator.names), 3))
         if len(here):
             own[0, self._here] = np.maximum.reduceat(here[self._order], self._starts)

@@ -50,6 +50,7 @@ class JointRows:
             "frames": self(layout.frames),
             "areas": self(layout.areas) * share.ravel(),
             "facet": facet,
+            "tied": self(operator.tied.astype(np.int8)),
         }
 
     def __call__(self, values: Rows) -> Rows:
@@ -66,7 +67,10 @@ class JointRows:
         return {name: across(self._comm, mine, blocks) for (name, mine), blocks in each}
 
     def own_statics(self) -> dict[str, dict[str, Rows]]:
-        """Points, frames, areas and facet numbers of this rank by joint, see `declare_states`."""
+        """Points, frames, areas, facet numbers and tied points of this rank, by joint.
+
+        See `declare_states`.
+        """
         parts = {what: self.by_joint(rows) for what, rows in self._statics.items()}
         return {name: {what: each[name] for what, each in parts.items()} for name in self.names}
 

@@ -45,6 +45,8 @@ class ProgressMonitor(Monitor):
         if counts is not None and counts.total:
             opened, sliding = counts.open / counts.total, counts.slip / counts.total
             shown += f", {100 * opened:.0f} % open, {100 * sliding:.0f} % sliding"
+            if counts.frictionless:
+                shown += f", {100 * counts.frictionless / counts.total:.0f} % without friction"
         self._bar.set_postfix_str(shown, refresh=False)
         self._bar.update(1)
 

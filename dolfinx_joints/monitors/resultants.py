@@ -86,10 +86,11 @@ class JointForces:
         self._operator, self._contact = model.operator, model.contact
         self.names = model.operator.names
         normals, areas = model.operator.frames[:, 0], model.operator.areas[:, None]
-        sums = self._sums(np.hstack([areas, areas * model.operator.points, areas * normals]))
-        self.geometry = [
-            JointGeometry.from_sums(sums[i, 0], sums[i, 1:4], sums[i, 4:]) for i in range(len(sums))
-        ]
+        free = np.where(model.contact.tied, 0.0, model.operator.areas)
+        geometry = [areas, areas * model.operator.points, areas * normals, free[:, None]]
+        sums = self._sums(np.hstack(geometry))
+        self.geometry = [JointGeometry.from_sums(row[0], row[1:4], row[4:7]) for row in sums]
+        self._areas, self._free_area = free, sums[:, 7]  # tied points transmit nothing
         self._centroids = np.array([g.centroid for g in self.geometry])
         self._laws = strengths(model.contact)
         bonded = broken_joints(model.contact)
@@ -107,7 +108,7 @@ class JointForces:
             pressure: Pressure of the water at the local joint points, shape (n,), [Pa]; without it
                 the part of the water is left out.
         """
-        contact = (joints.traction[:, 0] < 0.0) * self._operator.areas
+        contact = (joints.traction[:, 0] < 0.0) * self._areas
         parts = [self.about_centroids(self.forces(joints.traction)), contact[:, None]]
         parts.append(self.sliding(joints))
         if pressure is not None:
@@ -124,7 +125,7 @@ class JointForces:
                 geometry=geometry,
                 force=row[0:3],
                 moment=row[3:6],
-                contact=row[6] / geometry.area,
+                contact=row[6] / self._free_area[i],
                 compression=row[7],
                 shear_sum=row[8],
                 bond=row[9],
@@ -135,11 +136,11 @@ class JointForces:
 
     def forces(self, traction: Floats) -> Floats:
         """Forces of the local points on the + side, shape (n, 3), [N]."""
-        return forces_of(self._operator.frames, self._operator.areas, traction)
+        return forces_of(self._operator.frames, self._areas, traction)
 
     def water_forces(self, pressure: Floats) -> Floats:
         """The same of the water, of a pressure of shape (n,) [Pa]."""
-        normal: Floats = self._operator.frames[:, 0] * (self._operator.areas * pressure)[:, None]
+        normal: Floats = self._operator.frames[:, 0] * (self._areas * pressure)[:, None]
         return normal
 
     def sliding(self, joints: Response) -> Floats:
@@ -152,7 +153,7 @@ class JointForces:
         if self._bonds:
             cohesion = cohesion * (1 - broken(self._contact, joints))
         forces = [*compression_and_shear(joints.traction, cohesion > 0.0), cohesion]
-        return np.column_stack(forces) * self._operator.areas[:, None]
+        return np.column_stack(forces) * self._areas[:, None]
 
     def about_centroids(self, force: Floats) -> Floats:
         """Forces (n, 3) and their moments about the centroids of their joints, shape (n, 6)."""

@@ -45,6 +45,7 @@ from dolfinx_joints.postprocessing.envelopes import (
     declare_envelopes,
 )
 from dolfinx_joints.results.layout import (
+    JOINT_SHARES,
     declare_body,
     declare_energy,
     declare_points,
@@ -70,9 +71,9 @@ class ResultsMonitor(Monitor):
     until a dynamic stage begins anew, or goes on with it.
 
     Every step: displacement and acceleration of the monitor points, acceleration of the ground (of
-    waves that rise the velocity of the free surface), shares of open, sticking and sliding joint
-    points, iterations, support reactions by group, energies; of each joint the largest opening,
-    slip and pressure and what its safety against sliding is made of. Every ``every`` steps: nodal
+    waves that rise the velocity of the free surface), shares of the joint points by what they do,
+    iterations, support reactions by group, energies; of each joint the largest opening, slip and
+    pressure and what its safety against sliding is made of. Every ``every`` steps: nodal
     displacements, joint gaps, tractions and status, facet by facet; the pressures of water in
     joints and broken bonds, where there are any. If asked for: resultants of joints and blocks at
     every step, and at the end envelopes of the stresses at the boundary over all steps.
@@ -351,7 +352,7 @@ class ResultsMonitor(Monitor):
         total = max(counts.total, 1) if counts else 1
         shares = {
             f"joint_{name}": getattr(counts, name) / total if counts else 0.0
-            for name in ("open", "stick", "slip")
+            for name in JOINT_SHARES
         }
         iterations = record.solve.iterations if record.solve else 0
         static = self._static_part(record)

@@ -47,6 +47,7 @@ from dolfinx_joints.results.arguments import (
     Component,
     check_results,
 )
+from dolfinx_joints.results.joint_points import free_areas, gaps
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.resolved import Resolved as Resolved
 from dolfinx_joints.results.resolved import beyond
@@ -55,7 +56,7 @@ from dolfinx_joints.results.resolved import resolved_frequencies as resolved_fre
 Floats = NDArray[np.floating[Any]]
 NotNegative = Annotated[float, at.Ge(0.0), at.Unit("s")]
 
-OPEN, SLIDING = 0, 2  # `laws.Status.OPEN` and `SLIP`, as files hold them
+OPEN, SLIDING, FRICTIONLESS = 0, 2, 3  # values of `laws.law.Status`, as files hold them
 
 JOINT_MEASURES = (
     "opening_max",
@@ -69,6 +70,7 @@ JOINT_MEASURES = (
     "pressure_time",
     "share_open",
     "share_sliding",
+    "share_frictionless",
     "share_broken",
 )
 
@@ -264,7 +266,7 @@ def joint_history(results: Results, joint: str) -> tuple[Floats, Floats, Floats]
         (records, points), [m].
     """
     results.check_joint(joint)
-    gap = results.series("states", f"joints/{joint}/gap")
+    gap = gaps(results, "states", joint)
     opening = np.maximum(gap[..., 0], 0.0)
     slip = np.linalg.norm(gap[..., 1:] - gap[:1, :, 1:], axis=-1)
     return results.time("states"), opening, slip
@@ -285,21 +287,25 @@ def joint_measures(results: Results, *, tail: NotNegative = 1.0) -> dict[str, di
     - ``opening_residual`` and ``slip_residual`` [m]: the growth since the static state, the
       mean over the last ``tail`` seconds at each point, of the slip as a vector, and then the
       largest of the points. While the body still moves a mean is what it moves about;
-    - ``share_open`` and ``share_sliding``, shares of area and time: areas of the points that are so
-      at the records (``status``) over the joint's, averaged over the records. Where a file holds no
-      ``status``, open are points without traction and sliding is NaN;
+    - ``share_open``, ``share_sliding`` and ``share_frictionless`` (closed without friction), shares
+      of area and time: areas of the points that are so at the records (``status``) over the
+      joint's, averaged over the records. Where a file holds no ``status``, open are points without
+      traction and the other two are NaN;
     - ``share_broken``, the share of the area whose bond was gone at the last record, zero for
       joints that never had one.
+
+    Tied points, at the end of a joint inside a body, count in none of these, and their area is no
+    part of the joint's.
     """
     check_results(results)
     return {joint: _measures_of(results, joint, tail) for joint in results.joints}
 
 
 def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
-    time, gap = results.time("states"), results.series("states", f"joints/{joint}/gap")
+    time, gap = results.time("states"), gaps(results, "states", joint)
     opening = np.maximum(gap[..., 0], 0.0)
     traction = results.series("states", f"joints/{joint}/traction")
-    areas = results.static(f"joints/{joint}/areas")
+    areas = free_areas(results, joint)
     shares = areas / areas.sum()
     late = time >= time[-1] - tail
     drift = (gap[late, :, 1:] - gap[:1, :, 1:]).mean(axis=0)
@@ -320,12 +326,20 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
         found[f"{name}_time"] = float(extremes.time[np.argmax(largest)])
     if f"joints/{joint}/status" in results.streams["states"]:
         status = results.series("states", f"joints/{joint}/status")
-        is_open, slides = status == OPEN, status == SLIDING
+        kinds = [status == kind for kind in (OPEN, SLIDING, FRICTIONLESS)]
     else:
-        is_open, slides = open_points(gap, traction), np.full(gap.shape[:-1], np.nan)
-    for name, which in (("share_open", is_open), ("share_sliding", slides)):
-        found[name] = float((which @ shares).mean())
+        unknown = np.full(gap.shape[:-1], np.nan)
+        kinds = [open_points(gap, traction), unknown, unknown]
+    for name, which in zip(("open", "sliding", "frictionless"), kinds, strict=True):
+        found[f"share_{name}"] = float((which @ shares).mean())
     return {name: found[name] for name in JOINT_MEASURES}
+
+
+def some_frictionless(results: Results) -> bool:
+    """Return True if points are closed without friction at any step; older files hold none."""
+    name = "joint_frictionless"
+    known = name in results.streams.get("histories", [])
+    return known and bool(results.series("histories", name).any())
 
 
 def has_bonds(results: Results, joint: str) -> bool:

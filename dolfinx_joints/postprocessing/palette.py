@@ -20,7 +20,7 @@ BLUE, ORANGE, GREEN, RED, GREY = "#08519c", "#e69f00", "#238b45", "#b2182b", "#8
 # darkness as well, for print and colour-blind readers.
 RUNS = (ORANGE, BLUE, GREEN, RED, "#7b3294", "#56b4e9", "#8c6d00", "#444444")
 
-CONCRETE, OPEN = "#d9d5cc", "black"
+CONCRETE, OPEN, TIED = "#d9d5cc", "black", "#bdb8ac"
 
 
 def colours(*, dark_is_low: bool = False) -> ListedColormap:

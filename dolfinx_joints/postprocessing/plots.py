@@ -54,10 +54,16 @@ from dolfinx_joints.postprocessing.frames import (
     ground_name,
     has_ground_motion,
 )
-from dolfinx_joints.postprocessing.joints.maps import draw_map
+from dolfinx_joints.postprocessing.joints.maps import TIED_STYLE, draw_map
 from dolfinx_joints.postprocessing.joints.maps import joint_maps as joint_maps
 from dolfinx_joints.postprocessing.joints.panels import joint_panels as joint_panels
-from dolfinx_joints.postprocessing.joints.surface import LABELS, JointSurface, Quantity, map_value
+from dolfinx_joints.postprocessing.joints.surface import (
+    LABELS,
+    STATES,
+    JointSurface,
+    Quantity,
+    map_value,
+)
 from dolfinx_joints.postprocessing.measures import (
     acceleration_history,
     band_name,
@@ -65,6 +71,7 @@ from dolfinx_joints.postprocessing.measures import (
     displacement_history,
     joint_extremes,
     resolved_frequencies,
+    some_frictionless,
 )
 from dolfinx_joints.postprocessing.palette import BLUE, GREEN, GREY, ORANGE, RED, colour_limits
 from dolfinx_joints.results.arguments import (
@@ -73,6 +80,7 @@ from dolfinx_joints.results.arguments import (
     check_results,
     chosen_state,
 )
+from dolfinx_joints.results.joint_points import free_areas
 from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
@@ -255,7 +263,7 @@ def joint_traction(
     stage: int | str | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Map of the traction over a joint, one patch for each joint point, open ones black.
+    """Map of the traction over a joint, a patch for each joint point, open black, tied hatched.
 
     A joint is drawn in its mean plane, horizontal distance (growing downstream) against
     elevation; one that bends is unrolled. The ratio is -|t_s|/|t_n|, which is
@@ -270,8 +278,9 @@ def joint_traction(
     ax.set_title(f"{joint} {moment}", fontsize="medium")
     colour_bar = ax.figure.colorbar(patches, ax=ax, shrink=0.85)
     colour_bar.set_label(LABELS[quantity].replace(", ", "\n"))
-    areas = results.static(f"joints/{joint}/areas")
-    _open_legend(ax, float(areas[np.isnan(values)].sum() / areas.sum()))
+    areas = free_areas(results, joint)
+    share = float(areas[np.isnan(values)].sum() / areas.sum())
+    _open_legend(ax, share, some_tied=bool(surface.tied.any()))
     return ax
 
 
@@ -304,11 +313,17 @@ def energies(results: Results, *, ax: Axes | None = None) -> Axes:
 
 
 def joint_states(results: Results, *, ax: Axes | None = None) -> Axes:
-    """Shares of the joint points that are open and that slide, against time [%]."""
+    """Shares of the joint points that are open, slide and are closed without friction [%].
+
+    Against time; the last is drawn where there is some. Tied points do not count.
+    """
     check_results(results)
     time = results.time("histories")
     ax = ax or new_axes()
-    for state, colour, label in (("open", "black", "open"), ("slip", RED, "sliding")):
+    lines = [("open", "black", "open"), ("slip", RED, "sliding")]
+    if some_frictionless(results):
+        lines.append(("frictionless", STATES["closed without friction"], "closed without friction"))
+    for state, colour, label in lines:
         share = 100.0 * results.series("histories", f"joint_{state}")
         ax.plot(time, share, color=colour, linewidth=1.0, label=label)
     decorate(ax, "time [s]", "share of joint points [%]")
@@ -376,9 +391,10 @@ def point_name(results: Results, point: int | str) -> str:
     return results.point_names[results.point_index(point)]
 
 
-def _open_legend(ax: Axes, share: float) -> None:
+def _open_legend(ax: Axes, share: float, *, some_tied: bool) -> None:
     from matplotlib.patches import Patch
 
-    patch = Patch(color="black", label=f"open, {share:.0%} of the area")
+    patches = [Patch(color="black", label=f"open, {share:.0%} of the area")]
+    patches += [Patch(label="tied", **TIED_STYLE)] if some_tied else []
     place = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.12), "borderaxespad": 0.0}
-    ax.legend(handles=[patch], frameon=False, fontsize="small", **place)
+    ax.legend(handles=patches, ncols=2, frameon=False, fontsize="small", **place)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES, extreme_of
 from dolfinx_joints.postprocessing.joints.resultants import JointResultants, stage_resultants
 from dolfinx_joints.results.arguments import check_results
+from dolfinx_joints.results.joint_points import gaps, tied_points
 from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[np.floating[Any]]
@@ -99,10 +100,9 @@ def joint_in_state(
     results: Results, stream: str, forces: JointResultants, number: int
 ) -> StageJoint:
     """A joint in a record of a stream, with its resultants of that number, at the same time."""
-    gap, traction = (
-        results.series(stream, f"joints/{forces.joint}/{name}", number)
-        for name in ("gap", "traction")
-    )
+    gap = gaps(results, stream, forces.joint, number)
+    traction = results.series(stream, f"joints/{forces.joint}/traction", number)
+    pressed = traction[~tied_points(results, forces.joint), 0]
     water = 0.0
     if forces.water_force is not None:
         water = float(forces.water_force[number] @ forces.geometry.normal)
@@ -113,7 +113,7 @@ def joint_in_state(
         contact=float(forces.contact[number]),
         opening_max=float(gap[:, 0].max(initial=0.0)),
         slip_max=float(np.linalg.norm(gap[:, 1:], axis=1).max(initial=0.0)),
-        pressure_max=float(abs(traction[:, 0].min(initial=0.0))),
+        pressure_max=float(abs(pressed.min(initial=0.0))),
         water_force=water,
     )
 

@@ -46,6 +46,7 @@ from dolfinx_joints.postprocessing.palette import (
     CONCRETE,
     OPEN,
     RED,
+    TIED,
     colour_limits,
     signed_colours,
 )
@@ -60,6 +61,7 @@ from dolfinx_joints.postprocessing.rendering import (
     write_names,
 )
 from dolfinx_joints.results.arguments import chosen_state
+from dolfinx_joints.results.joint_points import gaps, tied_points
 from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
@@ -170,7 +172,8 @@ def joint_map(
 
     The joints of a dam are seen nearly from the edge wherever the eye is. So each upright joint is
     rotated about the vertical through its middle until its face is seen, upstream edge to the
-    left; not with ``turned=False``. In maps of tractions and states, open points are black. The
+    left; not with ``turned=False``. In maps of tractions and states, open points are black; tied
+    points, at the end of a joint inside a body, are grey in every map. The
     ratio is -|t_s|/|t_n|, the slip the tangential gap. `plots.joint_maps` has a panel for each.
     """
     camera = Camera(azimuth_deg, elevation_deg)
@@ -183,6 +186,8 @@ def joint_map(
         results.check_joint(name)
     values = {name: map_value(results, name, quantity, number) for name in joints}
     together = np.concatenate(list(values.values()))
+    tied = {name: tied_points(results, name) for name in joints}
+    some_tied = {"tied": TIED} if any(each.any() for each in tied.values()) else {}
     limits = map_limits(quantity, together)
     cmap = map_colours(quantity, limits)
     scene, tops, how = Scene(), {}, ""
@@ -194,16 +199,23 @@ def joint_map(
             points = _turned(points, joint_surface.axes, camera)
             how = "\neach upright joint rotated in its place to show its face"
         edges: dict[str, Any] = {"show_edges": True, "edge_color": "#b3b3b3"}
-        scene.surface(points, faces, of_faces=of_points, clim=limits, cmap=cmap, **edges)
+        free = ~tied[name]
+        by_value: dict[str, Any] = {"of_faces": of_points[free], "clim": limits, "cmap": cmap}
+        plain: dict[str, Any] = {"color": TIED, "lighting": False}
+        for shown, style in ((free, by_value), (tied[name], plain)):
+            chosen = [face for face, is_shown in zip(faces, shown, strict=True) if is_shown]
+            if chosen:
+                scene.surface(points, chosen, **style, **edges)
         tops[name] = top(points, camera)
     figure, axes = draw(scene, [camera])
     labels = short_names(joints)
     write_names(axes[0], {labels[name]: top for name, top in tops.items()}, "black")
     if quantity == "state":
-        legend(axes[0], dict(STATES))
+        legend(axes[0], STATES | some_tied)
     else:
-        if np.isnan(together).any():
-            legend(axes[0], {"open": OPEN})
+        some_open = np.isnan(together[~np.concatenate(list(tied.values()))]).any()
+        if some_open or some_tied:
+            legend(axes[0], ({"open": OPEN} if some_open else {}) | some_tied)
         colour_bar(figure, axes, cmap, limits, MAP_LABELS[quantity])
     what = "joints" if joint is None else joint
     widest = _widest(results, number) if quantity == "opening" else ""
@@ -270,7 +282,7 @@ def _separate(polygons: Sequence[Floats] | Floats) -> tuple[Floats, list[Ints]]:
 def _widest(results: Results, number: int) -> str:
     """Which joint is open most at a record, to go on in a title."""
     widest = {
-        joint: 1e3 * results.series("states", f"joints/{joint}/gap", number)[:, 0].max(initial=0.0)
+        joint: 1e3 * gaps(results, "states", joint, number)[:, 0].max(initial=0.0)
         for joint in results.joints
     }
     if not widest:

@@ -27,6 +27,7 @@ from dolfinx_joints.report.page import (
     text,
 )
 from dolfinx_joints.report.runs import Content, Run, nothing
+from dolfinx_joints.results.joint_points import gaps
 from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[np.floating[Any]]
@@ -192,7 +193,7 @@ def _extremes(results: Results, used: Integers) -> tuple[Floats, Floats]:
 
 def _opening(results: Results, joint: str, number: int) -> Floats:
     """Largest opening among the points of each facet of a joint [m], 0 where closed."""
-    gap = results.series("states", f"joints/{joint}/gap", number)[:, 0]
+    gap = gaps(results, "states", joint, number)[:, 0]
     _, facet = np.unique(results.static(f"joints/{joint}/facet"), return_inverse=True)
     largest = np.zeros(facet.max(initial=-1) + 1)
     np.maximum.at(largest, facet, gap)

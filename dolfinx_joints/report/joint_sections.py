@@ -21,6 +21,7 @@ from dolfinx_joints.report.page import (
     table,
 )
 from dolfinx_joints.report.runs import Content, Run, largest_moment, nothing
+from dolfinx_joints.results.joint_points import joint_area
 
 # Title, factor and name of each measure of a joint.
 _COLUMNS = (
@@ -43,6 +44,7 @@ _OF_STAGE: tuple[tuple[str, Any, str], ...] = (
     ("tangential", "tangential", "Tangential traction"),
     ("state", "state", "State of the points"),
 )
+_FREE = ("closed without friction [%]", 100.0, "share_frictionless")
 _BONDS = ("bonds broken at the end [%]", 100.0, "share_broken")
 _PLANE = "The model is plane: its joints are lines, of which no maps are drawn."
 _SAFEST = 5.0  # end of the axis of safeties, unless the smallest is near it or above
@@ -59,7 +61,8 @@ def joints(content: Content) -> Section:
     bonds = any(
         measures.has_bonds(run.results, name) for run in runs for name in run.results.joints
     )
-    columns = (*_COLUMNS, _BONDS) if bonds else _COLUMNS
+    free = any(measures.some_frictionless(run.results) for run in runs)
+    columns = (*_COLUMNS[:-1], *[_FREE] * free, _COLUMNS[-1], *[_BONDS] * bonds)
     head = ["joint", *(title for title, _, _ in columns)]
     for run in runs:
         rows = [
@@ -74,9 +77,21 @@ def joints(content: Content) -> Section:
             "note",
         )
     )
+    pieces += [_area(run) for run in runs]
     run = content.main if content.main in runs else runs[0]
     pieces.append(_histories(content, run))
     return Section("joints", "Joints", pieces + _maps(content, run))
+
+
+def _area(run: Run) -> Html:
+    """Return the area of the joints, and what tied points are if there are some."""
+    text, note = joint_area(run.results), "."
+    if "tied" in text:
+        note = (
+            ": there the joint ends inside the body, and its sides share their nodes. Tied points "
+            "count in no share."
+        )
+    return paragraph(f"Area of the joints ({run.label}): {text.replace('^2', '²')}{note}", "note")
 
 
 def _histories(content: Content, run: Run) -> Html:
@@ -134,14 +149,15 @@ def _of_last_stage(content: Content) -> list[Html]:
     """Maps of all joints after the last static stage, of a file of static stages alone."""
     run = content.main
     tables = paragraph("Openings, forces and safeties after each static stage are under Statics.")
+    area = _area(run)
     if run.plane:
-        return [tables, paragraph(_PLANE)]
+        return [tables, area, paragraph(_PLANE)]
     shown = []
     for name, quantity, words in _OF_STAGE:
         picture = plots.joint_maps(run.results, quantity, stage=-1)
         caption = f"{words}, {run.label} after {run.results.stage_names[-1]}."
         shown.append(_map(content, name, picture, caption))
-    return [tables, *shown[:2], details("Further maps", shown[2:])]
+    return [tables, area, *shown[:2], details("Further maps", shown[2:])]
 
 
 def _map(content: Content, name: str, picture: Any, caption: str) -> Html:

@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 import numpy as np
 
 from dolfinx_joints import __version__
-from dolfinx_joints.postprocessing import plots
+from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.energy_lines import energy_lines, waves_at_end
 from dolfinx_joints.report.page import Cell, Curve, Section, panels, paragraph, plain, table
 from dolfinx_joints.report.runs import Content, nothing
@@ -28,6 +28,7 @@ _ERRORS = {
     "imbalance": "energy that no line accounts for / largest energy",
     "local_error": "largest error of one step / largest displacement",
 }
+_FREE = "joint_frictionless"
 
 
 def cost(content: Content) -> Section:
@@ -99,24 +100,29 @@ def energies(content: Content) -> Section:
 
 def convergence(content: Content) -> Section:
     """Iterations and states of the joints over time."""
-    names = ("joint_open", "joint_stick", "joint_slip")
+    names: tuple[str, ...] = ("joint_open", "joint_stick", "joint_slip")
     runs = [run for run in content.runs if run.has("histories", "iterations", *names)]
     if not runs:
         return nothing("iterations", "Iterations and joint states", "histories")
-    curves: list[list[Curve]] = [[] for _ in range(4)]
+    titles = ["iterations", "open [%]", "sticking [%]", "sliding [%]"]
+    if any(measures.some_frictionless(run.results) for run in runs):
+        names, titles = (*names, _FREE), [*titles, "without friction [%]"]
+    curves: list[list[Curve]] = [[] for _ in titles]
     for run in runs:
         time = run.results.time("histories")
         curves[0].append((run.label, time, run.results.series("histories", "iterations")))
         for panel, name in zip(curves[1:], names if run.results.joints else (), strict=False):
-            panel.append((run.label, time, 100.0 * run.results.series("histories", name)))
-    titles = ["iterations", "open [%]", "sticking [%]", "sliding [%]"]
+            if run.has("histories", name):
+                panel.append((run.label, time, 100.0 * run.results.series("histories", name)))
     drawn = [(panel, title) for panel, title in zip(curves, titles, strict=True) if panel]
     spec = panels([p for p, _ in drawn], [t for _, t in drawn], "time [s]")
     pictures = []
     if content.main in runs and content.main.results.joints:
         pictures.append(content.save("joint_states", plots.joint_states(content.main.results)))
+    free = ", and are closed without friction" if _FREE in names else ""
     caption = (
-        "Iterations of each step, and shares of the joint points that are open, stick and slide."
+        "Iterations of each step, and shares of the joint points that are open, stick, "
+        f"slide{free}. Tied points do not count."
     )
     return Section(
         "iterations",

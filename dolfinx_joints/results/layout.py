@@ -26,6 +26,14 @@ from dolfinx_joints.results.writer import ResultsWriter
 
 Array = ArrayLike | Dealt
 
+# Series of the histories by the last part of their names, with what the joint points do.
+JOINT_SHARES = {
+    "open": "are open",
+    "stick": "stick",
+    "slip": "slip",
+    "frictionless": "are closed without friction",
+}
+
 
 class Cells(NamedTuple):
     """Cells of the body.
@@ -76,8 +84,8 @@ def declare_histories(
     elif accelerations:
         text = "acceleration of the ground at the time of the record"
         writer.series("histories", "ground_acceleration", (3,), "m/s^2", text)
-    for state in ("open", "stick", "slip"):
-        text = f"share of the joint points that {state if state != 'open' else 'are open'}"
+    for state, text in JOINT_SHARES.items():
+        text = f"share of the joint points that {text}; tied ones do not count"
         writer.series("histories", f"joint_{state}", (), "-", text)
     text = "iterations of the step's solve"
     writer.series("histories", "iterations", (), "-", text, dtype=np.int64)
@@ -125,7 +133,8 @@ def declare_states(
         surface: vertices of the boundary facets in cyclic order, shape (num_facets, 3 or 4); the
             sides of the joints belong to them.
         joints: by joint name, the arrays ``points`` (n, 3) [m], ``frames`` (n, 3, 3) with rows n,
-            s1, s2, ``areas`` (n,) [m^2] and ``facet`` (n,), the facet number of each point.
+            s1, s2, ``areas`` (n,) [m^2] and ``facet`` (n,), the facet number of each point;
+            ``tied`` (n,), 1 at tied points and 0 at others, may be missing.
         cells: Cells of the body.
         status: Declare the ``status`` of the joint points as well.
     """
@@ -151,6 +160,9 @@ def declare_body(
         writer.static(f"{where}/frames", joint["frames"], "-", "local axes, rows n, s1, s2")
         writer.static(f"{where}/areas", joint["areas"], "m^2", "area of each point")
         writer.static(f"{where}/facet", joint["facet"], "-", "facet number of each point")
+        if "tied" in joint:
+            text = "1 where both sides share their nodes, at the end of the joint inside the body"
+            writer.static(f"{where}/tied", joint["tied"], "-", text, dtype=np.int8)
 
 
 def declare_cells(writer: ResultsWriter, cells: Cells) -> None:
@@ -212,5 +224,8 @@ def _declare_fields(
         text = "traction (n, s1, s2), compression if n < 0"
         writer.series(stream, f"{where}/traction", shape, "Pa", text)
         if status:
-            text = "0 open, 1 sticking, 2 sliding in the step ending here"
+            text = (
+                "0 open, 1 sticking, 2 sliding in the step ending here, 3 closed without friction, "
+                "4 tied"
+            )
             writer.series(stream, f"{where}/status", shape[:1], "-", text, dtype=np.int8)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_joints.results.joint_points import joint_area
 from dolfinx_joints.results.reader import Results, listing
 from dolfinx_joints.results.resolved import resolved_frequencies
 
@@ -60,6 +61,7 @@ def overview(path: str | Path) -> str:
         lines += _line("points", _points(results))
         for law, joints in _by_law(results).items():
             lines += _line("joints", [*joints[:-1], joints[-1] + law])
+        lines += _line("joint area", [joint_area(results)] if results.joints else [])
         for stream, names in results.streams.items():
             lines.append(_records(results, stream))
             lines += _line("", _together((n, results.unit(stream, n)) for n in names))

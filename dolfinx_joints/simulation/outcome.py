@@ -22,11 +22,14 @@ from dolfinx_joints.time_integration.substeps import StepCounts
 
 
 def shares(counts: StatusCounts) -> str:
-    """Shares of the joint points that are open, stick and slide."""
+    """Return shares of the joint points by what they do; tied ones are counted apart."""
     total = max(counts.total, 1)
-    parts = ((counts.open, "open"), (counts.stick, "sticking"), (counts.slip, "sliding"))
+    parts = [(counts.open, "open"), (counts.stick, "sticking"), (counts.slip, "sliding")]
+    if counts.frictionless:
+        parts.append((counts.frictionless, "closed without friction"))
     words = ", ".join(f"{100 * n / total:.1f} % {what}" for n, what in parts)
-    return f"{number(counts.total)}: {words}"
+    tied = f"; {number(counts.tied)} more tied" if counts.tied else ""
+    return f"{number(counts.total)}: {words}{tied}"
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

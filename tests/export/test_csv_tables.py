@@ -103,7 +103,7 @@ def test_tables_hold_the_numbers_of_the_file(tmp_path):
         reaction = results.series("histories", "reaction/base")
         np.testing.assert_array_equal(column(history, "reaction/base z [N]"), reaction[:, 2])
         # Every series of the stream has its columns: 2 points x 3 x 3, and the others.
-        assert len(read(history)[0]) == 1 + 18 + 3 + 3 + 1 + 3
+        assert len(read(history)[0]) == 1 + 18 + 3 + 4 + 1 + 3
         # Frames n = z, s1 = x, s2 = y: on the + side minus the sums of areas times tractions.
         for i, joint in enumerate(results.joints):
             t = results.series("states", f"joints/{joint}/traction")

@@ -249,7 +249,7 @@ def test_random_steps_are_of_all_kinds():
     answer = LAW.discrete_gradient(steps.gap, steps.state)
     was, now = steps.state.gap[:, 0] > 0, steps.gap[:, 0] > 0
     for before in (False, True):
-        for status in Status:
+        for status in (Status.OPEN, Status.STICK, Status.SLIP):
             share = np.mean((was == before) & (answer.status == status))
             assert share > 0.03, (before, status)
     assert np.mean(was & now) > 0.1
@@ -565,7 +565,8 @@ def test_a_rigid_point_that_cannot_slide_has_no_shear(law):
     np.testing.assert_allclose(answer.traction[0] / MPA, [-1, 0, 0], rtol=1e-13)
     np.testing.assert_allclose(answer.tangent[0], np.diag([0.5 * MPA / UM, 0, 0]), rtol=1e-13)
     np.testing.assert_array_equal(answer.state.gap, 0.0)
-    assert answer.status[0] == Status.STICK
+    free = law.friction_coefficient == 0.0
+    assert answer.status[0] == (Status.FRICTIONLESS if free else Status.STICK)
 
 
 @pytest.mark.parametrize("law", RIGID)

@@ -79,7 +79,7 @@ def test_losses_and_what_is_stored_are_the_work(name):
             lost = law.losses(before, answer, traction)
             work = np.einsum("ij,ij->i", traction, moved)
             np.testing.assert_allclose(sum(lost), work - stored, rtol=0, atol=1e-12)
-    assert {Status.OPEN, Status.STICK} <= seen
+    assert {Status.OPEN, Status.FRICTIONLESS if name == "no shear" else Status.STICK} <= seen
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from written_runs import SHARES
 
 from dolfinx_joints.common.constants import ACCELERATION_BAND
 from dolfinx_joints.common.errors import ResultsError
@@ -49,7 +50,13 @@ def write(
         declare_histories(writer, [[0.0, 0.0, 0.0], [0.0, 0.0, 8.0]], accelerations=True)
         writer.start()
         for row, time in enumerate(TIME):
-            values = {"iterations": 1, "joint_open": 0, "joint_stick": 1, "joint_slip": 0}
+            values = {
+                "iterations": 1,
+                "joint_open": 0,
+                "joint_stick": 1,
+                "joint_slip": 0,
+                "joint_frictionless": 0,
+            }
             values["displacement"] = [np.zeros(3), u[row]]
             values["acceleration"] = [np.zeros(3), a[row]]
             writer.append("histories", start + time, values | {"ground_acceleration": g[row]})
@@ -138,7 +145,13 @@ def test_a_band_keeps_the_impulse_of_a_short_step(tmp_path: Path) -> None:
         declare_histories(writer, [[0.0, 0.0, 8.0]], accelerations=True)
         writer.start()
         for row, t in enumerate(time):
-            values = {"iterations": 1, "joint_open": 0, "joint_stick": 1, "joint_slip": 0}
+            values = {
+                "iterations": 1,
+                "joint_open": 0,
+                "joint_stick": 1,
+                "joint_slip": 0,
+                "joint_frictionless": 0,
+            }
             values |= {"displacement": np.zeros((1, 3)), "ground_acceleration": np.zeros(3)}
             values["acceleration"] = np.full((1, 3), 3000.0 * (row == 101))
             writer.append("histories", t, values)
@@ -159,7 +172,7 @@ def test_absolute_motions_without_a_ground_have_none_to_be_relative_to(tmp_path:
         declare_histories(writer, np.zeros((2, 3)), accelerations=True, relative=False)
         writer.start()
         for time in (0.0, 1.0, 2.0):
-            values = dict.fromkeys(("iterations", "joint_open", "joint_stick", "joint_slip"), 0)
+            values = dict.fromkeys(("iterations", *SHARES), 0)
             values |= {"acceleration": np.ones((2, 3)), "ground_acceleration": np.zeros(3)}
             moved = [[3.0 * time, 0.0, 0.0], [5.0 * time, 0.0, 0.0]]
             writer.append("histories", time, values | {"displacement": moved})
@@ -290,6 +303,7 @@ def test_joint_measures(tmp_path: Path) -> None:
             "pressure_time": 1.0,
             "share_open": 6 / (5 * 8),
             "share_sliding": 9 / (5 * 8),
+            "share_frictionless": 0.0,
             "share_broken": 0.0,
         }
     )
@@ -352,7 +366,7 @@ def test_a_continued_run_counts_from_its_static_state(tmp_path: Path) -> None:
         stage = {"name": stage_bytes("weight"), "load_time": 0.0, "displacement": np.zeros((1, 3))}
         writer.append("statics", 1, stage | {"point_displacement": [[2e-3, 0.0, 0.0]]})
         for row, u in enumerate((5e-3, 6e-3)):
-            shares = dict.fromkeys(("joint_open", "joint_stick", "joint_slip"), 0.0)
+            shares = dict.fromkeys(SHARES, 0.0)
             record = {"displacement": [[u, 0.0, 0.0]], "iterations": 1}
             writer.append("histories", float(row), record | shares)
     with Results(tmp_path / "r.h5") as results:

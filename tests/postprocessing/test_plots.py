@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from written_runs import SHARES
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.errors import JointsError, ResultsError
@@ -81,7 +82,7 @@ def write_run(path: Path, amplitude: float = 0.02) -> Path:
         for t in time:
             wave = amplitude * np.sin(2 * np.pi * FREQUENCY * t)
             record = {"displacement": [[0, 0, 0], [wave - 1e-3, 0.0, -1e-3]], "iterations": 3}
-            shares = {"joint_open": 0.25, "joint_stick": 0.5, "joint_slip": 0.25}
+            shares = dict(zip(SHARES, (0.25, 0.5, 0.25, 0.0), strict=True))
             writer.append("histories", t, record | shares)
             energy = dict.fromkeys(ENERGY_TERMS, 2e6 * wave / amplitude) | {"error": 2e-3}
             writer.append("energy", t, energy)
@@ -155,9 +156,7 @@ def test_fourier_of_unequal_steps(tmp_path: Path) -> None:
         writer.start()
         for t in time:
             values = {"displacement": [[0.01 * np.sin(2 * np.pi * t), 0, 0]], "iterations": 1}
-            writer.append(
-                "histories", t, values | {f"joint_{s}": 0 for s in ("open", "stick", "slip")}
-            )
+            writer.append("histories", t, values | dict.fromkeys(SHARES, 0))
     (line,) = plots.fourier(Results(tmp_path / "r.h5"), 0, "x").get_lines()
     frequency, amplitude = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
     assert frequency[np.argmax(amplitude)] == pytest.approx(1.0, abs=0.01)
@@ -174,7 +173,7 @@ def test_runs_are_called_by_what_they_are(results: Results, tmp_path: Path) -> N
         declare_histories(writer, [[0.0, 0.0, 8.0]])
         writer.start()
         for t in (0.0, 1.0):
-            shares = {f"joint_{s}": 0 for s in ("open", "stick", "slip")}
+            shares = dict.fromkeys(SHARES, 0)
             writer.append(
                 "histories", t, {"displacement": np.zeros((1, 3)), "iterations": 1} | shares
             )
@@ -199,7 +198,7 @@ def test_response_spectra(tmp_path: Path) -> None:
         for t in 0.005 * np.arange(801):
             values = {"displacement": np.zeros((1, 3)), "acceleration": np.zeros((1, 3))}
             values["ground_acceleration"] = [0.1 * STANDARD_GRAVITY, 0, 0]
-            shares = {f"joint_{s}": 0 for s in ("open", "stick", "slip")}
+            shares = dict.fromkeys(SHARES, 0)
             writer.append("histories", t, values | shares | {"iterations": 1})
     run = Results(tmp_path / "run.h5")
     options = {"damping_ratio": 0.0, "periods": [0.5, 1.0], "reference": run}

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import Browser, chromium
-from written_runs import NODES, write_envelopes, write_run, write_stages, write_tip
+from written_runs import NODES, SHARES, write_envelopes, write_run, write_stages, write_tip
 
 from dolfinx_joints import report
 from dolfinx_joints.common.errors import ResultsError
@@ -302,7 +302,7 @@ def test_what_is_not_in_the_file_is_reported(tmp_path, monkeypatch):
         for row in range(6):
             record = {"displacement": [[1e-3 * row, 0.0, 0.0]], "iterations": 1}
             record |= {"acceleration": np.zeros((1, 3)), "ground_acceleration": np.zeros(3)}
-            shares = dict.fromkeys(("joint_open", "joint_stick", "joint_slip"), 0.0)
+            shares = dict.fromkeys(SHARES, 0.0)
             writer.append("histories", 0.1 * row, record | shares)
         writer.finish("complete", {})
 

@@ -700,7 +700,7 @@ def test_points_do_not_know_of_each_other():
     """All at once, in another order, and one by one: the same bits."""
     gaps = wander()
     together = follow(LAW, gaps)
-    assert all((together.status == status).any() for status in Status)
+    assert all((together.status == status).any() for status in (0, 1, 2))
     order = np.random.default_rng(1).permutation(gaps.shape[1])
     for whole, mixed in zip(together, follow(LAW, gaps[:, order]), strict=True):
         np.testing.assert_array_equal(whole[:, order], mixed)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.results.joint_points import free_areas, gaps, tied_points
 from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[np.floating[Any]]
@@ -167,7 +168,7 @@ def sliding_of_states(
 ) -> dict[str, Floats]:
     """The same from the tractions that a stream holds."""
     where = f"joints/{joint}"
-    areas = results.static(f"{where}/areas")
+    areas = free_areas(results, joint)
     traction = results.series(stream, f"{where}/traction", rows)
     intact = np.zeros(traction.shape[:-1], dtype=bool)
     if f"{where}/broken" in results.streams[stream]:
@@ -189,8 +190,9 @@ def _from_states(results: Results, joint: str, cohesion: float) -> dict[str, Flo
     """The same at the stored states."""
     rows, where = slice(results.rows("states")), f"joints/{joint}"
     points = results.static(f"{where}/points")
-    gap = results.series("states", f"{where}/gap", rows)
+    gap = gaps(results, "states", joint, rows)
     pressure = -results.series("states", f"{where}/traction", rows)[..., 0]
+    pressure[:, tied_points(results, joint)] = 0.0
     opening = np.maximum(gap[..., 0], 0.0)
     slip = np.linalg.norm(gap[..., 1:] - gap[:1, :, 1:], axis=-1)
     found = {

@@ -21,7 +21,7 @@ from dolfinx_joints.postprocessing.joints.surface import (
     map_limits,
     map_value,
 )
-from dolfinx_joints.postprocessing.palette import GREY, OPEN
+from dolfinx_joints.postprocessing.palette import GREY, OPEN, TIED
 from dolfinx_joints.results.arguments import chosen_state
 from dolfinx_joints.results.reader import Results
 
@@ -37,6 +37,8 @@ _WIDTH, _LEFT, _RIGHT = 10.0, 0.75, 0.15
 _GAP, _TITLE, _BELOW = 0.35, 0.3, 0.7
 _BAR, _HIGHEST = 0.85, 4.2
 _IN_A_ROW = 6
+
+TIED_STYLE: dict[str, Any] = {"facecolor": TIED, "edgecolor": GREY, "hatch": "////", "linewidth": 0}
 
 
 @checked
@@ -55,7 +57,7 @@ def joint_maps(
     one axis of elevations; others follow below them, those that bend unrolled. Of the states that
     is drawn which is nearest to ``time`` [s] or, without it, has the number ``index``, or the
     static ``stage`` of a name or number. In maps of tractions open points are black; the slip is
-    the tangential gap.
+    the tangential gap. Tied points, at the end of a joint inside a body, are hatched.
     """
     results, number, moment = chosen_state(results, time, index, stage)
     names = results.joints if joints is None else list(joints)
@@ -64,6 +66,8 @@ def joint_maps(
     surfaces = {name: JointSurface(results, name) for name in names}
     values = {name: map_value(results, name, quantity, number) for name in names}
     limits = map_limits(quantity, np.concatenate(list(values.values())))
+    tied = np.concatenate([surface.tied for surface in surfaces.values()])
+    is_open = np.isnan(np.concatenate(list(values.values()))) & ~tied
     figure, panels, bar = _laid_out(surfaces)
     for name, ax in panels.items():
         draw_map(ax, surfaces[name], values[name], quantity, limits)
@@ -74,7 +78,7 @@ def joint_maps(
             ax.set_ylabel("")
     what = MAP_LABELS[quantity].split(" $")[0].split(" [")[0]
     figure.suptitle(f"{what} {moment}", x=0.01, ha="left", y=0.995, fontsize="large")
-    _explain(bar, quantity, limits, any(np.isnan(v).any() for v in values.values()))
+    _explain(bar, quantity, limits, some_open=bool(is_open.any()), some_tied=bool(tied.any()))
     return figure
 
 
@@ -85,13 +89,21 @@ def draw_map(
     quantity: MapQuantity,
     limits: tuple[float, float],
 ) -> PolyCollection:
-    """Draw the patches of a joint's points, black where a value is NaN, and name its ends."""
+    """Draw the patches of a joint's points, tied ones hatched, and name its ends.
+
+    Other points are black where a value is NaN.
+    """
     from matplotlib.collections import LineCollection, PolyCollection
 
-    patches = PolyCollection(surface.patches(), array=values, cmap=map_colours(quantity, limits))
+    every, tied = surface.patches(), surface.tied
+    free = [patch for patch, apart in zip(every, tied, strict=True) if not apart]
+    patches = PolyCollection(free, array=values[~tied], cmap=map_colours(quantity, limits))
     patches.set(edgecolor="face", linewidth=0.3)
     patches.set_clim(*limits)
     ax.add_collection(patches)
+    if tied.any():
+        apart = [patch for patch, is_tied in zip(every, tied, strict=True) if is_tied]
+        ax.add_collection(PolyCollection(apart, **TIED_STYLE))
     ax.add_collection(LineCollection(list(surface.outlines()), colors=GREY, linewidths=0.3))
     ax.set_aspect("equal")
     ax.autoscale_view()
@@ -166,15 +178,21 @@ def _range(ranges: Iterator[tuple[float, float]]) -> tuple[float, float]:
 
 
 def _explain(
-    bar: Axes, quantity: MapQuantity, limits: tuple[float, float], some_open: bool
+    bar: Axes,
+    quantity: MapQuantity,
+    limits: tuple[float, float],
+    *,
+    some_open: bool,
+    some_tied: bool,
 ) -> None:
-    """The colour bar, or the names of the states, and of the black where there is some."""
+    """The colour bar, or the names of the states, and of black and hatched where there are some."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.patches import Patch
 
     plain = dict(STATES) if quantity == "state" else {"open": OPEN} if some_open else {}
     handles = [Patch(color=colour, label=label) for label, colour in plain.items()]
+    handles += [Patch(label="tied", **TIED_STYLE)] if some_tied else []
     if quantity == "state":
         bar.set_axis_off()
         bar.legend(handles=handles, loc="center left", frameon=False, ncols=len(handles))

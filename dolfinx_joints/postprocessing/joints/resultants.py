@@ -29,6 +29,7 @@ from dolfinx_joints.postprocessing.joints.extremes import (
     strength_of,
 )
 from dolfinx_joints.results.arguments import check_results
+from dolfinx_joints.results.joint_points import free_areas
 from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[np.floating[Any]]
@@ -128,7 +129,7 @@ class JointResultants(_Resultants):
         moment: About the centroid, effective, shape (..., 3), [N m].
         water_force: Of the water in the joint, likewise; None without.
         water_moment: Likewise.
-        contact: Share of the area under pressure, t_n < 0, shape (...).
+        contact: Share of the area under pressure, t_n < 0, shape (...); tied points do not count.
         compression: Integral of the pressure over the area, of tension too where a bond holds,
             shape (...), [N].
         shear_sum: Integral of the magnitude of the shear traction, shape (...), [N].
@@ -336,7 +337,7 @@ def _measures_of(results: Results, joint: str) -> dict[str, float]:
 
 
 class _Arrays(NamedTuple):
-    """Points (n, 3), frames (n, 3, 3) and areas (n,) of a joint as a file holds them."""
+    """Points (n, 3), frames (n, 3, 3) and areas (n,) of a joint, these zero at tied points."""
 
     points: Floats
     frames: Floats
@@ -351,7 +352,8 @@ def joint_geometry(results: Results, joint: str) -> JointGeometry:
 def _geometry(results: Results, joint: str) -> tuple[_Arrays, JointGeometry]:
     """Arrays of a joint, and its centroid, mean normal and area."""
     arrays = _Arrays(*(results.static(f"joints/{joint}/{name}") for name in _Arrays._fields))
-    return arrays, JointGeometry.of(arrays.points, arrays.frames[:, 0], arrays.areas)
+    geometry = JointGeometry.of(arrays.points, arrays.frames[:, 0], arrays.areas)
+    return arrays._replace(areas=free_areas(results, joint)), geometry
 
 
 def _recorded(results: Results, where: str, names: Iterable[str], rows: slice) -> dict[str, Any]:
@@ -377,7 +379,7 @@ def _from_fields(
     series, where = results.streams[stream], f"joints/{joint}"
     traction = results.series(stream, f"{where}/traction", rows)
     parts = _moved(arrays, geometry, traction, "")
-    parts["contact"] = (traction[..., 0] < 0.0) @ arrays.areas / geometry.area
+    parts["contact"] = (traction[..., 0] < 0.0) @ arrays.areas / arrays.areas.sum()
     if f"{where}/pressure" in series:
         pressed = np.zeros_like(traction)
         pressed[..., 0] = -results.series(stream, f"{where}/pressure", rows)

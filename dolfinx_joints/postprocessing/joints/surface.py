@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.postprocessing.joints.extremes import open_points
 from dolfinx_joints.postprocessing.joints.unrolled import Unrolled, tangent_axes, unrolled
 from dolfinx_joints.postprocessing.palette import OPEN, colour_limits, colours, signed_colours
+from dolfinx_joints.results.joint_points import Statics, gaps, tied_points
 from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
@@ -39,17 +40,13 @@ MAP_LABELS = LABELS | {
     "slip": "tangential gap [mm]",
     "state": "state of the points",
 }
-STATES = {"open": OPEN, "sticking": "#9ecae1", "sliding": "#e6550d"}  # as the file counts them
-
-
-class Statics(Protocol):
-    """Arrays of mesh and joints, as `Results` gives them."""
-
-    def static(self, name: str) -> NDArray[Any]:
-        """Return an array written once."""
-
-    def check_joint(self, joint: str) -> None:
-        """Raise an error for a joint that is not there."""
+# As the file counts them; tied points, which it counts last, have a colour in every map.
+STATES = {
+    "open": OPEN,
+    "sticking": "#9ecae1",
+    "sliding": "#e6550d",
+    "closed without friction": "#756bb1",
+}
 
 
 def is_plane(results: Statics) -> bool:
@@ -65,6 +62,7 @@ class JointFacets:
         joint: name of the joint.
 
     Attributes:
+        tied: which points are tied, shape (n,).
         corners: corners of the facets, shape (facets, 3 or 4, 3), [m].
         facet_of_point: number of each point's facet, shape (n,).
     """
@@ -73,6 +71,7 @@ class JointFacets:
         """Find the facets of the mesh that carry the points."""
         results.check_joint(joint)
         points = results.static(f"joints/{joint}/points")
+        self.tied = tied_points(results, joint)
         self.facet_of_point, self._both = facets_of_joint(results, joint)
         self._positions = results.static("mesh/nodes")
         self._surface = results.static("mesh/surface")
@@ -314,14 +313,20 @@ def traction_value(traction: Floats, quantity: Quantity) -> Floats:
 def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) -> Floats:
     """Value of each point in the unit of its label, shape (n,).
 
-    Tractions and their ratio are NaN where the joint is open; the state is 0 open, 1 sticking,
-    2 sliding, as the file has it.
+    Tractions and their ratio are NaN where the joint is open, and all values at tied points; the
+    state is 0 open, 1 sticking, 2 sliding, 3 closed without friction, as the file has it.
     """
+    values = _value(results, joint, quantity, number)
+    return np.where(tied_points(results, joint), np.nan, values)
+
+
+def _value(results: Results, joint: str, quantity: MapQuantity, number: int) -> Floats:
+    """Return the same as `map_value` with what the file has at tied points."""
     if quantity == "state":
         status: Floats = results.series("states", f"joints/{joint}/status", number).astype(float)
         return status
     if quantity == "opening" or quantity == "slip":
-        gap = 1e3 * results.series("states", f"joints/{joint}/gap", number)
+        gap = 1e3 * gaps(results, "states", joint, number)
         opening: Floats = np.maximum(gap[:, 0], 0.0)
         return opening if quantity == "opening" else np.hypot(gap[:, 1], gap[:, 2])
     traction, is_open = tractions(results, joint, number)
@@ -331,7 +336,7 @@ def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) 
 def map_limits(quantity: MapQuantity, values: Floats) -> tuple[float, float]:
     """Range of the colours of a quantity, zero included."""
     if quantity == "state":
-        return -0.5, 2.5
+        return -0.5, len(STATES) - 0.5
     low, high = colour_limits(values)
     never_negative = quantity in ("tangential", "opening", "slip")
     return (0.0, 1.0) if never_negative and high == 0.0 else (low, high)

@@ -1,0 +1,71 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Areas and gaps of the joint points in a file, and which of the points are tied.
+
+At the end of a joint inside a body both sides share their nodes. A point there is tied: it can
+neither open nor slide and transmits nothing, and its area is no part of what shares refer to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.results.reader import Results
+
+Floats = NDArray[np.floating[Any]]
+
+
+class Statics(Protocol):
+    """Arrays of mesh and joints, as `Results` gives them."""
+
+    @property
+    def statics(self) -> Collection[str]:
+        """Names of the arrays."""
+
+    def static(self, name: str) -> NDArray[Any]:
+        """Return an array written once."""
+
+    def check_joint(self, joint: str) -> None:
+        """Raise an error for a joint that is not there."""
+
+
+def tied_points(results: Statics, joint: str) -> NDArray[np.bool_]:
+    """Return which points of a joint are tied, shape (n,); none in files of earlier versions."""
+    where = f"joints/{joint}/tied"
+    if where in results.statics:
+        return np.asarray(results.static(where) != 0)
+    return np.zeros(len(results.static(f"joints/{joint}/areas")), dtype=bool)
+
+
+def free_areas(results: Statics, joint: str) -> Floats:
+    """Return the area of each point of a joint, zero at tied ones, shape (n,), [m^2]."""
+    areas = results.static(f"joints/{joint}/areas")
+    return np.where(tied_points(results, joint), 0.0, areas)
+
+
+def gaps(results: Results, stream: str, joint: str, index: int | slice = slice(None)) -> Floats:
+    """Return the gaps of the points of a joint, zero at tied ones, shape (..., n, 3), [m].
+
+    Args:
+        results: The run.
+        stream: ``states`` or ``statics``.
+        joint: Name of the joint.
+        index: Number of a record, or a slice of them.
+    """
+    gap = results.series(stream, f"joints/{joint}/gap", index)
+    return np.where(tied_points(results, joint)[:, None], 0.0, gap)
+
+
+def joint_area(results: Results) -> str:
+    """Return the area of all joints as text, with the share of it that is tied if some is."""
+    area, free = 0.0, 0.0
+    for joint in results.joints:
+        area += float(results.static(f"joints/{joint}/areas").sum())
+        free += float(free_areas(results, joint).sum())
+    if free == area:
+        return f"{area:.4g} m^2"
+    return f"{area:.4g} m^2, {100.0 * (1.0 - free / area):.2g} % of it tied"

@@ -21,9 +21,10 @@ from dolfinx_joints.loads.ground_motion import MOVING
 from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.modes import closed_stiffness
-from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.model.system import MatrixSystem, as_aij
 from dolfinx_joints.motions.differing import DifferingMotion
 from dolfinx_joints.solvers.direct import DirectSolver
+from dolfinx_joints.solvers.interface.springs import JointSprings
 
 # Times whose displacements are kept: a step asks for some more than once.
 KEPT = 4
@@ -107,7 +108,7 @@ class DifferingGround:
         """Solve (12z) for values at the constrained dofs (collective)."""
         constrained = self._model.constraints.dofs
         if self._solver is None:
-            self._stiffness = closed_stiffness(self._model.stiffness, self._model.contact)
+            self._stiffness = _tied(self._model)
             within = self._stiffness.copy()
             rows = constrained + within.getOwnershipRange()[0]
             within.zeroRowsColumns(rows.astype(PETSc.IntType), diag=1.0)
@@ -183,6 +184,25 @@ def differing_ground(model: Model, motion: Any) -> DifferingGround | None:
 def on_ground(ground: DifferingGround | None, system: MatrixSystem) -> MatrixSystem:
     """The system on its ground, as it is on none."""
     return system if ground is None else ground.moving(system)
+
+
+def _tied(model: Model) -> PETSc.Mat:
+    """Return K with all joints tied, a new matrix (collective).
+
+    Joints have the stiffness of their laws. If a law is rigid or has no shear stiffness, all joints
+    have that of the elements beside them in series with it.
+    """
+    body, contact = model.stiffness, model.contact
+    if contact is None:
+        return closed_stiffness(body, None)
+    own = contact.closed_stiffness()
+    untied = np.array([np.count_nonzero(~np.isfinite(own) | (own == 0.0))])
+    if not summed(model.jointed.mesh.comm, untied)[0]:
+        return closed_stiffness(body, contact)
+    springs = JointSprings(MatrixSystem(mass=model.mass, stiffness=body, contact=contact)).matrix
+    tied = as_aij(body)
+    tied.axpy(1.0, springs, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    return tied
 
 
 def _check_supports(model: Model) -> None:

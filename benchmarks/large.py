@@ -19,6 +19,7 @@ import os
 import resource
 import sys
 import time as clock
+import warnings
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -54,6 +55,7 @@ def write(mesh: Path, divisions: tuple[int, int, int], joints: int) -> None:
 
 def measure(kind: str, mesh: Path, options: argparse.Namespace) -> dict[str, Any]:
     """A run with joints or without."""
+    warnings.filterwarnings("ignore", "Loads act suddenly")  # only the cost of steps is measured
     if options.memory:
         resource.setrlimit(resource.RLIMIT_AS, (int(options.memory * GIGA),) * 2)
     scene = wall("large", divisions=options.divisions, joints=options.joints)

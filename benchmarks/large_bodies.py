@@ -26,6 +26,7 @@ import itertools
 import json
 import statistics
 import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -113,6 +114,7 @@ def counted() -> Iterator[list[int]]:
 
 def measure(kind: str, body: Wall, mesh: Path, options: argparse.Namespace) -> dict[str, Any]:
     """A run, tied or with the joint (collective)."""
+    warnings.filterwarnings("ignore", "Loads act suddenly")  # only the cost of steps is measured
     free_memory()
     divisions, joints = body
     scene = wall("large", divisions=divisions, joints=joints)

@@ -32,6 +32,8 @@ POINTS = {"crest": Probe((10.0, 0.0, 20.0), group="joint_2-"), "corner": (0.0, 4
 
 BASE = Fixed(group="base")
 
+DAMPING = stiffness_proportional(ratio=0.02, frequency=5.0)
+
 STEPS, DT = 12, 4e-3
 
 
@@ -60,14 +62,14 @@ def swaying(time):
     return 4.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.5 * np.sin(55.0 * time)])
 
 
-def wall(jointed, joints=LAW, supports=(BASE,), **options):
+def wall(jointed, joints=LAW, supports=(BASE,), damping=DAMPING, **options):
     return Model(
         jointed,
         material=CONCRETE,
         joints=joints,
         supports=list(supports),
         loads=[Gravity()],
-        damping=stiffness_proportional(ratio=0.02, frequency=5.0),
+        damping=damping,
         **options,
     )
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import Parameter, signature
+from itertools import combinations
 from typing import Annotated, Any, Literal
 
 import annotated_types as at
@@ -29,6 +30,9 @@ _BY_POSITION = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
 
 # Of the extent of the mesh: a node farther from the point of a support is another one.
 NO_NODE = 1e-6
+
+# Relative to the largest prescribed value: a smaller difference of two values is rounding.
+SAME_VALUE = 1e-9
 
 Stiffness = Annotated[float, at.Ge(0), at.Unit("Pa/m")]
 
@@ -70,6 +74,9 @@ class Fixed:
 @checked
 class Prescribed:
     """Displacement component given as a function of time on a facet group, or at a point.
+
+    Two of them may share nodes and the component if they give the same value there. Otherwise the
+    evaluation of the values raises a ValueError.
 
     Attributes:
         group: Name of the facet group, or as of `Fixed`.
@@ -148,8 +155,8 @@ Support = Fixed | Prescribed | Spring | ViscousBoundary
 class Constraints:
     """Constrained dofs of a space and their values in time.
 
-    Where supports share a dof, a prescribed value goes before a fixed one, and of two prescribed
-    ones the later in the list counts.
+    Where supports share a dof, a prescribed value goes before a fixed one, and two prescribed ones
+    must be equal.
 
     Args:
         jointed: The mesh with its facet groups.
@@ -173,7 +180,7 @@ class Constraints:
         fixed: list[Ints] = []
         held: list[Ints] = []
         self._prescribed: list[tuple[Ints, Floats, Prescribed]] = []
-        self._comm, self.points = jointed.mesh.comm, dict[str, Ints]()
+        self._comm, self._V, self.points = jointed.mesh.comm, V, dict[str, Ints]()
         x = V.tabulate_dof_coordinates()
         for support in supports:
             if not isinstance(support, Support):
@@ -204,6 +211,7 @@ class Constraints:
         self.groups = tuple(dict.fromkeys(place_of(support) for support in clamped))
         every = [np.empty(0, dtype=np.int64), *fixed, *(dofs for dofs, *_ in self._prescribed)]
         self.dofs = np.unique(np.concatenate(every))
+        self._shared = self._shared_dofs()
         self.static_dofs = np.unique(np.concatenate([self.dofs, *held]))
 
     @property
@@ -212,9 +220,17 @@ class Constraints:
         return bool(self._prescribed)
 
     def values(self, time: float, *, static: bool = False) -> NDArray[np.float64]:
-        """Displacements of `dofs`, or of `static_dofs`, at a time [s], shape (n,), [m]."""
+        """Return the displacements of `dofs`, or of `static_dofs`, at a time [s] (collective).
+
+        Returns:
+            Shape (n,), [m].
+
+        Raises:
+            ValueError: Two supports prescribe different values at the same dof.
+        """
         all_dofs = self.static_dofs if static else self.dofs
         values = np.zeros(len(all_dofs))
+        prescribed: list[Floats] = []
         for dofs, x, support in self._prescribed:
             name = f"The displacement {support.component} prescribed on {shown(place_of(support))}"
             value: float | Floats
@@ -224,8 +240,44 @@ class Constraints:
                     value = check_each(f"{name} at t = {time:g} s", given, len(x))
             else:
                 value = number_at(name, support.value, time, unit="m")
+            prescribed.append(np.broadcast_to(value, len(dofs)))
             values[np.searchsorted(all_dofs, dofs)] = value
+        self._check_shared(prescribed, time)
         return values
+
+    def _shared_dofs(self) -> list[tuple[int, int, Ints, Ints]]:
+        """Find pairs of prescribed supports that share dofs on any rank (collective).
+
+        Returns:
+            Numbers of two supports, and the places of the shared dofs among those of each.
+        """
+        pairs = []
+        for (i, (one, *_)), (j, (other, *_)) in combinations(enumerate(self._prescribed), 2):
+            _, at_one, at_other = np.intersect1d(one, other, return_indices=True)
+            if any(self._comm.allgather(len(at_one))):
+                pairs.append((i, j, at_one, at_other))
+        return pairs
+
+    def _check_shared(self, prescribed: list[Floats], time: float) -> None:
+        """Check that prescribed values are equal where supports share dofs (collective)."""
+        for i, j, at_one, at_other in self._shared:
+            scale = max(float(np.abs(prescribed[k]).max(initial=0.0)) for k in (i, j))
+            values = np.column_stack([prescribed[i][at_one], prescribed[j][at_other]])
+            worst = np.argsort(np.abs(values @ [1.0, -1.0]))[-1:]  # none without shared dofs
+            places = self._prescribed[i][1][at_one[worst]]
+            every = self._comm.allgather((scale, [*zip(values[worst], places, strict=True)]))
+            shared = [pair for _, pairs in every for pair in pairs]
+            (one, other), place = max(shared, key=lambda pair: abs(pair[0][0] - pair[0][1]))
+            if abs(one - other) <= SAME_VALUE * max(scale for scale, _ in every):
+                continue
+            supports = [self._prescribed[k][2] for k in (i, j)]
+            groups = " and ".join(shown(place_of(support)) for support in supports)
+            raise ValueError(
+                f"The supports on {groups} both prescribe the displacement "
+                f"{supports[0].component} at {as_text(place, self._V)}, which is {one:.10g} m and "
+                f"{other:.10g} m at t = {time:g} s; make the values equal there, or take the "
+                "shared nodes out of one of the groups."
+            )
 
 
 def _node_of_point(jointed: JointedMesh, V: Any, support: Fixed | Prescribed) -> Ints:

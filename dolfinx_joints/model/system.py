@@ -54,7 +54,7 @@ class MatrixSystem:
         water: Loads that depend on the state of the joints, None for none.
         in_joints: All loads that are water in joints, for what records their pressures.
         shared: What runs of the same model share (`SharedBulk`), None for nothing.
-        far_field: Forces on the far end of water with waves (`FarFieldLoad`), None without any.
+        varying_loads: Loads whose pattern varies in time: `FarFieldLoad`, `GroundDamping`.
         coupled: Order of the unknowns (`BodyAndWater`) with waves in water, None without.
         lowest_modes: Modes that `exact_modes` has found and keeps here.
     """
@@ -76,7 +76,7 @@ class MatrixSystem:
     water: JointWaters | None = None
     in_joints: Sequence[Any] = ()
     shared: Any = None
-    far_field: Any = None
+    varying_loads: Sequence[Any] = ()
     coupled: Any = None
     lowest_modes: dict[int, Any] = field(default_factory=dict, init=False, repr=False)
 
@@ -215,10 +215,8 @@ class MatrixSystem:
         out.set(0.0)
         for factor, (vector, _) in zip(factors, self.patterns, strict=True):
             out.axpy(float(factor), vector)
-        if self.water is not None:
-            self.water.add(out, time, scale)
-        if self.far_field is not None:
-            self.far_field.add(out, time, scale)
+        for varying in self._without_patterns:
+            varying.add(out, time, scale)
         return out
 
     def loads_by_name(self, time: float, scale: float) -> dict[str, PETSc.Vec]:
@@ -244,8 +242,8 @@ class MatrixSystem:
         for name, mean, (vector, _) in zip(names, means, self.patterns, strict=True):
             if mean:
                 works[name] += float(mean * vector.dot(x))
-        for more in (self.water, self.far_field):
-            works |= {} if more is None else more.work(x, start, end)
+        for varying in self._without_patterns:
+            works |= varying.work(x, start, end)
         return works
 
     def load_change(self, start: float, end: float) -> Floats:
@@ -266,8 +264,12 @@ class MatrixSystem:
     def names_of_works(self) -> list[str]:
         """Names that `work_of_loads` gives."""
         fixed = dict.fromkeys(self.load_names or ["load"])
-        more = [each.names for each in (self.water, self.far_field) if each is not None]
-        return [*fixed, *chain(*more)]
+        return [*fixed, *chain(*(varying.names for varying in self._without_patterns))]
+
+    @property
+    def _without_patterns(self) -> list[Any]:
+        """Loads that are not a fixed pattern times a factor of time."""
+        return [*([] if self.water is None else [self.water]), *self.varying_loads]
 
     @cached_property
     def _factors(self) -> Callable[[float], Floats]:
@@ -280,18 +282,26 @@ class MatrixSystem:
         return lru_cache(maxsize=2)(factors)
 
     def prescribed_rates(
-        self, time: float, spacing: float
+        self, time: float, interval: float, *, late: float = 0.0
     ) -> tuple[NDArray[Any], NDArray[Any]] | None:
-        """Velocities [m/s] and accelerations [m/s^2] of the constrained dofs, None if they rest.
+        """Return velocities [m/s] and accelerations [m/s^2] of the constrained dofs.
 
-        From differences of their displacements at ``time`` and one and two spacings [s] before it
-        (after it where the spacing is negative), exact for quadratic motions.
+        They are differences of the displacements at four times, exact for cubic motions. The result
+        is None if the dofs rest.
+
+        Args:
+            time: Time of the velocities [s].
+            interval: Length of the interval of the four times [s]. It ends at ``time``; if it is
+                negative, it begins there.
+            late: Part of the interval by which the time of the accelerations is before ``time``.
         """
         if self.values is None:
             return None
-        now, before, earlier = (self.values(time - k * spacing) for k in range(3))
-        velocity = (3.0 * now - 4.0 * before + earlier) / (2.0 * spacing)
-        return velocity, (now - 2.0 * before + earlier) / spacing**2
+        spacing = interval / 3.0
+        values = np.array([self.values(time - k * spacing) for k in range(4)])
+        velocity = np.array([11.0, -18.0, 9.0, -2.0]) @ values / (6.0 * spacing)
+        at_end = np.array([2.0, -5.0, 4.0, -1.0])
+        return velocity, ((1.0 - late) * at_end + late * at_end[::-1]) @ values / spacing**2
 
     def prescribed(self, time: float, *, scale: float = 1.0) -> Floats:
         """Displacements of the constrained dofs at a time [s], times ``scale``, [m]."""

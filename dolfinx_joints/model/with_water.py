@@ -168,9 +168,10 @@ class BodyAndWater:
                 for axis, velocity in enumerate(velocities[-1]):
                     patterns.append((self.joined(None, driven[:, axis]), velocity))
                     names.append(name)
-        section, far_field = self.water.section, None
+        section = self.water.section
+        far_field: list[FarFieldLoad] = []
         if section is not None and velocities:
-            far_field = FarFieldLoad(self, FarField(section, velocities, step))
+            far_field.append(FarFieldLoad(self, FarField(section, velocities, step)))
         rows = self.water.rows(*(int(n) for n in self._water_rows))
         return replace(
             dry,
@@ -182,7 +183,7 @@ class BodyAndWater:
             contact=None if dry.contact is None else self._contact(dry.contact),
             patterns=patterns,
             load_names=names,
-            far_field=far_field,
+            varying_loads=far_field,
             coupled=self,
         )
 

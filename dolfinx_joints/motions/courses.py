@@ -67,11 +67,15 @@ def motion_from_velocity(velocity: ArrayLike, *, dt: Seconds, name: str = "motio
     return motion_from_displacement(spline.antiderivative()(spline.x), dt=dt, name=name)
 
 
-def displacement_of(motion: Motion) -> Callable[[Floats], Floats]:
-    """Displacement of a motion [m] at times [s]: shape (n,) to (n, 3).
+def displacement_of(motion: Motion, *, rate: bool = False) -> Callable[[Floats], Floats]:
+    """Return the displacement of a motion as a function of times [s]: shape (n,) to (n, 3).
 
-    The exact integral of the linear accelerations: at rest before the first sample, after the last
-    one with the velocity that is left.
+    Accelerations are linear between samples and are integrated exactly. The ground rests before the
+    first sample. After the last sample it keeps its velocity.
+
+    Args:
+        motion: The motion.
+        rate: Return the velocity [m/s] instead of the displacement [m].
     """
     velocity, displacement = motion.integrated()
     acceleration, dt = motion.acceleration, motion.dt
@@ -81,6 +85,8 @@ def displacement_of(motion: Motion) -> Callable[[Floats], Floats]:
         within = np.clip(times, 0.0, motion.duration)
         i = np.minimum((within / dt).astype(int), len(jerk) - 1)
         past = (within - i * dt)[:, None]
+        if rate:
+            return np.asarray(velocity[i] + past * (acceleration[i] + 0.5 * past * jerk[i]))
         bent = 0.5 * acceleration[i] + past * jerk[i] / 6.0
         late = np.maximum(times - motion.duration, 0.0)[:, None]
         moved: Floats = displacement[i] + past * (velocity[i] + past * bent)

@@ -165,18 +165,26 @@ class DifferingMotion(Summarised):
         return self.named[self._reference](time)
 
     def relative_to_reference(
-        self, x: Floats, members: Mapping[str, NDArray[np.bool_]], first: float
+        self,
+        x: Floats,
+        members: Mapping[str, NDArray[np.bool_]],
+        first: float,
+        *,
+        rate: bool = False,
     ) -> Callable[[float], Floats]:
-        """Displacement of the ground at places less that of the reference at a time [s], (n, 3).
+        """Return the displacement of the ground less that of the reference as a function of time.
+
+        The function takes a time [s] and returns shape (n, 3).
 
         Args:
             x: The places, shape (n, 3), [m].
             members: Which of them belong to each of the `groups`, shape (n,).
             first: `Passage.delays` of the support that is reached first [s].
+            rate: Return velocities [m/s] instead of displacements [m].
         """
         shares = self._shares(x, members)
         delays = np.zeros(len(x)) if self.passage is None else self.passage.delays(x) - first
-        courses = {name: displacement_of(motion) for name, motion in self.named.items()}
+        courses = {n: displacement_of(motion, rate=rate) for n, motion in self.named.items()}
         parts = [
             (acts := np.flatnonzero(shares[:, k]), shares[acts, k, None], delays[acts], course)
             for k, course in enumerate(courses.values())

@@ -12,15 +12,19 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
+from dolfinx_joints.body.damping import Rayleigh
 from dolfinx_joints.body.places import nodes_of_facets
 from dolfinx_joints.body.supports import Spring
 from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.mpi import summed
+from dolfinx_joints.loads.ground_motion import MOVING
 from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.modes import closed_stiffness
-from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.model.system import MatrixSystem, as_aij
 from dolfinx_joints.motions.differing import DifferingMotion
 from dolfinx_joints.solvers.direct import DirectSolver
+from dolfinx_joints.solvers.interface.springs import JointSprings
 
 # Times whose displacements are kept: a step asks for some more than once.
 KEPT = 4
@@ -56,26 +60,35 @@ class DifferingGround:
         if motion.passage is not None:
             delays = motion.passage.delays(x)
             first = min(comm.allgather(float(delays.min(initial=np.inf))))
-        moved = motion.relative_to_reference(x, members, first)
-        axes = np.array([0, 1, 2] if block == 3 else [0, 2])[dofs % block]
+        axes = np.array(MOVING[block])[dofs % block]
 
-        def relative(time: float) -> Floats:
-            return moved(time)[self._node, axes]
+        def at_dofs(rate: bool) -> Callable[[float], Floats]:
+            moved = motion.relative_to_reference(x, members, first, rate=rate)
 
-        self._relative: Callable[[float], Floats] = lru_cache(maxsize=KEPT)(relative)
+            def relative(time: float) -> Floats:
+                return moved(time)[self._node, axes]
+
+            return lru_cache(maxsize=KEPT)(relative)
+
+        self._relative, self._rate = at_dofs(rate=False), at_dofs(rate=True)
         self._solver: DirectSolver | None = None
 
     def moving(self, system: MatrixSystem) -> MatrixSystem:
-        """The same system on this ground; prescribed displacements are relative to theirs."""
+        """Return the system on this ground (collective).
+
+        Prescribed displacements are relative to their ground. Damping acts on velocities relative
+        to the static part.
+        """
         own, self._symmetric = system.values, system.symmetric
 
         def values(time: float) -> Floats:
             return self._relative(time) if own is None else own(time) + self._relative(time)
 
-        return replace(system, values=values)
+        damping = GroundDamping.of(self._model, self.static_velocity)
+        return replace(system, values=values, varying_loads=[*system.varying_loads, *damping])
 
     def static_part(self, time: float) -> PETSc.Vec:
-        """Displacement of the body without inertia, all joints closed and sticking (collective).
+        """Return the displacement of the body without inertia, joints tied (collective).
 
         K u_s = 0 at unconstrained dofs, u_s = that of the ground at the supports, equation (12z).
 
@@ -85,21 +98,82 @@ class DifferingGround:
         Returns:
             Relative to the reference, [m].
         """
+        return self._static(self._relative(time))
+
+    def static_velocity(self, time: float) -> PETSc.Vec:
+        """Return the velocity of the static part at a time [s], [m/s] (collective)."""
+        return self._static(self._rate(time))
+
+    def _static(self, at_supports: Floats) -> PETSc.Vec:
+        """Solve (12z) for values at the constrained dofs (collective)."""
         constrained = self._model.constraints.dofs
         if self._solver is None:
-            self._stiffness = closed_stiffness(self._model.stiffness, self._model.contact)
+            self._stiffness = _tied(self._model)
             within = self._stiffness.copy()
             rows = constrained + within.getOwnershipRange()[0]
             within.zeroRowsColumns(rows.astype(PETSc.IntType), diag=1.0)
             self._solver = DirectSolver(within, symmetric=self._symmetric, often=True)
         found, force = self._stiffness.createVecs()
         found.set(0.0)
-        found.getArray()[constrained] = self._relative(time)
+        found.getArray()[constrained] = at_supports
         self._stiffness.mult(found, force)
         force.scale(-1.0)
-        force.getArray()[constrained] = self._relative(time)
+        force.getArray()[constrained] = at_supports
         self._solver.solve(force, found)
         return found
+
+
+class GroundDamping:
+    """Forces C_r du_s/dt of equation (12y): C_r damps velocities relative to the static part.
+
+    C_r is C without b K. A velocity u' of the step relative to the reference has the damping force
+    C u'; with this load C_r (u' - du_s/dt) is left, which is the same for every reference.
+
+    Args:
+        damping: Dampers of the body: M and its factor, the rest of C, and damping ratios of modes.
+        velocity: du_s/dt at a time [s], [m/s] (collective).
+
+    Attributes:
+        names: Its name in the ledger.
+    """
+
+    names = ("DifferingMotion_damping",)
+
+    def __init__(self, damping: MatrixSystem, velocity: Callable[[float], PETSc.Vec]) -> None:
+        """Keep the forces of the last times."""
+
+        def force(time: float) -> Floats:
+            moved = velocity(time)
+            found: Floats = damping.damping_force(moved, moved.duplicate()).getArray().copy()
+            return found
+
+        self._at = lru_cache(maxsize=KEPT)(force)
+
+    @classmethod
+    def of(cls, model: Model, velocity: Callable[[float], PETSc.Vec]) -> list[GroundDamping]:
+        """Return the load of a model in a list; none without C_r (collective)."""
+        factor, dashpots, modes = model.rayleigh.mass_factor, model.dashpots, model.damped_modes
+        if not factor and dashpots is None and modes is None:
+            return []
+        damping = MatrixSystem(
+            mass=model.mass,
+            stiffness=model.stiffness,
+            rayleigh=Rayleigh(mass_factor=factor),
+            dashpots=dashpots,
+            damped_modes=modes,
+        )
+        return [cls(damping, velocity)]
+
+    def add(self, out: PETSc.Vec, time: float, scale: float) -> None:
+        """Add the forces at a time [s], times ``scale``, to those of all unknowns [N]."""
+        force = self._at(time)
+        out.getArray()[: len(force)] += scale * force
+
+    def work(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
+        """Return the work on a change of the unknowns by the mean of its ends, [J] (collective)."""
+        force = 0.5 * (self._at(start) + self._at(end))
+        mine = float(force @ x.array_r[: len(force)])
+        return {self.names[0]: float(summed(x.comm.tompi4py(), np.array([mine]))[0])}
 
 
 def differing_ground(model: Model, motion: Any) -> DifferingGround | None:
@@ -110,6 +184,25 @@ def differing_ground(model: Model, motion: Any) -> DifferingGround | None:
 def on_ground(ground: DifferingGround | None, system: MatrixSystem) -> MatrixSystem:
     """The system on its ground, as it is on none."""
     return system if ground is None else ground.moving(system)
+
+
+def _tied(model: Model) -> PETSc.Mat:
+    """Return K with all joints tied, a new matrix (collective).
+
+    Joints have the stiffness of their laws. If a law is rigid or has no shear stiffness, all joints
+    have that of the elements beside them in series with it.
+    """
+    body, contact = model.stiffness, model.contact
+    if contact is None:
+        return closed_stiffness(body, None)
+    own = contact.closed_stiffness()
+    untied = np.array([np.count_nonzero(~np.isfinite(own) | (own == 0.0))])
+    if not summed(model.jointed.mesh.comm, untied)[0]:
+        return closed_stiffness(body, contact)
+    springs = JointSprings(MatrixSystem(mass=model.mass, stiffness=body, contact=contact)).matrix
+    tied = as_aij(body)
+    tied.axpy(1.0, springs, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    return tied
 
 
 def _check_supports(model: Model) -> None:

@@ -58,6 +58,7 @@ class DynamicRun:
         state: The state to begin with.
         settings: How the stage is run, by name; passed to the monitors.
         stages: Static stages before; likewise.
+        doubts: Warnings given at the start; likewise.
 
     Attributes:
         state: Where the run is.
@@ -82,6 +83,7 @@ class DynamicRun:
         static_part: Callable[[float], PETSc.Vec] | None,
         settings: Mapping[str, Any],
         stages: Sequence[StageRecord],
+        doubts: Sequence[str],
     ) -> None:
         """Start the ledger (collective)."""
         self.model, self.monitors, self._watch, self._seconds = model, monitors, watch, seconds
@@ -103,7 +105,7 @@ class DynamicRun:
         self.origin = state.displacement.copy()
         self._work = state.displacement.duplicate()
         self._started: list[Monitor] = []
-        self._settings, self._warnings = settings, list(model.doubts)
+        self._settings, self._warnings = settings, [*model.doubts, *doubts]
         self._warnings += [] if motion is None else warn_of_sides(model, stacklevel=4)
         self._stages = stages
         self._progress: Progress | None = None

@@ -20,7 +20,7 @@ from dolfinx_joints.simulation.checkpoint import Checkpoints
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.exact_steps import scaled
-from dolfinx_joints.time_integration.initial_state import SPACING, initial_state
+from dolfinx_joints.time_integration.initial_state import INTERVAL, initial_state
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent
 from dolfinx_joints.time_integration.reduced_steps import ReducedBulk
 from dolfinx_joints.time_integration.scheme import Scheme
@@ -133,7 +133,7 @@ def first_state(
 
 def _check_velocity(system: MatrixSystem, v: PETSc.Vec, dt: float) -> None:
     """Check that an initial velocity is that of the supports where there are some (collective)."""
-    rates = system.prescribed_rates(0.0, -SPACING * dt)
+    rates = system.prescribed_rates(0.0, -INTERVAL * dt)
     there = v.getArray(readonly=True)[system.constrained] - (0.0 if rates is None else rates[0])
     off = max(v.comm.tompi4py().allgather(float(np.abs(there).max(initial=0.0))))
     if off > SAME_VELOCITY * v.norm(PETSc.NormType.INFINITY):

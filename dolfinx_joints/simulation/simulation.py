@@ -42,8 +42,9 @@ from dolfinx_joints.simulation.first_state import (
 from dolfinx_joints.simulation.monitor import Monitor, failures_shown
 from dolfinx_joints.simulation.outcome import Outcome, StaticState, closing_lines
 from dolfinx_joints.simulation.record import StageRecord, grout_record, stage_name, stage_record
+from dolfinx_joints.simulation.start_checks import check_complete, sudden_loads
 from dolfinx_joints.simulation.statics.construction import grouted
-from dolfinx_joints.simulation.statics.stage import check_acting, check_complete, march
+from dolfinx_joints.simulation.statics.stage import check_acting, march
 from dolfinx_joints.simulation.statics.unfinished import (
     Unfinished,
     check_grouted,
@@ -325,9 +326,9 @@ class Simulation:
         given = given_fields(self.model, start, velocity=velocity, displacement=displacement)
         acting, ground = shaken_by(motion, loads), differing_ground(self.model, motion)
         motion = ground_motion(self.model, motion, loads)
-        if not resume and start is None:
-            check_grouted(self.static)
-            check_complete(self.model, self.static, self.stages)
+        begins = not resume and start is None
+        if begins:
+            check_complete(self.static)
         if checkpoint is not None:
             checkpoint.check(self.model.jointed.mesh.comm, resume=resume)
         with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
@@ -349,6 +350,8 @@ class Simulation:
             if kept and self.static is not None:
                 kept[0].take(self.static.reaction, system.constrained)
             state = saved.state if saved else first_state(solver, dt, self.static, start, given)
+            before = self.static, self.stages
+            doubts = sudden_loads(self.model, system, state, *before, shaking) if begins else []
             if reduced is not None:
                 scheme = ReducedSteps(reduced, scheme, solver, state, dt)
                 state = scheme.start
@@ -367,6 +370,7 @@ class Simulation:
                 static_part=ground.static_part if ground else None,
                 settings={k: in_words(v) for k, v in facts.items()} | acting,
                 stages=tuple(self.stages),
+                doubts=doubts,
             )
         with released(checkpoint, at_end=True), run.watched():
             if saved is None:

@@ -16,10 +16,10 @@ from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.products import combination
 from dolfinx_joints.time_integration.states import DynamicState
 
-# Spacing of the differences that give the first velocity and acceleration of moving supports, as
-# part of a step: for motions that the steps resolve they err far less than the time scheme, and
-# rounding leaves them some eight digits.
-SPACING = 1.0 / 64.0
+# Interval of the differences that give the first velocity and acceleration of moving supports, as a
+# part of a step. For motions that the steps resolve, their error is far below that of the time
+# scheme, and rounding leaves about eight digits.
+INTERVAL = 1.0 / 16.0
 
 # Of the loads or elastic forces, that may be left where there is no mass at the start.
 LARGEST_FORCE = 1e-6
@@ -40,7 +40,7 @@ def initial_state(
     Args:
         solver: Solver of the system.
         time: Start [s].
-        dt: Step that is taken next [s]; needed where supports move, see `SPACING`.
+        dt: Step that is taken next [s]; needed where supports move, see `INTERVAL`.
         displacement: u [m]; zero unless given, but for prescribed dofs.
         velocity: v [m/s], zero unless given.
         joints: State of the joints, asked for their tractions at ``displacement``, or the response
@@ -54,7 +54,7 @@ def initial_state(
     moving = unknowns(system, None)
     if dt is None and system.values is not None:
         raise ValueError("dt is missing; the first velocity of moving supports depends on it.")
-    rates = None if dt is None else system.prescribed_rates(time, -SPACING * dt)
+    rates = None if dt is None else system.prescribed_rates(time, -INTERVAL * dt)
     if rates is not None:
         v.getArray()[system.constrained] = rates[0]
         moving.getArray()[system.constrained] = rates[1]

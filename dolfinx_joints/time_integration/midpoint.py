@@ -270,7 +270,7 @@ class _Turn:
         self._fixed = system.constrained
         self._kick = None if exact is None else LoadKick(system, exact, state.time, time)
         kicked = self._kick is not None and self._kick.felt
-        rates = system.prescribed_rates(time, 0.5 * dt)
+        rates = system.prescribed_rates(time, dt)
         if rates is None and not kicked:
             return
         self.velocity, self.momentum = x.duplicate(), x.duplicate()

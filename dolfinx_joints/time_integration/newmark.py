@@ -73,9 +73,10 @@ class _Alpha:
         x = guess(state, (dt, v), (0.5 * dt**2, a))
         fixed = system.constrained
         x.getArray()[fixed] = system.prescribed(time) - state.displacement.array[fixed]
-        rates = system.prescribed_rates(time, 0.5 * dt)
+        # a_m balances forces at t1 - alpha_f dt, so that a1 is of second order earlier than t1.
+        rates = system.prescribed_rates(time, dt, late=self.alpha_f - self.alpha_m)
         if rates is not None:
-            # Inferred from their displacements alone, their accelerations would swing for ever.
+            # Inferred from the displacements alone, accelerations of supports would oscillate.
             a_known.getArray()[fixed] = rates[1] - of_mass * x.array[fixed]
             v_known.getArray()[fixed] = rates[0] - of_damping * x.array[fixed]
         load = system.load(time, state.load.duplicate())

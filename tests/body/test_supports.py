@@ -108,3 +108,33 @@ def test_places_that_do_not_fit_are_refused(two_rectangles_file, read, support, 
 
     with pytest.raises((ValueError, MeshError), match=text):
         run()
+
+
+def test_two_prescribed_values_of_one_dof_must_be_equal(comm, two_rectangles_file, read):
+    """The corner (1, 2) is in two groups: one value wins nowhere, and both are named on all ranks.
+
+    Values that differ by rounding are equal, and so are two fixed ones.
+    """
+    jointed = read(two_rectangles_file(angle=0.0), joints=[])
+
+    def moved(*supports):
+        fixed = [Fixed(group="base"), Fixed(group="sides", components="y")]
+        model = Model(jointed, material=SOLID, supports=[*fixed, *supports])
+        return Simulation(model).quasi_statics([0.5]).displacement.norm()
+
+    def of_top(value):
+        return Prescribed(group="top", component="x", value=value)
+
+    corner = Prescribed(point=(1.0, 2.0), component="x", value=lambda t: 0.1 * t * 0.3)
+    alike = of_top(lambda x, t: t * 0.3 * (0.1 * x[:, 0]))
+    text = (
+        r"The supports on 'top' and 'point \(1 2\)' both prescribe the displacement x at \(1, 2\), "
+        r"which is 0.02 m and 0.015 m at t = 0.5 s; make the values equal there"
+    )
+    with pytest.raises(ValueError, match=text) as failed:
+        moved(of_top(lambda t: 0.04 * t), corner)
+    assert len(set(comm.allgather(str(failed.value)))) == 1
+    assert moved(alike, corner) == pytest.approx(moved(alike), rel=1e-12)
+    assert moved(of_top(lambda t: 0.03 * t), corner) > 0.0
+    crossed = Prescribed(point=(1.0, 2.0), component="y", value=lambda t: 0.1 * t)
+    assert moved(alike, crossed) > moved(alike)

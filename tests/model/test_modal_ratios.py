@@ -188,6 +188,7 @@ def test_of_a_small_system():
     np.testing.assert_allclose(out.array_r, expected @ [0.3, -0.7], rtol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore:Loads act suddenly")
 def test_errors(wall):
     with pytest.raises(ValueError, match="ratio has 2 values for 3 modes"):
         dj.ModalRatios(ratio=(0.05, 0.05), modes=3)

@@ -204,6 +204,7 @@ def test_envelopes_of_a_run_on_any_number_of_ranks(comm, wall_file, read, new_pa
         np.testing.assert_allclose(np.nansum(directions[0] * directions[1], axis=1), 0, atol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore:Loads act suddenly")
 def test_no_envelopes_unless_asked_for(comm, wall_file, read, new_path):
     path = new_path("plain.h5")
     model = model_of(read(wall_file()))

@@ -51,11 +51,14 @@ def test_velocities_come_back_to_fourth_order() -> None:
 def test_the_displacement_of_a_motion_rests_before_it_and_goes_on_after_it() -> None:
     motion = Motion(acceleration=np.array([[0.0, 1, 2], [3, 1, 2], [3, 1, 2]]), dt=0.5)
     # x: 6 t to 0.5 s, then 3, so that t^3 and 0.125 + 0.75 s + 1.5 s^2; v is 2.25 at 1 s.
-    found = displacement_of(motion)(np.array([-1.0, 0.25, 0.75, 1.0, 3.0]))
+    times = np.array([-1.0, 0.25, 0.75, 1.0, 3.0])
+    found, rates = displacement_of(motion)(times), displacement_of(motion, rate=True)(times)
     at_end = 0.125 + 0.75 * 0.5 + 1.5 * 0.25
     x = [0.0, 0.25**3, 0.125 + 0.75 * 0.25 + 1.5 * 0.0625, at_end, at_end + 2.0 * 2.25]
     np.testing.assert_allclose(found[:, 0], x, rtol=1e-14)
     np.testing.assert_allclose(found[:, 2], [0.0, 0.0625, 0.5625, 1.0, 5.0], rtol=1e-14)
+    np.testing.assert_allclose(rates[:, 0], [0.0, 0.1875, 1.5, 2.25, 2.25], rtol=1e-14)
+    np.testing.assert_allclose(rates[:, 2], [0.0, 0.5, 1.5, 2.0, 2.0], rtol=1e-14)
 
 
 def test_stations_share_the_ground_between_them_and_waves_are_late() -> None:

@@ -342,6 +342,7 @@ CHANGED = {
 }
 
 
+@pytest.mark.filterwarnings("ignore:Loads act suddenly")
 @pytest.mark.parametrize("case", CHANGED)
 def test_a_run_changed_in_what_does_not_show_is_refused(case, wall_file, read, tmp_path):
     before, after, sentence = CHANGED[case]
@@ -543,6 +544,7 @@ def test_a_checkpoint_that_is_not_finished_leaves_the_old_one(
     assert content(tmp_path / "run.h5")[1]["steps"] == 4
 
 
+@pytest.mark.filterwarnings("ignore:Loads act suddenly")
 def test_a_stage_after_another_goes_on_at_its_time(wall_file, read, tmp_path):
     """Without ``start``, whose time counts, its steps would end at times from zero on."""
     model, kept = wall(read(wall_file())), Checkpoints(tmp_path / "run.ckpt", every=2)
@@ -605,6 +607,7 @@ def test_a_damaged_file_of_fields_does_not_stop_a_continued_run(wall_file, read,
     assert len(read_vtk(tmp_path / "run_joints.vtkhdf")) == 5
 
 
+@pytest.mark.filterwarnings("ignore:Loads act suddenly")
 def test_without_joints_and_without_a_static_state(wall_file, read, tmp_path):
     body = Model(
         read(wall_file(), joints=[]),

@@ -75,6 +75,7 @@ def test_what_a_model_made_outlives_it(wall):
     assert displacement.copy().norm() > 0.0
 
 
+@pytest.mark.filterwarnings("ignore:Loads act suddenly")
 @pytest.mark.mpi
 def test_memory_does_not_grow_with_the_steps(wall_file, comm):
     # A dozen vectors are made in each step; on several ranks PETSc would keep them all.

@@ -74,7 +74,12 @@ def test_a_body_at_rest_stays_at_rest_and_nothing_warns(wall, recwarn):
     assert not [w for w in recwarn if "single step errs" in str(w.message)]
 
 
-def test_loads_that_jump_as_a_dynamic_stage_starts_are_warned_of(wall, recwarn):
+def sudden(recorded):
+    """Warnings of loads that act suddenly."""
+    return [str(w.message) for w in recorded if "act suddenly" in str(w.message)]
+
+
+def test_loads_of_another_time_are_warned_of(wall, recwarn):
     """Quasi-statics ends with loads of its last time, a dynamic stage starts with those of t = 0.
 
     A sine of 2 pi is zero but for rounding.
@@ -85,11 +90,75 @@ def test_loads_that_jump_as_a_dynamic_stage_starts_are_warned_of(wall, recwarn):
     simulation.quasi_statics([0.25, 1.0])
     simulation.dynamics(dt=DT, steps=1, motion=swaying)
     simulation.quasi_statics([0.25], name="pushed")
-    assert not [w for w in recwarn if "at once" in str(w.message)]
-    simulation.dynamics(dt=DT, steps=1)
-    said = [str(w.message) for w in recwarn if "at once" in str(w.message)]
+    assert not sudden(recwarn)
+    middle = simulation.dynamics(dt=DT, steps=1)
+    simulation.dynamics(dt=DT, steps=1, start=middle.state)
+    said = sudden(recwarn)
     assert len(said) == (wall.jointed.mesh.comm.rank == 0)  # one rank says it
-    assert all("'pushed' ended" in one and ": Traction_crest changes" in one for one in said)
+    text = "t = 0 s: Traction_crest; the last static stage, 'pushed' at t = 0.25 s, ended"
+    assert all(text in one for one in said)
+
+
+class Summary(Monitor):
+    """Keeps the summary of the run."""
+
+    def finish(self, status, summary):
+        self.summary = summary
+
+
+def test_loads_without_a_static_stage_are_warned_of(wall_file, read, recwarn):
+    """Once, on one rank, by name. Results keep the warning.
+
+    There is none of a load whose factor starts at zero, of a ground motion or of an initial
+    displacement without loads.
+    """
+    file = wall_file(divisions=(2, 1, 2), joints=1)
+    ramp = Traction(group="crest", value=(1e4, 0.0, 0.0), factor=lambda t: t)
+    push = Traction(group="crest", value=(1e4, 0.0, 0.0))
+
+    def started(own, **options):
+        model = Model(
+            read(file),
+            material=Elastic(young=24e9, poisson=0.2, density=2400.0),
+            joints=FrictionNoTension(
+                normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0
+            ),
+            supports=[Fixed(group="base")],
+            loads=own,
+        )
+        monitor = Summary()
+        simulation = Simulation(model, monitors=[monitor])
+        if options.pop("static", False):
+            simulation.statics()
+        recwarn.clear()
+        simulation.dynamics(dt=DT, steps=1, **options)
+        comm = model.jointed.mesh.comm
+        said = comm.allgather(sudden(recwarn))
+        assert not any(said[1:])
+        kept = [text for text in monitor.summary.get("warnings", []) if "act suddenly" in text]
+        if comm.rank == 0:
+            assert kept == said[0]
+        return said[0]
+
+    (said,) = started([Gravity(), ramp])
+    assert "t = 0 s: Gravity; no static stage was run. For a start at rest run statics()" in said
+    (said,) = started([Gravity(), ramp], static=True, loads=[push])
+    assert ": Traction_crest_2; they are no part of the static state." in said
+    assert not started([Gravity(), push], static=True, loads=[ramp], motion=swaying)
+    assert not started([ramp])
+    assert not started([], motion=lambda t: np.array([1.0, 0.0, 0.0]))
+    assert not started([], displacement=lambda x: 1e-6 * x[:, [2, 1, 1]] * [1.0, 0.0, 0.0])
+
+
+def test_loads_in_balance_with_an_initial_displacement_are_not_warned_of(wall, recwarn):
+    """The displacement and the loads are those of a static stage of the same model."""
+    before = Simulation(wall)
+    standing = before.statics().displacement
+    tied = Simulation(wall)
+    tied.dynamics(dt=DT, steps=1, displacement=standing)
+    assert not sudden(recwarn)
+    tied.dynamics(dt=DT, steps=1)
+    assert len(sudden(recwarn)) == (wall.jointed.mesh.comm.rank == 0)
 
 
 def test_both_solvers_march_alike(wall):
@@ -109,6 +178,7 @@ def test_both_solvers_march_alike(wall):
     assert difference(ends[0][0], ends[1][0]) < 1e-8
 
 
+@pytest.mark.filterwarnings("ignore:Loads act suddenly")
 def test_start_and_velocity_exclude_each_other(wall):
     simulation = Simulation(wall)
     outcome = simulation.dynamics(dt=DT, steps=1)
@@ -153,6 +223,7 @@ class Impulses(Monitor):
         """Nothing is left to do."""
 
 
+@pytest.mark.filterwarnings("ignore:Loads act suddenly")
 @pytest.mark.parametrize("control", [None, StepControl(tolerance=1e-4), StepControl(landing=True)])
 def test_forces_of_records_have_the_impulse_of_their_steps(blocks_file, read, control):
     """A block that falls on another: weight and recorded forces make up its change of momentum.

@@ -218,6 +218,7 @@ def test_a_law_that_states_no_losses_is_left_out(name):
     assert scene(Plain.law, moving=False).contact.without_losses(scheme.rule) == ()
 
 
+@pytest.mark.filterwarnings("ignore:Loads act suddenly")
 def test_a_fault_in_plastic_work_shows(monkeypatch):
     # A square of plastic cells, pressed by its weight and a shaken base, damped by the scheme too.
     pytest.importorskip("dolfinx")

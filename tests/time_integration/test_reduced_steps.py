@@ -308,6 +308,7 @@ def test_schemes_that_it_cannot_take(model, options, what):
         run(model, Gaps(), reduced=ReducedBulk(modes=8), **options)
 
 
+@pytest.mark.filterwarnings("ignore:Loads act suddenly")
 @pytest.mark.mpi
 def test_models_that_it_cannot_take(read, wall_file):
     jointed = read(wall_file())

@@ -21,6 +21,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
+import ufl
 from dolfinx.mesh import CellType, create_rectangle, locate_entities
 from shaken_wall import DT, POINTS, STEPS, Killed, Killer, shaking, wall
 
@@ -31,25 +32,32 @@ from dolfinx_joints import (
     EnergyConsistent,
     Fixed,
     FrictionNoTension,
+    GeneralizedAlpha,
     Gravity,
     HilberHughesTaylor,
     MeshError,
+    ModalRatios,
     Model,
     Motion,
     Newmark,
     Passage,
     Prescribed,
+    Rayleigh,
     Results,
     ResultsMonitor,
     RigidJoint,
     Simulation,
     Spring,
+    frictionless,
+    mass_proportional,
     motion_from_displacement,
+    rayleigh,
     split_mesh,
     stiffness_proportional,
     synthetic_motion,
 )
 from dolfinx_joints.common.errors import PlausibilityWarning
+from dolfinx_joints.motions.courses import displacement_of
 from dolfinx_joints.simulation.monitor import Monitor
 
 LENGTH, SPEED, TAU = 100.0, 1000.0, 0.05  # m, m/s, s
@@ -199,15 +207,45 @@ def absolute(motion):
     return DifferingMotion(motions=motions, positions=places)
 
 
+def drag(u, v):
+    """A damping form that resists translations as well [N s/m]."""
+    return 2e4 * ufl.inner(u, v) * ufl.dx
+
+
+# Every kind of damping that a model takes, some 5 to 15 % of the lowest modes.
+DAMPINGS = {
+    "none": {},
+    "stiffness": {"damping": stiffness_proportional(ratio=0.05, frequency=5.0)},
+    "mass": {"damping": mass_proportional(ratio=0.1, frequency=3.0)},
+    "Rayleigh": {"damping": rayleigh(ratio=0.05, frequencies=(2.0, 10.0))},
+    "modes": {"damping": ModalRatios(ratio=0.1, modes=3)},
+    "modes and mass": {
+        "damping": ModalRatios(ratio=0.15, modes=2, beyond=Rayleigh(mass_factor=0.3))
+    },
+    "form": {"extra_damping": drag},
+}
+
+
+LAWS = {
+    "closed": CLOSED,
+    "rigid": RigidJoint(friction_angle_deg=30.0),
+    "frictionless": frictionless(normal_stiffness=1e10),
+}
+
+
+CASES = [(damping, "closed") for damping in DAMPINGS]
+CASES += [("mass", "rigid"), ("mass", "frictionless")]
+
+
+@pytest.mark.parametrize(("damping", "law"), CASES)
 @pytest.mark.filterwarnings("ignore:The motions of rest, start, end")
-def test_absolute_displacements_are_those_relative_to_the_ground_and_its_own(comm):
+def test_absolute_displacements_are_those_relative_to_the_ground_and_its_own(comm, damping, law):
     """Under a constant acceleration, which steps integrate exactly, to rounding.
 
     Under any other to the order of the steps, 2: loads take an acceleration at their ends.
     """
-    damping = stiffness_proportional(ratio=0.05, frequency=5.0)
     constant = Motion(acceleration=np.tile([2.0, 0.0, 0.0], (2, 1)), dt=END)
-    model = rod(comm, 8, CLOSED, damping=damping)
+    model = rod(comm, 8, LAWS[law], **DAMPINGS[damping])
     _, t, relative, _, _ = march(model, constant, 60)
     total, static = march(model, absolute(constant), 60)[2:4]
     ground = t[:, None] ** 2  # 2 t^2 / 2
@@ -220,6 +258,112 @@ def test_absolute_displacements_are_those_relative_to_the_ground_and_its_own(com
         total = march(model, absolute(motion), steps)[2]
         apart.append(largest(comm, total - moved(t)[:, None] - relative))
     assert 1.8 < np.log2(apart[0] / apart[1]) < 2.2
+
+
+def leaning(comm, **options):
+    """A plane wall, 60 m long and 40 m high, on a base."""
+    mesh = create_rectangle(
+        comm, [np.zeros(2), np.array([60.0, 40.0])], [6, 4], CellType.quadrilateral
+    )
+    base = locate_entities(mesh, 1, lambda x: np.isclose(x[1], 0.0))
+    soft = Elastic(young=5e8, poisson=0.2, density=2400.0)
+    jointed = split_mesh(mesh, joints={}, groups={"base": base})
+    return Model(jointed, material=soft, supports=[Fixed(group="base")], **options)
+
+
+def moved_ground(reference, dt, share):
+    """A pulse of the left end of the base along x and z, and a share of it of the right end.
+
+    Stations are both ends and a place far to the left that rests.
+    """
+    time = np.arange(round(0.6 / dt) + 1) * dt
+    path = np.zeros((len(time), 3))
+    path[:, 0] = 0.05 * np.sin(np.pi * time / 0.6) ** 4
+    path[:, 2] = 0.5 * path[:, 0]
+    return DifferingMotion(
+        motions={
+            "rest": motion_from_displacement(0.0 * path, dt=dt),
+            "left": motion_from_displacement(path, dt=dt),
+            "right": motion_from_displacement(share * path, dt=dt),
+        },
+        positions={"rest": (-500.0, 0.0), "left": (0.0, 0.0), "right": (60.0, 0.0)},
+        reference=reference,
+    )
+
+
+class Absolute(Monitor):
+    """Displacements of all nodes along x and y at all steps with those of the reference added."""
+
+    def __init__(self, motion):
+        self.reference = displacement_of(motion)
+
+    def start(self, model, stage, steps, first):
+        self.seen = []
+        self.record(first)
+
+    def record(self, record):
+        ground = self.reference(np.array([record.time]))[0, [0, 2]]
+        self.seen.append(record.displacement.array.reshape(-1, 2) + ground)
+
+
+def shaken_wall(model, motion, reference, steps, scheme=None):
+    """Absolute displacements of the wall on its ground, shape (steps + 1, nodes, 2)."""
+    seen = Absolute(reference)
+    outcome = Simulation(model, monitors=[seen]).dynamics(
+        dt=1.2 / steps, steps=steps, motion=motion, scheme=scheme
+    )
+    if outcome.imbalance is not None:
+        assert outcome.imbalance < 1e-11
+        assert outcome.energy_error < 1e-11
+    return np.array(seen.seen)
+
+
+SCHEMES = [
+    EnergyConsistent(),
+    EnergyConsistent(exact_modes=4),
+    Newmark(),
+    HilberHughesTaylor(alpha=0.3),
+    GeneralizedAlpha(spectral_radius=0.5),
+]
+RUNS = [(d, SCHEMES[0]) for d in DAMPINGS] + [("modes and mass", s) for s in SCHEMES[1:]]
+
+
+@pytest.mark.parametrize(("damping", "scheme"), RUNS)
+def test_the_response_does_not_depend_on_the_reference(comm, damping, scheme):
+    """Every damping, along and up: the absolute motion differs by the order of the scheme, 2.
+
+    A uniform motion as one that differs, relative to a station that moves or one that rests,
+    against the plain uniform one; and ground that differs, relative to each of three stations.
+    """
+    model = leaning(comm, **DAMPINGS[damping])
+    for share in (1.0, 0.6):
+        apart = []
+        for steps in (60, 120):
+            grounds = {
+                name: moved_ground(name, 0.3 / steps, share) for name in ("left", "right", "rest")
+            }
+            own = {name: ground.named[name] for name, ground in grounds.items()}
+            seen = {
+                name: shaken_wall(model, ground, own[name], steps, scheme)
+                for name, ground in grounds.items()
+            }
+            if share == 1.0:
+                plain = shaken_wall(model, own["left"], own["left"], steps, scheme)
+                scale = largest(comm, plain)
+                # Relative to a ground that moves alike nothing is left but rounding.
+                assert largest(comm, seen["left"] - plain) < 1e-11 * scale
+                assert largest(comm, seen["right"] - plain) < 1e-11 * scale
+            pairs = [("left", "rest")] if share == 1.0 else [("left", "right"), ("left", "rest")]
+            apart.append(
+                [
+                    [largest(comm, (seen[one] - seen[other])[:, :, axis]) for axis in range(2)]
+                    for one, other in pairs
+                ]
+            )
+        orders = np.log2(np.divide(*apart))
+        assert (orders > 1.8).all(), orders
+        assert (orders < 2.2).all(), orders
+        assert np.max(apart[1]) < 0.01 * largest(comm, seen["left"])
 
 
 def apart(distance, dt, end):
@@ -270,7 +414,9 @@ def stations():
 def shaken(jointed, path, *, kill=None, **options):
     """A wall on a base that stations and a wave move, its joints opening and sliding."""
     monitors = [ResultsMonitor(path, points=POINTS, every=3, static_part=True), Killer(kill)]
-    simulation = Simulation(wall(jointed), monitors=monitors)
+    beyond = rayleigh(ratio=0.02, frequencies=(5.0, 40.0))
+    model = wall(jointed, damping=ModalRatios(ratio=0.05, modes=2, beyond=beyond))
+    simulation = Simulation(model, monitors=monitors)
     if not options.get("resume"):
         simulation.statics()
     return simulation.dynamics(dt=DT, steps=STEPS, motion=stations(), **options)
@@ -329,7 +475,7 @@ def test_a_rigid_joint_down_to_ground_that_differs(wall_file, read, rebounds):
         joints=law,
         supports=[Fixed(group="base")],
         loads=[Gravity()],
-        damping=stiffness_proportional(ratio=0.02, frequency=5.0),
+        damping=rayleigh(ratio=0.02, frequencies=(5.0, 40.0)),
     )
     record = synthetic_motion(duration=2.0)
     ground = DifferingMotion(

@@ -685,6 +685,7 @@ def test_a_stage_that_goes_on_keeps_its_water(in_dynamics):
     assert parts.displacement.norm() < 1e-9 * whole.displacement.norm()
 
 
+@pytest.mark.filterwarnings("ignore:Loads act suddenly")
 def test_water_given_to_a_stage_alone():
     """Its work is in the ledger as that of a load of the model is."""
     model = model_of(blocks(), dj.Gravity())

@@ -366,6 +366,7 @@ class HalfALaw:
         raise NotImplementedError
 
 
+@pytest.mark.filterwarnings("ignore:Loads act suddenly")
 def test_what_it_does_not_do_is_said(comm, new_path):
     jointed = block(comm, joint=True)
     model = standing(jointed, rock())

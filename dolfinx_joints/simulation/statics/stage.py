@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
@@ -22,7 +21,6 @@ from dolfinx_joints.loads.load import Load, always, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
-from dolfinx_joints.simulation.record import StageRecord
 from dolfinx_joints.simulation.statics.construction import with_inactive
 from dolfinx_joints.simulation.statics.jumps import Jumps
 from dolfinx_joints.simulation.statics.joint_water_iteration import JointWaterIteration
@@ -309,38 +307,3 @@ def check_acting(model: Model, loads: Any) -> None:
                 f"A {type(load).__name__} was given to a static stage that is not among the "
                 "model's loads; give it to Model(loads=...) as well."
             )
-
-
-def check_complete(model: Model, static: StaticState | None, stages: Sequence[StageRecord]) -> None:
-    """Check that nothing is missing in a static state, nor its water from before the grout.
-
-    Warns of loads that jump, those of the last static stage being of another time (collective).
-    """
-    if static is not None and static.absent:
-        raise JointsError(
-            f"{', '.join(static.absent)} is absent in the static state, which would act at once; "
-            "run statics() with all blocks before."
-        )
-    if static is not None and static.missing:
-        raise JointsError(
-            f"The static state lacks {', '.join(static.missing)} as the dynamic stage has it, "
-            "which would act at once; run statics() with all loads before."
-        )
-    if static is not None and stages and stages[-1].time:
-        _warn_of_jumps(model, stages[-1])
-
-
-def _warn_of_jumps(model: Model, last: StageRecord) -> None:
-    """Warn of loads that differ between a static stage's time and zero (collective)."""
-    system = model.system()
-    norms = np.array([vector.norm() for vector, _ in system.patterns])
-    at = [norms * np.abs(system.mean_factors(time, time)) for time in (0.0, last.time)]
-    changes = norms * np.abs(system.load_change(last.time, 0.0))
-    off = np.array(system.load_names)[changes > 1e-9 * np.max(at, initial=0.0)]
-    if len(off) and model.jointed.mesh.comm.rank == 0:
-        warnings.warn(
-            f"The static stage {last.name!r} ended with the loads of t = {last.time:g} s, a "
-            f"dynamic stage begins with those of t = 0: {', '.join(dict.fromkeys(off))} changes at "
-            "once. For a start at rest let quasi_statics end at 0, from times before it.",
-            stacklevel=5,
-        )

@@ -1,0 +1,110 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Checks at the start of a dynamic stage: a whole static state, and loads that act suddenly."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+from petsc4py import PETSc
+
+from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.loads.free_field import SupportForces
+from dolfinx_joints.loads.ground_motion import BaseMotion
+from dolfinx_joints.loads.load import Load, load_names
+from dolfinx_joints.loads.oblique_field import rising_waves
+from dolfinx_joints.model.model import Model
+from dolfinx_joints.model.system import MatrixSystem, unknowns
+from dolfinx_joints.simulation.outcome import StaticState
+from dolfinx_joints.simulation.record import StageRecord
+from dolfinx_joints.simulation.statics.unfinished import check_grouted
+from dolfinx_joints.time_integration.states import DynamicState
+
+# Relative to the largest load: a smaller change of a load is rounding.
+SAME_LOAD = 1e-9
+# Relative to the loads: a smaller force out of balance is what static solves leave.
+IN_BALANCE = 1e-6
+
+
+def check_complete(static: StaticState | None) -> None:
+    """Check that all joints, blocks and loads act in the static state.
+
+    Raises:
+        JointsError: A joint is inactive, a block is absent or a load is missing.
+    """
+    check_grouted(static)
+    if static is not None and static.absent:
+        raise JointsError(
+            f"{', '.join(static.absent)} is absent in the static state, which would act at once; "
+            "run statics() with all blocks before."
+        )
+    if static is not None and static.missing:
+        raise JointsError(
+            f"The static state lacks {', '.join(static.missing)} as the dynamic stage has it, "
+            "which would act at once; run statics() with all loads before."
+        )
+
+
+def sudden_loads(
+    model: Model,
+    system: MatrixSystem,
+    state: DynamicState,
+    static: StaticState | None,
+    stages: Sequence[StageRecord],
+    of_stage: Sequence[Load],
+) -> list[str]:
+    """Warn on rank 0 of loads that differ from those of the static state (collective).
+
+    Motions of the ground are left out. There is no warning if the forces at the start are in
+    balance.
+
+    Args:
+        model: The model.
+        system: System of the dynamic stage.
+        state: First state of the dynamic stage.
+        static: Last static state; None if no load has acted yet.
+        stages: Static stages so far.
+        of_stage: Loads of the dynamic stage besides the model's, in the order of the system's.
+
+    Returns:
+        The warning in a list, the same on every rank; empty without one.
+    """
+    own, every = load_names(model.loads), [*model.loads, *of_stage]
+    names = load_names(every)
+    before = {} if static is None else static.loads
+    loads = system.loads_by_name(state.time, 1.0)
+    largest = max((float(vector.norm()) for vector, _ in system.patterns), default=0.0)
+    changes: dict[str, float] = {}
+    for i, (name, load) in enumerate(zip(names, every, strict=True)):
+        if isinstance(load, BaseMotion | SupportForces) or rising_waves([load]):
+            continue
+        force = loads.get(name, unknowns(system, None))
+        largest = max(largest, float(force.norm()))
+        if i < len(own) and own[i] in before:
+            force.axpy(-1.0, unknowns(system, before[own[i]]))
+        changes[name] = float(force.norm())
+    sudden = [name for name, change in changes.items() if change > SAME_LOAD * largest]
+    if not sudden or _in_balance(system, state):
+        return []
+    at = f"t = {state.time:g} s"
+    why, remedy = "they are no part of the static state", "give them to the model"
+    if static is None:
+        why, remedy = "no static stage was run", "run statics() before"
+    elif not set(sudden) <= set(names[len(own) :]):
+        last = f", {stages[-1].name!r} at t = {stages[-1].time:g} s," if stages else ""
+        why = f"the last static stage{last} ended with other values"
+        remedy = f"let quasi_statics() end at {at}"
+    text = (
+        f"Loads act suddenly as the dynamic stage starts at {at}: {', '.join(sudden)}; {why}. For "
+        f"a start at rest {remedy}, or let their factors start at zero."
+    )
+    if model.jointed.mesh.comm.rank == 0:
+        warnings.warn(text, stacklevel=4)
+    return [text]
+
+
+def _in_balance(system: MatrixSystem, state: DynamicState) -> bool:
+    """Return True if no force accelerates the body (collective)."""
+    force: PETSc.Vec = system.mass * state.acceleration
+    return bool(force.norm() <= IN_BALANCE * state.load.norm())

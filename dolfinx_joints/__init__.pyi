@@ -18,8 +18,8 @@ from .body.supports import Spring as Spring
 from .body.viscous_boundary import ViscousBoundary as ViscousBoundary
 from .common.errors import CheckpointError as CheckpointError
 from .common.errors import ConvergenceError as ConvergenceError
-from .common.errors import JumpError as JumpError
 from .common.errors import JointsError as JointsError
+from .common.errors import JumpError as JumpError
 from .common.errors import MeshError as MeshError
 from .common.errors import PlausibilityWarning as PlausibilityWarning
 from .common.errors import RecordError as RecordError

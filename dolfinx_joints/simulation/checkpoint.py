@@ -35,7 +35,7 @@ from dolfinx_joints.simulation.dynamic_stage import DynamicRun
 from dolfinx_joints.simulation.fingerprint import fingerprint, first_difference
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import StageRecord
-from dolfinx_joints.simulation.statics.ledger import Jump, StaticEnergy
+from dolfinx_joints.simulation.static_energy import Jump, StaticEnergy
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.states import DynamicState
 

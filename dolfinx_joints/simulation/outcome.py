@@ -13,7 +13,7 @@ from dolfinx_joints.common.summary import Rows, Summarised, names, number
 from dolfinx_joints.joints.contact import StatusCounts
 from dolfinx_joints.laws.law import BACKWARD_EULER, Response
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.simulation.statics.ledger import Jump, StaticEnergy
+from dolfinx_joints.simulation.static_energy import Jump, StaticEnergy
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.energy import EnergyRow
 from dolfinx_joints.time_integration.reduced_steps import ReducedCounts

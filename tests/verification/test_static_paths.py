@@ -19,8 +19,9 @@ import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
-from dolfinx.mesh import CellType, create_box, create_rectangle, locate_entities
 from mpi4py import MPI
+
+from dolfinx.mesh import CellType, create_box, create_rectangle, locate_entities
 
 import dolfinx_joints as dj
 
@@ -86,9 +87,7 @@ def wedge(law, young, spring=0.0):
         )
     load = dj.Traction(group="bottom", value=(0.0, -1.0), factor=lambda t: t)
     material = dj.Elastic(young=young, poisson=0.0, density=0.0)
-    return dj.Model(
-        wedge_mesh(), material=material, joints=law, supports=supports, loads=[load]
-    )
+    return dj.Model(wedge_mesh(), material=material, joints=law, supports=supports, loads=[load])
 
 
 WIDTH = 2.0 * (1.0 + HEIGHT * np.tan(LEAN))  # of the wedge's bottom [m]
@@ -274,7 +273,9 @@ def test_increments_converge_with_first_order_where_slip_turns():
     mesh = create_box(COMM, [[0, 0, 0], [4, 4, 2]], [4, 4, 4], CellType.hexahedron)
     mesh.topology.create_connectivity(2, 3)
     level = {z: locate_entities(mesh, 2, lambda x, z=z: np.isclose(x[2], z)) for z in range(3)}
-    split = dj.split_mesh(mesh, joints={"joint": level[1]}, groups={"base": level[0], "top": level[2]})
+    split = dj.split_mesh(
+        mesh, joints={"joint": level[1]}, groups={"base": level[0], "top": level[2]}
+    )
     push = np.tan(ANGLE) * CONCRETE.density * G
     loads = [
         dj.Gravity(),

@@ -8,7 +8,8 @@ import numpy as np
 
 from dolfinx_joints.common.errors import JumpError
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.simulation.statics.ledger import Jump, StaticEnergy, StaticLedger
+from dolfinx_joints.simulation.static_energy import Jump, StaticEnergy
+from dolfinx_joints.simulation.statics.ledger import StaticLedger
 from dolfinx_joints.simulation.statics.load_increments import Increment
 
 # An increment that releases more than this share of its load work plus the stored energy is cut.

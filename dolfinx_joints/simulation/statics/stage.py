@@ -21,10 +21,11 @@ from dolfinx_joints.loads.load import Load, always, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
+from dolfinx_joints.simulation.static_energy import StaticEnergy
 from dolfinx_joints.simulation.statics.construction import with_inactive
-from dolfinx_joints.simulation.statics.jumps import Jumps
 from dolfinx_joints.simulation.statics.joint_water_iteration import JointWaterIteration
-from dolfinx_joints.simulation.statics.ledger import SolvedIncrement, StaticEnergy, StaticLedger
+from dolfinx_joints.simulation.statics.jumps import Jumps
+from dolfinx_joints.simulation.statics.ledger import SolvedIncrement, StaticLedger
 from dolfinx_joints.simulation.statics.load_increments import Increment, LoadIncrements
 from dolfinx_joints.simulation.statics.stage_start import carried_loads, start_of_stage
 from dolfinx_joints.simulation.statics.unfinished import Unfinished

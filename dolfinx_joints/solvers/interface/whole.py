@@ -176,7 +176,9 @@ class _Equations:
         the elastic predictor.
         """
         if not self._matrix.inertia:
-            return self.evaluate(x.copy(), self._contact.respond(x, self._state, self._rule).traction)
+            return self.evaluate(
+                x.copy(), self._contact.respond(x, self._state, self._rule).traction
+            )
         at = self.evaluate(x.copy(), np.zeros_like(self._state.gap))
         return self.evaluate(at.change, at.response.traction)
 

@@ -1,0 +1,89 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Energies after static stages, and jumps in them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from dolfinx_joints.laws.law import Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class StaticEnergy:
+    """Energies after static stages, all in [J]; works and losses count from the unloaded body.
+
+    Attributes:
+        strain: u.K u / 2 of bulk and springs; in plastic cells that of the elastic strain.
+        joint_elastic: Elastic energy of each joint, shape (number of joints,).
+        input_by_load: Work of each load by name. ``grout`` is the work of grout under pressure,
+            ``construction`` that of forces which earlier stages left in blocks and joints that did
+            not act.
+        supports: Work of supports and prescribed displacements.
+        joint_friction: Work done against friction in each joint, shape (number of joints,).
+        joint_numerical: Loss of each joint by the formulas of its law because the path within an
+            increment is straight, negative for a gain, shape (number of joints,).
+        joint_bonds: Energy lost by each joint at points whose bonds broke, likewise.
+        plastic: Plastic work of the bulk.
+        joint_released: Energy released in each joint (31), likewise, of increments in which the
+            sum over the joints is positive. It is a part of friction and numerical loss.
+        water_released: Released in increments in which water entered or left joint points.
+        error: Sum of all lines, which is zero but for rounding and the tolerance of the solver.
+        scale: Largest of stored energy, |input| and losses so far.
+    """
+
+    strain: float
+    joint_elastic: Floats
+    input_by_load: Mapping[str, float]
+    supports: float
+    joint_friction: Floats
+    joint_numerical: Floats
+    joint_bonds: Floats
+    plastic: float
+    joint_released: Floats
+    water_released: float
+    error: float
+    scale: float
+
+    @cached_property
+    def stored(self) -> float:
+        """Strain energy and elastic energy of the joints."""
+        return self.strain + float(self.joint_elastic.sum())
+
+    @cached_property
+    def input(self) -> float:
+        """Work of loads, supports and prescribed displacements."""
+        return sum(self.input_by_load.values()) + self.supports
+
+    @cached_property
+    def released(self) -> float:
+        """Released energy of all joints."""
+        return float(self.joint_released.sum())
+
+    @property
+    def relative_error(self) -> float:
+        """Error over the scale."""
+        return abs(self.error) / self.scale if self.scale else 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Jump:
+    """An increment in which the structure left its path of equilibria.
+
+    Attributes:
+        step: Number of the load step in its stage.
+        time: Time of the loads at its end [s], None for a ramp.
+        start: Load factor at the start of the increment.
+        end: Load factor at its end.
+        energy: Energy released [J].
+        joints: Names of the joints that released it, the largest share first.
+    """
+
+    step: int
+    time: float | None
+    start: float
+    end: float
+    energy: float
+    joints: tuple[str, ...]

@@ -197,7 +197,7 @@ class StageFields:
         for term in STAGE_JOINT_ENERGIES:
             values = zip(self._joints, getattr(energy, f"joint_{term}"), strict=True)
             found |= {f"joints/{joint}/{term}": float(value) for joint, value in values}
-        works = dict.fromkeys(self._loads, 0.0) | energy.input_by_load
+        works = dict.fromkeys(self._loads, 0.0) | dict(energy.input_by_load)
         found |= {f"loads/{load}": work for load, work in works.items()}
         jumps = {"jumps": len(state.jumps), "jump_energy": sum(j.energy for j in state.jumps)}
         return {f"energy/{name}": value for name, value in found.items()} | jumps

@@ -117,8 +117,7 @@ def static_stages(results: Results) -> list[StaticStage]:
         return []
     joints = {joint: _of_joint(results, joint, len(names)) for joint in results.joints}
     energies = _energies(results, len(names))
-    texts = (results.metadata.get("manifest") or {}).get("static_stages", {})
-    found = []
+    jumps, found = stage_jumps(results), []
     for i, name in enumerate(names):
         moved = results.series("statics", "point_displacement", i)
         found.append(
@@ -130,10 +129,20 @@ def static_stages(results: Results) -> list[StaticStage]:
                 joints={joint: stages[i] for joint, stages in joints.items()},
                 stresses=_stresses(results, i),
                 energy=energies[i],
-                jumps=_jumps(texts.get(name, "")),
+                jumps=jumps.get(name, ()),
             )
         )
     return found
+
+
+def stage_jumps(results: Results) -> dict[str, tuple[str, ...]]:
+    """Return the jumps of each static stage that has any, in words as the manifest lists them."""
+    texts = (results.metadata.get("manifest") or {}).get("static_stages", {})
+    found = {
+        name: tuple(p.removeprefix(JUMP) for p in text.split("; ") if p.startswith(JUMP))
+        for name, text in texts.items()
+    }
+    return {name: jumps for name, jumps in found.items() if jumps}
 
 
 def _of_joint(results: Results, joint: str, count: int) -> list[StageJoint]:
@@ -187,7 +196,9 @@ def _energies(results: Results, count: int) -> Sequence[StageEnergy | None]:
     start = "energy/loads/"
     loads = [name.removeprefix(start) for name in names if name.startswith(start)]
     numbers = [n for n in names if n.startswith("energy/") or n in ("jumps", "jump_energy")]
-    columns = {name: results.series("statics", name, slice(count)).tolist() for name in numbers}
+    columns: dict[str, Any] = {
+        name: results.series("statics", name, slice(count)).tolist() for name in numbers
+    }
     return [
         StageEnergy(
             **{term: columns[f"energy/{term}"][i] for term in STAGE_ENERGIES},
@@ -201,9 +212,3 @@ def _energies(results: Results, count: int) -> Sequence[StageEnergy | None]:
         )
         for i in range(count)
     ]
-
-
-def _jumps(text: str) -> tuple[str, ...]:
-    """Jumps that the manifest's text on a stage lists."""
-    parts = text.split("; ")
-    return tuple(part.removeprefix(JUMP) for part in parts if part.startswith(JUMP))

@@ -14,7 +14,7 @@ from dolfinx_joints.postprocessing.joints.resultants import joint_geometry, join
 from dolfinx_joints.postprocessing.measures import StageEnergy, StageJoint, StaticStage
 from dolfinx_joints.postprocessing.plots import energy_unit
 from dolfinx_joints.postprocessing.rendering import round_scale
-from dolfinx_joints.postprocessing.static_stages import joint_in_state
+from dolfinx_joints.postprocessing.static_stages import joint_in_state, stage_jumps
 from dolfinx_joints.report.page import Cell, Html, Section, figure, paragraph, table
 from dolfinx_joints.report.runs import Content, Run, nothing
 from dolfinx_joints.results.layout import STAGE_JOINT_ENERGIES
@@ -188,10 +188,7 @@ def _by_column(energy: StageEnergy) -> dict[str, float]:
 
 def jump_warnings(run: Run) -> list[str]:
     """Sentences on the jumps of the static stages of a run."""
-    stages = measures.static_stages(run.results)
     return [
-        f"{run.label}: the structure jumps in the static stage {stage.name!r}: "
-        f"{'; '.join(stage.jumps)}."
-        for stage in stages
-        if stage.jumps
+        f"{run.label}: the structure jumps in the static stage {name!r}: {'; '.join(jumps)}."
+        for name, jumps in stage_jumps(run.results).items()
     ]

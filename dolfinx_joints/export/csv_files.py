@@ -23,8 +23,9 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
     """Write what a results file holds as CSV files.
 
     - ``stages.csv``: a row per static stage, displacements of the points from the unloaded body,
-      reactions, and extremes of the stresses where they were recorded;
-    - ``stage_joints.csv``: a row per static stage and joint, `measures.StageJoint`;
+      reactions, extremes of the stresses where they were recorded, energies and jumps;
+    - ``stage_joints.csv``: a row per static stage and joint, `measures.StageJoint`, and energies
+      of `measures.StageEnergy`;
     - ``histories.csv``: every step, displacements and raw accelerations of the points, relative to
       the ground unless they are called absolute, the ground's motion, shares of joint points,
       reactions;

@@ -32,8 +32,9 @@ from dolfinx_joints.postprocessing.peaks import (
     displacement_peak,
     joint_peaks,
 )
-from dolfinx_joints.postprocessing.static_stages import static_stages
+from dolfinx_joints.postprocessing.static_stages import StageEnergy, static_stages
 from dolfinx_joints.results.arguments import COMPONENTS, check_results
+from dolfinx_joints.results.layout import STAGE_JOINT_ENERGIES
 from dolfinx_joints.results.reader import Results, listing
 
 Floats = NDArray[Any]
@@ -131,21 +132,48 @@ def _stages(results: Results) -> Table:
         values = np.array([s.stresses[name] for s in stages])
         if not np.isnan(values).all():
             columns.append((name, "Pa", values))
+    columns += _stage_energies([s.energy for s in stages if s.energy is not None])
     rest = _columns(columns)
     rows = [[stage.name, *row] for stage, row in zip(stages, rest.rows, strict=True)]
     return Table(["stage", *rest.header], rows)
+
+
+def _stage_energies(energies: Sequence[StageEnergy]) -> list[tuple[str, str, Any]]:
+    """Columns of energies and jumps by static stage; without energies no columns."""
+    names = energies[0].loads if energies else ()
+    columns: list[tuple[str, str, Any]] = [
+        (f"work of {name}", "J", [energy.loads[name] for energy in energies]) for name in names
+    ]
+    words = {
+        "supports": "work of supports",
+        "strain": "strain energy",
+        "plastic": "plastic work",
+        "water_released": "energy released with water",
+        "error": "error of the energies",
+        "scale": "largest energy",
+        "jump_count": "jumps",
+        "jump_energy": "energy released by jumps",
+    }
+    for name, text in words.items() if energies else ():
+        unit = "-" if name == "jump_count" else "J"
+        columns.append((text, unit, [getattr(energy, name) for energy in energies]))
+    return columns
 
 
 def _stage_joints(results: Results) -> Table:
     """Joints by static stage."""
     units = {"normal_force": "N", "shear_force": "N", "sliding_safety": "-", "contact": "-"}
     units |= {"opening_max": "m", "slip_max": "m", "pressure_max": "Pa", "water_force": "N"}
-    rows = [
-        [stage.name, name, *(getattr(joint, what) for what in units)]
-        for stage in static_stages(results)
-        for name, joint in stage.joints.items()
-    ]
-    return Table(["stage", "joint", *(f"{what} [{unit}]" for what, unit in units.items())], rows)
+    header = ["stage", "joint", *(f"{what} [{unit}]" for what, unit in units.items())]
+    rows, stages = [], static_stages(results)
+    for stage in stages:
+        for name, joint in stage.joints.items():
+            energies = {} if stage.energy is None else stage.energy.joints[name]
+            values = (getattr(joint, what) for what in units)
+            rows.append([stage.name, name, *values, *energies.values()])
+    if stages[0].energy is not None:
+        header += [f"{term} [J]" for term in STAGE_JOINT_ENERGIES]
+    return Table(header, rows)
 
 
 def _histories(results: Results) -> Table:

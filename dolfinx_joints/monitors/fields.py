@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.mpi import rows_at
 from dolfinx_joints.laws.law import Response
+from dolfinx_joints.loads.load import load_names
 from dolfinx_joints.loads.water.pressures_in_joints import water_in_joints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
@@ -21,10 +22,18 @@ from dolfinx_joints.monitors.probes import PointProbe
 from dolfinx_joints.monitors.resultants import PointExtras
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes
 from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES, declare_stage_stresses
-from dolfinx_joints.results.layout import declare_static_stages, stage_bytes
+from dolfinx_joints.results.layout import (
+    STAGE_ENERGIES,
+    STAGE_JOINT_ENERGIES,
+    declare_static_energies,
+    declare_static_stages,
+    stage_bytes,
+)
 from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS
 from dolfinx_joints.results.writer import ResultsWriter
+from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import Record, StageRecord
+from dolfinx_joints.simulation.statics.stage_start import CONSTRUCTION
 from dolfinx_joints.simulation.statics.unfinished import unfinished
 
 Floats = NDArray[np.float64]
@@ -148,12 +157,15 @@ class StageFields:
         self._model, self._nodes, self._probe, self._envelopes = model, nodes, probe, envelopes
         wet = tuple(dict.fromkeys(load.joint for load in water_in_joints(model.loads)))
         self._fields = Fields(model, nodes, rows, wet)
+        self._joints = () if model.operator is None else tuple(model.operator.names)
+        self._loads = (*load_names(model.loads), "grout", CONSTRUCTION)
 
     def declare(self, writer: ResultsWriter, joints: Mapping[str, Any]) -> None:
         """Declare the stream, from the arrays of `JointRows.statics`; on the rank that writes."""
         nodes = self._nodes.across(self._nodes.positions)
         declare_static_stages(writer, self._probe.positions, nodes, joints)
         self._fields.declare(writer, "statics", joints)
+        declare_static_energies(writer, self._joints, self._loads)
         for group in self._held():
             text = f"force of the support {group} on the body"
             writer.series("statics", f"reaction/{group}", (self._model.gdim,), "N", text)
@@ -179,7 +191,19 @@ class StageFields:
             there = self._there(self._envelopes, state.absent)
             columns = self._envelopes.at(state.displacement, stage.time, stage.loads, there)
             found |= dict(zip(dict.fromkeys(STAGE_STRESSES.values()), columns, strict=True))
-        return found
+        return found | self._energies(state)
+
+    def _energies(self, state: StaticState) -> dict[str, float]:
+        """Energies [J] and jumps of a stage; loads that never acted have no work."""
+        energy = state.energy
+        found = {term: getattr(energy, term) for term in STAGE_ENERGIES}
+        for term in STAGE_JOINT_ENERGIES:
+            values = zip(self._joints, getattr(energy, f"joint_{term}"), strict=True)
+            found |= {f"joints/{joint}/{term}": float(value) for joint, value in values}
+        works = dict.fromkeys(self._loads, 0.0) | dict(energy.input_by_load)
+        found |= {f"loads/{load}": work for load, work in works.items()}
+        jumps = {"jumps": len(state.jumps), "jump_energy": sum(j.energy for j in state.jumps)}
+        return {f"energy/{name}": value for name, value in found.items()} | jumps
 
     def _there(self, envelopes: StressEnvelopes, absent: Sequence[str]) -> Floats:
         """1 at the vertices of the envelopes, 0 at those of absent blocks (collective)."""

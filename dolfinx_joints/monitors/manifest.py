@@ -21,7 +21,9 @@ from dolfinx_joints import __version__
 from dolfinx_joints.common.dealt import blocks_in
 from dolfinx_joints.common.mpi import across, blocks_of, handing_out, sorted_rows
 from dolfinx_joints.loads.load import always, load_names
+from dolfinx_joints.results.layout import JUMP
 from dolfinx_joints.results.resolved import Resolved, of_step
+from dolfinx_joints.simulation.outcome import jump_text
 
 if TYPE_CHECKING:
     from dolfinx_joints.model.model import Model
@@ -70,12 +72,12 @@ def manifest(
 
 
 def _acting(model: Model, stage: StageRecord) -> str:
-    """Loads of a static stage, named as their works are, and joints and blocks that it lacks."""
+    """Return a static stage's loads, named as their works, what it lacks, and its jumps."""
     called = load_names(model.loads)
     text = ", ".join(called[i] for i in stage.loads) or "no loads"
     for what, names in (("inactive", stage.state.inactive), ("absent", stage.state.absent)):
         text += f"; {what}: {', '.join(names)}" if names else ""
-    return text
+    return "; ".join([text, *(JUMP + jump_text(jump) for jump in stage.state.jumps)])
 
 
 def versions() -> dict[str, str]:

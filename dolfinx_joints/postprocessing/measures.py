@@ -39,6 +39,7 @@ from dolfinx_joints.postprocessing.frames import (
 from dolfinx_joints.postprocessing.joints.extremes import JointExtremes as JointExtremes
 from dolfinx_joints.postprocessing.joints.extremes import joint_extremes as joint_extremes
 from dolfinx_joints.postprocessing.joints.extremes import open_points as open_points
+from dolfinx_joints.postprocessing.static_stages import StageEnergy as StageEnergy
 from dolfinx_joints.postprocessing.static_stages import StageJoint as StageJoint
 from dolfinx_joints.postprocessing.static_stages import StaticStage as StaticStage
 from dolfinx_joints.postprocessing.static_stages import static_stages as static_stages

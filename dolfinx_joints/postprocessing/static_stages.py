@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES, extreme_of
 from dolfinx_joints.postprocessing.joints.resultants import JointResultants, stage_resultants
 from dolfinx_joints.results.arguments import check_results
 from dolfinx_joints.results.joint_points import gaps, tied_points
+from dolfinx_joints.results.layout import JUMP, STAGE_ENERGIES, STAGE_JOINT_ENERGIES
 from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[np.floating[Any]]
@@ -46,6 +48,43 @@ class StageJoint:
 
 
 @dataclass(frozen=True, kw_only=True)
+class StageEnergy:
+    """Energies at the end of a static stage, counted from the unloaded body [J].
+
+    Attributes:
+        strain: Elastic energy of the bulk and of springs.
+        loads: Work of each load.
+        supports: Work of supports and prescribed displacements.
+        plastic: Plastic work of the bulk.
+        joints: By joint, its energies by name: ``elastic``; ``friction``, the work against it;
+            ``numerical``, the loss because increments of the loads are straight paths, negative for
+            a gain; ``bonds``, lost where bonds broke; ``released`` by jumps and short of them, a
+            part of ``friction`` and ``numerical``.
+        water_released: Released in increments in which water entered or left joint points.
+        error: Sum of all lines, zero but for rounding and the tolerance of the solver.
+        scale: Largest of stored energy, input and losses so far.
+        jump_count: Number of jumps in this stage.
+        jump_energy: Energy that they released.
+    """
+
+    strain: float
+    loads: dict[str, float]
+    supports: float
+    plastic: float
+    joints: dict[str, dict[str, float]]
+    water_released: float
+    error: float
+    scale: float
+    jump_count: int
+    jump_energy: float
+
+    @property
+    def relative_error(self) -> float:
+        """Size of the error over the scale."""
+        return abs(self.error) / self.scale if self.scale else 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
 class StaticStage:
     """End of a static stage.
 
@@ -57,6 +96,8 @@ class StaticStage:
         joints: By joint.
         stresses: Extremes on the boundary by the names of the envelopes, tension positive [Pa];
             NaN where the run recorded none.
+        energy: Energies, None in files of earlier versions.
+        jumps: Joints, energy and load factors of each jump in the stage, in words.
     """
 
     name: str
@@ -65,6 +106,8 @@ class StaticStage:
     reaction: dict[str, Floats]
     joints: dict[str, StageJoint]
     stresses: dict[str, float]
+    energy: StageEnergy | None = None
+    jumps: tuple[str, ...] = ()
 
 
 def static_stages(results: Results) -> list[StaticStage]:
@@ -74,7 +117,8 @@ def static_stages(results: Results) -> list[StaticStage]:
     if not names:
         return []
     joints = {joint: _of_joint(results, joint, len(names)) for joint in results.joints}
-    found = []
+    energies = _energies(results, len(names))
+    jumps, found = stage_jumps(results), []
     for i, name in enumerate(names):
         moved = results.series("statics", "point_displacement", i)
         found.append(
@@ -85,9 +129,21 @@ def static_stages(results: Results) -> list[StaticStage]:
                 reaction=_reactions(results, i),
                 joints={joint: stages[i] for joint, stages in joints.items()},
                 stresses=_stresses(results, i),
+                energy=energies[i],
+                jumps=jumps.get(name, ()),
             )
         )
     return found
+
+
+def stage_jumps(results: Results) -> dict[str, tuple[str, ...]]:
+    """Return the jumps of each static stage that has any, in words as the manifest lists them."""
+    texts = (results.metadata.get("manifest") or {}).get("static_stages", {})
+    found = {
+        name: tuple(p.removeprefix(JUMP) for p in text.split("; ") if p.startswith(JUMP))
+        for name, text in texts.items()
+    }
+    return {name: jumps for name, jumps in found.items() if jumps}
 
 
 def _of_joint(results: Results, joint: str, count: int) -> list[StageJoint]:
@@ -130,3 +186,29 @@ def _stresses(results: Results, i: int) -> dict[str, float]:
         if series in results.streams["statics"]:
             found[name] = extreme_of(name, results.series("statics", series, i))
     return found
+
+
+def _energies(results: Results, count: int) -> Sequence[StageEnergy | None]:
+    """Energies at the end of each of the stages."""
+    names = results.streams["statics"]
+    if "jump_energy" not in names:
+        return [None] * count
+    start = "energy/loads/"
+    loads = [name.removeprefix(start) for name in names if name.startswith(start)]
+    numbers = [n for n in names if n.startswith("energy/") or n in ("jumps", "jump_energy")]
+    columns: dict[str, Any] = {
+        name: results.series("statics", name, slice(count)).tolist() for name in numbers
+    }
+    return [
+        StageEnergy(
+            **{term: columns[f"energy/{term}"][i] for term in STAGE_ENERGIES},
+            loads={load: columns[start + load][i] for load in loads},
+            joints={
+                joint: {t: columns[f"energy/joints/{joint}/{t}"][i] for t in STAGE_JOINT_ENERGIES}
+                for joint in results.joints
+            },
+            jump_count=columns["jumps"][i],
+            jump_energy=columns["jump_energy"][i],
+        )
+        for i in range(count)
+    ]

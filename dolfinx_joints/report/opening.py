@@ -30,7 +30,7 @@ from dolfinx_joints.report.page import (
     valued,
 )
 from dolfinx_joints.report.runs import Content, Run, components, largest_moment
-from dolfinx_joints.report.static_section import gaps_note
+from dolfinx_joints.report.static_section import gaps_note, jump_warnings
 from dolfinx_joints.results.reader import ENERGY_TERMS
 from dolfinx_joints.results.resolved import beyond
 
@@ -91,7 +91,7 @@ def doubts(run: Run) -> list[str]:
         found.append(f"{run.label}: the energy error is {energy:.2%} of the largest energy.")
     if local > LARGE_LOCAL_ERROR:
         found.append(f"{run.label}: a step errs by {local:.2%} of the largest displacement.")
-    found += _losses(run)
+    found += [*jump_warnings(run), *_losses(run)]
     recorded = summary.get("warnings", [])
     return found + [f"{run.label}: {text}" for text in recorded]
 

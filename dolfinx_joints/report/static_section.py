@@ -11,11 +11,23 @@ import numpy as np
 from dolfinx_joints.postprocessing import measures, views
 from dolfinx_joints.postprocessing.body import Body
 from dolfinx_joints.postprocessing.joints.resultants import joint_geometry, joint_resultants
-from dolfinx_joints.postprocessing.measures import StageJoint, StaticStage
+from dolfinx_joints.postprocessing.measures import StageEnergy, StageJoint, StaticStage
+from dolfinx_joints.postprocessing.plots import energy_unit
 from dolfinx_joints.postprocessing.rendering import round_scale
-from dolfinx_joints.postprocessing.static_stages import joint_in_state
+from dolfinx_joints.postprocessing.static_stages import joint_in_state, stage_jumps
 from dolfinx_joints.report.page import Cell, Html, Section, figure, paragraph, table
 from dolfinx_joints.report.runs import Content, Run, nothing
+from dolfinx_joints.results.layout import STAGE_JOINT_ENERGIES
+
+_ENERGIES_NOTE = (
+    "Energies count from the unloaded body. Numerical is the energy that joints lose, or gain if "
+    "it is negative, because the path within an increment of the loads is straight. Released is "
+    "the work of forces out of balance along the increments, a part of friction and numerical; "
+    "more load steps make it smaller unless the structure jumps."
+)
+
+# Share of the largest energy below which a value is rounding.
+_ROUNDING = 1e-12
 
 # Title, factor and name of what is shown of a joint.
 _OF_JOINT = (
@@ -138,4 +150,45 @@ def _tables(run: Run, found: Sequence[StaticStage]) -> list[Html]:
     if any(not np.isnan(value) for stage in found for value in stage.stresses.values()):
         head = ["stage", *(f"{name.replace('_', ', ')} [MPa]" for name in names)]
         pieces.append(table(f"Static stresses, tension > 0 ({run.label})", head, rows))
-    return pieces
+    return pieces + _energies(run, found) + [paragraph(text) for text in jump_warnings(run)]
+
+
+def _energies(run: Run, found: Sequence[StaticStage]) -> list[Html]:
+    """Table of the energies of a run without columns of zeros; nothing of files without them."""
+    known = [(stage.name, stage.energy) for stage in found if stage.energy is not None]
+    if not known:
+        return []
+    rows = [_by_column(energy) for _, energy in known]
+    columns = [name for name in rows[0] if any(row[name] for row in rows)]
+    joule, unit = energy_unit(max((abs(row[name]) for row in rows for name in columns), default=0))
+    head = ["stage", *(f"{name} [{unit}]" for name in columns), "balance error / largest [%]"]
+    cells = [
+        [name, *(row[column] / joule for column in columns), 100.0 * energy.relative_error]
+        for (name, energy), row in zip(known, rows, strict=True)
+    ]
+    title = f"Energies of the static stages ({run.label})"
+    return [table(title, head, cells), paragraph(_ENERGIES_NOTE, "note")]
+
+
+def _by_column(energy: StageEnergy) -> dict[str, float]:
+    """Energies by the heads of their columns, those of all joints added up, [J]."""
+    joints = {
+        term: sum(of_joint[term] for of_joint in energy.joints.values())
+        for term in STAGE_JOINT_ENERGIES
+    }
+    values = {f"work of {load}": work for load, work in energy.loads.items()}
+    values |= {"work of supports": energy.supports, "strain": energy.strain}
+    values |= {"joints, elastic": joints["elastic"], "friction": joints["friction"]}
+    values |= {"numerical": joints["numerical"], "broken bonds": joints["bonds"]}
+    values |= {"plastic": energy.plastic, "released": joints["released"]}
+    values |= {"released with water": energy.water_released}
+    least = _ROUNDING * energy.scale
+    return {name: value if abs(value) > least else 0.0 for name, value in values.items()}
+
+
+def jump_warnings(run: Run) -> list[str]:
+    """Sentences on the jumps of the static stages of a run."""
+    return [
+        f"{run.label}: the structure jumps in the static stage {name!r}: {'; '.join(jumps)}."
+        for name, jumps in stage_jumps(run.results).items()
+    ]

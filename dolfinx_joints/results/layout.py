@@ -34,6 +34,26 @@ JOINT_SHARES = {
     "frictionless": "are closed without friction",
 }
 
+# Start of the text on a jump among those on a static stage in the manifest.
+JUMP = "jump: "
+
+# Energies after a static stage, by name with descriptions: of the whole model and of each joint.
+STAGE_ENERGIES = {
+    "strain": "elastic energy of the bulk and of springs",
+    "supports": "work of supports and prescribed displacements",
+    "plastic": "plastic work of the bulk",
+    "water_released": "energy released in increments in which water entered or left joint points",
+    "error": "sum of all lines, zero but for rounding and the tolerance of the solver",
+    "scale": "largest of stored energy, input and losses so far",
+}
+STAGE_JOINT_ENERGIES = {
+    "elastic": "elastic energy of",
+    "friction": "work against friction in",
+    "numerical": "loss because increments of the loads are straight paths, gain if negative, in",
+    "bonds": "energy lost with broken bonds in",
+    "released": "energy released by jumps and short of them, part of friction and numerical, in",
+}
+
 
 class Cells(NamedTuple):
     """Cells of the body.
@@ -193,6 +213,30 @@ def declare_static_stages(
     shape = np.asarray(points).reshape(-1, 3).shape
     writer.series("statics", "point_displacement", shape, "m", "displacement of monitor points")
     _declare_fields(writer, "statics", nodes, joints, status=True)
+
+
+def declare_static_energies(
+    writer: ResultsWriter, joints: Sequence[str], loads: Iterable[str]
+) -> None:
+    """Declare energies and jumps in the stream ``statics``.
+
+    Energies count from the unloaded body. The works of the loads and of the supports make up the
+    input.
+
+    Args:
+        writer: A writer not started yet.
+        joints: Names of the joints.
+        loads: Names of the loads.
+    """
+    for term, text in STAGE_ENERGIES.items():
+        writer.series("statics", f"energy/{term}", (), "J", text)
+    for joint in joints:
+        for term, text in STAGE_JOINT_ENERGIES.items():
+            writer.series("statics", f"energy/joints/{joint}/{term}", (), "J", f"{text} {joint}")
+    for load in loads:
+        writer.series("statics", f"energy/loads/{load}", (), "J", f"work of {load}")
+    writer.series("statics", "jumps", (), "-", "number of jumps in the stage", dtype=np.int64)
+    writer.series("statics", "jump_energy", (), "J", "energy that the jumps of the stage released")
 
 
 def stage_bytes(name: str) -> NDArray[np.uint8]:

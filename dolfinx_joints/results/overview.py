@@ -50,6 +50,7 @@ def overview(path: str | Path) -> str:
         seconds = summary.get("seconds", {})
         lines += _line("seconds", [f"{phase}={s:.3g}" for phase, s in seconds.items()])
         lines += _line("error", [str(summary["error"])] if "error" in summary else [])
+        lines += _line("static energy", _static_energies(results))
         others = {k: v for k, v in summary.items() if k not in (*_COSTS, "error")}
         lines += _line("counts", _facts(others, others))
         settings = {k: v for k, v in facts.items() if k not in _SHOWN}
@@ -97,6 +98,24 @@ def _records(results: Results, stream: str) -> str:
         return f"stream statics: {listing(results.stage_names)}"
     span = f", {times[0]:.6g} to {times[-1]:.6g} s" if times.size else ""
     return f"stream {stream}: {times.size} record{'' if times.size == 1 else 's'}{span}"
+
+
+def _static_energies(results: Results) -> list[str]:
+    """Balance of the energies of static stages, and their jumps; nothing of older files."""
+    rows = results.rows("statics") if "jump_energy" in results.streams.get("statics", ()) else 0
+    if not rows:
+        return []
+    error, scale, count, energy = (
+        results.series("statics", name, slice(rows))
+        for name in ("energy/error", "energy/scale", "jumps", "jump_energy")
+    )
+    largest = float(np.max(np.abs(error[scale > 0.0]) / scale[scale > 0.0], initial=0.0))
+    jumps = [
+        f"{n} jump{'s' if n > 1 else ''} in {name!r} ({joules:.4g} J)"
+        for name, n, joules in zip(results.stage_names[:rows], count, energy, strict=True)
+        if n
+    ]
+    return [f"energies balance to {largest:.2g} of the largest", *(jumps or ["no jumps"])]
 
 
 def _nested(facts: Mapping[str, Any], indent: str = "  ") -> list[str]:
@@ -178,7 +197,7 @@ def _together(names: Iterable[tuple[str, str]]) -> list[str]:
     """Names with units, those of all joints and of all loads as one."""
     found = {}
     for name, unit in names:
-        short = re.sub(r"^(joints/)[^/]+(/.*)$", r"\1*\2", name)
+        short = re.sub(r"^((?:energy/)?joints/)[^/]+(/.*)$", r"\1*\2", name)
         found[short] = "" if unit == "-" else f" [{unit}]"
     return [name + unit for name, unit in found.items()]
 

@@ -32,6 +32,16 @@ def shares(counts: StatusCounts) -> str:
     return f"{number(counts.total)}: {words}{tied}"
 
 
+def jump_text(jump: Jump) -> str:
+    """Return joints, energy and load factors of a jump in words."""
+    where = ", ".join(jump.joints) or "many joints"
+    at = "" if jump.time is None else f" at t = {jump.time:g} s"
+    return (
+        f"{jump.energy:.4g} J released in {where} between the load factors {jump.start:.4g} and "
+        f"{jump.end:.4g} of step {jump.step}{at}"
+    )
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class StaticState(Summarised):
     """Equilibrium at the end of a static stage.
@@ -70,9 +80,9 @@ class StaticState(Summarised):
         yield "inactive joints", names(self.inactive)
         yield "absent blocks", names(self.absent)
         yield "loads cut in halves", f"{self.cuts} times" if self.cuts else ""
-        yield "balance of energies", f"{100 * self.energy.relative_error:.2g} % of the largest"
-        jumped = sum(jump.energy for jump in self.jumps)
-        yield "jumps", f"{len(self.jumps)}, {number(jumped)} J released" if self.jumps else ""
+        balance = 100 * self.energy.relative_error
+        yield "balance of all lines", f"{balance:.2g} % of the largest energy"
+        yield "jumps", names(map(jump_text, self.jumps))
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -184,8 +184,9 @@ class Simulation:
             raise JointsError("There is nothing to grout yet: run statics(joints=[...]) before.")
         name = stage_name(name, "grouting", self.stages)
         pressed = partial(self._march, name, [(None, 1.0)], ())
-        self.static = grouted(
-            self.model, self.static, joints, gap=gap, pressure=pressure, pressed=pressed
+        self.static = replace(
+            grouted(self.model, self.static, joints, gap=gap, pressure=pressure, pressed=pressed),
+            jumps=[],
         )
         self._ended(grout_record(self.model, name, self.static, self.stages))
         return self.static
@@ -213,10 +214,12 @@ class Simulation:
             JumpError: The structure jumps to a distant equilibrium.
             ConvergenceError: A load step did not converge.
         """
-        name = stage_name(name, "quasi-statics", self.stages)
+        name, jumps = stage_name(name, "quasi-statics", self.stages), 0
 
         def reached(time: float, state: StaticState) -> None:
+            nonlocal jumps
             one = name if len(times) == 1 else f"{name}, t = {time:g} s"
+            state, jumps = replace(state, jumps=state.jumps[jumps:]), len(state.jumps)
             self._ended(stage_record(self.model, one, time, state, self.model.loads))
 
         check_grouted(self.static)

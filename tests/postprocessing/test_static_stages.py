@@ -41,6 +41,8 @@ def test_stages_hold_what_was_written(tmp_path: Path) -> None:
     assert before.slip_max == pytest.approx(5e-6)
     assert after.normal_force == pytest.approx(4e6)
     assert after.pressure_max == 2e6
+    # Files of earlier versions have neither energies nor jumps.
+    assert (weight.energy, weight.jumps) == (None, ())
     # Water pushes the + side along the normal: 2 m^2 of 0.1 MPa.
     assert (before.water_force, after.water_force) == (0.0, pytest.approx(2e5))
 

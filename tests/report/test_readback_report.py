@@ -181,6 +181,7 @@ def test_cells_of_static_stages_are_measures(tmp_path: Path) -> None:
         stages = measures.static_stages(run)
     assert [stage.name for stage in stages] == [WEIGHT, "winter"]
     assert [f"after {stage.name}" in html for stage in stages] == [True, True]  # pictures
+    assert "Energies of the static stages" not in html  # there are none in earlier versions' files
     for stage in stages:
         tables = Tables(html).under(stage.name)
         for point, moved in stage.displacement.items():

@@ -19,9 +19,10 @@ from petsc4py import PETSc
 
 from dolfinx_joints.body.strain_operator import SIZE, StrainOperator, StrainTangent
 from dolfinx_joints.common.mpi import raised_together
-from dolfinx_joints.joints.contact import Contact, StatusCounts
+from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.internal_forces import JointInternalForces
 from dolfinx_joints.joints.operator import TangentMatrix
+from dolfinx_joints.joints.status_counts import StatusCounts
 from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
 from dolfinx_joints.materials.bulk_law import BulkLaw, BulkResponse, BulkState, BulkStatus
 from dolfinx_joints.mesh.cells import Floats, Ints

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.joints.law_points import LawPoints
-from dolfinx_joints.laws.law import HELD, JointState, with_bonds
+from dolfinx_joints.laws.law import BROKEN, HELD, JointState, with_bonds
 
 # Bonds with this part of the largest overload go with it.
 ALIKE = 0.9
@@ -53,3 +53,15 @@ class Bonds:
         most = max(self._comm.allgather(float(excess.max(initial=0.0))))
         self._released |= (excess > 0.0) & (excess >= ALIKE * most)
         return most > 0.0
+
+
+def broken_points(
+    parts: Sequence[LawPoints], before: JointState, after: JointState
+) -> NDArray[np.bool_]:
+    """Return at which local points bonds have broken between two states, shape (n,)."""
+    found = np.zeros(len(before.gap), dtype=bool)
+    for part in parts:
+        if part.brittle:
+            was, bond = (state.internal[part.points, 0] for state in (before, after))
+            found[part.points] = (was < BROKEN) & (bond == BROKEN)
+    return found

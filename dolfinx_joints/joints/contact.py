@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -22,14 +21,14 @@ from dolfinx_joints.common.parameters import (
     check_number,
     shown,
 )
-from dolfinx_joints.joints.bonds import Bonds
+from dolfinx_joints.joints.bonds import Bonds, broken_points
 from dolfinx_joints.joints.form_operator import FormOperator
 from dolfinx_joints.joints.law_points import LawPoints, empty_response
 from dolfinx_joints.joints.operator import GapOperator, JointOperator
+from dolfinx_joints.joints.status_counts import StatusCounts
 from dolfinx_joints.laws.inactive import Inactive
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
-    BROKEN,
     AnyLaw,
     Floats,
     JointState,
@@ -42,22 +41,6 @@ from dolfinx_joints.laws.law import (
 from dolfinx_joints.laws.return_mapping import Answer, Start
 
 InitialGap = float | Callable[[Floats], Floats]
-
-
-@dataclass(frozen=True, kw_only=True)
-class StatusCounts:
-    """Joint points by what they do, as `Status` says, on all ranks."""
-
-    open: int
-    stick: int
-    slip: int
-    frictionless: int = 0
-    tied: int = 0
-
-    @property
-    def total(self) -> int:
-        """Number of points that can open or slide: all but tied ones."""
-        return self.open + self.stick + self.slip + self.frictionless
 
 
 class Contact:
@@ -286,12 +269,7 @@ class Contact:
 
     def broken(self, before: JointState, after: JointState) -> NDArray[np.bool_]:
         """Return at which local points bonds have broken between two states, shape (n,)."""
-        found = np.zeros(len(before.gap), dtype=bool)
-        for part in self._laws:
-            if part.brittle:
-                was, bond = (state.internal[part.points, 0] for state in (before, after))
-                found[part.points] = (was < BROKEN) & (bond == BROKEN)
-        return found
+        return broken_points(self._laws, before, after)
 
     @property
     def stops(self) -> bool:
@@ -360,10 +338,7 @@ class Contact:
         return any(math.isinf(k) for part in self._laws for k in part.law.closed_stiffness())
 
     def firm_stiffness(self) -> Floats:
-        """Return the closed stiffness with k_n in place of a k_s of zero, (n, 2), [Pa/m].
-
-        For stabilising terms, which have to hold blocks on frictionless joints as well.
-        """
+        """Return the closed stiffness, k_n in place of a k_s of zero, shape (n, 2), [Pa/m]."""
         stiffness = self.closed_stiffness()
         stiffness[:, 1] = np.where(stiffness[:, 1] > 0.0, stiffness[:, 1], stiffness[:, 0])
         return stiffness

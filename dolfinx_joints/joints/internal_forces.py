@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.joints.contact import Contact, StatusCounts
+from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import TangentMatrix
+from dolfinx_joints.joints.status_counts import StatusCounts
 from dolfinx_joints.laws.law import JointState, Response, Rule
 
 Floats = NDArray[np.float64]

@@ -224,7 +224,8 @@ class MatrixSystem:
 
         Of static stages: without the forces on the far end of water with waves.
         """
-        factors, found = scale * self._factors(time), {}
+        factors = scale * self._factors(time)
+        found: dict[str, PETSc.Vec] = {}
         for name, factor, (vector, _) in zip(
             self.names_of_patterns, factors, self.patterns, strict=True
         ):

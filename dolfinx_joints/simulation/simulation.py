@@ -10,7 +10,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -23,7 +23,6 @@ from dolfinx_joints.common.files import released
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
-from dolfinx_joints.laws.law import Floats
 from dolfinx_joints.loads.free_field import SupportForces
 from dolfinx_joints.loads.ground_motion import moved_by
 from dolfinx_joints.loads.load import Load
@@ -46,7 +45,6 @@ from dolfinx_joints.simulation.start_checks import check_complete, sudden_loads
 from dolfinx_joints.simulation.statics.construction import grouted
 from dolfinx_joints.simulation.statics.stage import check_acting, march
 from dolfinx_joints.simulation.statics.unfinished import (
-    Unfinished,
     check_grouted,
     unfinished_stage,
 )
@@ -184,9 +182,8 @@ class Simulation:
             raise JointsError("There is nothing to grout yet: run statics(joints=[...]) before.")
         name = stage_name(name, "grouting", self.stages)
         pressed = partial(self._march, name, [(None, 1.0)], ())
-        self.static = replace(
-            grouted(self.model, self.static, joints, gap=gap, pressure=pressure, pressed=pressed),
-            jumps=[],
+        self.static = grouted(
+            self.model, self.static, joints, gap=gap, pressure=pressure, pressed=pressed
         )
         self._ended(grout_record(self.model, name, self.static, self.stages))
         return self.static
@@ -214,18 +211,16 @@ class Simulation:
             JumpError: The structure jumps to a distant equilibrium.
             ConvergenceError: A load step did not converge.
         """
-        name, jumps = stage_name(name, "quasi-statics", self.stages), 0
+        name = stage_name(name, "quasi-statics", self.stages)
 
         def reached(time: float, state: StaticState) -> None:
-            nonlocal jumps
             one = name if len(times) == 1 else f"{name}, t = {time:g} s"
-            state, jumps = replace(state, jumps=state.jumps[jumps:]), len(state.jumps)
             self._ended(stage_record(self.model, one, time, state, self.model.loads))
 
         check_grouted(self.static)
         path = [(float(t), 1.0) for t in times]
-        loads = self.model.loads
-        self.static = self._march(name, path, loads, reached=reached, allow_jumps=allow_jumps)
+        more = {"reached": reached, "allow_jumps": allow_jumps}
+        self.static = self._march(name, path, self.model.loads, **more)
         return self.static
 
     def _ended(self, stage: StageRecord) -> None:
@@ -239,27 +234,13 @@ class Simulation:
         name: str,
         path: Sequence[tuple[float | None, float]],
         acting: Sequence[Load],
-        *,
-        stage: Unfinished | None = None,
-        apart: Floats | None = None,
-        allow_jumps: bool = False,
-        reached: Callable[[float, StaticState], None] | None = None,
+        **more: Any,
     ) -> StaticState:
         """`march` from the last static state with the simulation's solver (collective)."""
         with self._phase("static"), failures_shown(name, self.model, self.monitors, self.stages):
-            found = march(
-                self.model,
-                self.static,
-                path,
-                acting,
-                stage=stage,
-                apart=apart,
-                options=self._options,
-                kind=self.solver,
-                allow_jumps=allow_jumps,
-                watch=self._watch,
-                reached=reached,
-            )
+            start = self.model, self.static, path, acting
+            more |= {"options": self._options, "kind": self.solver, "watch": self._watch}
+            found = march(*start, **more)
         free_petsc_garbage(self.model.jointed.mesh.comm)  # matrices of the stage's solver
         return found
 

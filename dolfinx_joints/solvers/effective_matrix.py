@@ -187,6 +187,17 @@ class EffectiveMatrix:
             self._changed = ChangedSolver(self.solver, self.change)
         return self._changed
 
+    def refine(self, right: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec) -> PETSc.Vec:
+        """Solve A x = b again for the residual of x, corrected in place; return the change of x."""
+        rest, change = right.duplicate(), x.duplicate()
+        self.full.mult(x, rest)
+        rest.aypx(-1.0, right)
+        rest.pointwiseMult(rest, unconstrained)
+        self.solve(rest, change)
+        change.pointwiseMult(change, unconstrained)
+        x.axpy(1.0, change)
+        return change
+
     def solve_linear(
         self, b: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec, **options: float
     ) -> bool:

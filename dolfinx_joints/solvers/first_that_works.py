@@ -52,7 +52,8 @@ class StaticSolver:
                 residual. The last solver is excluded: its residual may be relative to the forces of
                 blocks that have moved far.
         """
-        start, failures = x.copy(), []
+        start = x.copy()
+        failures: list[ConvergenceError] = []
         for i in range(1 + len(self._others) * self.last_resort):
             if i == len(self._solvers):
                 self._solvers.append(self._others[i - 1](self._solvers[-1]))

@@ -122,17 +122,17 @@ class _Sum:
         """
         factored = self._solver.solve(b, x)
         if factored and self._probe is not None:
-            self._check_regular(x.duplicate())
+            self._check_regular(self._probe, x.duplicate())
         return factored
 
-    def _check_regular(self, moved: PETSc.Vec) -> None:
+    def _check_regular(self, forces: PETSc.Vec, moved: PETSc.Vec) -> None:
         """Check that random forces do not move the body without limit (collective).
 
         A factorization often succeeds with pivots that are rounding errors.
         """
-        self._solver.solve(self._probe, moved)
+        self._solver.solve(forces, moved)
         growth = float(self._total.norm(PETSc.NormType.NORM_INFINITY)) * float(moved.norm())
-        if not growth <= LARGEST_GROWTH * float(self._probe.norm()):
+        if not growth <= LARGEST_GROWTH * float(forces.norm()):
             raise JointsError(SINGULAR)
 
     def destroy(self) -> None:

@@ -134,9 +134,9 @@ def test_a_wedge_sticks_up_to_its_limit(solver, ratio, spring):
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize(("share", "before"), [(1.2, None), (1.01, 0.97)])
 def test_a_wedge_beyond_its_limit_jumps(solver, share, before):
-    """It falls onto the spring, k u = P1, while the load grows from P0 to P1: P0 P1 / (2 k) is free.
+    """It falls onto the spring, k u = P1, while its load grows from P0 to P1.
 
-    That is the work (P0 + P1) u / 2 of the load less the energy k u^2 / 2 of the spring.
+    The work (P0 + P1) u / 2 of the load less the energy k u^2 / 2 of the spring is P0 P1 / (2 k).
     """
     normal, spring = 1e9, 2e5
     model = wedge(friction(5.0, normal), 1e10, spring)

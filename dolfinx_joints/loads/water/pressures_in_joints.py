@@ -68,9 +68,15 @@ class JointWaters:
         """Wetness of the local points at the end of the step."""
         return self._end.codes
 
+    @property
+    def entered(self) -> Codes:
+        """Wetness of the local points at the start of the static solve or of the step."""
+        return self._entered.codes
+
     def enter(self, gap: Floats, codes: Codes | None = None) -> Codes:
         """Begin a stage at a gap (n, 3) [m], with its codes if they are known (collective)."""
         self._start = self._end = self._at(self.by_opening(gap) if codes is None else codes)
+        self._entered = self._start
         return self._end.codes
 
     def by_opening(self, gap: Floats) -> Codes:

@@ -132,7 +132,7 @@ def grouted(
         if isinstance(load, FollowsJoints) and load.joint in chosen
     }
     missing = tuple(sorted({*missing, *wet}))
-    return replace(before, joints=joints, inactive=waiting, missing=missing)
+    return replace(before, joints=joints, inactive=waiting, missing=missing, jumps=[])
 
 
 def _open_points(model: Model, contact: Contact, response: Response) -> Rows:

@@ -33,6 +33,7 @@ class Jumps:
 
     Attributes:
         found: Jumps of the load steps that have ended.
+        of_step: Those of the last one.
     """
 
     def __init__(self, ledger: StaticLedger, model: Model, allowed: bool) -> None:
@@ -42,6 +43,7 @@ class Jumps:
         self._suspects: list[tuple[Jump, Increment]] = []
         self._step_start = ledger.energy
         self.found: list[Jump] = []
+        self.of_step: list[Jump] = []
 
     def suspected(self, energy: StaticEnergy, increment: Increment) -> bool:
         """Return True if the increment to these energies releases too much; keep its place."""
@@ -71,11 +73,12 @@ class Jumps:
         """
         if not increment.whole:
             return
-        energy, start = self._ledger.energy, self._step_start
+        energy, start, self.of_step = self._ledger.energy, self._step_start, []
         turned_over = abs(energy.input - start.input) + energy.stored
         for jump, place in self._suspects:
             if jump.energy > RELEASED_SHARE * turned_over:
                 self.found.append(jump)
+                self.of_step.append(jump)
                 if not self._allowed:
                     raise place.located(
                         JumpError(released=jump.energy, joints=jump.joints),

@@ -5,12 +5,13 @@
 Loads and displacements of an increment lie on straight paths between its ends. The work of the
 loads f and the supports r on the increment x is exact on these paths, and so is that of the bulk:
 
-    (f0 + f1) . x / 2 + (r0 + r1) . x / 2 = change of (u.K u / 2) + sum of w (t0 + t1) . dg / 2.   (29)
+    (f0 + f1) . x / 2 + (r0 + r1) . x / 2
+        = change of (u.K u / 2) + sum of w (t0 + t1) . dg / 2.                               (31a)
 
 The work on the joints splits into stored energy, friction and numerical loss by the formulas (30)
 of the laws. The released energy is the work of the out-of-balance forces along the path,
 
-    sum of w [(t0 + t1) . dg / 2 - integral of t(g0 + s dg) . dg over s from 0 to 1].              (31)
+    sum of w [(t0 + t1) . dg / 2 - integral of t(g0 + s dg) . dg over s from 0 to 1].        (31b)
 
 It tends to zero with the increment if equilibria follow each other continuously, and is negative in
 joints that begin to slide. If the structure jumps, it is the energy that would set it in motion.

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from dolfinx_joints.loads.load import Load, always, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
-from dolfinx_joints.simulation.static_energy import StaticEnergy
+from dolfinx_joints.simulation.static_energy import Jump, StaticEnergy
 from dolfinx_joints.simulation.statics.construction import with_inactive
 from dolfinx_joints.simulation.statics.joint_water_iteration import JointWaterIteration
 from dolfinx_joints.simulation.statics.jumps import Jumps
@@ -42,13 +42,13 @@ def march(
     path: Sequence[tuple[float | None, float]],
     acting: Sequence[Load],
     *,
-    stage: Unfinished | None,
-    apart: Floats | None,
     options: SolverOptions,
     kind: SolverKind,
-    allow_jumps: bool,
     watch: SmallDisplacements,
-    reached: Callable[[float, StaticState], None] | None,
+    stage: Unfinished | None = None,
+    apart: Floats | None = None,
+    allow_jumps: bool = False,
+    reached: Callable[[float, StaticState], None] | None = None,
 ) -> StaticState:
     """Return the equilibrium at the end of a path of load steps (collective).
 
@@ -75,6 +75,8 @@ def march(
         ConvergenceError: No equilibrium was found.
     """
     system, contact = model.system(only=acting, static=True), model.contact
+    start = start_of_stage(system, before)
+    carried = carried_loads(system, before, start)
     if apart is not None and before is not None and contact is not None:
         push = contact.operator.force(-apart, before.displacement.duplicate())
         system = _under(system, before, push)
@@ -82,7 +84,7 @@ def march(
         idle = None if contact is None else contact.without(stage.idle)
         system = _holding(replace(system, contact=idle), before, stage.dofs)
     solver = make_solver(system, options, kind, static_steps=len(path))
-    at = _Equilibrium(system, solver, model, before, stays=apart is not None)
+    at = _Equilibrium(system, solver, model, before, start, carried, stays=apart is not None)
     increments, jumps = LoadIncrements(path), Jumps(at.ledger, model, allow_jumps)
     missing = tuple(
         name
@@ -90,7 +92,7 @@ def march(
         if not any(one is other for other in acting)
     )
 
-    def state() -> StaticState:
+    def state(found: Sequence[Jump]) -> StaticState:
         return StaticState(
             displacement=at.displacement.copy(),
             joints=at.response,
@@ -102,7 +104,7 @@ def march(
             absent=stage.absent if stage else (),
             missing=missing,
             cuts=increments.cuts,
-            jumps=list(jumps.found),
+            jumps=list(found),
         )
 
     progress = Progress("static stage", len(path), "steps", model.jointed.mesh.comm.rank)
@@ -127,7 +129,7 @@ def march(
             watch.see(at.joints.gap)
         progress.advance(int(increment.whole))
         if reached is not None and increment.whole:
-            reached(increment.time or 0.0, state())
+            reached(increment.time or 0.0, state(jumps.of_step))
     progress.finish()
     watch.warn("in a static stage")
     if stage is not None:
@@ -135,7 +137,7 @@ def march(
         at.reaction.getArray()[stage.dofs] = 0.0
         if contact is not None:
             at.response = with_inactive(contact, at.response, before, at.displacement, stage)
-    return state()
+    return state(jumps.found)
 
 
 class _Equilibrium:
@@ -158,10 +160,12 @@ class _Equilibrium:
         solver: StepSolver,
         model: Model,
         before: StaticState | None,
+        start: Response | None,
+        carried: Mapping[str, PETSc.Vec],
         *,
         stays: bool,
     ) -> None:
-        """Start from a static state and its loads, or from rest (collective).
+        """Start from a static state, or from rest, with a response and loads [N] (collective).
 
         ``stays`` keeps these loads in full beside those of the system.
         """
@@ -172,7 +176,7 @@ class _Equilibrium:
         u.set(0.0)
         if before is not None:
             before.displacement.copy(u)
-        self._start = start_of_stage(system, before)
+        self._start = None if system.internal_forces is None else start
         self.response: Response | None = None
         self.joints = None if self._start is None else self._start.state
         if system.water is not None and self.joints is not None:
@@ -184,10 +188,11 @@ class _Equilibrium:
         self.reaction.set(0.0)
         if before is not None:
             before.reaction.copy(self.reaction)
-        self.loads = carried_loads(system, before, self._start, self._elastic_force)
+        self.loads: Mapping[str, PETSc.Vec] = carried
         self._step_loads, self._supported = self.loads, u.getArray()[system.constrained]
         names = model.contact.operator.names if model.contact is not None else ()
-        self.ledger = StaticLedger(system, names, before and before.energy, self._start)
+        energy = None if before is None else before.energy
+        self.ledger = StaticLedger(system, names, energy, self._start)
 
     def solve(self, increment: Increment) -> SolvedIncrement:
         """Return the solution of an increment; the last equilibrium stays as it is (collective).
@@ -202,10 +207,9 @@ class _Equilibrium:
             unloaded = self._unloaded and increment.whole and not self.reports
             self._chosen.last_resort = increment.shortest or unloaded
             self._chosen.continue_from(self._start)
-        entered = None if water is None else water.codes
         response, report = self.solver.solve(STATIC, self._b, x, self.joints)
         products = Products(system, STATIC, self._b, x, response)
-        moved = water is not None and bool(water.toggled(water.codes, entered).any())
+        moved = water is not None and bool(water.toggled(water.codes, water.entered).any())
         return SolvedIncrement(
             displacement=self.displacement,
             elastic_force=self._elastic_force,

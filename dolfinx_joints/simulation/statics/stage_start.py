@@ -46,30 +46,28 @@ def start_of_stage(system: MatrixSystem, before: StaticState | None) -> Response
 
 
 def carried_loads(
-    system: MatrixSystem,
-    before: StaticState | None,
-    start: Response | None,
-    elastic_force: PETSc.Vec,
+    system: MatrixSystem, before: StaticState | None, start: Response | None
 ) -> dict[str, PETSc.Vec]:
     """Return the loads by name that are in balance at the start of a stage [N] (collective).
 
     Args:
-        system: The system of the stage.
+        system: The system with all joints and blocks.
         before: Last static state, None for the unloaded body.
         start: Response of joints and plastic cells at the start.
-        elastic_force: K u [N].
     """
-    loads = {} if before is None else dict(before.loads)
-    loads.pop(CONSTRUCTION, None)
-    rest, scale = elastic_force.copy(), float(elastic_force.norm())
+    rest = system.stiffness.createVecRight()
+    if before is None:
+        loads = {}
+        rest.set(0.0)
+    else:
+        loads = {name: load for name, load in before.loads.items() if name != CONSTRUCTION}
+        system.stiffness.mult(before.displacement, rest)
+        rest.axpy(-1.0, before.reaction)
     if system.internal_forces is not None and start is not None:
         rest.axpy(1.0, system.internal_forces.force(start, rest.duplicate()))
-    if before is not None:
-        rest.axpy(-1.0, before.reaction)
-    else:
+    if before is None:
         rest.getArray()[system.constrained] = 0.0
     for load in loads.values():
-        scale = max(scale, float(load.norm()))
         rest.axpy(-1.0, load)
     if rest.norm() > 0.0:
         loads[CONSTRUCTION] = rest

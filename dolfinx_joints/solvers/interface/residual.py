@@ -20,6 +20,14 @@ from dolfinx_joints.solvers.interface.low_rank import unknowns_of
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
+# Residual of unsupported blocks over the largest force that is left to rounding: to correct it
+# would move blocks that can rest anywhere.
+BALANCED = 1e-12
+
+# Largest share of the joint forces of unsupported blocks that may be rounding error of the forces
+# of the artificial springs. It is reached where a block falls far before it is in contact.
+LOOSE_ROUNDING = 1e-8
+
 # Local points of each colour by law, and their unknowns.
 Colours = list[tuple[list[LawPoints], Rows]]
 
@@ -70,6 +78,33 @@ class JointStep:
         self.trial_gap, self.state, self.rule = trial_gap, state, rule
         passed = np.maximum(np.abs(trial_gap), np.abs(state.gap)).ravel()
         self._passed = passed / self._compliance.scale
+
+    def at_trial_gap(self, trial_gap: Floats) -> JointStep:
+        """Return the same step from another trial gap, shape (n, 3), [m]."""
+        return JointStep(self._contact, self.condensed, trial_gap, self.state, self.rule)
+
+    def judged(
+        self, at: Iterate, relative: float, scale: float, tolerance: float
+    ) -> tuple[float, float]:
+        """Return the residual to be judged and the largest that is accepted.
+
+        Args:
+            at: The iterate.
+            relative: Its residual over the largest force.
+            scale: The largest force.
+            tolerance: Residual asked for, relative to it.
+        """
+        rounding = self.rounding(at) / scale
+        if self.condensed.springs is None:
+            # A point that closes just at the end of the step carries a force dominated by rounding.
+            return relative, max(tolerance, min(rounding, 1e-6 if rounding < 1.0 else 1e-3))
+        accepted = max(tolerance, min(rounding, LOOSE_ROUNDING))
+        # The artificial spring forces on a mechanism dominate the joint forces.
+        return (max(relative, rounding) if rounding > accepted else relative), accepted
+
+    def is_balanced(self, at: Iterate) -> bool:
+        """Return True if rounding alone is left, and unsupported blocks have not moved far."""
+        return max(at.worst, self.rounding(at)) <= BALANCED * at.largest
 
     @staticmethod
     def rounding(at: Iterate) -> float:

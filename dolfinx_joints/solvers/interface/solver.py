@@ -32,7 +32,6 @@ from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import (
     Cache,
-    EffectiveMatrix,
     MatrixCoefficients,
     unconstrained_dofs,
 )
@@ -40,7 +39,12 @@ from dolfinx_joints.solvers.interface.compiled.iteration import Limits
 from dolfinx_joints.solvers.interface.compiled.steps import Solved
 from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.solvers.interface.corrections import Correction
-from dolfinx_joints.solvers.interface.residual import Colours, Iterate, JointStep
+from dolfinx_joints.solvers.interface.predictor import (
+    STATIC_TOLERANCE,
+    elastic_predictor,
+    tractions_of,
+)
+from dolfinx_joints.solvers.interface.residual import BALANCED, Colours, Iterate, JointStep
 from dolfinx_joints.solvers.line_search import LineSearch
 from dolfinx_joints.solvers.newton import SETTLED
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, solve_failure
@@ -55,10 +59,6 @@ KEPT_BYTES = 2_000_000_000
 # the tolerance if rounding lets it: the energy balance sees what is left.
 INNER_TOLERANCE, ENOUGH = 0.03, 0.01
 
-# Residual of the linear systems of static solves at first, relative to their right-hand sides: few
-# solves are made, and each correction is to use the whole of its linearisation.
-STATIC_TOLERANCE = 3e-4
-
 # After a step of so many iterations, and as long as steps take so many, iterates whose residual is
 # larger than this part of the largest force are swept point by point, in so many colours. A sweep
 # takes the time of two iterations and saves one: it is for steps too long for the last to tell of
@@ -66,13 +66,8 @@ STATIC_TOLERANCE = 3e-4
 HARD, EASY = 7, 4
 POOR, COLOURS = 0.03, 32
 
-# Times that a static solution is corrected by the gaps of the body itself, and what rounding may
-# leave of the largest force of loose blocks: to correct it would move those that can rest anywhere.
-REFINEMENTS, BALANCED = 3, 1e-12
-
-# Largest share of the joint forces of unsupported blocks that may be rounding error of the forces
-# of the artificial springs. It is reached where a block falls far before it is in contact.
-LOOSE_ROUNDING = 1e-8
+# Times that a static solution is corrected by the gaps of the body itself.
+REFINEMENTS = 3
 
 
 class InterfaceSolver:
@@ -135,11 +130,14 @@ class InterfaceSolver:
         factored, condensed.used = not condensed.used, True
         condensed.matrix.solve_linear(b, x, self._unconstrained)
         if condensed.static:
-            self._refine(condensed.matrix, b, x)
+            condensed.matrix.refine(b, x, self._unconstrained)
         trial_gap = state.gap + self._contact.operator.jump(x)
         step = JointStep(self._contact, condensed, trial_gap, state, rule)
         if condensed.static and self.follows_path:
-            found = self._in_python(step, [self._predicted(step)], b, x)
+            traction = self.carried
+            if traction is None:
+                traction = tractions_of(self._contact, state)
+            found = self._in_python(step, [elastic_predictor(step, traction)], b, x)
         else:
             found = self._from_last_steps(step, b, x)
         self._sweeps = found.iterations >= (EASY if self._sweeps else HARD)
@@ -162,39 +160,6 @@ class InterfaceSolver:
             return self._in_python(step, starts, b, x)
         self._expand_all(condensed, found.force, x)
         return found
-
-    def _predicted(self, step: JointStep) -> tuple[Floats, Floats]:
-        """Return the forces f of the elastic predictor and S f (collective).
-
-        The laws are linearised at the accepted state, where the joints carry f0 and their gap is
-        that of the state. With h0 the trial gaps of the laws there and T the tangent,
-
-            f = f0 + T (h(f) - h0)   with   h(f) = h_trial - S f.                           (28c)
-
-        Newton's method from f stays on the branch of equilibria that the state is on.
-        """
-        condensed, compliance = step.condensed, step.condensed.compliance
-        traction = self._carried(step.state)
-        force = step.forces(traction)
-        coupled = compliance.split.product(force, np.flatnonzero(force))
-        own = np.repeat(compliance.own, (1, 2), axis=1)
-        here = step.state.gap + own * traction + (compliance.scale * coupled).reshape(-1, 3)
-        accepted = JointStep(self._contact, condensed, here, step.state, step.rule)
-        tangent = accepted.evaluate(force, coupled).tangent
-        change = ((step.trial_gap - here).ravel() / compliance.scale).reshape(-1, 3)
-        left = -np.einsum("nij,nj->ni", tangent, change).ravel()
-        correction = condensed.corrections.solve(left, tangent, STATIC_TOLERANCE)
-        return force - correction.step, coupled - correction.coupled
-
-    def _carried(self, state: JointState) -> Floats:
-        """Return the tractions that a state carries, shape (n, 3), [Pa] (collective)."""
-        if self.carried is not None:
-            return self.carried
-        if self._contact.rigid:
-            return np.zeros_like(state.gap)
-        still = self._operator.createVecRight()
-        still.set(0.0)
-        return self._contact.respond(still, state, BACKWARD_EULER).traction
 
     def _compiled(
         self,
@@ -237,7 +202,7 @@ class InterfaceSolver:
             if condensed.springs is not None:
                 self._balance(condensed, b, x)
             at = step.evaluate(*self._last[1:])
-            if condensed.springs is not None and _is_balanced(step, at):
+            if condensed.springs is not None and step.is_balanced(at):
                 found, relative = at, at.worst / (at.largest or 1.0)
                 break
             found, more, relative = self._iterate(step, at)
@@ -361,7 +326,7 @@ class InterfaceSolver:
         self._operator.multTranspose(self._points, self._nodal)
         condensed.matrix.solve(self._nodal, self._moved)
         if condensed.static:
-            self._refine(condensed.matrix, self._nodal, self._moved)
+            condensed.matrix.refine(self._nodal, self._moved, self._unconstrained)
         self._moved.pointwiseMult(self._moved, self._unconstrained)
         x.axpy(-1.0, self._moved)
         self._operator.mult(self._moved, self._points)
@@ -379,21 +344,11 @@ class InterfaceSolver:
         self._points.setArray(force / scale)
         self._operator.multTranspose(self._points, self._nodal)
         right.axpy(-1.0, self._nodal)
-        self._operator.mult(self._refine(condensed.matrix, right, x), self._points)
+        change = condensed.matrix.refine(right, x, self._unconstrained)
+        self._operator.mult(change, self._points)
         gaps = self._points.getArray(readonly=True) / scale
         gaps = np.where(condensed.compliance.dead.ravel(), 0.0, gaps)
         self._last = (condensed, force, coupled - gaps)
-
-    def _refine(self, matrix: EffectiveMatrix, right: PETSc.Vec, x: PETSc.Vec) -> PETSc.Vec:
-        """Solve A x = b again for what rounding left; the change of x."""
-        rest, change = right.duplicate(), x.duplicate()
-        matrix.full.mult(x, rest)
-        rest.aypx(-1.0, right)
-        rest.pointwiseMult(rest, self._unconstrained)
-        matrix.solve(rest, change)
-        change.pointwiseMult(change, self._unconstrained)
-        x.axpy(1.0, change)
-        return change
 
     def _iterate(self, step: JointStep, at: Iterate) -> tuple[Iterate, int, float]:
         """The solution, iterations, and residual relative to the largest force."""
@@ -406,13 +361,7 @@ class InterfaceSolver:
         while True:
             size = at.worst
             scale = at.largest or size or 1.0
-            relative, rounding = size / scale, step.rounding(at) / scale
-            # Forces of points that touch as a step ends are all rounding: they may be rough.
-            accepted = max(tolerance, min(rounding, 1e-6 if rounding < 1.0 else 1e-3))
-            if step.condensed.springs is not None:
-                accepted = max(tolerance, min(rounding, LOOSE_ROUNDING))
-                # The artificial spring forces on a mechanism dominate the joint forces.
-                relative = max(relative, rounding) if rounding > accepted else relative
+            relative, accepted = step.judged(at, size / scale, scale, tolerance)
             if relative <= enough or (relative <= accepted and size >= 0.5 * last):
                 return at, iteration, relative
             given_up = iteration == self.options.max_iterations or not 0.0 < size < np.inf
@@ -449,8 +398,3 @@ class InterfaceSolver:
             if trial.norm < at.norm:
                 break
         return best
-
-
-def _is_balanced(step: JointStep, at: Iterate) -> bool:
-    """Whether no more than rounding is left, and blocks have not gone far."""
-    return max(at.worst, step.rounding(at)) <= BALANCED * at.largest

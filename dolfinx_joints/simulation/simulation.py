@@ -129,8 +129,7 @@ class Simulation:
                 where the mesh has them, against what is there.
             name: Name of the stage in results, unlike those before; "statics 1" and so on unless
                 given.
-            allow_jumps: Whether a jump of the structure is reported in the state. Otherwise it is
-                an error.
+            allow_jumps: Whether the state reports jumps of the structure, which else are errors.
 
         Raises:
             JointsError: Joints are in the wrong state, a block does not stand without them, or

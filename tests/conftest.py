@@ -79,15 +79,19 @@ def freed_together() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def static_ledgers_close(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Check in all tests that the energies of each static stage balance to `LEDGER_ERROR`."""
+    """Check in all tests that the energies of each static stage balance to `LEDGER_ERROR`.
+
+    Rounding of K u, by eps |K| |u| at most, is allowed besides: stiff blocks that move far.
+    """
     stages = sys.modules.get("dolfinx_joints.simulation.simulation")
     if stages is None:
         return
     march = stages.march
 
-    def checked(*arguments: Any, **options: Any) -> Any:
-        state = march(*arguments, **options)
-        assert state.energy.relative_error <= LEDGER_ERROR
+    def checked(model: Any, *arguments: Any, **options: Any) -> Any:
+        state = march(model, *arguments, **options)
+        rounding = sys.float_info.epsilon * model.stiffness.norm() * state.displacement.norm() ** 2
+        assert abs(state.energy.error) <= LEDGER_ERROR * state.energy.scale + rounding
         return state
 
     monkeypatch.setattr(stages, "march", checked)

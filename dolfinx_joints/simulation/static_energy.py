@@ -27,8 +27,8 @@ class StaticEnergy:
             increment is straight, negative for a gain, shape (number of joints,).
         joint_bonds: Energy lost by each joint at points whose bonds broke, likewise.
         plastic: Plastic work of the bulk.
-        joint_released: Energy released in each joint (31b), likewise, of increments in which the
-            sum over the joints is positive. It is a part of friction and numerical loss.
+        joint_released: Energy released in each joint because the structure jumps (31b), likewise.
+            It is a part of friction and numerical loss.
         water_released: Released in increments in which water entered or left joint points.
         error: Sum of all lines, which is zero but for rounding and the tolerance of the solver.
         scale: Largest of stored energy, |input| and losses so far.

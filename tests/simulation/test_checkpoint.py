@@ -500,12 +500,12 @@ def test_checkpoint_files_that_are_refused(comm, wall_file, read, new_path, monk
     refused("is HDF5 but not a file of 'dolfinx_joints checkpoint'", resume=True)
 
     def newer():
-        monkeypatch.setattr(checkpoint_file, "VERSION", 3)
+        monkeypatch.setattr(checkpoint_file, "VERSION", 4)
         checkpoint_file.write_checkpoint(path, {})
         monkeypatch.undo()
 
     leave(newer)
-    refused("has version 3 of the layout, this program reads version 2", resume=True)
+    refused("has version 4 of the layout, this program reads version 3", resume=True)
     leave(lambda: checkpoint_file.write_checkpoint(path, {"run": {}}))
     refused("is no checkpoint, or a damaged one: 'monitors'", resume=True)
     with pytest.raises(ValueError, match="no checkpoint is given"):

@@ -134,9 +134,9 @@ def test_a_wedge_sticks_up_to_its_limit(solver, ratio, spring):
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize(("share", "before"), [(1.2, None), (1.01, 0.97)])
 def test_a_wedge_beyond_its_limit_jumps(solver, share, before):
-    """It falls onto the spring, k u = P1, while its load grows from P0 to P1.
+    """It falls onto the spring, where k u = P under its load P.
 
-    The work (P0 + P1) u / 2 of the load less the energy k u^2 / 2 of the spring is P0 P1 / (2 k).
+    The work P u of the load less the energy k u^2 / 2 of the spring is P^2 / (2 k).
     """
     normal, spring = 1e9, 2e5
     model = wedge(friction(5.0, normal), 1e10, spring)
@@ -156,7 +156,7 @@ def test_a_wedge_beyond_its_limit_jumps(solver, share, before):
     (jump,) = state.jumps
     first, last = ((before or 0.0) * (1.0 - s) + share * s for s in (jump.start, jump.end))
     assert first - 0.02 <= 1.0 <= last + 0.02  # loads over the limit
-    expected = first * last * limit**2 / (2.0 * spring * WIDTH)
+    expected = (first * limit) ** 2 / (2.0 * spring * WIDTH)
     assert jump.energy == pytest.approx(expected, rel=0.01)
     assert error.value.released == jump.energy
     assert state.energy.released == pytest.approx(jump.energy, rel=1e-3)
@@ -313,7 +313,8 @@ SMOOTH_CASES = [
 def test_a_block_without_friction_does_not_drift(kind, solver, gap):
     """Nothing but friction or rounding can move it along the level joint, its own strain apart.
 
-    Poisson's ratio is zero, so that gravity alone strains nothing across. With a gap it falls.
+    Poisson's ratio is zero, so that gravity alone strains nothing across. With a gap the block
+    falls at once: its loads grow from zero, so that it releases nothing.
     """
     mesh = create_box(COMM, [[0, 0, 0], [1, 1, 2]], [3, 3, 4], CellType.hexahedron)
     mesh.topology.create_connectivity(2, 3)
@@ -327,12 +328,8 @@ def test_a_block_without_friction_does_not_drift(kind, solver, gap):
         loads=[dj.Gravity()],
     )
     run = simulation(model, solver)
-    if gap:
-        with pytest.raises(dj.JumpError):
-            run.statics()
-    state = run.statics(allow_jumps=gap > 0.0)
+    state = run.statics()
     moved = state.joints.state.gap - model.contact.initial_gap
     settled = CONCRETE.density * G / 1e10
     assert largest(moved[:, 1:]) <= 1e-6 * (gap + settled)
     assert largest(moved[:, 0] + gap + settled) <= 1e-6 * settled
-    assert len(state.jumps) == (gap > 0.0)

@@ -23,8 +23,8 @@ NAMED_SHARE = 0.05
 class Jumps:
     """Find the increments of a stage that release energy.
 
-    The shortest increments are compared with the energies at the end of their load step, so that a
-    first contact, which stores next to nothing, is no jump.
+    The shortest increments are compared with the energies at the end of their load step: a jump
+    under next to no load, as of a block that finds its seat, is not one of the structure.
 
     Args:
         ledger: The ledger of the stage.

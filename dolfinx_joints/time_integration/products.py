@@ -22,7 +22,7 @@ class Products:
     """M x and K x of the change x of a step, and what of its equation is left.
 
     Attributes:
-        mass: M x.
+        mass: M x, zero in statics.
         stiffness: K x.
         viscous: x.C x times the coefficient of C in the equation, absorption apart [J].
         absorbed: The same of the dashpots that take waves out [J].
@@ -40,7 +40,11 @@ class Products:
     ) -> None:
         """Multiply (collective)."""
         self.mass, self.stiffness, self.reaction = (b.duplicate() for _ in range(3))
-        system.multiply(x, self.mass, self.stiffness)
+        if effective.mass or effective.damping:
+            system.multiply(x, self.mass, self.stiffness)
+        else:  # statics: few products, which do not pay for what fast ones prepare
+            self.mass.set(0.0)
+            system.stiffness.mult(x, self.stiffness)
         residual = combination(
             (-1.0, b), (effective.mass, self.mass), (effective.stiffness, self.stiffness)
         )

@@ -32,9 +32,9 @@ STICK, SLIP, FRICTIONLESS = 1, 2, 3
 Flagged = tuple[Response, NDArray[Any]]
 
 # Limits of Newton's method on a compliance, and its tolerance relative to the rounding errors of a
-# point. Of 345 600 random steps of shear keys, with a compliance of the structure of 0.1 to 10 000
-# times that of the joint, these limits left none unsolved. With 12 halvings, and without the steps
-# beyond kinks and out of pieces of negative determinant, 512 were (see `on_compliance`).
+# point. Measured on random steps of shear keys, with a compliance of the structure of 0.1 to 10 000
+# times that of the joint: of 450 400 points 4 are not found. With 12 halvings, and without the two
+# rules of `on_compliance`, 512 of 345 600 were not.
 MOST_ITERATIONS, MOST_CUTS, ROUNDING = 100, 16, 16.0 * float(np.finfo(float).eps)
 # Part of Newton's step that is taken where its length is not found by the residual.
 BEYOND_KINKS = 0.5
@@ -249,11 +249,11 @@ def on_compliance(
     is halved until it makes the residual smaller. Two rules keep the method from stalling at a
     kink, which it would leave or not by the last bit of its numbers:
 
-    - If no part of a step makes the residual smaller, half of the step is taken: its end is beyond
-      the kink, from where Newton's direction is another.
+    - If no part of a step makes the residual smaller, half of the step is taken. It ends beyond the
+      kink, where Newton's direction is another.
     - If the determinant of the Jacobian is negative, half of the step is taken backwards. Friction
-      without dilatancy makes such pieces. The path along which the residual falls to zero turns
-      back in them (Smale 1976), so that the solution lies outside.
+      is not associated, which makes such pieces. The path along which the residual falls to zero
+      runs backwards in them (Smale 1976), towards a piece with a positive determinant.
 
     Args:
         answer: Gives the answer at a gap of shape (n, 3), [m], and a flag for each point.

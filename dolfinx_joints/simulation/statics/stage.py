@@ -295,7 +295,7 @@ def _remedy(failure: ConvergenceError, kind: str, solver: str, reached: float) -
         return None
     limit = "The joints or the bulk may carry no more: more strength or supports, or less load."
     if reached == 0.0 and not failure.yielding:
-        limit = "Is each block held by supports, springs or joints pressed enough not to slide?"
+        limit = "Is each block restrained by supports, springs, or joints under enough pressure?"
     if kind != "auto":
         return f'solver="auto" tries more, and finds most equilibria. {limit}'
     if solver != "condensed":

@@ -81,7 +81,8 @@ def freed_together() -> Iterator[None]:
 def static_ledgers_close(monkeypatch: pytest.MonkeyPatch) -> None:
     """Check in all tests that the energies of each static stage balance to `LEDGER_ERROR`.
 
-    Rounding of K u, by eps |K| |u| at most, is allowed besides: stiff blocks that move far.
+    Beside it the residual that a solver reports is allowed, and rounding of K u, of some
+    eps |K| |u|: of stiff blocks that move far.
     """
     stages = sys.modules.get("dolfinx_joints.simulation.simulation")
     if stages is None:
@@ -90,8 +91,10 @@ def static_ledgers_close(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def checked(model: Any, *arguments: Any, **options: Any) -> Any:
         state = march(model, *arguments, **options)
-        rounding = sys.float_info.epsilon * model.stiffness.norm() * state.displacement.norm() ** 2
-        assert abs(state.energy.error) <= LEDGER_ERROR * state.energy.scale + rounding
+        size = model.stiffness.norm() * state.displacement.norm() ** 2
+        left = max([LEDGER_ERROR, *(report.residual for report in state.reports)])
+        rounding = 16.0 * sys.float_info.epsilon * size
+        assert abs(state.energy.error) <= left * state.energy.scale + rounding
         return state
 
     monkeypatch.setattr(stages, "march", checked)

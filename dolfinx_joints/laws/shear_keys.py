@@ -397,5 +397,4 @@ class ShearKeyJoint:
     @staticmethod
     def _sum(values: Floats) -> Floats:
         """Sum over the faces of values (3 n,), shape (n,)."""
-        total: Floats = values.reshape(-1, 3).sum(axis=1)
-        return total
+        return np.asarray(values.reshape(-1, 3).sum(axis=1))

@@ -74,14 +74,16 @@ def _solver_of(
     first = _first_solver(system, options, kind, rule, static_steps)
     if not static_steps or contact is None or system.bulk is not None:
         return first
-    others: list[Callable[[StepSolver], StepSolver]] = [lambda _: OtherStarts(first)]
+    others: list[Callable[[StepSolver], StepSolver]] = []
+    if isinstance(first, InterfaceSolver) or not iterates(system, first.options.linear):
+        others.append(lambda _: OtherStarts(first))
     if kind == "auto":
         if isinstance(first, WholeSolver):
-            condensed = _for_steps(options, contact, static_steps)
-            others.append(lambda _: InterfaceSolver(system, condensed))
+            condensed = InterfaceSolver(system, _for_steps(options, contact, static_steps))
+            others += [lambda _: condensed, lambda _: OtherStarts(condensed)]
         elif isinstance(first, InterfaceSolver) and not contact.rigid:
             others.append(lambda _: NewtonSolver(system, options))
-        alone = len(others) == 1
+        alone = isinstance(first, NewtonSolver) and not isinstance(first, WholeSolver)
         others.append(lambda last: PseudoTime(first if alone else last))
     return StaticSolver(first, *others)
 

@@ -194,13 +194,13 @@ def test_friction_and_two_loads(comm, new_path):
     states = {"weight": weight, "push": simulation.statics(steps=4, name="push")}
     energy = states["push"].energy
     assert energy.joint_friction[0] > 1e-3 * energy.scale
-    assert energy.joint_released[0] != 0.0
+    assert energy.joint_released[0] == 0.0
 
     def look():
         stages = check_file(path, ["joint_level"], states)
         check_tables(path, path.with_suffix(".tables"), stages)
         columns = ["work of Gravity", "work of Traction_top", "strain", "joints, elastic"]
-        columns += ["friction", "numerical", "released"]
+        columns += ["friction", "numerical"]
         html = shown_energies(path, path.with_suffix(".html"), stages, columns)
         assert "jumps in the static stage" not in html
         assert re.search(r"static energy energies balance to \S+ of the largest, no jumps", text())
@@ -218,8 +218,8 @@ def test_a_jump(comm, new_path):
 
     By the formulas of a rigid wedge: it sticks until friction bears LIMIT, with the slip y_s =
     PUSH tan(phi - lean). From there the force of the joint falls linearly to zero, where the joint
-    opens. The energy released is the mean of the forces at both ends of the increment times its
-    way, less the work on the path.
+    opens. The energy released is the work of the load at the start of the increment up to where the
+    spring bears it, less the work of the joint and of the spring on that way.
     """
     path, model = new_path("wedge.h5"), wedge(comm)
     monitor = dj.ResultsMonitor(path, points={"foot": (2.0, 0.0)})
@@ -232,12 +232,11 @@ def test_a_jump(comm, new_path):
     bears = LIMIT * (1.0 + SPRING / stiffness)
     assert (jump.step, jump.time, jump.joints) == (2, 1.5, ("joint_wall",))
     assert start * LIMIT < bears < end * LIMIT
-    sticks, falls = start * LIMIT / (stiffness + SPRING), end * LIMIT / SPRING
-    slides = PUSH * np.tan(WEDGE_ANGLE - LEAN)
-    held = stiffness * sticks
-    path_work = 0.5 * (held + LIMIT) * (slides - sticks) + 0.5 * LIMIT * (OPENS_AT - slides)
+    load, slides = start * LIMIT, PUSH * np.tan(WEDGE_ANGLE - LEAN)
+    rests = load / SPRING
+    spring, joint = 0.5 * SPRING * (rests**2 - slides**2), 0.5 * LIMIT * (OPENS_AT - slides)
     # Blocks are 1000 times stiffer than the joint.
-    assert jump.energy == pytest.approx(0.5 * held * (falls - sticks) - path_work, rel=5e-3)
+    assert jump.energy == pytest.approx(load * (rests - slides) - spring - joint, rel=5e-3)
     grouted = simulation.grout(name="grout")  # nothing moves, nothing jumps
     assert grouted.energy is pulled.energy
     assert grouted.jumps == []
@@ -272,7 +271,7 @@ def test_a_jump_that_is_not_allowed_is_in_the_file(comm, new_path):
     monitor = dj.ResultsMonitor(path, points={"foot": (2.0, 0.0)})
     simulation = dj.Simulation(wedge(comm), monitors=[monitor])
     simulation.quasi_statics([0.0], name="push")
-    with pytest.raises(dj.JumpError, match="releases 27.* J in 'joint_wall'") as failure:
+    with pytest.raises(dj.JumpError, match="releases 2[5-8].* J in 'joint_wall'") as failure:
         simulation.quasi_statics([2.0])
     comm.barrier()
     with dj.Results(path) as results:

@@ -321,6 +321,7 @@ def test_the_same_solve_again_starts_from_its_solution(wall):
     solver = InterfaceSolver(system, SolverOptions())
     first, report = solved(solver, STATIC, b, system)
     assert report.iterations > 3
+    solver.follows_path = False  # start from the last forces instead of the accepted state
     second, report = solved(solver, STATIC, b, system)
     assert report.iterations <= 1
     assert difference(second, first) <= 1e-12

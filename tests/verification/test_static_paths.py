@@ -331,5 +331,5 @@ def test_a_block_without_friction_does_not_drift(kind, solver, gap):
     state = run.statics()
     moved = state.joints.state.gap - model.contact.initial_gap
     settled = CONCRETE.density * G / 1e10
-    assert largest(moved[:, 1:]) <= 1e-6 * (gap + settled)
+    assert largest(moved[:, 1:]) <= 1e-5 * gap + 1e-6 * settled
     assert largest(moved[:, 0] + gap + settled) <= 1e-6 * settled

@@ -49,7 +49,7 @@ class Jumps:
         """Return True if the increment to these energies releases too much; keep its place."""
         by_joint = energy.joint_released - self._ledger.energy.joint_released
         released = float(by_joint.sum())
-        if not released > RELEASED_SHARE * self._ledger.turned_over(energy):
+        if not released > max(RELEASED_SHARE * self._ledger.turned_over(energy), 0.0):
             return False
         if increment.shortest:
             order = np.argsort(-by_joint)

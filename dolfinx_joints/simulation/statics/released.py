@@ -25,8 +25,8 @@ from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Floats, Response
 from dolfinx_joints.laws.losses import work
 
-# Gauss's rule on (0, 1).
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+# Gauss's rule on (0, 1): kinks of R leave errors of some 0.3 % of the energy of a jump.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 PLACES, WEIGHTS = 0.5 + 0.5 * _NODES, 0.5 * _WEIGHTS
 
 

@@ -32,7 +32,7 @@ def start_of_stage(system: MatrixSystem, before: StaticState | None) -> Response
         before.displacement.copy(still)
     rest = internal_forces.at_rest(still)
     still.set(0.0)
-    if system.contact is None or not system.contact.rigid:
+    if system.bulk is not None or system.contact is None or not system.contact.rigid:
         response: Response = internal_forces.respond(still, rest, BACKWARD_EULER)
         return response
     count = len(rest.gap)

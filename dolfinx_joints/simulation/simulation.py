@@ -129,7 +129,7 @@ class Simulation:
                 where the mesh has them, against what is there.
             name: Name of the stage in results, unlike those before; "statics 1" and so on unless
                 given.
-            allow_jumps: Whether the state reports jumps of the structure, which else are errors.
+            allow_jumps: True lists jumps in the state's ``jumps``, False raises `JumpError`.
 
         Raises:
             JointsError: Joints are in the wrong state, a block does not stand without them, or
@@ -214,6 +214,7 @@ class Simulation:
 
         def reached(time: float, state: StaticState) -> None:
             one = name if len(times) == 1 else f"{name}, t = {time:g} s"
+            self.static = state
             self._ended(stage_record(self.model, one, time, state, self.model.loads))
 
         check_grouted(self.static)

@@ -16,21 +16,23 @@ class StaticEnergy:
     """Energies after static stages, all in [J]; works and losses count from the unloaded body.
 
     Attributes:
-        strain: u.K u / 2 of bulk and springs; in plastic cells that of the elastic strain.
+        strain: u.K u / 2 of bulk and springs; in plastic cells the energy of the elastic strain.
         joint_elastic: Elastic energy of each joint, shape (number of joints,).
         input_by_load: Work of each load by name. ``grout`` is the work of grout under pressure,
             ``construction`` that of forces which earlier stages left in blocks and joints that did
             not act.
         supports: Work of supports and prescribed displacements.
         joint_friction: Work done against friction in each joint, shape (number of joints,).
-        joint_numerical: Loss of each joint by the formulas of its law because the path within an
-            increment is straight, negative for a gain, shape (number of joints,).
-        joint_bonds: Energy lost by each joint at points whose bonds broke, likewise.
+        joint_numerical: Integration error of the work of each joint on the straight path of an
+            increment, by the formulas of its law; positive for a loss, shape (number of joints,).
+        joint_bonds: Energy lost by each joint at points whose bonds broke, that of the motion which
+            followed included, shape (number of joints,).
         plastic: Plastic work of the bulk.
-        joint_released: Energy released in each joint because the structure jumps (31b), likewise.
-            It is a part of friction and numerical loss.
+        joint_released: Energy released in each joint by jumps (31b), shape (number of joints,). It
+            is a part of friction and numerical loss.
         water_released: Released in increments in which water entered or left joint points.
-        error: Sum of all lines, which is zero but for rounding and the tolerance of the solver.
+        error: Stored energy plus losses minus work: zero but for rounding and the tolerance of the
+            solver.
         scale: Largest of stored energy, |input| and losses so far.
     """
 
@@ -74,9 +76,9 @@ class Jump:
 
     Attributes:
         step: Number of the load step in its stage.
-        time: Time of the loads at its end [s], None for a ramp.
+        time: Time at the end of the load step [s], None for a ramp.
         start: Load factor at the start of the increment.
-        end: Load factor at its end.
+        end: Load factor at the end of the increment.
         energy: Energy released [J].
         joints: Names of the joints that released it, the largest share first.
     """

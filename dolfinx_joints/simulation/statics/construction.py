@@ -19,6 +19,7 @@ from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, Response, Status
 from dolfinx_joints.loads.load import FollowsJoints, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.outcome import StaticState
+from dolfinx_joints.simulation.statics.ledger import with_stored
 from dolfinx_joints.simulation.statics.unfinished import (
     Unfinished,
     check_elastic,
@@ -132,7 +133,10 @@ def grouted(
         if isinstance(load, FollowsJoints) and load.joint in chosen
     }
     missing = tuple(sorted({*missing, *wet}))
-    return replace(before, joints=joints, inactive=waiting, missing=missing, jumps=[])
+    energy = with_stored(before.energy, contact.stored_energy(joints.state))
+    return replace(
+        before, joints=joints, inactive=waiting, missing=missing, energy=energy, jumps=[], cuts=0
+    )
 
 
 def _open_points(model: Model, contact: Contact, response: Response) -> Rows:

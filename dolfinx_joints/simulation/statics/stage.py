@@ -52,8 +52,7 @@ def march(
 ) -> StaticState:
     """Return the equilibrium at the end of a path of load steps (collective).
 
-    An increment is cut in halves if its solve does not converge, or if it releases more energy than
-    an increment on a continuous path of equilibria does (`RELEASED_SHARE`).
+    An increment is cut in halves if its solve does not converge, or if it releases energy (31b).
 
     Args:
         model: The model.
@@ -62,8 +61,8 @@ def march(
             the loads and prescribed displacements of ``before`` to those at this time.
         acting: Those of the model's loads that act.
         stage: What does not act yet; None where everything acts.
-        apart: Tractions, shape (n, 3), [Pa], on the faces of joints that are added to what
-            ``before`` carries, which then is all that acts; None without.
+        apart: Tractions on the faces of joints, shape (n, 3), [Pa], that are added to the loads of
+            ``before``. If given, no other load changes.
         options: Tolerances and limits of Newton's method.
         kind: Of the solver; see `make_solver`.
         allow_jumps: Whether a jump is reported in the state rather than raised as an error.
@@ -119,22 +118,25 @@ def march(
             increments.cut()
             continue
         energy = at.ledger.after(solved)
-        if jumps.suspected(energy, increment) and not increment.shortest:
+        if increment.shortest:
+            jumps.take(energy, increment)
+        elif energy.released > at.ledger.energy.released:
             increments.cut()
             continue
         at.accept(solved, energy, increment)
-        jumps.check(increment)
         free_petsc_garbage(model.jointed.mesh.comm)
         if at.joints is not None:
             watch.see(at.joints.gap)
         progress.advance(int(increment.whole))
         if reached is not None and increment.whole:
-            reached(increment.time or 0.0, state(jumps.of_step))
+            reached(increment.time or 0.0, state(jumps.of_step(increment.step)))
     progress.finish()
     watch.warn("in a static stage")
+    at.ledger.warn()
     if stage is not None:
         # Blocks that are absent have no loads and no supports.
-        at.reaction.getArray()[stage.dofs] = 0.0
+        for force in (at.reaction, *at.loads.values()):
+            force.getArray()[stage.dofs] = 0.0
         if contact is not None:
             at.response = with_inactive(contact, at.response, before, at.displacement, stage)
     return state(jumps.found)
@@ -145,7 +147,7 @@ class _Equilibrium:
 
     Attributes:
         solver: The solver, inside an iteration on the water if there is water in joints.
-        ledger: Energies up to here.
+        ledger: Energy ledger up to the last accepted increment.
         displacement: Displacement vector [m].
         joints: State of the joints, None without any.
         response: Response of the joints, None if none acts.
@@ -167,7 +169,7 @@ class _Equilibrium:
     ) -> None:
         """Start from a static state, or from rest, with a response and loads [N] (collective).
 
-        ``stays`` keeps these loads in full beside those of the system.
+        If ``stays`` is true, these loads keep their value while those of the system are added.
         """
         self._system, self._stays, self._unloaded = system, stays, before is None
         self._chosen = solver.inner if isinstance(solver, HoldingBonds) else solver
@@ -195,7 +197,7 @@ class _Equilibrium:
         self.ledger = StaticLedger(system, names, energy, self._start)
 
     def solve(self, increment: Increment) -> SolvedIncrement:
-        """Return the solution of an increment; the last equilibrium stays as it is (collective).
+        """Return the solution of an increment; the last accepted one does not change (collective).
 
         Raises:
             ConvergenceError: No solution was found.
@@ -203,7 +205,8 @@ class _Equilibrium:
         system, x, water = self._system, self._x, self._system.water
         self._set_up(increment)
         if isinstance(self._chosen, StaticSolver):
-            # The equations of unloaded joints without gaps are homogeneous: to cut does not help.
+            # From the unloaded body without gaps the equations scale with the load: a shorter
+            # increment fails as well.
             unloaded = self._unloaded and increment.whole and not self.reports
             self._chosen.last_resort = increment.shortest or unloaded
             self._chosen.continue_from(self._start)
@@ -276,7 +279,7 @@ def _under(system: MatrixSystem, before: StaticState, push: PETSc.Vec) -> Matrix
 def _holding(
     system: MatrixSystem, before: StaticState | None, dofs: NDArray[np.int64]
 ) -> MatrixSystem:
-    """The system with further dofs held where they are."""
+    """Return the system with further dofs constrained at their present displacement."""
     every = np.union1d(system.constrained, dofs)
     there = before.displacement.getArray()[every] if before else np.zeros(len(every))
     supported, held = np.searchsorted(every, system.constrained), np.isin(every, dofs)
@@ -290,14 +293,14 @@ def _holding(
 
 
 def _remedy(failure: ConvergenceError, kind: str, solver: str, reached: float) -> str | None:
-    """What helps against a failure at the shortest increment, by the solver and load factor."""
+    """Return a remedy for a failure at the shortest increment, None if there is none."""
     if failure.law is not None:
         return None
     limit = "The joints or the bulk may carry no more: more strength or supports, or less load."
     if reached == 0.0 and not failure.yielding:
         limit = "Is each block restrained by supports, springs, or joints under enough pressure?"
     if kind != "auto":
-        return f'solver="auto" tries more, and finds most equilibria. {limit}'
+        return f'solver="auto" also tries the other solver and pseudo-time. {limit}'
     if solver != "condensed":
         softer = "" if failure.yielding else " or softer joints"
         return f"SolverOptions(max_iterations=100){softer} may go further. {limit}"

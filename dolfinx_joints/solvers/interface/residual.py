@@ -190,7 +190,7 @@ def elastic_predictor(step: JointStep, traction: Floats) -> tuple[Floats, Floats
     The laws are linearised at the accepted state, where the joints carry f0 and their gap is that
     of the state. With h0 the trial gaps of the laws there and T the tangent,
 
-        f = f0 + T (h(f) - h0)   with   h(f) = h_trial - S f.                               (28c)
+        f = f0 + T (h(f) - h0)   with   h(f) = h_trial - S f.                               (28e)
 
     Newton's method from f stays on the branch of equilibria that the state is on.
 

@@ -35,6 +35,10 @@ EPS = float(np.finfo(np.float64).eps)
 # plus the energy stored at its start (docs/decisions/two_solvers.md).
 RELEASED_SHARE = 0.05
 
+# Friction and numerical loss of an increment over the energy stored at its start, below which it is
+# not examined: what a jump releases is a part of them.
+LEAST_LOSS = 0.1 * RELEASED_SHARE
+
 # Error of the balance over the largest energy from which a stage warns: solvers leave 1e-6 of the
 # forces at most.
 LARGEST_ERROR = 1e-6
@@ -104,8 +108,9 @@ class StaticLedger:
         works = _works(increment)
         supports = [float(r.dot(x)) for r in (increment.reaction, increment.products.reaction)]
         forces = np.sum([*works.values(), supports], axis=0)
-        dissipated = float(np.abs([friction, numerical]).sum())
-        freed = self._released(increment, *forces) if dissipated else np.zeros(len(self._names))
+        freed, lost = np.zeros(len(self._names)), float(np.abs([friction, numerical]).sum())
+        if lost > LEAST_LOSS * self.energy.stored:
+            freed = self._released(increment, *forces)
         energy = replace(
             last,
             strain=self._strain(increment),

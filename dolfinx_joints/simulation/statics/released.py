@@ -25,7 +25,7 @@ from dolfinx_joints.laws.law import Floats, Response
 from dolfinx_joints.laws.losses import work
 
 # Places on the path: a jump that is long beside the elastic way before it is seen near s = 0.
-PLACES = np.concatenate([[0.0], 0.5 ** np.arange(16.0, 4.0, -0.5), np.arange(1.0, 17.0) / 16.0])
+PLACES = np.concatenate([[0.0], 0.5 ** np.arange(16.0, 4.0, -0.25), np.arange(1.0, 17.0) / 16.0])
 
 
 def released(

@@ -108,7 +108,8 @@ class StaticLedger:
         works = _works(increment)
         supports = [float(r.dot(x)) for r in (increment.reaction, increment.products.reaction)]
         forces = np.sum([*works.values(), supports], axis=0)
-        freed, lost = np.zeros(len(self._names)), float(np.abs([friction, numerical]).sum())
+        freed: Floats = np.zeros(len(self._names))
+        lost = float(np.abs([friction, numerical]).sum())
         if lost > LEAST_LOSS * self.energy.stored:
             freed = self._released(increment, *forces)
         energy = replace(

@@ -24,6 +24,10 @@ Rows = NDArray[np.int64]
 # solves are made, and each correction is to use the whole of its linearisation.
 STATIC_TOLERANCE = 3e-4
 
+# Residual over the largest force below which forces on the line through the last two accepted
+# states are close to a solution on the same path.
+ON_LINE = 1e-3
+
 # Residual of unsupported blocks over the largest force that is left to rounding: to correct it
 # would move blocks that can rest anywhere.
 BALANCED = 1e-12
@@ -184,6 +188,46 @@ class JointStep:
         return self.evaluate(forces, coupled)
 
 
+class AcceptedForces:
+    """Scaled forces f and S f of the last two accepted static solves.
+
+    Under loads that grow in proportion, the next forces are on the line through them.
+    """
+
+    def __init__(self) -> None:
+        """Start without any."""
+        self._traction: Floats | None = None
+        self._solved: tuple[Floats, Floats, Floats] | None = None
+        self._forces: list[tuple[Floats, Floats]] = []
+
+    def solved(self, traction: Floats, force: Floats, coupled: Floats) -> None:
+        """Keep the tractions (n, 3) [Pa], f and S f of a solve that may be accepted."""
+        self._solved = traction, force, coupled
+
+    def start(self, step: JointStep, traction: Floats) -> tuple[Floats, Floats]:
+        """Return forces f and S f to start a step with (collective).
+
+        They are on the line through the last two accepted forces if these are close to a solution,
+        else those of the elastic predictor.
+
+        Args:
+            step: The static increment.
+            traction: Tractions of the accepted state, shape (n, 3), [Pa].
+        """
+        if self._solved is not None and traction is self._solved[0]:
+            self._forces = [*self._forces[-1:], self._solved[1:]]
+        elif traction is not self._traction:
+            self._forces = []
+        self._traction, self._solved = traction, None
+        if len(self._forces) == 2:
+            (f0, s0), (f1, s1) = self._forces
+            line = 2.0 * f1 - f0, 2.0 * s1 - s0
+            at = step.evaluate(*line)
+            if at.worst <= ON_LINE * at.largest:
+                return line
+        return elastic_predictor(step, traction)
+
+
 def elastic_predictor(step: JointStep, traction: Floats) -> tuple[Floats, Floats]:
     """Return the scaled forces f of the elastic predictor and S f (collective).
 
@@ -210,11 +254,13 @@ def elastic_predictor(step: JointStep, traction: Floats) -> tuple[Floats, Floats
     return force - correction.step, coupled - correction.coupled
 
 
-def tractions_of(contact: Contact, state: JointState) -> Floats:
-    """Return the tractions that follow from a state, shape (n, 3), [Pa] (collective).
+def tractions_of(contact: Contact, state: JointState, given: Floats | None) -> Floats:
+    """Return the tractions of a state, shape (n, 3), [Pa] (collective).
 
-    Those of rigid joints do not follow from their gaps; they are taken as zero.
+    They follow from its gaps unless given; those of rigid joints are then zero.
     """
+    if given is not None:
+        return given
     if contact.rigid:
         return np.zeros_like(state.gap)
     return contact.at_gap(state.gap, state).traction

@@ -41,10 +41,10 @@ from dolfinx_joints.solvers.interface.condensed import Condensed
 from dolfinx_joints.solvers.interface.corrections import Correction
 from dolfinx_joints.solvers.interface.residual import (
     STATIC_TOLERANCE,
+    AcceptedForces,
     Colours,
     Iterate,
     JointStep,
-    elastic_predictor,
     tractions_of,
 )
 from dolfinx_joints.solvers.line_search import LineSearch
@@ -109,6 +109,7 @@ class InterfaceSolver:
         nothing = np.zeros(local)
         self.follows_path = True
         self.carried: Floats | None = None
+        self._accepted = AcceptedForces()
         self._last: tuple[Condensed | None, Floats, Floats] = (None, nothing, nothing)
         self._before: tuple[Condensed | None, Floats, Floats] = self._last
         operator, newton = self._operator, self.options  # a reference to self would keep it alive
@@ -136,10 +137,9 @@ class InterfaceSolver:
         trial_gap = state.gap + self._contact.operator.jump(x)
         step = JointStep(self._contact, condensed, trial_gap, state, rule)
         if condensed.static and self.follows_path:
-            traction = self.carried
-            if traction is None:
-                traction = tractions_of(self._contact, state)
-            found = self._in_python(step, [elastic_predictor(step, traction)], b, x)
+            traction = tractions_of(self._contact, state, self.carried)
+            found = self._in_python(step, [self._accepted.start(step, traction)], b, x)
+            self._accepted.solved(found.response.traction, *self._last[1:])
         else:
             found = self._from_last_steps(step, b, x)
         self._sweeps = found.iterations >= (EASY if self._sweeps else HARD)

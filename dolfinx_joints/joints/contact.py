@@ -338,7 +338,7 @@ class Contact:
         return any(math.isinf(k) for part in self._laws for k in part.law.closed_stiffness())
 
     def firm_stiffness(self) -> Floats:
-        """Return the closed stiffness, k_n in place of a k_s of zero, shape (n, 2), [Pa/m]."""
+        """Return the closed stiffness, with k_n where k_s is zero, shape (n, 2), [Pa/m]."""
         stiffness = self.closed_stiffness()
         stiffness[:, 1] = np.where(stiffness[:, 1] > 0.0, stiffness[:, 1], stiffness[:, 0])
         return stiffness

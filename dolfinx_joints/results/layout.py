@@ -43,7 +43,7 @@ STAGE_ENERGIES = {
     "supports": "work of supports and prescribed displacements",
     "plastic": "plastic work of the bulk",
     "water_released": "energy released in increments in which water entered or left joint points",
-    "error": "sum of all lines, zero but for rounding and the tolerance of the solver",
+    "error": "stored energy plus losses minus work, zero but for rounding and solver tolerance",
     "scale": "largest of stored energy, input and losses so far",
 }
 STAGE_JOINT_ENERGIES = {
@@ -51,7 +51,7 @@ STAGE_JOINT_ENERGIES = {
     "friction": "work against friction in",
     "numerical": "loss because increments of the loads are straight paths, gain if negative, in",
     "bonds": "energy lost with broken bonds in",
-    "released": "energy released by jumps and short of them, part of friction and numerical, in",
+    "released": "energy released by jumps, part of friction and numerical, in",
 }
 
 

@@ -22,8 +22,8 @@ from dolfinx_joints.solvers.multigrid.tangent import TangentMultigrid
 
 Floats = NDArray[np.float64]
 
-# Displacements under random forces, times the norm of the matrix over that of the forces, from
-# which the matrix is singular to rounding: a hundredth of the inverse of the rounding unit.
+# Condition estimate |A| |x| / |f| for random forces f above which the matrix counts as singular: a
+# hundredth of the inverse of the rounding unit.
 LARGEST_GROWTH = 0.01 / float(np.finfo(float).eps)
 
 

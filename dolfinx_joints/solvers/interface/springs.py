@@ -26,8 +26,8 @@ Floats = NDArray[np.float64]
 # A point that nothing but its own spring holds has c s = 1; any c below does as well.
 LARGEST_SHARE = 0.9
 
-# Share of the springs that Newton's corrections keep, not the equilibrium: an open block would move
-# without limit, a frictionless one by rounding errors divided by zero.
+# Share of the artificial springs kept in the Newton matrix. Without it the matrix is singular if a
+# block is open or frictionless. The equilibrium does not depend on it.
 KEPT_SHARE = 1e-6
 
 

@@ -310,8 +310,7 @@ class Simulation:
         given = given_fields(self.model, start, velocity=velocity, displacement=displacement)
         acting, ground = shaken_by(motion, loads), differing_ground(self.model, motion)
         motion = ground_motion(self.model, motion, loads)
-        begins = not resume and start is None
-        if begins:
+        if begins := not resume and start is None:
             check_complete(self.static)
         if checkpoint is not None:
             checkpoint.check(self.model.jointed.mesh.comm, resume=resume)

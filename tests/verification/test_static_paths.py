@@ -158,7 +158,7 @@ def test_a_wedge_beyond_its_limit_jumps(solver, share, before):
     assert first - 0.02 <= 1.0 <= last + 0.02  # loads over the limit
     expected = limit**2 / (2.0 * spring * WIDTH)
     assert jump.energy == pytest.approx(expected, rel=0.01)
-    assert error.value.released == jump.energy
+    assert error.value.released == pytest.approx(jump.energy, rel=1e-6)  # of another run
     assert state.energy.released == pytest.approx(jump.energy, rel=1e-3)
     assert settlement(model, state) == pytest.approx(share * limit / (spring * WIDTH), rel=0.01)
     counts = model.contact.counts(state.joints.status)

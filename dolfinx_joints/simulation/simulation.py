@@ -175,7 +175,7 @@ class Simulation:
 
         Raises:
             JointsError: There is no static state yet, or a law bears no such pressure or gap.
-            ConvergenceError: No equilibrium under the pressure was found.
+            ConvergenceError: No equilibrium under the pressure was found, or only after a jump.
         """
         if self.static is None:
             raise JointsError("There is nothing to grout yet: run statics(joints=[...]) before.")

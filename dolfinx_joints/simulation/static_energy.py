@@ -51,22 +51,22 @@ class StaticEnergy:
 
     @cached_property
     def stored(self) -> float:
-        """Strain energy and elastic energy of the joints."""
+        """Return the strain energy plus the elastic energy of the joints [J]."""
         return self.strain + float(self.joint_elastic.sum())
 
     @cached_property
     def input(self) -> float:
-        """Work of loads, supports and prescribed displacements."""
+        """Return the work of loads, supports and prescribed displacements [J]."""
         return sum(self.input_by_load.values()) + self.supports
 
     @cached_property
     def released(self) -> float:
-        """Released energy of all joints."""
+        """Return the released energy of all joints [J]."""
         return float(self.joint_released.sum())
 
     @property
     def relative_error(self) -> float:
-        """Error over the scale."""
+        """Return the absolute error of the balance over the scale."""
         return abs(self.error) / self.scale if self.scale else 0.0
 
 

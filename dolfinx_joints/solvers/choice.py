@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Which solver takes the steps of a system."""
+"""Choice of the solver for the steps of a system."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def make_solver(
     *,
     static_steps: int = 0,
 ) -> StepSolver:
-    """A solver of the steps of a system (collective).
+    """Return a solver of the steps of a system (collective).
 
     Args:
         system: The system.
@@ -51,11 +51,11 @@ def make_solver(
         kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws have
             condensed forms, monolithic elsewhere and where the bulk is solved by iteration and
             joints are not too stiff beside its elements (`LARGEST_RATIO`). Plastic cells take the
-            monolithic one alone. ``forms`` is that with the joints by interior-facet integrals, a
-            reference. If the shortest static increment does not converge, other starts are tried,
-            and with ``auto`` other solvers and pseudo-time.
+            monolithic one alone. ``forms`` is the monolithic solver with joints assembled by
+            interior-facet integrals, a reference. If the shortest static increment does not
+            converge, other starts are tried, and with ``auto`` other solvers and pseudo-time.
         rule: Response that the time scheme will ask the laws for.
-        static_steps: Number of solves with K alone that are to come; 0 in dynamics.
+        static_steps: Number of static load steps to be solved; 0 in dynamics.
     """
     solver = _solver_of(system, options, kind, rule, static_steps)
     brittle = system.contact is not None and system.contact.brittle
@@ -130,7 +130,7 @@ def _first_solver(
 
 
 def _takes_whole(system: MatrixSystem, contact: Contact, options: SolverOptions) -> bool:
-    """Whether multigrid takes the whole in few iterations (collective)."""
+    """Return whether multigrid solves body and joints in few iterations (collective)."""
     if contact.rigid or not iterates(system, options.linear):
         return False
     operator, diagonal = contact.operator, system.stiffness.getDiagonal()
@@ -143,13 +143,13 @@ def _takes_whole(system: MatrixSystem, contact: Contact, options: SolverOptions)
 
 
 def _by_forms(system: MatrixSystem, contact: Contact) -> MatrixSystem:
-    """The system with its joints by interior-facet integrals (collective)."""
+    """Return the system with joints by interior-facet integrals (collective)."""
     bulk = None if system.bulk is None else system.bulk.beside(contact.by_forms)
     return replace(system, contact=contact.by_forms, bulk=bulk)
 
 
 def _for_steps(options: SolverOptions | None, contact: Contact, static_steps: int) -> SolverOptions:
-    """Options with no compliance kept where few solves do not pay for it.
+    """Return options without a stored compliance if the solves are too few to pay for it.
 
     A static solve takes some 250 products, and a column of the compliance in a block of them a
     seventh of a back-substitution; smaller ones are made at once in less.

@@ -122,13 +122,13 @@ class OtherStarts:
 
 
 class HoldingBonds:
-    """Solves a step with all bonds held, and again without those that its solution overloads most.
+    """Solve a step with all bonds intact, then again without the most overloaded ones.
 
-    Bonds that are intact and bonds that are gone often solve the same step: what an iterate on the
-    way would have broken stays, if it can.
+    A step often has a solution with intact bonds and another one with broken bonds. No bond breaks
+    because an iterate overloads it: only solutions count, so that bonds stay intact if they can.
 
     Args:
-        inner: Takes the steps.
+        inner: Solver of a step whose bonds do not change.
 
     Attributes:
         inner: The same.
@@ -162,15 +162,15 @@ class HoldingBonds:
                 )
 
     def state_dict(self) -> dict[str, Any]:
-        """That of the solver."""
+        """Return the state of the solver."""
         return self.inner.state_dict()
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Take up what another's ``state_dict`` gave."""
+        """Restore the state that another solver's ``state_dict`` returned."""
         self.inner.load_state_dict(state_dict)
 
 
 def _distance(failure: ConvergenceError) -> float:
-    """The residual, infinite where there is none."""
+    """Return the residual of a failed solve, infinity if it has none."""
     residual = failure.residual
     return residual if residual is not None and residual < float("inf") else float("inf")

@@ -44,6 +44,7 @@ from dolfinx_joints import (
     synthetic_motion,
 )
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
+from dolfinx_joints.laws.law import Status
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.monitors.surface_stress import SurfaceStress
 
@@ -349,6 +350,7 @@ YOUNG, BAR, GROUT = 25e9, 6.0, 1e6
 LAWS = [
     LAW,
     RigidJoint(friction_angle_deg=35.0),
+    RigidJoint(friction_angle_deg=0.0),
     KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10),
     ViscousJoint(law=LAW, normal_viscosity=1e6),
 ]
@@ -373,6 +375,8 @@ def test_grout_under_pressure(comm, bars, law):
     np.testing.assert_allclose(bar_displacements(run.model, state), side, rtol=1e-9)
     np.testing.assert_allclose(state.joints.traction[:, 0], -GROUT, rtol=1e-9)
     np.testing.assert_allclose(state.joints.traction[:, 1:], 0.0, atol=1e-9 * GROUT)
+    frictionless = getattr(law, "friction_angle_deg", None) == 0.0
+    assert set(state.joints.status) <= {Status.FRICTIONLESS if frictionless else Status.STICK}
     soft = 2 * BAR / YOUNG + (0.0 if isinstance(law, RigidJoint) else 1e-11)
     less = run.statics(loads=cold[:1]).joints
     np.testing.assert_allclose(less.traction[:, 0], shrink / soft - GROUT, rtol=1e-8)

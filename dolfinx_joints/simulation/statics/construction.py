@@ -245,10 +245,10 @@ def _at_rest(model: Model, contact: Contact, gap: Floats, slip: Floats | float =
 
 
 def _bearing(contact: Contact, answer: Response, filled: Rows, pressure: float) -> Response:
-    """The answer with the pressure in rigid points, where it does not follow from the gap."""
+    """Return the response with the pressure in rigid points, whose gap does not determine it."""
     rigid = filled & np.isinf(contact.closed_stiffness()[:, 0]) & (pressure > 0.0)
     traction = np.where(rigid[:, None], [-pressure, 0.0, 0.0], answer.traction)
-    status = np.where(rigid, np.int8(Status.STICK), answer.status)
+    status = np.where(rigid & (answer.status == Status.OPEN), Status.STICK, answer.status)
     return replace(answer, traction=traction, status=status)
 
 

@@ -50,7 +50,7 @@ class Jumps:
             raise increment.located(
                 JumpError(released=total, joints=names),
                 "The loads are beyond what the joints can carry on this path. "
-                "allow_jumps=True accepts the state after the jump.",
+                "In statics and quasi_statics allow_jumps=True accepts the state after the jump.",
             )
         self.found.append(
             Jump(

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Load steps of a static stage, cut into increments."""
+"""Load steps of a static stage, and their increments."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ class Increment:
     """Place of an increment of the loads.
 
     Attributes:
-        time: Time [s] of the loads, None for a ramp at time zero.
-        share: Of the way from the loads before to those at this time.
-        whole: Whether the load step ends here.
-        shortest: Whether it cannot be cut.
+        time: Time [s] at the end of the load step, None for a ramp at time zero.
+        share: Load factor at the end of the increment: 0 for the loads before the step (before the
+            first step of a ramp), 1 for the loads at ``time``.
+        whole: Whether the load step ends with the increment.
+        shortest: Whether the increment cannot be halved.
         step: Number of its load step, from 1.
-        start: Load factor at its start, as ``share`` of a ramp and of each step in time.
+        start: Load factor at the start of the increment.
     """
 
     time: float | None
@@ -41,26 +42,25 @@ class Increment:
 
 
 class LoadIncrements:
-    """Increments of the load steps of a path: whole steps, and halves of them after a `cut`.
+    """Increments of the load steps of a path: whole steps, and parts of them after a `cut`.
 
-    They stay on the levels step / 2^k, k up to 6, and are longer again as soon as they fit. All of
-    them lie on the straight line between the loads at the ends of the step, whatever was cut.
+    An increment is a step divided by 2^k, k up to 6. Its length doubles again after two increments
+    of one length. The loads change on a straight line over the step, regardless of the increments.
 
     Args:
-        path: Time [s] of each step, None for a ramp at time zero, and its share of the way from the
-            loads before to those at this time. Of a ramp they are those before its first step.
+        path: Time [s] of each step, None for a ramp at time zero, and its load factor.
 
     Attributes:
         cuts: Increments that were cut.
     """
 
     def __init__(self, path: Sequence[tuple[float | None, float]]) -> None:
-        """Begin with whole steps."""
+        """Start with whole steps."""
         self._path, self._level, self._again, self.cuts = path, 0, False, 0
         self._step, self._reached = 0, 0.0
 
     def __iter__(self) -> Iterator[Increment]:
-        """Each increment; after a `cut` a shorter one from the same start."""
+        """Yield the increments; after a `cut` a shorter one from the same start."""
         for time, share in self._path:
             self._step += 1
             start = self._reached if time is None else 0.0

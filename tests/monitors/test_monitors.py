@@ -245,14 +245,14 @@ def test_the_file_does_not_depend_on_ranks(comm, cell, wall_file, read, new_path
         one, two = content(many), content(alone)
         assert one.keys() == two.keys()
         energy = max(np.abs(two[f"energy/{term}"]).max() for term in ("kinetic", "strain", "input"))
-        static_energy = np.abs(two["statics/energy/strain"]).max()
+        of_statics = np.abs(two["statics/energy/strain"]).max()
         for name in one:
             assert one[name].shape == two[name].shape, name
             size = np.abs(two[name]).max(initial=0.0)
             if name.startswith("energy/"):
                 size = energy
             elif name.startswith("statics/energy/"):
-                size = static_energy
+                size = of_statics
             if name == "histories/iterations":
                 continue
             np.testing.assert_allclose(one[name], two[name], rtol=0, atol=1e-9 * size, err_msg=name)

@@ -9,8 +9,6 @@
   T/1500 near the stop, and the fewest such steps for an error.
 - A bar of 40 cells, one end held, that strikes a stop with the other: error by the number of steps,
   against the motion of the same cells without error in time.
-- ``--scene``: displacement of a crest, velocities and opening of a shaken wall or dam against the
-  plain scheme with 32 times shorter steps.
 - ``--cost``: processor time per step of a wall or dam.
 
 Errors are root mean squares in time over that of the right motion; of the rods the largest over
@@ -30,11 +28,9 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 import dolfinx_joints as dj
-from benchmarks.shared.measure import StepWatch
 from benchmarks.shared.problems import Problem, first_state, impact, march
-from benchmarks.shared.scenes import DAM_SIZES, DIVISIONS, TIME_STEP, Scene, dam, wall
+from benchmarks.shared.scenes import DAM_SIZES, DIVISIONS, TIME_STEP, dam, wall
 from dolfinx_joints.common.command_line import Parser
-from dolfinx_joints.simulation.record import Record
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.initial_state import initial_state
@@ -44,12 +40,6 @@ Floats = NDArray[np.float64]
 CELLS = 40
 # Of the bar: stiffness of its stop over its own, end of the march [s], and times that are compared.
 STOP, END, SHOWN = 10.0, 16.0, 50
-SCENES = {
-    "wall": lambda: wall("coarse"),
-    "wall 0.3 MPa": lambda: wall("coarse", pressure=0.3),
-    "dam tiny": lambda: dam("dam tiny"),
-    "dam": lambda: dam("dam"),
-}
 
 
 def scheme(modes: int, radius: float = 1.0) -> dj.EnergyConsistent:
@@ -244,70 +234,6 @@ def steps_for(goal: float, steps: list[int], off: list[float]) -> float:
     return float(steps[last] * (steps[last + 1] / steps[last]) ** share)
 
 
-# ---------------------------------------------------------------- bodies
-
-
-class Watch(StepWatch):
-    """Also keeps the crest's velocity [m/s] and the largest opening [m] of each step."""
-
-    def __init__(self, scene: Scene) -> None:
-        """Nothing is seen yet."""
-        super().__init__(scene)
-        self.velocity: list[Floats] = []
-        self.opening: list[float] = []
-
-    def record(self, record: Record) -> None:
-        """Keep them."""
-        super().record(record)
-        assert record.joints is not None
-        self.velocity.append(self._probe.read(record.velocity)[0].copy())
-        self.opening.append(float(record.joints.state.gap[:, 0].max()))
-
-
-def shaken(scene: Scene, model: dj.Model, dt: float, steps: int, modes: int) -> tuple[Watch, float]:
-    """A run from self weight on, and its friction work [J]."""
-    watch = Watch(scene)
-    simulation = dj.Simulation(model, monitors=[watch])
-    simulation.statics(steps=scene.load_steps)
-    motion = scene.strong_shaking(steps * dt)
-    outcome = simulation.dynamics(dt=dt, steps=steps, motion=motion, scheme=scheme(modes))
-    assert outcome.imbalance is not None
-    assert outcome.imbalance < 1e-10
-    return watch, outcome.energy.friction
-
-
-def body(name: str, seconds: float, counts: list[int]) -> None:
-    """Table of errors of a scene."""
-    scene, coarsest, finest = SCENES[name](), 2.0 * TIME_STEP, TIME_STEP / 32.0
-    intervals = round(seconds / coarsest)
-    with scene.mesh_file() as path:
-        model = scene.model(scene.read(path), scene.law())
-        right, rubbed = shaken(scene, model, finest, 64 * intervals, 0)
-        print(f"\n{name}, {model.num_dofs} dofs, {intervals * coarsest:.3g} s")
-        print("dt [ms]  exact   crest x, y, z [%]        velocity [%]  opening [%]  friction [%]")
-        for parts in (1, 2, 4, 8):
-            for modes in (0, *counts):
-                dt, steps = coarsest / parts, intervals * parts
-                run, work = shaken(scene, model, dt, steps, modes)
-                every = slice(64 // parts - 1, None, 64 // parts)
-                off = [
-                    np.linalg.norm(np.subtract(mine, of[every]), axis=0)
-                    / np.linalg.norm(of[every], axis=0)
-                    for mine, of in (
-                        (run.crest, right.crest),
-                        (run.velocity, right.velocity),
-                    )
-                ]
-                opened = np.abs(np.subtract(run.opening, right.opening[every])).max()
-                print(
-                    f"{1e3 * dt:6.2f} {modes:6d}    "
-                    + " ".join(f"{100 * each:7.2f}" for each in off[0])
-                    + f" {100 * off[1].max():13.2f} {100 * opened / max(right.opening):12.2f}"
-                    + f" {100 * (work / rubbed - 1.0):12.2f}",
-                    flush=True,
-                )
-
-
 def cost(name: str, counts: list[int], steps: int) -> None:
     """Processor time of steps of a wall or a dam, plain and exact in turn."""
     scene, dt = (dam(name) if name in DAM_SIZES else wall(name)), 0.4 * TIME_STEP
@@ -337,8 +263,6 @@ def cost(name: str, counts: list[int], steps: int) -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Print tables."""
     parser = Parser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", choices=SCENES, help="errors of a body instead")
-    parser.add_argument("--seconds", type=float, default=1.0, help="of its motion")
     parser.add_argument("--modes", type=int, nargs="+", default=[20], help="exact ones")
     parser.add_argument(
         "--cost", choices=(*DIVISIONS, *DAM_SIZES), help="time per step of this wall or dam instead"
@@ -348,8 +272,6 @@ def main(arguments: list[str] | None = None) -> None:
     warnings.simplefilter("ignore")
     if options.cost:
         cost(options.cost, options.modes, options.steps)
-    elif options.scene:
-        body(options.scene, options.seconds, options.modes)
     else:
         closed_joints()
         impacts()

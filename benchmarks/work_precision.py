@@ -274,15 +274,13 @@ LABELS = {
     "hht": "HHT, $\\alpha = 0.1$",
     "generalized_alpha": "generalized-$\\alpha$, 0.8",
 }
-# Name of the figure: error, its label and range, the measure of work and its label.
+# Name of the figure: error, its label and range.
 FIGURES = {
-    "displacement": ("error_displacement", "displacement error", (1e-5, 10), "solves"),
-    "velocity": ("error_velocity", "velocity error", (1e-5, 10), "solves"),
-    "force": ("error_force", "force error", (1e-4, 2), "solves"),
-    "energy": ("error_energy", "energy error", (1e-16, 1), "solves"),
-    "time": ("error_displacement", "displacement error", (1e-5, 10), "seconds"),
+    "displacement": ("error_displacement", "displacement error", (1e-5, 10)),
+    "velocity": ("error_velocity", "velocity error", (1e-5, 10)),
+    "force": ("error_force", "force error", (1e-4, 2)),
+    "energy": ("error_energy", "energy error", (1e-16, 1)),
 }
-WORK = {"solves": "steps solved, rejected ones included", "seconds": "processor time [s]"}
 
 
 def draw(folder: Path, problems: dict[str, list[Row]], titles: dict[str, str]) -> None:
@@ -295,7 +293,7 @@ def draw(folder: Path, problems: dict[str, list[Row]], titles: dict[str, str]) -
     folder.mkdir(parents=True, exist_ok=True)
     columns = 4
     count = math.ceil(len(problems) / columns)
-    for name, (error, label, limits, work) in FIGURES.items():
+    for name, (error, label, limits) in FIGURES.items():
         figure, axes = plt.subplots(
             count,
             columns,
@@ -305,22 +303,20 @@ def draw(folder: Path, problems: dict[str, list[Row]], titles: dict[str, str]) -
             layout="constrained",
         )
         for axis, (problem, rows) in zip(axes.flat, problems.items(), strict=False):
-            draw_panel(axis, rows, error, work, limits)
+            draw_panel(axis, rows, error, limits)
             axis.set_title(titles[problem], fontsize=10)
         for axis in axes.flat[len(problems) :]:
             axis.set_axis_off()
         for axis in axes[:, 0]:
             axis.set_ylabel(f"{label} [-]")
-        figure.supxlabel(WORK[work], fontsize=10)
+        figure.supxlabel("steps solved, rejected ones included", fontsize=10)
         handles, labels = axes.flat[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=4, fontsize=9)
         figure.savefig(folder / f"work_precision_{name}.png", dpi=110)
         plt.close(figure)
 
 
-def draw_panel(
-    axis: Any, rows: list[Row], error: str, work: str, limits: tuple[float, float]
-) -> None:
+def draw_panel(axis: Any, rows: list[Row], error: str, limits: tuple[float, float]) -> None:
     """A line per scheme, dashed where it is adaptive; what is beyond the axis sits on its edge."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
@@ -334,9 +330,9 @@ def draw_panel(
                 and "failure" not in row
             ]
             if kept:
-                kept.sort(key=lambda row: row[work])
+                kept.sort(key=lambda row: row["solves"])
                 axis.plot(
-                    [row[work] for row in kept],
+                    [row["solves"] for row in kept],
                     np.clip([row[error] for row in kept], *limits),
                     linestyle="--" if adaptive else "-",
                     marker=MARKERS[scheme],

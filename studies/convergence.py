@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from dolfinx_joints import JointsError
 from dolfinx_joints.common.command_line import Parser, at_least
-from dolfinx_joints.postprocessing import plots
 from dolfinx_joints.study import Study, Table
 from studies.ambiesta import ALL_STEPS, TIME_STEP, Case, Which, parameters, study_row
 
@@ -140,42 +139,8 @@ def print_lines(table: Table, base: Case) -> None:
         print(f"{QUANTITIES[line.quantity]}, {line.kind}: {values}; {how} {share:.2g} %")
 
 
-def draw(table: Table, base: Case, path: Path) -> Path:
-    """Error against run time, one panel for meshes and one for steps; hollow marks: scatter."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.4, 4.4), layout="constrained")
-    panels = dict(zip(("size", "time_step"), figure.subplots(1, 2, sharey=True), strict=True))
-    hues = dict(zip(QUANTITIES, ("#08519c", "#41ab5d", "#b2182b"), strict=True))
-    for line in lines(table, base):
-        found, hue = line.estimate, hues[line.quantity]
-        scatter = np.isnan(found.order)
-        label = f"{QUANTITIES[line.quantity].split(' [')[0]}, {line.kind}"
-        panels[line.refined].loglog(
-            table["seconds"][line.rows],
-            100.0 * found.error / abs(found.limit),
-            marker="o",
-            linestyle="-" if line.kind == "joints" else "--",
-            color=hue,
-            markerfacecolor="white" if scatter else hue,
-            linewidth=1.0,
-            label=f"{label} ({'scatter' if scatter else f'order {found.order:.1f}'})",
-        )
-    for refined, ax in panels.items():
-        ax.set_title("cell size refined" if refined == "size" else "time step refined")
-        ax.set_xlabel("run time [s]")
-        ax.grid(which="both", linewidth=0.3)
-        ax.xaxis.set_major_formatter("{x:g}")
-        ax.xaxis.set_minor_formatter("")
-        ax.legend(
-            loc="upper center", bbox_to_anchor=(0.5, -0.17), fontsize="x-small", handlelength=4
-        )
-    panels["size"].set_ylabel("error [%]")
-    return plots.save(figure, path)
-
-
 def main(arguments: list[str] | None = None) -> None:
-    """Run, extrapolate, draw."""
+    """Run and extrapolate."""
     parser = Parser(description="Errors of mesh and time step.")
     parser.add_argument("--record", help="folder with three AT2 files; a synthetic motion if none")
     parser.add_argument(
@@ -196,7 +161,6 @@ def main(arguments: list[str] | None = None) -> None:
         raise JointsError(f"Runs in {study.path} have failed; errors need all of them.")
     table = study.table()
     print_lines(table, base)
-    print(f"figure: {draw(table, base, options.out / 'error_against_time.png')}")
 
 
 if __name__ == "__main__":

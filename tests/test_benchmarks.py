@@ -22,8 +22,8 @@ from benchmarks import (
     agreement,
     cluster_model,
     compliances,
-    dam_precision,
     dissipation,
+    error_against_time,
     exact_modes,
     interface_integrals,
     jointed_wall,
@@ -151,21 +151,19 @@ def test_fewest_steps_for_an_error():
     assert exact_modes.steps_for(0.01, steps, [0.1, 0.05, 0.025, 0.0125]) == math.inf
 
 
-def test_dam_precision(capsys, tmp_path):
-    asked = ["--dam", "dam tiny", "--seconds", "0.05", "--modes", "0", "5", "--out", str(tmp_path)]
-    dam_precision.main(asked)
-    printed = capsys.readouterr().out
-    # Four lengths of steps, plain and exact, and two for the reference.
-    assert len(list(tmp_path.glob("*.npz"))) == 4 + 4 + 2
-    run, right = (dict(np.load(tmp_path / f"dam_tiny_0.05s_{p}_0.npz")) for p in (1, 32))
-    assert len(run["opening"]) == 10
-    off = np.linalg.norm(run["crest"] - right["crest"][31::32], axis=1).max()
-    off /= np.linalg.norm(right["crest"], axis=1).max()
-    row = next(line for line in printed.splitlines() if line.split()[:2] == ["0", "4.88"])
-    assert float(row.split()[2]) == pytest.approx(100.0 * off, abs=1e-3)
+def test_error_against_time(tmp_path):
+    """Central differences, another method in other code, give the motion of the default scheme."""
+    runs = error_against_time.Runs(0.04, 1, tmp_path)
+    right = runs.take("energy-consistent (default)", 8.0, 12.0)
+    explicit = runs.take("central differences", 1.0, 12.0)
+    assert explicit["dt"] < 1e-4
+    off = error_against_time.errors(explicit, right)
+    # Both are of second order: the longer step has (4.88 ms / 8)^2 omega^2 / 12 of the phase.
+    assert max(off[name] for name in ("crest", "opening", "slip")) < 2e-3
+    coarse = error_against_time.errors(runs.take("Newmark", 0.5, 12.0), right)
+    assert coarse["crest"] > 10.0 * off["crest"]
     # Found again, not run again.
-    dam_precision.main(asked)
-    assert capsys.readouterr().out == printed
+    assert runs.take("central differences", 1.0, 12.0)["cpu"] == explicit["cpu"]
 
 
 def test_stiffness_range(capsys):

@@ -1,0 +1,365 @@
+#!/usr/bin/env python3
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Error against run time of an arch dam in an earthquake: time schemes, steps and meshes.
+
+The dam of demo 03 is shaken from its static state, where the motion is strong. Run time is the
+processor time of one thread for everything after the imports: mesh, assembly, statics, first step
+and all others; each run is repeated after a first one that is not counted, and the median is taken.
+
+Errors of the crest's displacement and of the largest opening and slip are the largest ones in time
+over the largest value of the reference; the error of the peak acceleration of the crest is that of
+its size, low-passed at 25 Hz. The reference of time schemes is the default scheme on the same mesh
+with steps 32 times shorter than the demo's, that of meshes the finest mesh. Runs are kept in
+``--out``; those found there are not repeated.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before NumPy is imported: one thread is timed
+
+import argparse
+import math
+import time as clock
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import dolfinx_joints as dj
+from benchmarks.exact_modes import steps_for
+from benchmarks.shared.central_differences import SAFETY, CentralDifferences
+from benchmarks.shared.measure import StepWatch, progress
+from benchmarks.shared.scenes import TIME_STEP, Scene, dam
+from dolfinx_joints.common.command_line import Parser, at_least
+from dolfinx_joints.common.constants import ACCELERATION_BAND
+from dolfinx_joints.geometry.ambiesta import ambiesta
+from dolfinx_joints.motions.processing import low_pass
+from dolfinx_joints.simulation.record import Record
+
+Run = Mapping[str, NDArray[np.float64]]
+
+PARTS = (0.5, 1.0, 2.0, 4.0)  # steps per step of the demo
+REFERENCE = 32.0
+GOAL = 0.01
+SIZE = 5.5  # of the cells of the demo's mesh [m]
+SIZES = (11.0, 7.8, SIZE, 3.9)
+FINEST = 2.75
+QUANTITIES = {
+    "crest": "crest displacement",
+    "opening": "largest opening",
+    "slip": "largest slip",
+    "peak": "peak acceleration",
+}
+HISTORIES = ("crest", "velocity", "opening", "slip")
+BETA = 2.0 * 0.02 / (2.0 * math.pi * 5.0)  # damping of the scene: 2 % at 5 Hz, as stiffness [s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Method:
+    """A time scheme with its solver.
+
+    Attributes:
+        options: Arguments of `dynamics`.
+        solver: Solver of the steps; ``explicit`` for `CentralDifferences`.
+        tolerances: Tolerance of the local error for each of `PARTS`; equal steps if empty.
+        style: Line style of figures.
+        single: Whether it is slow and run once only, with the demo's step or its own.
+    """
+
+    options: Mapping[str, Any] = field(default_factory=dict)
+    solver: str = "auto"
+    tolerances: tuple[float, ...] = ()
+    style: str = "-o"
+    single: bool = False
+
+    def label(self, part: float, dt: float) -> str:
+        """Return what sets a run apart from the others of the method."""
+        if self.tolerances:
+            return f"tol. {self.tolerances[PARTS.index(part)]:g}"
+        return f"{1e3 * dt:.3g} ms"
+
+
+METHODS = {
+    "energy-consistent (default)": Method(),
+    "the same, 10 modes exact": Method(options={"scheme": dj.EnergyConsistent(exact_modes=10)}),
+    "the same, adaptive steps": Method(tolerances=(1e-2, 1e-3, 3e-4, 1e-4), style="--o"),
+    "implicit contact": Method(options={"scheme": dj.ImplicitContact()}, style="-v"),
+    "Newmark": Method(options={"scheme": dj.Newmark()}, style="-x"),
+    "HHT": Method(options={"scheme": dj.HilberHughesTaylor()}, style="-+"),
+    "generalized-alpha": Method(options={"scheme": dj.GeneralizedAlpha()}, style="-^"),
+    "Newmark, joints by forms": Method(
+        options={"scheme": dj.Newmark()}, solver="forms", style="s", single=True
+    ),
+    "central differences": Method(solver="explicit", style="*", single=True),
+}
+DEFAULT = next(iter(METHODS))
+
+
+class Histories(StepWatch):
+    """Watch that also keeps velocity, largest opening and largest slip of each step.
+
+    Attributes:
+        velocity: Velocity of the crest, (3,) each [m/s].
+        opening: Largest opening [m].
+        slip: Largest slip since the start [m].
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        """Start without any step."""
+        super().__init__(scene)
+        self.velocity: list[NDArray[np.float64]] = []
+        self.opening: list[float] = []
+        self.slip: list[float] = []
+
+    def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
+        """Keep the gap at the start."""
+        super().start(model, stage, steps, first)
+        assert first.joints is not None
+        self._first = first.joints.state.gap.copy()
+
+    def record(self, record: Record) -> None:
+        """Keep the histories of a step."""
+        super().record(record)
+        assert record.joints is not None
+        gap = record.joints.state.gap
+        self.velocity.append(self._probe.read(record.velocity)[0].copy())
+        self.opening.append(float(gap[:, 0].max()))
+        self.slip.append(_largest_slip(gap - self._first))
+
+
+def _largest_slip(change: NDArray[np.float64]) -> float:
+    """Return the largest tangential part of a change of gaps, shape (n, 3), [m]."""
+    return float(np.hypot(change[:, 1], change[:, 2]).max())
+
+
+class Runs:
+    """Runs of the dam, each made when first asked for.
+
+    Args:
+        seconds: Length of the motion [s].
+        repeats: Number of runs of which the median time is taken.
+        folder: Where runs are kept.
+    """
+
+    def __init__(self, seconds: float, repeats: int, folder: Path) -> None:
+        """Start without any run."""
+        self._intervals = round(seconds / (2.0 * TIME_STEP))
+        self._repeats, self._folder = repeats, folder
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def take(self, name: str, part: float, size: float = SIZE) -> Run:
+        """Return histories, and the processor time of the run [s].
+
+        Args:
+            name: Name in `METHODS`.
+            part: Steps per step of the demo.
+            size: Cell size [m].
+        """
+        label = f"{name}_{part:g}_{size:g}m_{self._intervals}".replace(" ", "_").replace(",", "")
+        path = self._folder / f"{label}.npz"
+        if not path.exists():
+            once = METHODS[name].single or part > max(PARTS) or size == FINEST
+            runs = [
+                self._run(METHODS[name], part, size) for _ in range(1 if once else self._repeats)
+            ]
+            np.savez(path, **{**runs[0], "cpu": np.median([run["cpu"] for run in runs])})
+            progress(f"{label}: {np.median([run['cpu'] for run in runs]):.1f} s")
+        with np.load(path) as kept:
+            return dict(kept)
+
+    def warm_up(self) -> None:
+        """Run once to compile forms and loops."""
+        intervals, self._intervals = self._intervals, 1
+        for method in METHODS.values():
+            self._run(method, 1.0, SIZES[0])
+        self._intervals = intervals
+
+    def _run(self, method: Method, part: float, size: float) -> dict[str, Any]:
+        """Return the histories and the processor time of one run."""
+        scene = replace(dam(), write=lambda path: ambiesta(path, size=size))
+        dt, steps = TIME_STEP / part, round(2 * part * self._intervals)
+        options = dict(method.options)
+        if method.tolerances:
+            tolerance = method.tolerances[PARTS.index(part)]
+            dt, steps = 2.0 * TIME_STEP, self._intervals
+            options["control"] = dj.StepControl(tolerance=tolerance, max_halvings=4)
+        with scene.mesh_file() as path:
+            began = clock.process_time()
+            model, watch = scene.model(scene.read(path), scene.law()), Histories(scene)
+            explicit, own_dt = method.solver == "explicit", dt
+            solver = "auto" if explicit else method.solver
+            simulation = dj.Simulation(model, monitors=[watch], solver=solver)
+            static = simulation.statics(steps=scene.load_steps)
+            motion = scene.strong_shaking(steps * dt)
+            if explicit:
+                found, own_dt = _explicitly(scene, model, static, motion, steps)
+            else:
+                simulation.dynamics(dt=dt, steps=steps, motion=motion, **options)
+                found = {name: np.array(getattr(watch, name)) for name in HISTORIES}
+            spent = clock.process_time() - began
+        times = dt * np.arange(steps + 1)
+        ground = np.array([motion(0.5 * sum(ends)) for ends in pairwise(times)])
+        mean = np.diff(found.pop("velocity"), axis=0, prepend=0.0) / dt + ground
+        return {**found, "acceleration": mean, "cpu": spent, "interval": dt, "dt": own_dt}
+
+
+def _explicitly(
+    scene: Scene, model: dj.Model, static: Any, motion: Any, records: int
+) -> tuple[dict[str, NDArray[np.float64]], float]:
+    """Return the histories by central differences at the demo's steps, and the own step [s]."""
+    from dolfinx_joints.mesh.node_numbering import NodeNumbering
+    from dolfinx_joints.monitors.probes import PointProbe
+
+    body = CentralDifferences(model, scene.law(), BETA, static)
+    every = math.ceil(TIME_STEP / (SAFETY * body.limit))
+    dt = TIME_STEP / every
+    probe = PointProbe(model, [scene.crest], NodeNumbering(model.V))
+    vector = static.displacement.copy()
+    first, found = probe.read(vector)[0].copy(), []
+    for u, v, gap in body.march(dt, motion, every, records):
+        vector.setArray(u)
+        moved = probe.read(vector)[0] - first
+        vector.setArray(v)
+        slip = _largest_slip(gap - static.joints.state.gap)
+        found.append((moved, probe.read(vector)[0].copy(), gap[:, 0].max(), slip))
+    return dict(zip(HISTORIES, map(np.array, zip(*found, strict=True)), strict=True)), dt
+
+
+def errors(run: Run, right: Run) -> dict[str, float]:
+    """Return the errors of `QUANTITIES`; the steps of the reference divide those of the run."""
+    found = {}
+    for name in ("crest", "opening", "slip"):
+        mine, of = (each[name].reshape(len(each[name]), -1) for each in (run, right))
+        count = min(len(mine), len(of))
+        mine, of = (each[len(each) // count - 1 :: len(each) // count] for each in (mine, of))
+        off = np.linalg.norm(mine - of, axis=1).max()
+        found[name] = float(
+            off / np.linalg.norm(right[name].reshape(-1, of.shape[1]), axis=1).max()
+        )
+    found["peak"] = abs(_peak(run) / _peak(right) - 1.0)
+    return found
+
+
+def _peak(run: Run) -> float:
+    """Return the largest acceleration of the crest in the band [m/s^2]."""
+    a, dt = run["acceleration"], float(run["interval"])
+    columns = [low_pass(a[:, k], dt, ACCELERATION_BAND) for k in range(3)]
+    return float(np.linalg.norm(columns, axis=0).max())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """Errors of runs of one kind, coarse to fine.
+
+    Attributes:
+        labels: Step or cell size of each run.
+        seconds: Processor time of each run [s].
+        errors: Errors by quantity, shape (runs,).
+    """
+
+    labels: list[str]
+    seconds: NDArray[np.float64]
+    errors: dict[str, NDArray[np.float64]]
+
+    def time_for(self, goal: float, quantity: str) -> float:
+        """Return the processor time for an error, by straight lines of the logarithms [s]."""
+        return steps_for(goal, list(self.seconds), list(self.errors[quantity]))
+
+
+def lines(
+    runs: Runs, parts: tuple[float, ...], sizes: tuple[float, ...]
+) -> Iterator[tuple[str, Line]]:
+    """Yield the lines of all methods, then that of the meshes."""
+    right = runs.take(DEFAULT, REFERENCE)
+    for name, method in METHODS.items():
+        chosen = (1.0,) if method.single else parts
+        taken = [runs.take(name, part) for part in chosen]
+        labels = [method.label(p, run["dt"]) for p, run in zip(chosen, taken, strict=True)]
+        yield name, _line(labels, taken, right)
+    finest = runs.take(DEFAULT, parts[-1], FINEST)
+    meshes = [runs.take(DEFAULT, parts[-1], size) for size in sizes]
+    yield "cell size, default scheme", _line([f"{size:g} m" for size in sizes], meshes, finest)
+
+
+def _line(labels: list[str], taken: list[Run], right: Run) -> Line:
+    """Return the line of some runs."""
+    off = [errors(run, right) for run in taken]
+    return Line(
+        labels=labels,
+        seconds=np.array([float(run["cpu"]) for run in taken]),
+        errors={name: np.array([each[name] for each in off]) for name in QUANTITIES},
+    )
+
+
+def table(found: Mapping[str, Line]) -> str:
+    """Return all runs as rows, then the time that each kind takes for 1 %."""
+    rows = [f"{'':28} {'step or cell':>12} {'time [s]':>9}  error [%] of " + ", ".join(QUANTITIES)]
+    for name, line in found.items():
+        for i, label in enumerate(line.labels):
+            each = " ".join(f"{100 * line.errors[q][i]:9.3f}" for q in QUANTITIES)
+            rows.append(f"{name:28} {label:>12} {line.seconds[i]:9.2f} {each}")
+    rows.append(f"\nprocessor time [s] for an error of {100 * GOAL:g} %")
+    for name, line in found.items():
+        needed = " ".join(f"{line.time_for(GOAL, q):9.1f}" for q in QUANTITIES)
+        rows.append(f"{name:28} {needed}")
+    return "\n".join(rows)
+
+
+def draw(found: Mapping[str, Line], path: Path, quantities: tuple[str, ...]) -> Path:
+    """Draw error against time, a panel for each quantity, with the goal as a line."""
+    from matplotlib.figure import Figure
+
+    from dolfinx_joints import plots
+
+    figure = Figure(figsize=(1.0 + 4.6 * len(quantities), 5.4), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(1, len(quantities), sharey=True))
+    styles = {name: method.style for name, method in METHODS.items()}
+    for ax, quantity in zip(axes, quantities, strict=True):
+        for name, line in found.items():
+            off, style = 100.0 * line.errors[quantity], styles.get(name, "-s")
+            colour = {"color": "black", "linewidth": 2.0} if name == DEFAULT else {}
+            ax.loglog(line.seconds, off, style, label=name, markersize=5, **colour)
+        ax.axhline(100.0 * GOAL, color="0.4", linewidth=4.0, alpha=0.4)
+        ax.set(title=QUANTITIES[quantity], xlabel="processor time, set-up included [s]")
+        ax.xaxis.set_major_formatter("{x:g}")
+        ax.yaxis.set_major_formatter("{x:g}")
+        ax.grid(which="both", linewidth=0.3)
+    axes[0].set_ylabel("error [%]")
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2 if len(axes) == 1 else 5)
+    return plots.save(figure, path, dpi=110)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run, print the table, draw."""
+    parser = Parser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=0.976, help="of the motion")
+    parser.add_argument("--repeats", type=at_least(1), default=3, help="runs of each kind")
+    parser.add_argument("--quick", action="store_true", help="two steps and two meshes")
+    parser.add_argument("--plot", type=Path, help="write figures to this folder")
+    parser.add_argument(
+        "--out", type=Path, default=Path("output/error_against_time"), help="where runs are kept"
+    )
+    options: argparse.Namespace = parser.parse_args(arguments)
+    warnings.simplefilter("ignore")
+    runs = Runs(options.seconds, options.repeats, options.out)
+    runs.warm_up()
+    chosen = (PARTS[:2], SIZES[:2]) if options.quick else (PARTS, SIZES)
+    found = dict(lines(runs, *chosen))
+    print(table(found))
+    if options.plot:
+        for name, quantities in (("crest", ("crest",)), ("all", tuple(QUANTITIES))):
+            path = options.plot / f"error_against_time_{name}.png"
+            print(f"figure: {draw(found, path, quantities)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -58,6 +58,7 @@ QUANTITIES = {
     "slip": "largest slip",
     "peak": "peak acceleration",
 }
+PAGE = Path(__file__).resolve().parents[1] / "docs/accuracy.md"
 HISTORIES = ("crest", "velocity", "opening", "slip")
 BETA = 2.0 * 0.02 / (2.0 * math.pi * 5.0)  # damping of the scene: 2 % at 5 Hz, as stiffness [s]
 
@@ -300,17 +301,29 @@ def _line(labels: list[str], taken: list[Run], right: Run) -> Line:
 
 
 def table(found: Mapping[str, Line]) -> str:
-    """Return all runs as rows, then the time that each kind takes for 1 %."""
-    rows = [f"{'':28} {'step or cell':>12} {'time [s]':>9}  error [%] of " + ", ".join(QUANTITIES)]
+    """Return the time that each kind takes for 1 %, then all runs, as tables in Markdown."""
+    head = "".join(f" {name} |" for name in QUANTITIES.values())
+    rule = "|---" * len(QUANTITIES)
+    seconds = found[DEFAULT].time_for(GOAL, "crest")
+    rows = [
+        f"Default scheme: {seconds:.1f} s for an error of {100 * GOAL:g} % of the crest.\n",
+        f"| processor time [s] for {100 * GOAL:g} % of |{head}",
+        f"|---{rule}|",
+    ]
+    for name, line in found.items():
+        needed = " | ".join(_seconds(line.time_for(GOAL, q)) for q in QUANTITIES)
+        rows.append(f"| {name} | {needed} |")
+    rows += [f"\n| errors [%] | step or cell | time [s] |{head}", f"|---|---|---{rule}|"]
     for name, line in found.items():
         for i, label in enumerate(line.labels):
-            each = " ".join(f"{100 * line.errors[q][i]:9.3f}" for q in QUANTITIES)
-            rows.append(f"{name:28} {label:>12} {line.seconds[i]:9.2f} {each}")
-    rows.append(f"\nprocessor time [s] for an error of {100 * GOAL:g} %")
-    for name, line in found.items():
-        needed = " ".join(f"{line.time_for(GOAL, q):9.1f}" for q in QUANTITIES)
-        rows.append(f"{name:28} {needed}")
+            each = " | ".join(f"{100 * line.errors[q][i]:.2g}" for q in QUANTITIES)
+            rows.append(f"| {name} | {label} | {line.seconds[i]:.1f} | {each} |")
     return "\n".join(rows)
+
+
+def _seconds(value: float) -> str:
+    """Return a time for the table; a dash if no run is accurate enough."""
+    return f"{value:.1f}" if math.isfinite(value) else "–"
 
 
 def draw(found: Mapping[str, Line], path: Path, quantities: tuple[str, ...]) -> Path:
@@ -328,6 +341,10 @@ def draw(found: Mapping[str, Line], path: Path, quantities: tuple[str, ...]) -> 
             colour = {"color": "black", "linewidth": 2.0} if name == DEFAULT else {}
             ax.loglog(line.seconds, off, style, label=name, markersize=5, **colour)
         ax.axhline(100.0 * GOAL, color="0.4", linewidth=4.0, alpha=0.4)
+        needed = found[DEFAULT].time_for(GOAL, quantity)
+        if math.isfinite(needed):
+            text, place = f"{100 * GOAL:g} %: {needed:.1f} s", (needed, 100.0 * GOAL)
+            ax.annotate(text, place, xytext=(8, 8), textcoords="offset points")
         ax.set(title=QUANTITIES[quantity], xlabel="processor time, set-up included [s]")
         ax.xaxis.set_major_formatter("{x:g}")
         ax.yaxis.set_major_formatter("{x:g}")
@@ -345,6 +362,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--repeats", type=at_least(1), default=3, help="runs of each kind")
     parser.add_argument("--quick", action="store_true", help="two steps and two meshes")
     parser.add_argument("--plot", type=Path, help="write figures to this folder")
+    parser.add_argument("--write", action="store_true", help="write the tables to docs/accuracy.md")
     parser.add_argument(
         "--out", type=Path, default=Path("output/error_against_time"), help="where runs are kept"
     )
@@ -354,7 +372,11 @@ def main(arguments: list[str] | None = None) -> None:
     runs.warm_up()
     chosen = (PARTS[:2], SIZES[:2]) if options.quick else (PARTS, SIZES)
     found = dict(lines(runs, *chosen))
-    print(table(found))
+    text = table(found)
+    print(text)
+    if options.write:
+        head, _, _ = PAGE.read_text("utf-8").partition("Default scheme: ")
+        PAGE.write_text(f"{head}{text}\n", "utf-8")
     if options.plot:
         for name, quantities in (("crest", ("crest",)), ("all", tuple(QUANTITIES))):
             path = options.plot / f"error_against_time_{name}.png"

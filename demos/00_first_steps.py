@@ -17,7 +17,8 @@ import dolfinx_joints as dj
 from dolfinx_joints import plots, views
 from dolfinx_joints.geometry.ambiesta import ambiesta, mid_crest
 
-dam = dj.read_msh(ambiesta("dam.msh", size=8.0, order=1, active_height=1.0), MPI.COMM_WORLD)
+mesh = ambiesta("dam.msh", size=8.0, order=1, active_height=1.0, duplicated=True)
+dam = dj.read_msh(mesh, MPI.COMM_WORLD)
 law = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0)
 solid = dj.Elastic(young=25.92e9, poisson=0.2, density=2400.0)
 damp = dj.stiffness_proportional(ratio=0.02, frequency=5.0)

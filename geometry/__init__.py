@@ -15,8 +15,8 @@ module                 model
 ``gravity_dam``        a monolith of a gravity dam with lift joints, plane or solid
 =====================  =========================================================
 
-All meshes are conforming: a joint is an ordinary interior surface, and the physical group
-``joint_1``, ``joint_2``, ... holds its active part only.  Duplicating the nodes across the joints
-is left to the reader of the file.  Nothing is imported here, so that importing it needs neither
-Gmsh nor NumPy.
+Meshes are conforming by default: a joint is an ordinary interior surface, and the physical group
+``joint_1``, ``joint_2``, ... holds its active part only.  The reader of the file duplicates the
+nodes across the joints.  With ``duplicated=True`` the file has duplicated joint faces already, the
+groups ``joint_1-`` and ``joint_1+``.  Nothing is imported here: neither Gmsh nor NumPy is needed.
 """

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """An arch dam like Ambiesta dam, with vertical contraction joints that are radial at the crest.
 
-python3 geometry/ambiesta.py --size 5.5 --order 2 --active-height 0.75 --out dam.msh
+python3 geometry/ambiesta.py --size 5.5 --order 2 --active-height 0.75 --duplicated --out dam.msh
 
 The formulas of the shape are in ``arch``; other numbers make another dam.
 """
@@ -56,6 +56,7 @@ def ambiesta(
     layers: NumberOfLayers = 1,
     parameters: ArchDam | None = None,
     gui: bool = False,
+    duplicated: bool = False,
 ) -> Path:
     """Mesh an arch dam with its contraction joints: x downstream, y across the valley, z up.
 
@@ -81,6 +82,8 @@ def ambiesta(
         layers: number of elements through the thickness.
         parameters: the shape of the dam; None for the default one.
         gui: show the mesh in Gmsh's window afterwards.
+        duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.  `read_msh`
+            makes the same split mesh of both files; runs without joints need the conforming file.
 
     Returns:
         The path written.
@@ -111,7 +114,7 @@ def ambiesta(
             )
         return dam.point(s, ta, zeta)
 
-    return gmsh_model.write_mesh(out, solid, order, place=place, gui=gui)
+    return gmsh_model.write_mesh(out, solid, order, place=place, gui=gui, duplicated=duplicated)
 
 
 def _elevation(sector: Sector, size: float, cell: str, joints: int, active: float) -> PlaneMesh:

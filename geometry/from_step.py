@@ -55,6 +55,7 @@ def from_step(
     tied: Sequence[tuple[str, str]] = (),
     surfaces: Mapping[str, Plane] | None = None,
     gui: bool = False,
+    duplicated: bool = False,
 ) -> Path:
     """Mesh the solids of a STEP file, conforming where they touch.
 
@@ -74,6 +75,7 @@ def from_step(
         tied: pairs (A, B) of volumes that are grown together: no joint.
         surfaces: names of outer faces by the plane that they lie in.
         gui: show the mesh in Gmsh's window afterwards.
+        duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.
 
     Returns:
         The path written.
@@ -105,7 +107,7 @@ def from_step(
             _group(3, volumes)
             _group(2, faces)
             _mesh(size, joint_size, faces, order)
-            gmsh_model.save(path, gui)
+            gmsh_model.save(path, gui, duplicated)
         finally:
             gmsh.option.setString("Geometry.OCCTargetUnit", unit)
             for name, value in numbers.items():
@@ -325,6 +327,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--joint-size", type=float, help="cell size at the joints [m]")
     parser.add_argument("--order", type=int, default=2, help="order of the elements, 1 or 2")
     parser.add_argument("--gui", action="store_true", help="show the mesh in Gmsh's window")
+    parser.add_argument("--duplicated", action="store_true", help="duplicate the joint faces")
     for flag, kind, form, what in (
         ("solid", named_point, "NAME=X,Y,Z", "name the solid around a point [m]"),
         ("joint", named_pair, "NAME=A,B", "name the joint between two volumes"),

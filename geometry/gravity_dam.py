@@ -194,6 +194,7 @@ def gravity_dam(
     order: Order = 2,
     cell: Cell = "hex",
     gui: bool = False,
+    duplicated: bool = False,
 ) -> Path:
     """Mesh a monolith with horizontal joints: x downstream, y up, or a solid with z up.
 
@@ -213,6 +214,7 @@ def gravity_dam(
         order: order of the elements, 1 or 2.
         cell: "hex" or "tet"; in the plane quadrilaterals or triangles.
         gui: show the mesh in Gmsh's window afterwards.
+        duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.
 
     Returns:
         The path written.
@@ -231,7 +233,7 @@ def gravity_dam(
         return upstream + p / across * (downstream - upstream), z
 
     if width is None:
-        return write_plane(out, plane, order, section=place, gui=gui)
+        return write_plane(out, plane, order, section=place, gui=gui, duplicated=duplicated)
 
     def place_solid(reference: FloatArray, _: object) -> FloatArray:
         x, z = place(reference[:, 0], reference[:, 1])
@@ -239,7 +241,9 @@ def gravity_dam(
 
     layers = np.linspace(0, width, cells_along(width, size) + 1)
     solid = extrude(plane, layers, ("back", "front"))
-    return gmsh_model.write_mesh(out, solid, order, place=place_solid, gui=gui)
+    return gmsh_model.write_mesh(
+        out, solid, order, place=place_solid, gui=gui, duplicated=duplicated
+    )
 
 
 def _checked(joints: Mapping[str, float], section: GravitySection) -> dict[str, float]:

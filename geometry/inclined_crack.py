@@ -53,6 +53,7 @@ def inclined_crack(
     order: Order = 1,
     cell: Literal["quad", "tri", "hex", "tet"] = "hex",
     gui: bool = False,
+    duplicated: bool = False,
 ) -> Path:
     """Mesh a parallelogram about a crack through the origin, in 2-D or one cell thick in 3-D.
 
@@ -73,6 +74,7 @@ def inclined_crack(
         order: order of the elements, 1 or 2.
         cell: "quad" or "tri" in 2-D, "hex" or "tet" in 3-D.
         gui: show the mesh in Gmsh's window afterwards.
+        duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.
 
     Returns:
         The path written.
@@ -87,10 +89,10 @@ def inclined_crack(
     points = _placed(plane.points, angle, lean)
     plane = replace(plane, points=points)
     if plane_cell:
-        return write_plane(out, plane, order, gui=gui)
+        return write_plane(out, plane, order, gui=gui, duplicated=duplicated)
     thickness = 2.0 * half_length / _cells_along(half_length, size)
     solid = extrude(plane, np.array([0.0, thickness]), ("faces", "faces"))
-    return gmsh_model.write_mesh(out, solid, order, gui=gui)
+    return gmsh_model.write_mesh(out, solid, order, gui=gui, duplicated=duplicated)
 
 
 def _cells_along(half_length: float, size: float) -> int:

@@ -47,6 +47,7 @@ def jointed_wall(
     order: Order = 1,
     cell: Cell = "hex",
     gui: bool = False,
+    duplicated: bool = False,
 ) -> Path:
     """Mesh the box x in [0, length], y in [0, thickness], z in [0, height], and its joints.
 
@@ -65,6 +66,7 @@ def jointed_wall(
         order: order of the elements, 1 or 2.
         cell: "hex" or "tet".
         gui: show the mesh in Gmsh's window afterwards.
+        duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.
 
     Returns:
         The path written.
@@ -94,7 +96,7 @@ def jointed_wall(
     plane = PlaneMesh(points, {"concrete": cells}, edges)
     solid = extrude(plane, np.linspace(0, height, n_z + 1), ("base", "crest"))
     solid = replace(solid, points=solid.points * [length / n_x, 1.0, 1.0])
-    return gmsh_model.write_mesh(out, solid, order, gui=gui)
+    return gmsh_model.write_mesh(out, solid, order, gui=gui, duplicated=duplicated)
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -60,6 +60,7 @@ def sections_dam(
     spread: Annotated[float, at.Ge(0), at.Unit("m")] | None = None,
     perimetral: bool = False,
     gui: bool = False,
+    duplicated: bool = False,
 ) -> Path:
     """Mesh an arch dam given by sections: x downstream, y to the left bank, z the elevation.
 
@@ -88,6 +89,7 @@ def sections_dam(
             depth unless given; 0 makes a saddle as thick as the dam (pulvino).
         perimetral: whether there is a joint between dam and foundation.
         gui: show the mesh in Gmsh's window afterwards.
+        duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.
 
     Returns:
         The path written.
@@ -130,7 +132,7 @@ def sections_dam(
             xyz[here] = part * [1, side, 1]
         return xyz + np.array([0.0, 0.0, table.base])
 
-    return gmsh_model.write_mesh(out, solid, order, place=place, gui=gui)
+    return gmsh_model.write_mesh(out, solid, order, place=place, gui=gui, duplicated=duplicated)
 
 
 def _arcs(sectors: dict[int, Sector], joints: int | Sequence[float]) -> dict[str, float]:

@@ -36,6 +36,7 @@ def two_blocks(
     order: Order = 1,
     cell: Cell = "hex",
     gui: bool = False,
+    duplicated: bool = False,
 ) -> Path:
     """Mesh two blocks, x in [0, length], y in [0, width], z in [0, lower + upper height].
 
@@ -54,6 +55,7 @@ def two_blocks(
         order: order of the elements, 1 or 2.
         cell: "hex" or "tet".
         gui: show the mesh in Gmsh's window afterwards.
+        duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.
 
     Returns:
         The path written.
@@ -92,7 +94,9 @@ def two_blocks(
     joint = lower_height + (x - length / 2) * np.tan(np.radians(angle))
     above = joint + (p - 1) * (lower_height + upper_height - joint)
     xyz = np.column_stack([x, y, np.where(p <= 1, p * joint, above)])
-    return gmsh_model.write_mesh(out, replace(solid, points=xyz), order, gui=gui)
+    return gmsh_model.write_mesh(
+        out, replace(solid, points=xyz), order, gui=gui, duplicated=duplicated
+    )
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -55,6 +55,7 @@ def voussoir_arch(
     order: Order = 1,
     cell: Cell = "hex",
     gui: bool = False,
+    duplicated: bool = False,
 ) -> Path:
     """Mesh an arch about the origin, its crown above it, and a cell of abutment at either end.
 
@@ -78,6 +79,7 @@ def voussoir_arch(
         order: order of the elements, 1 or 2.
         cell: "hex" or "tet"; in the plane quadrilaterals or triangles.
         gui: show the mesh in Gmsh's window afterwards.
+        duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.
 
     Returns:
         The path written.
@@ -111,14 +113,14 @@ def voussoir_arch(
         return r * np.sin(angle), r * np.cos(angle)
 
     if width is None:
-        return write_plane(out, plane, order, section=section, gui=gui)
+        return write_plane(out, plane, order, section=section, gui=gui, duplicated=duplicated)
 
     def place(reference: FloatArray, _: object) -> FloatArray:
         x, z = section(reference[:, 0], reference[:, 1])
         return np.column_stack([x, width - reference[:, 2], z])
 
     solid = extrude(plane, np.linspace(0, width, n_across + 1), ("back", "front"))
-    return gmsh_model.write_mesh(out, solid, order, place=place, gui=gui)
+    return gmsh_model.write_mesh(out, solid, order, place=place, gui=gui, duplicated=duplicated)
 
 
 def _reference(voussoirs: int, n_along: int, n_through: int, cell: str) -> PlaneMesh:

@@ -126,7 +126,7 @@ def mesh_file(comm: Any, new_path: Callable[[str], Path]) -> Callable[..., Path]
     known: dict[tuple[Any, ...], Path] = {}
 
     def make(script: Callable[..., Any], **parameters: Any) -> Path:
-        key = (script.__name__, *sorted(parameters.items()))
+        key = (script.__name__, repr(sorted(parameters.items())))
         if key not in known:
             known[key] = new_path(f"{script.__name__}.msh")
             failure = None

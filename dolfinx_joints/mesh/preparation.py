@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
@@ -45,12 +44,6 @@ def prepare(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
     pairs = _pair_table(raw.shape, x, names, split, duplicated)
     for i, name in enumerate(names):
         here = pairs.joint == i
-        if pairs.bonded[i]:
-            warnings.warn(
-                f"Joint {name!r}: {pairs.bonded[i]} facets have all their vertices on the joint's "
-                "front inside the body and stay closed; a finer mesh there lets them open.",
-                stacklevel=2,
-            )
         slots.pop(name, None)
         slots[f"{name}-"], slots[f"{name}+"] = pairs.minus[here], pairs.plus[here]
     facets, tags, facet_groups = tag_sets(*_members(slots))

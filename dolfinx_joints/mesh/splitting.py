@@ -10,6 +10,7 @@ vertices of that edge or facet are, so that the split cells are again a conformi
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import basix
@@ -156,6 +157,12 @@ def split_cells(
             raise MeshError(
                 f"Joint {name!r} cannot open: all vertices of its {bonded[i]} facets lie on its "
                 "front inside the body; use a finer mesh."
+            )
+        if bonded[i]:
+            warnings.warn(
+                f"Joint {name!r}: {bonded[i]} facets have all their vertices on the joint's "
+                "front inside the body and stay closed; a finer mesh there lets them open.",
+                stacklevel=2,
             )
     one, two, number = one[apart], two[apart], number[apart]
     swap = orient_pairs(shape, cells, x, number, one, two)

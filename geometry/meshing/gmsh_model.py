@@ -118,12 +118,17 @@ def _ends_with(path: Path, end: bytes) -> bool:
         return file.read() == end
 
 
-def save(path: Path, gui: bool) -> None:
-    """Write the current model to a file, and show it in Gmsh's window if asked to.
+def save(path: Path, gui: bool, duplicated: bool) -> None:
+    """Write the current model to a file, with duplicated joint faces if requested, and show it.
 
     Raises:
         ValueError: if the file cannot be written; nothing is left of it then.
+        MeshError: if joint faces cannot be duplicated.
     """
+    if duplicated:  # needs DOLFINx, which other meshes do not
+        from dolfinx_joints.geometry.meshing.duplicated_joints import duplicate_joints
+
+        duplicate_joints()
     with written(path) as part:
         try:
             gmsh.write(part)
@@ -147,6 +152,7 @@ def write_mesh(
     *,
     place: Placement | None = None,
     gui: bool = False,
+    duplicated: bool = False,
 ) -> Path:
     """Raise the order, move every node to its exact place, check the cells and write the file.
 
@@ -158,6 +164,7 @@ def write_mesh(
             [m]; its second argument has, per surface group, True at the nodes of the group.  None
             if the mesh is already in space, and its edges are straight.
         gui: show the mesh in Gmsh's window afterwards.
+        duplicated: duplicate the joint faces.
 
     Returns:
         The path written.
@@ -179,7 +186,7 @@ def write_mesh(
                 f"the smallest scaled Jacobian of the mesh is {report.min_scaled_jacobian:.3g}, "
                 "but it must be positive: choose a smaller size, or a less extreme shape."
             )
-        save(path, gui)
+        save(path, gui, duplicated)
     return path
 
 
@@ -221,7 +228,7 @@ class MeshReport:
 
     Args:
         element: "hex8", "hex27", "tet4" or "tet10".
-        num_nodes: number of nodes, before any splitting at the joints.
+        num_nodes: number of nodes in the file.
         num_cells: number of cells.
         num_facets: number of facets of each surface group.
         min_scaled_jacobian: smallest over the cells; 1 for a cube or a regular tetrahedron.
@@ -236,7 +243,8 @@ class MeshReport:
     volume: dict[str, float]
 
     def __str__(self) -> str:
-        joints = {k: n for k, n in self.num_facets.items() if k.lower().startswith("joint")}
+        groups = self.num_facets.items()
+        joints = {k.rstrip("+-"): n for k, n in groups if k.lower().startswith("joint")}
         return (
             f"{self.num_cells} {self.element} cells, {self.num_nodes} nodes "
             f"({3 * self.num_nodes} unknowns), {len(joints)} joints with {sum(joints.values())} "
@@ -328,6 +336,7 @@ def argument_parser(description: str, out: str, size: float | None) -> argparse.
     parser.add_argument("--cell", default="hex", help="hex or tet")
     parser.add_argument("--out", type=Path, default=Path(out), help="mesh file to write")
     parser.add_argument("--gui", action="store_true", help="show the mesh in Gmsh's window")
+    parser.add_argument("--duplicated", action="store_true", help="duplicate the joint faces")
     return parser
 
 

@@ -27,6 +27,7 @@ def write_plane(
     *,
     section: Section | None = None,
     gui: bool = False,
+    duplicated: bool = False,
 ) -> Path:
     """Raise the order, move every node to its exact place and write the file.
 
@@ -37,6 +38,7 @@ def write_plane(
         section: map from the reference coordinates (p, q) of all nodes to (x, y) [m]; None if the
             mesh is already in place, and its edges are straight.
         gui: show the mesh in Gmsh's window afterwards.
+        duplicated: duplicate the joint faces.
 
     Returns:
         The path written.
@@ -54,7 +56,7 @@ def write_plane(
             p, q, _ = reference.reshape(-1, 3).T
             for tag, x, y in zip(tags, *section(p, q), strict=True):
                 gmsh.model.mesh.setNode(tag, [x, y, 0.0], [])
-        gmsh_model.save(path, gui)
+        gmsh_model.save(path, gui, duplicated)
     return path
 
 

@@ -95,9 +95,12 @@ def test_solids_become_volumes_and_common_faces_joints(tmp_path, step, order):
     assert report.min_scaled_jacobian > 0.1
 
 
-def test_what_is_read_from_it_is_split_at_the_joints(tmp_path, step):
-    out = from_step(tmp_path / "p.msh", step, size=2.0, order=1)
+@pytest.mark.parametrize("duplicated", [False, True])
+def test_what_is_read_from_it_is_split_at_the_joints(tmp_path, step, duplicated):
+    out = from_step(tmp_path / "p.msh", step, size=2.0, order=2, duplicated=duplicated)
     jointed = dj.read_msh(out, MPI.COMM_SELF)
+    assert jointed.pairs.gaps_in_geometry == duplicated
+    assert ", 2 joints with " in str(gmsh_model.describe(out))  # each counted once
     assert set(jointed.joint_names) == {"joint_rock_pier", "joint_rock_side"}
     assert set(jointed.cell_groups) == {"rock", "pier", "side"}
     # The solids come apart: no node is in two of them.

@@ -87,7 +87,7 @@ def _read_model(model: Any, source: str) -> RawMesh:
                 start += len(nodes)
             members.append(numbered[entity])
         cell_groups[name] = np.concatenate(members)
-    shape = _shape(kinds, source)
+    shape = cell_shape(kinds, source)
     _warn_of_others(model, dim, numbered, source)
     tags, coordinates, _ = model.mesh.getNodes()
     nodes = np.vstack(blocks).astype(np.int64)
@@ -148,7 +148,8 @@ def _once(model: Any, dim: int, entity: int, rows: Ints) -> Ints:
     return rows[np.sort(first)]
 
 
-def _shape(kinds: set[int], source: str) -> CellShape:
+def cell_shape(kinds: set[int], source: str) -> CellShape:
+    """Return the shape of cells of some Gmsh types; raise MeshError unless the types are one."""
     if len(kinds) != 1 or not kinds <= set(_CELLS):
         raise MeshError(
             f"{source!r} has cells of Gmsh types {sorted(kinds)}; one of tetrahedra (4 or 10 "

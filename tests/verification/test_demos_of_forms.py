@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Demos 05 and 06, joints by interior-facet integrals: what they print.
+"""Demos 05, 06 and 09, joints in forms and solvers of DOLFINx: what they print.
 
 Their own verification runs as well. Forms and B are the same sums, so that displacements differ by
 what Newton's method leaves, below 1e-10 of them.
@@ -71,3 +71,14 @@ def test_how_it_works(printed):
     text = printed("06_how_it_works.py")
     assert numbers(text, ".*of demo and package differ by ")[0] < 1e-8
     assert Path("how_it_works.png").exists()
+
+
+def test_own_newton(printed):
+    """Any number of ranks finds what one rank printed, and the joint carries the load.
+
+    Differences from the linear solution are those of one rank, to the four digits printed.
+    """
+    text = printed("09_own_newton.py")
+    force, apart = (numbers(text, ".*joint force ")[k::2] for k in (0, 1))
+    assert force == pytest.approx([1e2, 1e3, 1e4], rel=1e-9)
+    assert apart == pytest.approx([9.156e-4, 9.240e-3, 1.868e-1], rel=1e-3)

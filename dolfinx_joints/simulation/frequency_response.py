@@ -192,7 +192,7 @@ class _DynamicStiffness:
         fixed = np.append(system.constrained, local + system.constrained)
         self._rows = (fixed + self._total.getOwnershipRange()[0]).astype(PETSc.IntType)
         self._fixed, self._system = system.constrained, system
-        self._solver = DirectSolver(self._total, symmetric=False)
+        self._solver = DirectSolver(self._total, symmetric=False, name="frequency")
 
     def solve(self, omega: float, right: Complex) -> Complex:
         """Owned rows of the solution for those of the right-hand side (collective)."""

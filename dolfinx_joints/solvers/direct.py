@@ -224,6 +224,7 @@ class DirectSolver:
             with self._reported():
                 self._ksp.setFromOptions()
                 self._ksp.setUp()
+                self._ksp.getPC().viewFromOptions("-pc_view")
         return int(self._ksp.getPC().getFailedReason())
 
     @contextmanager

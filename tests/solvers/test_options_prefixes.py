@@ -64,7 +64,7 @@ def test_the_user_sees_the_solver(use, wall_file, read, capfd, monkeypatch):
     monkeypatch.setattr(compliance, "SMALLEST_AT_ONCE", 1)
     monkeypatch.setattr(node_blocks, "LARGEST", 10**6 if use == "node_blocks" else 0)
     name = use.partition(" ")[0]
-    kind = "pc" if name in ("node_blocks", "tied", "compliance") else "ksp"
+    kind = "pc" if name in ("node_blocks", "tied", "compliance", "frequency") else "ksp"
     option = f"{PREFIX}{name}_{kind}_view"
     database = PETSc.Options()
     database.setValue(option, "")

@@ -40,6 +40,8 @@ dj.abort_on_error(comm)
 # %%
 out.mkdir(parents=True, exist_ok=True)
 box = {"length": 2.0, "thickness": 1.0, "height": 1.0, "joints": 1, "divisions": (8, 2, 6)}
+if comm.rank == 0:
+    print("Two rubber blocks under three loads: about 10 seconds.")
 blocks = dj.read_msh(on_root(comm, lambda: jointed_wall(out / "blocks.msh", **box)), comm)
 
 

@@ -86,9 +86,10 @@ demo: ## Run the demos in turn; DEMO_ARGS="..." passes options to that of the da
 	$(PYTHON) demos/03_ambiesta.py $(DEMO_ARGS)
 	$(PYTHON) demos/04_gravity_dam.py
 	$(PYTHON) demos/05_joint_law_in_ufl.py
-	$(PYTHON) demos/06_dam_by_forms.py
+	$(PYTHON) demos/06_how_it_works.py
 	$(PYTHON) demos/07_arch_dam_study.py
 	$(PYTHON) demos/08_results.py
+	$(PYTHON) demos/09_own_newton.py
 
 paper: ## The 1992 paper's runs, figures and report; PAPER_ARGS="--record DIRECTORY"
 	$(PYTHON) -m studies.paper $(PAPER_ARGS)
@@ -135,8 +136,8 @@ verify: test-2 test-3 ## Run test-2, test-3, the slow tests, a part on 4 ranks, 
 	$(MPIRUN) -n 2 python3 demos/03_ambiesta.py --steps 50
 	$(MPIRUN) -n 2 python3 demos/04_gravity_dam.py
 	$(MPIRUN) -n 2 python3 demos/05_joint_law_in_ufl.py
-	$(MPIRUN) -n 2 python3 demos/06_dam_by_forms.py
 	$(MPIRUN) -n 2 python3 demos/07_arch_dam_study.py --steps 20
+	$(MPIRUN) -n 2 python3 demos/09_own_newton.py
 
 # Measured are the processes that the tests start, too: Python imports sitecustomize as it starts.
 # Compiled kernels are seen where tests have the interpreter run them. Settings: pyproject.toml.

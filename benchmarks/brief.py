@@ -125,7 +125,9 @@ def impact_error() -> str:
     problem, control = impact(100.0), dj.StepControl(tolerance=3e-5, max_halvings=8)
     run = march(problem, SCHEMES["ec"], problem.period / 120.0, control)
     off = errors(problem, run, midpoint=True)["displacement"]
-    return f"displacement within {100 * off:.2g} % in {run.steps} steps, energy {run.energy_error:.0e}"
+    return (
+        f"displacement within {100 * off:.2g} % in {run.steps} steps, energy {run.energy_error:.0e}"
+    )
 
 
 def stated(page: str, pattern: str) -> Callable[[], str]:

@@ -96,6 +96,7 @@ model = dj.Model(
     plane="strain",
 )
 frequencies = dj.modes(model.system(), 2).frequencies
+say("Statics and 2000 steps of an earthquake take about 10 seconds.")
 say(f"joints closed, with water: {frequencies[0]:.2f} and {frequencies[1]:.2f} Hz")
 
 # %% [markdown]
@@ -193,7 +194,7 @@ def draw(file: dj.Results, time: float) -> None:
     slip.set_xlabel("time [s]")
     figure.align_ylabels()
     figure.savefig(out / "koyna.png", dpi=150)
-    print(f"figure: {out / 'koyna.png'}")
+    print(f"figure: {out / 'koyna.png'}; results: {out}/*.h5")
 
 
 measured = on_root(comm, report)

@@ -179,6 +179,7 @@ def run(model: dj.Model, motion: dj.Motion, steps: int, results: Path) -> dj.Out
             envelopes=True,
         ),
         dj.FieldMonitor(results.with_suffix(".vtkhdf"), every=20, overwrite=True),
+        dj.ProgressMonitor(results.stem),
     ]
     simulation = dj.Simulation(model, monitors=monitors)
     build_up(simulation)
@@ -224,9 +225,14 @@ def study(mesh: Path, record: str | None, steps: int, out: Path) -> Table:
         for friction in (35.0, 45.0)
         for stiffness in (5e10, 2e11)
     }
+    dj.set_log_level("INFO")  # a line for each case that has ended
     print(Study(out / "study", case, cases).run(workers=2))
     table = read_table(out / "study")
-    write_csv(table, out / "study.csv")
+    columns = ("case", "opening_mm", "slip_mm", "slip_residual_mm")
+    print("{:30}{:>12}{:>10}{:>18}".format(*columns))
+    for row in zip(*(table[name] for name in columns), strict=True):
+        print("{:30}{:12.2f}{:10.2f}{:18.2f}".format(*row))
+    print(f"table: {write_csv(table, out / 'study.csv')}")
     return table
 
 
@@ -244,6 +250,7 @@ def read(out: Path) -> None:
     for path in files:
         with dj.Results(path) as results:
             dj.write_csv(results, out / f"{path.stem}_tables", overwrite=True)
+        print(f"results: {path}, {path.with_suffix('.vtkhdf')}; tables: {out / path.stem}_tables")
     with dj.Results(files[1]) as results:
         for stage in measures.static_stages(results):
             print(f"{stage.name}: crown moves {1e3 * stage.displacement['crown'][0]:.1f} mm")
@@ -268,6 +275,7 @@ def parse_arguments(arguments: list[str] | None = None) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> None:
     """Run everything."""
     options = parse_arguments(arguments)
+    say(f"Two runs of {options.steps} steps, then a study of four jointed ones: 2 to 5 minutes.")
     mesh = make_mesh(options.out, options.size, options.order)
     motion = make_motion(options.record, options.steps)
     for name, joints in (("monolith", False), ("joints", True)):

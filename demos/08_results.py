@@ -73,7 +73,7 @@ print(f"{widest} opens by {1e3 * extremes.opening.max():.2f} mm at {moment:.3f} 
 views.deformed(results, time=moment)
 # %%
 figure = views.joint_map(results, "opening", time=moment)
-plots.save(figure, "openings.png")
+print("figure:", plots.save(figure, "openings.png"))
 figure
 # %% [markdown]
 # ## Other programs

@@ -7,6 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from scipy.special import entr
 
 from dolfinx_joints import Results
 from dolfinx_joints.postprocessing import measures, plots
@@ -19,6 +20,22 @@ def largest_time(results: Results) -> float:
     """Time at which the mid-crest is farthest from its place in the static state [s]."""
     u = np.stack([measures.displacement_history(results, POINT, c)[1] for c in measures.COMPONENTS])
     return float(results.time("histories")[np.argmax(np.linalg.norm(u, axis=0))])
+
+
+def mixed_time(results: Results, joint: str) -> float:
+    """Time [s] at which open, sliding and sticking points of a joint are most evenly mixed.
+
+    It is the recorded time with the largest entropy of the three shares. As in maps of tractions,
+    a point is open if it has no traction. It slides if its ratio of shear to pressure is that of
+    sliding, the largest of the run, to 1 %.
+    """
+    traction = results.series("states", f"joints/{joint}/traction")
+    pressure, shear = -traction[..., 0], np.linalg.norm(traction[..., 1:], axis=-1)
+    is_open = pressure == 0.0
+    ratio = np.divide(shear, pressure, out=np.zeros_like(shear), where=~is_open)
+    sliding = ratio > 0.99 * ratio.max()
+    shares = [each.mean(axis=1) for each in (is_open, sliding, ~is_open & ~sliding)]
+    return float(results.time("states")[np.argmax(entr(shares).sum(axis=0))])
 
 
 def shown_joint(results: Results) -> str:
@@ -86,11 +103,16 @@ def paper_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
 
 
 def moment_figures(joints: Results, out: Path) -> list[Path]:
-    """The dam when its mid-crest is farthest out, and tractions on the middle joint then."""
+    """The dam when its mid-crest is farthest out; joints when the middle one is most mixed."""
     from dolfinx_joints.postprocessing import views
 
-    moment, name = largest_time(joints), shown_joint(joints)
-    written = [plots.save(views.deformed(joints, time=moment), out / "deformed.png")]
+    name = shown_joint(joints)
+    moment = mixed_time(joints, name)
+    shape = views.deformed(joints, time=largest_time(joints))
+    written = [plots.save(shape, out / "deformed.png")]
+    for quantity in ("ratio", "normal"):
+        figure = plots.joint_maps(joints, quantity, time=moment)
+        written.append(plots.save(figure, out / f"all_joints_{quantity}.png"))
     for quantity in ("normal", "tangential", "ratio"):
         ax = plots.joint_traction(joints, name, quantity, time=moment)
         written.append(plots.save(ax.figure, out / f"traction_{quantity}.png"))

@@ -14,7 +14,7 @@ from pathlib import Path
 from PIL import Image
 
 # The picture of a demo that draws several; the first otherwise.
-PICTURES = {"03_ambiesta": "deformed", "06_dam_by_forms": "tractions"}
+PICTURES = {"03_ambiesta": "deformed"}
 WIDTH = 640  # of a small picture, twice that of a card on the screen, [pixels]
 HEIGHT = 400
 

@@ -68,7 +68,7 @@ GUIDES = {
     "body": ("loads", "foundation", "modes"),
     "common": ("errors",),
     "export": ("export",),
-    "joints": ("joints",),
+    "joints": ("joints", "own_solver"),
     "laws": ("joints",),
     "loads": ("loads", "water", "temperature", "foundation"),
     "materials": ("materials",),

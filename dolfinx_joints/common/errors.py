@@ -2,9 +2,16 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Exceptions and warnings of this package; each message is one sentence a user can act on."""
 
+import contextlib
+import sys
+import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
+
+# Files of the package, constructors of dataclasses, context managers.
+_INSIDE = (f"{Path(__file__).parents[1]}/", "<string>", contextlib.__file__)
 
 
 class JointsError(Exception):
@@ -44,6 +51,14 @@ class PlausibilityWarning(UserWarning):
 
     Of models in other units: ``warnings.simplefilter("ignore", PlausibilityWarning)``.
     """
+
+
+def warn(text: str, category: type[Warning] = UserWarning) -> None:
+    """Warn at the line outside the package that called it, so that no line of the package shows."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_INSIDE):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, category, stacklevel=level)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)

@@ -10,11 +10,12 @@ from __future__ import annotations
 import fcntl
 import os
 import socket
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Protocol, Self
+
+from dolfinx_joints.common.errors import warn
 
 
 class Lock(Protocol):
@@ -66,10 +67,9 @@ class FileLock:
                 f"{path} is being written by {owner}; wait for it, end it, or take another file."
             ) from None
         except OSError as exc:
-            warnings.warn(
+            warn(
                 f"{path} is on a file system without locks ({exc.strerror}): a second run that "
-                "writes it would not be noticed.",
-                stacklevel=4,
+                "writes it would not be noticed."
             )
         return file
 

@@ -10,7 +10,6 @@ vertices of that edge or facet are, so that the split cells are again a conformi
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import basix
@@ -18,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.errors import MeshError, warn
 from dolfinx_joints.mesh.blocks import connected
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets
 from dolfinx_joints.mesh.orientation import orient_pairs
@@ -159,10 +158,9 @@ def split_cells(
                 "front inside the body; use a finer mesh."
             )
         if bonded[i]:
-            warnings.warn(
+            warn(
                 f"Joint {name!r}: {bonded[i]} facets have all their vertices on the joint's "
-                "front inside the body and stay closed; a finer mesh there lets them open.",
-                stacklevel=2,
+                "front inside the body and stay closed; a finer mesh there lets them open."
             )
     one, two, number = one[apart], two[apart], number[apart]
     swap = orient_pairs(shape, cells, x, number, one, two)

@@ -166,6 +166,7 @@ def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
     stiffness.zeroRowsColumns(rows, diag=1.0)
     mass.zeroRowsColumns(rows, diag=0.0)
     solver = SLEPc.EPS().create(mass.comm)
+    solver.setOptionsPrefix("dolfinx_joints_modes_")
     solver.setOperators(stiffness, mass)
     solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
     solver.setDimensions(count)
@@ -178,6 +179,7 @@ def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
     ksp.setType("preonly")
     ksp.getPC().setType("cholesky")
     ksp.getPC().setFactorSolverType("mumps")
+    solver.setFromOptions()
     values: list[float] = []
     shapes: list[PETSc.Vec] = []
     _find(solver, count, values, shapes)

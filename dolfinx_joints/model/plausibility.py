@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
@@ -13,7 +12,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_joints.common.errors import PlausibilityWarning
+from dolfinx_joints.common.errors import PlausibilityWarning, warn
 from dolfinx_joints.common.parameters import numbers_of
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
@@ -95,7 +94,7 @@ def warn_of_what_no_dam_has(
         texts += _level(owner, given, *ends, feet.get(id(given), -np.inf))
     texts += _water_twice(loads)
     for text in texts:
-        warnings.warn(text, PlausibilityWarning, stacklevel=3)
+        warn(text, PlausibilityWarning)
     return texts
 
 

@@ -139,7 +139,7 @@ def history(
     reference: Results | None = None,
     labels: tuple[str, str] | None = None,
 ) -> Axes:
-    """Displacement of a monitor point against time [1e-3 m].
+    """Displacement of a monitor point against time [mm].
 
     That of the static state is included unless it is to be ``from_static``.
     """
@@ -148,7 +148,7 @@ def history(
         moved = displacement_history(run, point, component, relative_to, from_static=from_static)
         ax.plot(moved[0], 1e3 * moved[1], **style)
     since = "\nfrom the static state" if from_static else ""
-    decorate(ax, "time [s]", rf"displacement {component}{since} [$10^{{-3}}$ m]")
+    decorate(ax, "time [s]", f"displacement {component}{since} [mm]")
     title = f"{point_name(results, point)}: displacement {component}"
     over = reference is not None
     entitle(ax, f"{title}, {_frames(drawn, relative_to)}", over_legend=over)
@@ -170,7 +170,7 @@ def fourier(
     labels: tuple[str, str] | None = None,
     max_frequency: Hertz = 15.0,
 ) -> Axes:
-    """Fourier amplitude of a monitor point's displacement against frequency [1e-3 m s].
+    """Fourier amplitude of a monitor point's displacement against frequency [mm s].
 
     The displacement at the first record, that of the static state, is taken off. Records at
     unequal steps are first interpolated to the shortest step. The legend gives the frequency of
@@ -187,7 +187,7 @@ def fourier(
         if np.isfinite(peak):
             style["label"] = f"{style['label']}, peak at {peak:.2f} Hz"
         ax.plot(frequency, 1e3 * amplitude, **style)
-    decorate(ax, "frequency [Hz]", rf"amplitude of {component} [$10^{{-3}}$ m s]")
+    decorate(ax, "frequency [Hz]", f"amplitude of {component} [mm s]")
     title = f"{point_name(results, point)}: Fourier amplitude of displacement {component}"
     entitle(ax, f"{title}, {_frames(drawn, relative_to)}")
     ax.set_xlim(0.0, max_frequency)

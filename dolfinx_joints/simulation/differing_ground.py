@@ -112,7 +112,9 @@ class DifferingGround:
             within = self._stiffness.copy()
             rows = constrained + within.getOwnershipRange()[0]
             within.zeroRowsColumns(rows.astype(PETSc.IntType), diag=1.0)
-            self._solver = DirectSolver(within, symmetric=self._symmetric, often=True)
+            self._solver = DirectSolver(
+                within, symmetric=self._symmetric, often=True, name="ground"
+            )
         found, force = self._stiffness.createVecs()
         found.set(0.0)
         found.getArray()[constrained] = at_supports

@@ -46,6 +46,7 @@ class DirectSolver:
         often: A factor solves many right-hand sides one after the other: where CHOLMOD factors,
             a second factor in blocks of a node is kept for them if it is faster (`NodeBlocks`).
         options: PETSc options without prefix that replace the defaults.
+        name: Name of the system; the options prefix is ``dolfinx_joints_NAME_``.
 
     Attributes:
         package: PETSc's name of the package that factors.
@@ -59,6 +60,7 @@ class DirectSolver:
         mumps: bool = False,
         often: bool = False,
         options: Mapping[str, Any] | None = None,
+        name: str = "bulk",
     ) -> None:
         """Choose the package; nothing is factored yet."""
         self._matrix = matrix
@@ -75,14 +77,14 @@ class DirectSolver:
             self._options[WORKSPACE] = 60
         self._options |= dict(options or {})
         self.package = str(self._options["pc_factor_mat_solver_type"])
-        self._often = often
+        self._often, self._name = often, name
         self._blocks: NodeBlocks | None = None
         self._create()
         self._stale = True
 
     def _create(self) -> None:
         self._ksp = PETSc.KSP().create(self._matrix.comm)
-        self._ksp.setOptionsPrefix("dolfinx_joints_direct_")
+        self._ksp.setOptionsPrefix(f"dolfinx_joints_{self._name}_")
 
     def refresh(self) -> None:
         """Factor the matrix anew at the next solve."""
@@ -222,6 +224,7 @@ class DirectSolver:
             with self._reported():
                 self._ksp.setFromOptions()
                 self._ksp.setUp()
+                self._ksp.getPC().viewFromOptions("-pc_view")
         return int(self._ksp.getPC().getFailedReason())
 
     @contextmanager

@@ -46,6 +46,7 @@ class NodeBlocks:
         self._pc.setFactorSolverType("petsc")
         self._pc.setFactorOrdering("natural")
         self._pc.setUp()
+        self._pc.viewFromOptions("-pc_view")
         self._factor = self._pc.getFactorMatrix()
         self._dofs = dofs.getIndices().astype(np.intp)
         self._places = np.argsort(self._dofs)

@@ -101,7 +101,7 @@ class _Sum:
         self._base.zeroEntries()
         self._base.axpy(1.0, effective.constrained, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         self._total = self._base.copy()
-        self._direct = DirectSolver(self._total, symmetric=False, options=options)
+        self._direct = DirectSolver(self._total, symmetric=False, options=options, name="tangent")
         change = effective.change
         self._solver: Solver = (
             self._direct if change is None else ChangedSolver(self._direct, change)

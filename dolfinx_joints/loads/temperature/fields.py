@@ -214,10 +214,12 @@ def factored(matrix: PETSc.Mat) -> PETSc.KSP:
         JointsError: The factor does not fit into memory.
     """
     ksp = PETSc.KSP().create(matrix.comm)
+    ksp.setOptionsPrefix("dolfinx_joints_temperature_")
     ksp.setType("preonly")
     ksp.getPC().setType("lu")
     ksp.getPC().setFactorSolverType("mumps")
     ksp.setOperators(matrix)
+    ksp.setFromOptions()
     ksp.setUp()
     if ksp.getPC().getFailedReason() == PETSc.PC.FailedReason.FACTOR_OUTMEMORY:
         raise JointsError(

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.errors import MeshError, warn
 from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.mesh.cells import CellShape, Ints, RawMesh, check_curves
 from dolfinx_joints.mesh.dolfinx_versions import gmsh_permutation
@@ -122,10 +121,9 @@ def _warn_of_others(model: Any, dim: int, named: Collection[int], source: str) -
     others = [entity for _, entity in model.getEntities(dim) if entity not in named]
     count = sum(len(tags) for e in others for tags in model.mesh.getElements(dim, e)[1])
     if count:
-        warnings.warn(
+        warn(
             f"{source!r}: {count} cells in no named physical group are left out; name their "
-            f"{'volumes' if dim == 3 else 'surfaces'} if they are part of the body.",
-            stacklevel=2,
+            f"{'volumes' if dim == 3 else 'surfaces'} if they are part of the body."
         )
 
 

@@ -61,6 +61,7 @@ def schur_complement(matrix: PETSc.Mat, operator: PETSc.Mat) -> Floats:
         stage.push()
         try:
             pc.setUp()
+            pc.viewFromOptions("-pc_view")
         finally:
             stage.pop()
         if pc.getFailedReason():

@@ -45,14 +45,15 @@ PTAP = {"matptap_via": "allatonce"}
 
 @contextmanager
 def options_set(prefix: str, options: Mapping[str, Any]) -> Iterator[None]:
-    """PETSc options under a prefix; the global database is left clean."""
+    """Set PETSc options under a prefix for a while, except those that the user has set."""
     database = PETSc.Options()
-    for key, value in options.items():
-        database.setValue(prefix + key, value)
+    own = [key for key in options if not database.hasName(prefix + key)]
+    for key in own:
+        database.setValue(prefix + key, options[key])
     try:
         yield
     finally:
-        for key in options:
+        for key in own:
             database.delValue(prefix + key)
 
 
@@ -90,7 +91,7 @@ class IterativeSolver:
         self.matrix = matrix
         self._blocked: PETSc.Mat | None = None
         self._ksp = PETSc.KSP().create(matrix.comm)
-        self._ksp.setOptionsPrefix("dolfinx_joints_cg_")
+        self._ksp.setOptionsPrefix("dolfinx_joints_bulk_")
         self._stale = True
         self.iterations = 0
 

@@ -86,6 +86,7 @@ def _tied_prolongations(
         pc.setOperators(tied)
         pc.setFromOptions()
         pc.setUp()
+        pc.viewFromOptions("-pc_view")
     found = [pc.getMGInterpolation(i) for i in range(pc.getMGLevels() - 1, 0, -1)]
     pc.destroy()
     tied.destroy()

@@ -104,7 +104,7 @@ class TangentMultigrid:
     ) -> None:
         """Make the levels (collective)."""
         self._ksp = PETSc.KSP().create(added.comm)
-        self._ksp.setOptionsPrefix("dolfinx_joints_gmres_")
+        self._ksp.setOptionsPrefix("dolfinx_joints_tangent_")
         self._parts = [_Parts(bulk=bulk.for_products, added=added, change=change) for _ in range(2)]
         self._full, self._fine = (
             PETSc.Mat().createPython(added.getSizes(), _Products(each), comm=added.comm)

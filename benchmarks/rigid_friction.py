@@ -17,13 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import dolfinx_joints as dj
-from benchmarks.shared.problems import Problem, _mesh, first_state
+from benchmarks.shared.problems import Problem, blocks, march
 from dolfinx_joints.common.command_line import Parser
-from dolfinx_joints.geometry.two_blocks import two_blocks
 from dolfinx_joints.laws.law import CondensedLaw
-from dolfinx_joints.solvers.choice import make_solver
-from dolfinx_joints.time_integration.energy import EnergyLedger
-from dolfinx_joints.time_integration.substeps import Stepper
 
 Floats = NDArray[np.float64]
 
@@ -118,44 +114,11 @@ def thrown_error(steps: int, flight: float = 0.01) -> tuple[float, float, float,
     return float(off), abs(friction), abs(lost), end.ledger
 
 
-def blocks(law: CondensedLaw, *, massless: bool) -> Problem:
-    """A block of 1 m thrown on another: 0.2 m/s down, 0.15 and 0.05 m/s along; see module."""
-    jointed = _mesh(lambda path: two_blocks(path, size=0.5))
-    model = dj.Model(
-        jointed,
-        material=dj.Elastic(young=30e9, poisson=0.2, density=2400.0),
-        joints=law,
-        initial_gaps={"joint_1": 1e-4},
-        supports=[dj.Fixed(group="base")],
-        damping=dj.stiffness_proportional(ratio=0.05, frequency=800.0),
-        redistribute_mass=massless,
-    )
-    velocity = np.zeros(model.num_dofs)
-    upper = np.unique([model.V.dofmap.cell_dofs(c) for c in jointed.cells("upper")])
-    velocity.reshape(-1, 3)[upper] = (0.15, 0.05, -0.2)
-    return Problem(
-        system=model.system(),
-        period=1e-3,
-        end=2e-3,
-        displacement=np.zeros(model.num_dofs),
-        velocity=velocity,
-    )
-
-
 def run(problem: Problem, dt: float) -> End:
     """March a problem by the energy-consistent scheme in steps of dt [s]."""
-    scheme = dj.EnergyConsistent()
-    solver = make_solver(problem.system, None, "auto", scheme.rule)
-    state = first_state(problem, solver)
-    ledger = EnergyLedger(problem.system)
-    ledger.start(state)
-    stepper = Stepper(scheme, solver, ledger, dj.StepControl())
-    for _ in range(round(problem.end / dt)):
-        for after, _, row in stepper.substeps(state, dt):
-            state = after
-            ledger.record(row)
-    moved = state.displacement.array.copy()
-    return End(moved, ledger.row.friction, ledger.row.impact, ledger.relative_imbalance)
+    end = march(problem, dj.EnergyConsistent(), dt)
+    assert end.ledger is not None
+    return End(end.displacement[-1], end.row.friction, end.row.impact, end.ledger)
 
 
 def rigid(restitution: int) -> dj.RigidJoint:
@@ -192,12 +155,12 @@ def main() -> None:
         ("restitution 1", 1, False),
         ("without mass at the joint", 1, True),
     ):
-        problem = blocks(rigid(restitution), massless=massless)
+        problem = blocks(end=2e-3, law=rigid(restitution), massless=massless)
         ends = [run(problem, dt) for dt in STEPS]
         limit = ends[-1] if label == "restitution 1" else _limit(*ends[-2:], order=1 + massless)
         _show(label, ends, limit)
         if massless:
-            stiffer = [blocks(stiff(k), massless=True) for k in (1e12, 1e13, 1e14)]
+            stiffer = [blocks(end=2e-3, law=stiff(k), massless=True) for k in (1e12, 1e13, 1e14)]
             _show("k = 1e12, 1e13, 1e14 Pa/m", [run(each, STEPS[-2]) for each in stiffer], limit)
 
 

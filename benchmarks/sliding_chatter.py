@@ -11,18 +11,16 @@ of h/c, the time of sound along a cell.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 import dolfinx_joints as dj
-from benchmarks.shared.problems import Problem, _mesh, first_state
+from benchmarks.shared.problems import Problem, _mesh, march
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.geometry.two_blocks import two_blocks
 from dolfinx_joints.laws.law import CondensedLaw
-from dolfinx_joints.solvers.choice import make_solver
-from dolfinx_joints.time_integration.energy import EnergyLedger
-from dolfinx_joints.time_integration.substeps import Stepper
 
 FRICTION, SPEED, END, SIZE = 0.5, 0.02, 0.02, 0.1  # -, m/s, s, m
 CONCRETE = dj.Elastic(young=30e9, poisson=0.2, density=2400.0)
@@ -30,9 +28,8 @@ TRANSIT = SIZE / math.sqrt(CONCRETE.young / CONCRETE.density)  # h/c [s]
 
 
 class Slide(NamedTuple):
-    """Mean friction over its limit, in all and in the second half; steps; joints that chatter."""
+    """Mean friction over its limit in the second half; steps; joints that chatter."""
 
-    friction: float
     late: float
     steps: int
     chatter: dict[str, float]
@@ -54,24 +51,13 @@ def slide(
         control: When steps are cut.
         end: Time [s].
     """
-    problem = _block(law, damping)
-    scheme, operator = dj.EnergyConsistent(), problem.system.contact.operator
-    solver = make_solver(problem.system, None, "auto", scheme.rule)
-    state = first_state(problem, solver)
-    ledger = EnergyLedger(problem.system)
-    ledger.start(state)
-    limit = -FRICTION * float(operator.areas @ state.joints.traction[:, 0])
-    stepper = Stepper(scheme, solver, ledger, control or dj.StepControl())
-    rows = []
-    for _ in range(steps):
-        for after, report, row in stepper.substeps(state, end / steps):
-            state = after
-            ledger.record(row)
-            rows.append((report.dt, float(operator.areas @ after.joints.traction[:, 1])))
-    dt, force = np.array(rows).T
-    late = np.cumsum(dt) > 0.5 * end
-    means = [abs(dt[part] @ force[part]) / dt[part].sum() / limit for part in (dt > 0.0, late)]
-    return Slide(*means, len(dt), stepper.chatter.joints())
+    problem = replace(_block(law, damping), end=end)
+    areas = problem.system.contact.operator.areas
+    limit = FRICTION * float(areas @ problem.joints.traction[:, 0])
+    run = march(problem, dj.EnergyConsistent(), end / steps, control)
+    late = np.cumsum(run.dt) > 0.5 * end
+    mean = run.dt[late] @ run.force[late] / run.dt[late].sum()
+    return Slide(abs(mean / limit), run.steps, run.chatter)
 
 
 def _block(law: CondensedLaw, damping: float) -> Problem:
@@ -101,6 +87,7 @@ def _block(law: CondensedLaw, damping: float) -> Problem:
         displacement=static.displacement.array.copy(),
         velocity=velocity,
         joints=static.joints,
+        component=1,
     )
 
 

@@ -30,7 +30,6 @@ from benchmarks.shared.problems import (
     blocks,
     coulomb,
     errors,
-    first_state,
     impact,
     march,
     sliding,
@@ -39,8 +38,6 @@ from benchmarks.shared.problems import (
 )
 from dolfinx_joints import JointsError
 from dolfinx_joints.common.command_line import Parser
-from dolfinx_joints.solvers.choice import make_solver
-from dolfinx_joints.time_integration.energy import EnergyLedger
 
 Row = dict[str, Any]
 
@@ -187,41 +184,6 @@ def rows_of(case: Case) -> Iterator[Row]:
     for name in case.adaptive:
         for steps, *control in case.control:
             yield take(problem, name, steps, tuple(control))
-
-
-def with_paper_steps() -> tuple[float, float]:
-    """Energy and displacement error, energy-consistent, in the steps of the paper's impact.
-
-    T/20 in flight and T/1500 near the stop, which is 100 times as stiff as the spring.
-    """
-    problem, scheme = impact(100.0), SCHEMES["ec"]
-    solver = make_solver(problem.system, rule=scheme.rule)
-    state, ledger = first_state(problem, solver), EnergyLedger(problem.system)
-    ledger.start(state)
-    exact = problem.motion.exact
-    displacement = 0.0
-    while state.time < problem.end:
-        away = state.joints.state.gap[0, 0] > 0.0
-        after, report = scheme.advance(solver, state, problem.period / (20 if away else 1500))
-        if away and after.joints.state.gap[0, 0] <= 0.0:
-            after, report = scheme.advance(solver, state, problem.period / 1500)
-        state = after
-        ledger.record(ledger.after(state, report))
-        difference = abs(state.displacement.array[0] - exact.displacement(state.time))
-        displacement = max(displacement, float(difference / exact.amplitude))
-    return ledger.relative_error, displacement
-
-
-def long_impact(steps: int) -> Row:
-    """Ledger and energy error of the energy-consistent scheme over many impacts at T/100."""
-    problem = impact(1e4, periods=steps / 100)
-    run = march(problem, SCHEMES["ec"], problem.period / 100)
-    return {
-        "steps": run.steps,
-        "ledger": run.ledger,
-        "error_energy": run.energy_error,
-        "seconds": run.seconds,
-    }
 
 
 # ---------------------------------------------------------------- output
@@ -376,12 +338,6 @@ def main() -> None:
     if ledger is not None:
         print(f"largest imbalance of the energy lines, energy-consistent: {ledger:.1e}")
     print(f"energy-consistent runs that failed: {failed} of {len(ec)}")
-    if not options.only:
-        energy, displacement = with_paper_steps()
-        result |= {"energy_paper_steps": energy, "displacement_paper_steps": displacement}
-        print(f"steps of the paper: energy error {energy:.1e}, displacement {displacement:.2e}")
-        result["long_impact"] = long_impact(2_000 if options.quick else 100_000)
-        print("impact, {steps} steps: ledger {ledger:.1e}".format(**result["long_impact"]))
     if options.plot:
         draw(options.plot, problems, {name: case.title for name, case in chosen.items()})
     if options.json:

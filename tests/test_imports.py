@@ -1,6 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What ``import dolfinx_joints`` costs, gives and needs; pyproject.toml says who imports whom."""
+"""What ``import dolfinx_joints`` costs, gives and needs; pyproject.toml says who imports whom.
+
+Scenes of `benchmarks.lean` are runs to the first step; docs/design.md has the counts of modules.
+"""
 
 from __future__ import annotations
 
@@ -25,6 +28,26 @@ class Refuse:
 sys.meta_path.insert(0, Refuse())
 """
 
+OUTPUT = ("report", "export", "geometry", "exact")
+RESULTS = (*OUTPUT, "monitors", "postprocessing", "results", "study")
+JOINTS = (
+    "solvers.interface",
+    "solvers.reduced",
+    "solvers.pseudo_time",
+    "solvers.multigrid.tangent",
+)
+LAWS = ("laws.friction", "laws.rigid", "laws.mohr_coulomb", "laws.discrete_gradient")
+WATER = ("loads.water",)
+# Parts that a scene uses, parts that it must not load, and the largest number of modules.
+LOADS = {
+    "linear 2-D": ("body", (*RESULTS, *JOINTS, *LAWS, *WATER), 150),
+    "friction 3-D": ("laws.friction", (*RESULTS, *WATER, "solvers.multigrid.tangent"), 180),
+    "bonds": ("laws.mohr_coulomb", (*RESULTS, *WATER, "solvers.multigrid.tangent"), 180),
+    "water": ("loads.water.reservoir_waves", (*RESULTS, *JOINTS, *LAWS), 160),
+    "free field": ("loads.free_field", (*RESULTS, *JOINTS, *LAWS, *WATER), 150),
+    "motion suite": ("study.motion_suite", (*OUTPUT, "study.fragility_curves"), 235),
+}
+
 
 def run(code: str) -> str:
     """Output of a Python process that finds the package."""
@@ -40,6 +63,22 @@ def test_import_is_light():
     heavy = ("dolfinx", "petsc4py", "slepc4py", "mpi4py", "gmsh", "matplotlib", "scipy", "h5py")
     code = f"import sys, dolfinx_joints; print([m for m in {heavy} if m in sys.modules])"
     assert run(code).strip() == "[]"
+
+
+@pytest.mark.parametrize("scene", LOADS)
+def test_runs_load_what_they_use(scene):
+    pytest.importorskip("dolfinx")
+    from benchmarks import lean
+
+    used, unneeded, most = LOADS[scene]
+    row = lean.measure(scene)
+    loaded = {module.removeprefix("dolfinx_joints.") for module in row["modules"]}
+    assert used in loaded
+    excess = [m for m in loaded if any(f"{m}.".startswith(f"{part}.") for part in unneeded)]
+    assert sorted(excess) == []
+    assert len(loaded) <= most
+    files = {"h5py"} if scene == "motion suite" else set()
+    assert set(row["libraries"]) & {"h5py", "gmsh", "matplotlib", "pyvista"} == files
 
 
 def test_public_names_exist_and_dir_shows_nothing_else():

@@ -113,13 +113,13 @@ class Scene:
 
         Further options are those of `Model`.
         """
+        options.setdefault("damping", dj.stiffness_proportional(ratio=0.02, frequency=5.0))
         return dj.Model(
             jointed,
             material=self.material,
             joints=law,
             supports=[dj.Fixed(group=name) for name in self.held],
             loads=list(self.loads),
-            damping=dj.stiffness_proportional(ratio=0.02, frequency=5.0),
             **options,
         )
 

@@ -9,14 +9,13 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.parameters import numbers_of, shown
-from dolfinx_joints.laws.friction import CoulombJoint
 from dolfinx_joints.laws.law import (
     DISCRETE_GRADIENT,
     NO_COMPLIANCE,
@@ -37,8 +36,10 @@ from dolfinx_joints.laws.law import (
 )
 from dolfinx_joints.laws.losses import losses_of
 from dolfinx_joints.laws.return_mapping import Answer, Start
-from dolfinx_joints.laws.rigid import RigidJoint
-from dolfinx_joints.laws.viscous import DashpotStep
+
+if TYPE_CHECKING:
+    from dolfinx_joints.laws.friction import CoulombJoint
+    from dolfinx_joints.laws.rigid import RigidJoint
 
 # Of the arrays of a response, after the number of points.
 _SHAPES: dict[str, tuple[int, ...]] = {
@@ -75,6 +76,10 @@ class LawPoints:
 
     def __init__(self, law: AnyLaw, points: NDArray[np.int64]) -> None:
         """Find the methods that the rules ask for."""
+        from dolfinx_joints.laws.friction import CoulombJoint
+        from dolfinx_joints.laws.rigid import RigidJoint
+        from dolfinx_joints.laws.viscous import DashpotStep
+
         self.law, self.points, self.kind = law, points, type(law).__name__
         names = getattr(law, "internal_variables", ())
         good = isinstance(names, tuple | list) and all(isinstance(n, str) for n in names)
@@ -89,8 +94,11 @@ class LawPoints:
         self.balances = isinstance(alone, EnergyConsistentLaw | CondensedEnergyConsistentLaw)
         self.accounts = isinstance(alone, LawWithLosses)
         self.brittle = has_bonds(alone)
-        self.in_loops = isinstance(law, CoulombJoint) and law.in_loops()
-        self.stops = isinstance(law, RigidJoint) and law.restitution == 0
+        coulomb = law if isinstance(law, CoulombJoint) else None
+        self._coulomb: CoulombJoint | None = coulomb
+        self.in_loops = coulomb is not None and coulomb.in_loops()
+        self._rigid: RigidJoint | None = law if isinstance(law, RigidJoint) else None
+        self.stops = self._rigid is not None and self._rigid.restitution == 0
         self._methods = _methods(law)
         self._condensed = _condensed_methods(law)
 
@@ -156,15 +164,15 @@ class LawPoints:
 
     def start(self, rule: Rule, state: JointState) -> Start:
         """What the loop of a rule is told of its points, of their state."""
-        assert isinstance(self.law, CoulombJoint)
+        assert self._coulomb is not None
         if self.variables < state.internal.shape[1]:
             state = replace(state, internal=state.internal[:, : self.variables])
-        return self.law.loop_start(rule, state)
+        return self._coulomb.loop_start(rule, state)
 
     def answered(self, rule: Rule, answer: Answer) -> Response:
         """The answer of the loop for its points as that of the law."""
-        assert isinstance(self.law, CoulombJoint)
-        return self.law.loop_response(rule, answer)
+        assert self._coulomb is not None
+        return self._coulomb.loop_response(rule, answer)
 
     def put(self, given: Response, answer: Response) -> None:
         """Write the answer of its points into that of all local points."""
@@ -186,8 +194,8 @@ class LawPoints:
         """Losses of a step of its points; arguments are those of `LawWithLosses.losses`."""
         if rule.name == DISCRETE_GRADIENT.name and self.balances:
             lost = Losses(answer.dissipation, np.zeros(len(traction)))
-            if isinstance(self.law, RigidJoint) and self.stops:
-                lost = lost._replace(impact=self.law.impact(before, answer))
+            if self._rigid is not None and self.stops:
+                lost = lost._replace(impact=self._rigid.impact(before, answer))
             return lost
         law = self.law.for_step(rule.dt) if isinstance(self.law, RateDependentLaw) else self.law
         return losses_of(law, before, answer, traction)

@@ -13,7 +13,6 @@ import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
-from scipy.interpolate import make_interp_spline
 
 from dolfinx_joints.body.supports import components_of
 from dolfinx_joints.common.declared import checked
@@ -48,6 +47,8 @@ def incident_wave(outcrop: Motion) -> Callable[[float], Floats]:
         Velocity of the rising wave at a time [s], shape (3,), [m/s]; zero before the record, and
         after it what the record ends with, so correct its baseline.
     """
+    from scipy.interpolate import make_interp_spline
+
     acceleration = make_interp_spline(outcrop.time, outcrop.acceleration, k=1)
     velocity, end = acceleration.antiderivative(), outcrop.duration
     return lambda time: 0.5 * velocity(min(max(time, 0.0), end))

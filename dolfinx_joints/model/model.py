@@ -29,10 +29,8 @@ from dolfinx_joints.joints.contact import Contact, InitialGap
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import AnyLaw
 from dolfinx_joints.loads.body_and_face_loads import FormLoad
-from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, FollowsJoints, Load, load_names
+from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, Load, load_names
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
-from dolfinx_joints.loads.water.pressures_in_joints import JointWaters, water_in_joints
-from dolfinx_joints.loads.water.water import Reservoir
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_joints, check_tied
@@ -40,11 +38,11 @@ from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redi
 from dolfinx_joints.model.modal_damping import DampedModes
 from dolfinx_joints.model.model_rows import model_rows
 from dolfinx_joints.model.plausibility import warn_of_what_no_dam_has
-from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.model.with_water import BodyAndWater
+from dolfinx_joints.model.system import MatrixSystem, water_in
 
 if TYPE_CHECKING:
     from dolfinx_joints.body.plastic_cells import PlasticBulk
+    from dolfinx_joints.loads.water.water import Reservoir
 
 
 class Model(Summarised):
@@ -166,8 +164,10 @@ class Model(Summarised):
         self.bulk = self._plastic_bulk(laws, plane) if laws else None
         self.reservoir, self.coupled = reservoir, None
         if reservoir is not None:
-            water = reservoir.water(self)
-            self.coupled = BodyAndWater(self.mass.createVecRight(), water, self.gdim)
+            from dolfinx_joints.model.with_water import BodyAndWater
+
+            unknowns = self.mass.createVecRight()
+            self.coupled = BodyAndWater(unknowns, reservoir.water(self), self.gdim)
 
     _summary = model_rows
 
@@ -316,7 +316,7 @@ class Model(Summarised):
         named = zip(load_names(every), every, strict=True)
         by_name = {name: load for name, load in named if any(load is one for one in loads)}
         patterns = [(n, pattern) for n in by_name for pattern in self._patterns(n, by_name[n])]
-        following = {n: load for n, load in by_name.items() if isinstance(load, FollowsJoints)}
+        water, in_joints = water_in(self, by_name, waves=waves is not None)
         constraints = self.constraints
         system = MatrixSystem(
             mass=self.mass,
@@ -332,8 +332,8 @@ class Model(Summarised):
             values=partial(constraints.values, static=static) if constraints.moves else None,
             symmetric=self._symmetric,
             components=self.gdim,
-            water=JointWaters(self, following, waves=waves is not None) if following else None,
-            in_joints=water_in_joints(loads),
+            water=water,
+            in_joints=in_joints,
             shared=shared,
         )
         if self.damped_modes is not None and not static:

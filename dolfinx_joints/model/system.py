@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import chain
@@ -21,9 +21,11 @@ from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.internal_forces import InternalForces, JointInternalForces
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.laws.law import AnyLaw
+from dolfinx_joints.loads.load import FollowsJoints, JointLoad, Load
 
 if TYPE_CHECKING:
     from dolfinx_joints.body.plastic_cells import PlasticBulk
+    from dolfinx_joints.loads.loaded_body import LoadedBody
     from dolfinx_joints.loads.water.pressures_in_joints import JointWaters
 
 Floats = NDArray[np.float64]
@@ -367,3 +369,19 @@ def _matrix(dense: Floats) -> PETSc.Mat:
     )
     matrix.assemble()
     return matrix
+
+
+def water_in(
+    model: LoadedBody, loads: Mapping[str, Load], *, waves: bool
+) -> tuple[JointWaters | None, Sequence[Any]]:
+    """Return the pressures that follow the joints, and all loads that are water in joints.
+
+    (Collective.) Models without such loads do not import their modules.
+    """
+    if not any(isinstance(load, JointLoad) for load in loads.values()):
+        return None, []
+    from dolfinx_joints.loads.water.pressures_in_joints import JointWaters, water_in_joints
+
+    following = {n: load for n, load in loads.items() if isinstance(load, FollowsJoints)}
+    water = JointWaters(model, following, waves=waves) if following else None
+    return water, water_in_joints(loads.values())

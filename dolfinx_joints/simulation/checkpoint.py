@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, fields
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import annotated_types as at
 import numpy as np
@@ -29,14 +29,15 @@ from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.simulation.checkpoint_file import Tree, read_checkpoint, write_checkpoint
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun
-from dolfinx_joints.simulation.fingerprint import fingerprint, first_difference
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import StageRecord
 from dolfinx_joints.simulation.static_energy import Jump, StaticEnergy
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.states import DynamicState
+
+if TYPE_CHECKING:
+    from dolfinx_joints.simulation.checkpoint_file import Tree
 
 _MOST_NAMED = 5  # values in a warning
 
@@ -127,6 +128,8 @@ class CheckpointKeeper:
             )
         self._path, self._every = checkpoints.file, checkpoints.every
         self._model, self._comm = model, model.jointed.mesh.comm
+        from dolfinx_joints.simulation.fingerprint import fingerprint
+
         self._nodes = NodeNumbering(model.V)
         facts = fingerprint(model, system, self._nodes, settings, motion, times)
         self._facts, self._unknown = facts
@@ -135,6 +138,8 @@ class CheckpointKeeper:
         """Write a checkpoint every so many steps (collective)."""
         if run.step % self._every:
             return
+        from dolfinx_joints.simulation.checkpoint_file import write_checkpoint
+
         tree = {
             "run": self._facts,
             "monitors": [type(monitor).__name__ for monitor in run.monitors],
@@ -149,6 +154,8 @@ class CheckpointKeeper:
 
     def save_static(self, static: StaticState, stages: Sequence[StageRecord]) -> None:
         """Write a static state and the stages that led there alone (collective)."""
+        from dolfinx_joints.simulation.checkpoint_file import write_checkpoint
+
         tree = {"run": self._facts, "static": self._kept(static)}
         tree["stages"] = {str(i): self._kept(stage) for i, stage in enumerate(stages)}
         with handing_out(self._comm, tree):
@@ -176,6 +183,9 @@ class CheckpointKeeper:
 
     def _read(self, names: Sequence[str], **facts: str) -> Tree:
         """The tree of the file, if it is of this run (collective)."""
+        from dolfinx_joints.simulation.checkpoint_file import read_checkpoint
+        from dolfinx_joints.simulation.fingerprint import first_difference
+
         comm, tree = self._comm, {}
         for first in (True, False):  # only the first checks that the file is whole
             with raised_together(comm):

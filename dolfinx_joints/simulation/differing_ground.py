@@ -24,7 +24,6 @@ from dolfinx_joints.model.modes import closed_stiffness
 from dolfinx_joints.model.system import MatrixSystem, as_aij
 from dolfinx_joints.motions.differing import DifferingMotion
 from dolfinx_joints.solvers.direct import DirectSolver
-from dolfinx_joints.solvers.interface.springs import JointSprings
 
 # Times whose displacements are kept: a step asks for some more than once.
 KEPT = 4
@@ -201,6 +200,8 @@ def _tied(model: Model) -> PETSc.Mat:
     untied = np.array([np.count_nonzero(~np.isfinite(own) | (own == 0.0))])
     if not summed(model.jointed.mesh.comm, untied)[0]:
         return closed_stiffness(body, contact)
+    from dolfinx_joints.solvers.interface.springs import JointSprings
+
     springs = JointSprings(MatrixSystem(mass=model.mass, stiffness=body, contact=contact)).matrix
     tied = as_aij(body)
     tied.axpy(1.0, springs, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)

@@ -15,10 +15,8 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.laws.law import Response
-from dolfinx_joints.loads.load import Load
-from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures, water_in_joints
+from dolfinx_joints.loads.load import JointLoad, Load
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.results.layout import stage_bytes
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.energy import EnergyRow
@@ -144,9 +142,11 @@ def stage_record(
     model: Model, name: str, time: float, state: StaticState, acting: Sequence[Load]
 ) -> StageRecord:
     """A static stage under loads of the model, with its water in joints (collective)."""
-    pressure, wet = None, water_in_joints(acting)
-    if wet and state.joints is not None:
-        water = WaterPressures(model, wet)
+    pressure = None
+    if state.joints is not None and any(isinstance(load, JointLoad) for load in acting):
+        from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures, water_in_joints
+
+        water = WaterPressures(model, water_in_joints(acting))
         pressure = water(time, water.by_opening(state.joints.state.gap))
     places = tuple(i for i, one in enumerate(model.loads) if any(one is load for load in acting))
     state = replace(state, loads={})  # a vector for each load and stage would fill the memory
@@ -171,6 +171,8 @@ def stage_name(given: str | None, kind: str, stages: Sequence[StageRecord]) -> s
     if given is None:
         numbered = (f"{kind} {number}" for number in count(1))
         return next(n for n in numbered if not any(f"{s},".startswith(f"{n},") for s in names))
+    from dolfinx_joints.results.layout import stage_bytes
+
     stage_bytes(given)
     if given in names:
         raise JointsError(

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from mpi4py import MPI
 
@@ -20,12 +20,11 @@ from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import iterates
 from dolfinx_joints.solvers.first_that_works import HoldingBonds, OtherStarts, StaticSolver
-from dolfinx_joints.solvers.interface.compliance import LARGEST_WHOLE
-from dolfinx_joints.solvers.interface.solver import InterfaceSolver
-from dolfinx_joints.solvers.interface.whole import WholeSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
-from dolfinx_joints.solvers.pseudo_time import PseudoTime
 from dolfinx_joints.solvers.step_solver import SolverOptions, StepSolver
+
+if TYPE_CHECKING:
+    from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 
 # Stiffness of a closed joint point beside that of the nodes around it, up to which the whole is
 # solved in few iterations; the same of points that are not at nodes (docs/decisions).
@@ -74,6 +73,10 @@ def _solver_of(
     first = _first_solver(system, options, kind, rule, static_steps)
     if not static_steps or contact is None or system.bulk is not None:
         return first
+    from dolfinx_joints.solvers.interface.solver import InterfaceSolver
+    from dolfinx_joints.solvers.interface.whole import WholeSolver
+    from dolfinx_joints.solvers.pseudo_time import PseudoTime
+
     others: list[Callable[[StepSolver], StepSolver]] = []
     if isinstance(first, InterfaceSolver) or not iterates(system, first.options.linear):
         others.append(lambda _: OtherStarts(first))
@@ -116,6 +119,10 @@ def _first_solver(
         return NewtonSolver(_by_forms(system, contact), options, name="forms")
     if system.bulk is not None or kind == "monolithic" or contact is None:
         return NewtonSolver(system, options)
+    # Imported for joints alone: a linear run loads no solver of joints.
+    from dolfinx_joints.solvers.interface.solver import InterfaceSolver
+    from dolfinx_joints.solvers.interface.whole import WholeSolver
+
     missing = contact.not_condensed(rule)
     if missing and (kind == "condensed" or rigid):
         why = "Rigid joints need the condensed solver. " if rigid else ""
@@ -154,6 +161,8 @@ def _for_steps(options: SolverOptions | None, contact: Contact, static_steps: in
     A static solve takes some 250 products, and a column of the compliance in a block of them a
     seventh of a back-substitution; smaller ones are made at once in less.
     """
+    from dolfinx_joints.solvers.interface.compliance import LARGEST_WHOLE
+
     options, unknowns = options or SolverOptions(), 3 * contact.operator.num_points
     few = unknowns > LARGEST_WHOLE and 0 < 7 * 250 * static_steps < unknowns
     if few and options.compliance == "auto":

@@ -6,16 +6,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
-from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
 from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
+
+if TYPE_CHECKING:
+    from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 
 
 class StaticSolver:
@@ -72,6 +74,8 @@ class StaticSolver:
 
     def continue_from(self, response: Response | None) -> None:
         """Start the next solves from the tractions of an accepted response."""
+        from dolfinx_joints.solvers.interface.solver import InterfaceSolver
+
         first = self._solvers[0]
         if isinstance(first, InterfaceSolver) and response is not None:
             first.carried = response.traction

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,9 @@ from dolfinx_joints.solvers.direct import DirectSolver
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.modal_change import ChangedSolver, Solver
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
-from dolfinx_joints.solvers.multigrid.tangent import TangentMultigrid
+
+if TYPE_CHECKING:
+    from dolfinx_joints.solvers.multigrid.tangent import TangentMultigrid
 
 Floats = NDArray[np.float64]
 
@@ -58,16 +60,18 @@ class Tangent:
         if self._sum is None or not min(self._product.comm.allgather(same)):
             added = self._product.assemble(values)
             self._sum = self._sum or self._made(added)
-            if isinstance(self._sum, TangentMultigrid):
-                self._sum.add(added, self._product.assemble(values, coupled=False))
-            else:
+            if isinstance(self._sum, _Sum):
                 self._sum.add(added)
+            else:
+                self._sum.add(added, self._product.assemble(values, coupled=False))
             self._last = values.copy()
         return self._sum
 
     def _made(self, added: PETSc.Mat) -> _Sum | TangentMultigrid:
         matrix = self.effective
         if isinstance(matrix.solver, IterativeSolver):
+            from dolfinx_joints.solvers.multigrid.tangent import TangentMultigrid
+
             assert self._product is not None
             return TangentMultigrid(matrix.solver, added, self._product, matrix.change)
         return _Sum(matrix, added, self._options)

@@ -20,10 +20,6 @@ from dolfinx_joints.model.modes import too_few, whole_groups
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.first_that_works import HoldingBonds
-from dolfinx_joints.solvers.interface.solver import InterfaceSolver
-from dolfinx_joints.solvers.reduced.basis import ReducedBasis
-from dolfinx_joints.solvers.reduced.system import reduced_system
-from dolfinx_joints.solvers.reduced.whole_body import WholeBody, as_columns
 from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.dissipation import midpoint_coefficients
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent, ImplicitContact, exact_square
@@ -102,6 +98,10 @@ class ReducedSteps:
         dt: float,
     ) -> None:
         """Make the basis (collective)."""
+        from dolfinx_joints.solvers.interface.solver import InterfaceSolver
+        from dolfinx_joints.solvers.reduced.basis import ReducedBasis
+        from dolfinx_joints.solvers.reduced.whole_body import WholeBody, as_columns
+
         system = solver.system
         _check(system, scheme, solver)
         assert isinstance(solver, InterfaceSolver)
@@ -152,6 +152,9 @@ class ReducedSteps:
             return self._by_whole_body(state, dt, end)
         state = self._renewed(state)
         if self._reduced is None:
+            from dolfinx_joints.solvers.interface.solver import InterfaceSolver
+            from dolfinx_joints.solvers.reduced.system import reduced_system
+
             self._reduced = InterfaceSolver(
                 reduced_system(self._solver.system, self._condensed, self.basis),
                 self._solver.options,
@@ -276,6 +279,8 @@ def _coefficients(dt: float) -> MatrixCoefficients:
 
 def _check(system: MatrixSystem, scheme: Scheme, solver: StepSolver) -> None:
     """Check that steps of the system can be taken in a basis (collective)."""
+    from dolfinx_joints.solvers.interface.solver import InterfaceSolver
+
     plain = isinstance(scheme, EnergyConsistent | ImplicitContact) and (
         not scheme.exact_modes and scheme.spectral_radius == 1.0
     )

@@ -6,15 +6,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.solvers.reduced.basis import ReducedBasis
 from dolfinx_joints.time_integration.states import DynamicState
+
+if TYPE_CHECKING:
+    from dolfinx_joints.solvers.reduced.basis import ReducedBasis
 
 Floats = NDArray[np.float64]
 

@@ -37,6 +37,7 @@ from dolfinx.mesh import (
     locate_entities_boundary,
 )
 
+from benchmarks.shared.problems import bar_matrices
 from dolfinx_joints import (
     Elastic,
     EnergyConsistent,
@@ -142,11 +143,7 @@ def march(system, velocity, *, courant, size, scheme):
 def plain(cells, *, courant, stiffness=1e4, scheme=None, massless=True):
     """The bar as matrices of linear elements, of unit section; k_n = stiffness * E / h."""
     h = BAR.length / cells
-    mass, bulk = np.zeros((2, cells + 1, cells + 1))
-    for i in range(cells):
-        here = np.ix_([i, i + 1], [i, i + 1])
-        mass[here] += BAR.density * h / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
-        bulk[here] += BAR.young / h * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    mass, bulk = bar_matrices(BAR, cells)
     gap = np.zeros((3, cells + 1))
     gap[0, 0] = 1.0
     system = MatrixSystem.from_arrays(

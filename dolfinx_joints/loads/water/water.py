@@ -10,14 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from scipy.sparse import csr_array
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.loads.loaded_body import LoadedBody
-from dolfinx_joints.loads.water.far_field import Section
 from dolfinx_joints.mesh.cells import Floats, Ints
+
+if TYPE_CHECKING:
+    from dolfinx_joints.loads.water.far_field import Section
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,9 @@ Expected: facts of the meshes counted by hand, and bounds that the programs asse
 
 import json
 import math
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from mpi4py import MPI
 import dolfinx_joints as dj
 from benchmarks import (
     agreement,
+    brief,
     cluster_model,
     compliances,
     dissipation,
@@ -149,6 +152,18 @@ def test_fewest_steps_for_an_error():
     assert exact_modes.steps_for(1 / 60, steps, [0.1, 0.001, 0.025, 0.0125]) == pytest.approx(60.0)
     assert exact_modes.steps_for(0.2, steps, [0.1, 0.05, 0.025, 0.0125]) == 10.0
     assert exact_modes.steps_for(0.01, steps, [0.1, 0.05, 0.025, 0.0125]) == math.inf
+
+
+def test_the_table_of_the_readme():
+    """Its files exist, and numbers that it takes from pages stand there."""
+    for row in brief.ROWS:
+        assert (brief.PROJECT / row.file).is_file(), row.file
+        assert row.test.startswith("make ") or (brief.PROJECT / row.test).is_file(), row.test
+        assert f"| {row.sentence} | [{Path(row.file).name}]" in (
+            brief.PROJECT / "README.md"
+        ).read_text("utf-8")
+    pages = [row for row in brief.ROWS if row.test.endswith(".md")]
+    assert all(re.search(r"\d", row.number()) for row in pages)
 
 
 def test_error_against_time(tmp_path):

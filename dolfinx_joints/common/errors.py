@@ -6,9 +6,15 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
 
+from dolfinx_joints.common.parameters import printable
+
 
 class JointsError(Exception):
     """Base of every exception that this package raises on purpose."""
+
+    def __str__(self) -> str:
+        """Return the message, which may have names from files, for a terminal."""
+        return printable(super().__str__())
 
 
 class RecordError(JointsError, ValueError):

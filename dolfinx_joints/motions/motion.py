@@ -140,6 +140,17 @@ class Motion(Summarised):
         return replace(self, acceleration=values, dt=dt)
 
     @checked
+    def for_steps(self, step: Seconds) -> Self:
+        """Return the motion, for a longer step [s] without the frequencies that it would fold.
+
+        They are removed as by `resampled`; the samples keep their times.
+        """
+        if step <= self.dt * (1.0 + ROUNDING):
+            return self
+        sizes = self.dt, self.dt, len(self.acceleration), step
+        return replace(self, acceleration=resample(self.acceleration, *sizes))
+
+    @checked
     def trimmed(
         self,
         duration: Seconds,

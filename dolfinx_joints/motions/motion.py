@@ -24,6 +24,7 @@ from dolfinx_joints.motions.processing import (
     band_pass,
     fall,
     integrate,
+    low_pass,
     resample,
     without_baseline,
     without_drift,
@@ -143,12 +144,12 @@ class Motion(Summarised):
     def for_steps(self, step: Seconds) -> Self:
         """Return the motion, for a longer step [s] without the frequencies that it would fold.
 
-        They are removed as by `resampled`; the samples keep their times.
+        Of a frequency f the part 1 / (1 + (2.5 f step)^8) is left: 98 % at half the step's Nyquist
+        frequency, 14 % at that frequency, 0.07 % at twice of it, which would be read as a constant.
         """
         if step <= self.dt * (1.0 + ROUNDING):
             return self
-        sizes = self.dt, self.dt, len(self.acceleration), step
-        return replace(self, acceleration=resample(self.acceleration, *sizes))
+        return replace(self, acceleration=low_pass(self.acceleration, self.dt, 0.4 / step))
 
     @checked
     def trimmed(

@@ -35,10 +35,8 @@ def integrate(acceleration: Floats, dt: float) -> tuple[Floats, Floats]:
     return velocity, displacement
 
 
-def resample(
-    acceleration: Floats, old_dt: float, dt: float, count: int, step: float = 0.0
-) -> Floats:
-    """Band-limited interpolation at 0, dt, ..., (count - 1) dt, as a longer step resolves it."""
+def resample(acceleration: Floats, old_dt: float, dt: float, count: int) -> Floats:
+    """Band-limited interpolation at the times 0, dt, ..., (count - 1) dt."""
     from scipy.fft import next_fast_len
     from scipy.signal import czt
 
@@ -47,8 +45,8 @@ def resample(
     frequency = np.fft.rfftfreq(period, old_dt)
     # Each term but the mean, and the one at Nyquist, stands for its conjugate as well.
     weight = np.where((frequency == 0.0) | (2 * frequency * old_dt >= 1.0), 1.0, 2.0)
-    if (step := max(dt, step)) > old_dt:
-        weight = weight * fall(frequency, 0.8 * 0.5 / step, 0.5 / step)
+    if dt > old_dt:
+        weight = weight * fall(frequency, 0.8 * 0.5 / dt, 0.5 / dt)
     turn = np.exp(2j * np.pi * dt / (period * old_dt))
     values: Floats = czt(weight[:, None] * spectrum, m=count, w=turn, axis=0).real
     return values

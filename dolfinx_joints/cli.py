@@ -15,6 +15,7 @@ from typing import Any
 from dolfinx_joints import __version__
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.errors import JointsError, PlausibilityWarning
+from dolfinx_joints.common.parameters import printable
 from dolfinx_joints.common.progress import set_log_level
 
 
@@ -35,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             options.run(options)
         sys.stdout.flush()
     except (JointsError, ValueError) as error:
-        print(f"dolfinx-joints: {error}", file=sys.stderr)
+        print(f"dolfinx-joints: {printable(str(error))}", file=sys.stderr)
         return 2
     except OSError as error:
         if not isinstance(error, BrokenPipeError):  # as of `| head`, which has read enough
@@ -52,7 +53,7 @@ def _warnings_in_lines(*, quiet: bool) -> Iterator[None]:
     told: set[str] = set()
 
     def tell(message: Any, category: type[Warning], *_: Any, **__: Any) -> None:
-        text = " ".join(str(message).split())
+        text = printable(" ".join(str(message).split()))
         if text not in told and not (quiet and issubclass(category, PlausibilityWarning)):
             print(f"dolfinx-joints: {text}", file=sys.stderr)
         told.add(text)
@@ -126,7 +127,7 @@ def _split(options: Any) -> None:
 
     split = read_msh(options.mesh, MPI.COMM_SELF, joints=options.joints)
     write_split(options.out, split, overwrite=options.force)
-    print(options.out, split, sep="\n")
+    print(printable(f"{options.out}\n{split}"))
 
 
 def _add_info(commands: Any) -> None:
@@ -143,7 +144,7 @@ def _add_info(commands: Any) -> None:
 def _info(options: Any) -> None:
     from dolfinx_joints.results.overview import describe, overview
 
-    print(describe(options.file) if options.all else overview(options.file))
+    print(printable(describe(options.file) if options.all else overview(options.file)))
 
 
 def _add_csv(commands: Any) -> None:

@@ -14,6 +14,9 @@ LARGE_LOCAL_ERROR = 0.05
 # Part of the largest energy that no line of the ledger may leave unexplained: far above rounding.
 LARGE_IMBALANCE = 1e-6
 
+LARGE_LOSS = 0.01
+"""Part of a motion's squared acceleration that long steps may remove: a tenth of its amplitude."""
+
 ACCELERATION_BAND = 25.0
 """Up to this frequency accelerations are reported unless told otherwise [Hz]: above the modes that
 move a dam, and low enough that peaks beside striking joints do not hang on the time step."""

@@ -13,9 +13,15 @@ from pathlib import Path
 # Files of the package, constructors of dataclasses, context managers.
 _INSIDE = (f"{Path(__file__).parents[1]}/", "<string>", contextlib.__file__)
 
+from dolfinx_joints.common.parameters import printable
+
 
 class JointsError(Exception):
     """Base of every exception that this package raises on purpose."""
+
+    def __str__(self) -> str:
+        """Return the message, which may have names from files, for a terminal."""
+        return printable(super().__str__())
 
 
 class RecordError(JointsError, ValueError):

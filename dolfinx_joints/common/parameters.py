@@ -16,12 +16,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+# Escapes, directions of writing, parts of characters; beginnings of formulas that are no numbers.
+_CONTROL = re.compile(
+    "[\0-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+_FORMULA = re.compile(r"\s*[=+@-](?!(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$|inf$|$)", re.I)
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 
 PLAIN_NAMES = "visible characters and spaces between them, without '/', not dots alone"
 
 # Of a value in a message.
 LONGEST_SHOWN = 80
+
+
+def printable(text: str) -> str:
+    """Return a text from a file for a terminal: control characters become spaces."""
+    return _CONTROL.sub(" ", text)
+
+
+def cell(value: Any) -> Any:
+    """Return a value for a CSV file: no text begins as a formula of a spreadsheet."""
+    text = printable(value) if isinstance(value, str) else ""
+    return f"'{text}" if _FORMULA.match(text) else text or value
 
 
 def shown(value: Any, say: Callable[[Any], str] = repr) -> str:

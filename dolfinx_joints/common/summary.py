@@ -8,6 +8,8 @@ import html
 from collections.abc import Iterable
 from typing import Any
 
+from dolfinx_joints.common.parameters import printable
+
 _MOST_NAMES = 12
 Rows = Iterable[tuple[str, object]]
 
@@ -24,7 +26,8 @@ class Summarised:
         raise NotImplementedError
 
     def _shown(self) -> list[tuple[str, str]]:
-        return [(name, str(value)) for name, value in self._summary() if value not in ("", None)]
+        rows = [(name, value) for name, value in self._summary() if value not in ("", None)]
+        return [(printable(name), printable(str(value))) for name, value in rows]
 
     def __repr__(self) -> str:
         """The facts as lines of text."""

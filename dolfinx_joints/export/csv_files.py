@@ -13,6 +13,7 @@ from pathlib import Path
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.files import replacing
+from dolfinx_joints.common.parameters import cell
 from dolfinx_joints.export.tables import Table, tables_of
 from dolfinx_joints.export.vtk_files import check_free
 from dolfinx_joints.results.reader import Results
@@ -70,5 +71,4 @@ def _write(table: Table, path: Path) -> None:
     """Write a table whole or not at all."""
     with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(table.header)
-        writer.writerows(table.rows)
+        writer.writerows(map(cell, row) for row in (table.header, *table.rows))

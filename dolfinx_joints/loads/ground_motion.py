@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -13,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.constants import LARGE_LOSS
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import PlausibilityWarning
 from dolfinx_joints.common.parameters import (
     finite,
     numbers_of,
@@ -21,6 +24,8 @@ from dolfinx_joints.common.parameters import (
 )
 from dolfinx_joints.loads.load import TimeFactor
 from dolfinx_joints.loads.loaded_body import LoadedBody
+from dolfinx_joints.motions.differing import DifferingMotion
+from dolfinx_joints.motions.motion import Motion
 
 # Components of a motion that move a model of so many axes, along its axes in their order.
 MOVING = {2: [0, 2], 3: [0, 1, 2]}
@@ -102,6 +107,35 @@ def velocity_of(
         return sums[whole] + gained(whole * spacing, max(time, whole * spacing))
 
     return velocity
+
+
+def for_steps(given: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], list[str]]:
+    """Return motions and loads with `Motion.for_steps` of each `Motion`; warn of large losses."""
+    texts = []
+
+    def resolved(each: Any) -> Any:
+        if isinstance(each, BaseMotion):
+            return replace(each, acceleration=resolved(each.acceleration))
+        if isinstance(each, DifferingMotion):
+            changed = {name: resolved(motion) for name, motion in each.named.items()}
+            one = changed[each.motions.name] if isinstance(each.motions, Motion) else changed
+            return each if changed == each.named else replace(each, motions=one)
+        if not isinstance(each, Motion):
+            return each
+        found = each.for_steps(dt)
+        kept = np.sum(found.acceleration**2) / (np.sum(each.acceleration**2) or 1.0)
+        if found is not each and kept < 1.0 - LARGE_LOSS:
+            texts.append(
+                f"Steps of {dt:g} s resolve frequencies below {0.5 / dt:g} Hz; the rest of "
+                f"{shown(each.name)} is removed, {100.0 * (1.0 - kept):.2g} % of the integral of "
+                "its squared acceleration. Take shorter steps to keep it."
+            )
+        return found
+
+    found = [resolved(each) for each in given]
+    for text in texts if comm.rank == 0 else ():
+        warnings.warn(text, PlausibilityWarning, stacklevel=4)
+    return found, texts
 
 
 def _by_axis(motion: Callable[[float], Any], gdim: int, name: str) -> list[TimeFactor]:

@@ -6,27 +6,30 @@ Lines that begin with ``#`` may stand above the numbers and give, as ``key: valu
 
 - ``unit``: of the accelerations, for example ``cm/s^2``;
 - ``dt``: time between rows [s], where no column holds the time [s];
-- ``columns``: what each column holds, ``time`` or the direction of a component, for example
-  ``time N E UP`` or ``35 305 UP``.
+- ``columns``: what each column holds, ``time``, the direction of a component, or ``skip`` for a
+  column to leave out, for example ``time N E UP`` or ``35 305 UP``; or ``wrapped`` for a component
+  with equally many values on all lines but the last.
 
-Comments that say that the numbers are velocities or displacements are an error.
+A line of names may follow, as ``time (s),acc (g)``. Velocities and displacements are an error.
 
 The user must give what the file does not; where both do they must agree. Where neither names the
 columns, one is a component and two are time and a component.
+Decimal commas need blanks, tabs or semicolons between columns, or a single column.
 """
 
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.motions.record_text import (
     Component,
     RecordText,
+    Samples,
     component,
     direction_named,
     refuse_other_quantity,
@@ -34,22 +37,17 @@ from dolfinx_joints.motions.record_text import (
 )
 
 _KEY = re.compile(r"[#%]\s*(units?|dt|columns)\s*[:=]\s*(.*)", re.I)
+_NAME = re.compile(r"\W*(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\W*")  # name (unit)
+_NUMBER_FIRST = re.compile(r"\s*[+-]?\.?\d")
+_DECIMAL = re.compile(r"([+-]?\d+),(\d+)(?:e[+-]?\d+)?", re.I)
 Keys = dict[str, tuple[int, str]]  # number of the line and value
 _STEP_TOLERANCE = 0.02  # part of a step by which a rounded time may miss its place
 
 
 def is_columns(text: RecordText) -> bool:
-    """Whether the first line that is no comment begins with a number."""
+    """Return True if numbers follow the comments, or a line of as many names."""
     first = _first_row(text)
-    return first <= len(text.lines) and bool(re.match(r"\s*[+-]?\.?\d", text.lines[first - 1]))
-
-
-def check_described(text: RecordText) -> None:
-    """Refuse a line without numbers right below comments that describe columns."""
-    first = _first_row(text)
-    if _keys(text) and first <= len(text.lines):
-        line = shown(text.lines[first - 1].strip())
-        text.fail(first, f"numbers must follow the comments, got {line}; names need a '#' too.")
+    return first <= len(text.lines) and bool(_NUMBER_FIRST.match(text.lines[first - 1]))
 
 
 def states_unit(text: RecordText) -> bool:
@@ -61,49 +59,94 @@ def read_columns(
     text: RecordText,
     unit: str | None,
     dt: float | None,
-    columns: Sequence[str | float] | None,
+    columns: Sequence[str | float] | str | None,
 ) -> list[Component]:
     """Components in a file of plain columns; None leaves it to the file to describe them."""
     keys, first = _keys(text), _first_row(text)
     for number in range(1, first):
         refuse_other_quantity(text, number, text.lines[number - 1])
+    _use_decimal_points(text, first)
     unit, names = _unit(text, keys, unit), _names(text, keys, columns)
+    record = text.path.stem
+    if names == ["wrapped"]:
+        dt = _step(text, keys, dt, [], first)
+        return [component(text, text.values(first), dt=dt, unit=unit, record=record)]
     rows = text.rows(first, len(names))
     if len(rows) < 2:
         text.fail(first, f"the file has {len(rows)} row of numbers; a record has 2 at least.")
-    is_time = [name == "time" for name in names]
-    times = rows[:, is_time]
+    lines = range(first, first + len(rows)) if "time" in names else ()
+    times = [text.words(number)[names.index("time")] for number in lines]
     dt = _step(text, keys, dt, times, first)
     return [
         component(
             text,
-            rows[:, place],
+            Samples(rows[:, place], first),
             dt=dt,
             unit=unit,
-            direction=direction_named(name),
-            record=text.path.stem,
-            start=float(times[0, 0]) if times.size else None,
+            stated=direction_named(name),
+            record=record,
+            start=float(times[0]) if times else None,
         )
         for place, name in enumerate(names)
-        if name != "time"
+        if name not in ("time", "skip")
     ]
 
 
 def _first_row(text: RecordText) -> int:
-    """Number of the first line that is no comment."""
+    """Number of the first line that is no comment and no line of names above numbers."""
     number = 1
     while number <= len(text.lines) and text.lines[number - 1].lstrip()[:1] in ("#", "%", ""):
         number += 1
-    return number
+    names, below = (*text.lines[number - 1 : number + 1], "", "")[:2]
+    if _NUMBER_FIRST.match(names) or not _NUMBER_FIRST.match(below):
+        return number
+    columns = len(text.words(number + 1)), len(_parts(below))  # with decimal commas the second
+    return number + (len(_parts(names)) in columns)
+
+
+def _parts(line: str) -> list[str]:
+    """Names in a line, between semicolons, tabs, commas or blanks."""
+    mark = next((mark for mark in ";\t," if mark in line), None)
+    return [part.strip() for part in line.split(mark)]
+
+
+def _use_decimal_points(text: RecordText, first: int) -> None:
+    """Replace decimal commas by points from the first line on.
+
+    Commas are decimal if there is no point, and between digits in lines with other separators or of
+    one number with equally many decimals each. Numbers before the comma that rise are times.
+    """
+    lines = [line.strip() for line in text.lines[first - 1 :]]
+    if any("." in line for line in lines):
+        return
+    decimal = all(re.search(r"[\s;]", x) and not re.search(r",(?!\d)|(?<!\d),", x) for x in lines)
+    single = [match for match in map(_DECIMAL.fullmatch, lines) if match]
+    if len(single) == len(lines) and len({len(match[2]) for match in single}) == 1:
+        decimal = not all(int(a[1]) < int(b[1]) for a, b in pairwise(single))
+    if decimal:
+        text.lines[first - 1 :] = [line.replace(",", ".") for line in lines]
 
 
 def _keys(text: RecordText) -> Keys:
     """Line number and value of each key above the numbers."""
     keys: Keys = {}
     for number in range(1, _first_row(text)):
-        match = _KEY.match(text.lines[number - 1].strip())
+        line = text.lines[number - 1].strip()
+        match = _KEY.match(line)
         if match is not None:
             keys[match[1].lower().replace("units", "unit")] = (number, match[2].strip())
+        if line[:1] in ("#", "%", ""):
+            continue
+        columns = []
+        for found in filter(None, map(_NAME.fullmatch, _parts(line))):
+            name, unit = found.groups()
+            time = name.lower() in ("t", "time")
+            if re.match("vel|disp", name, re.I) or (time and (unit or "s")[0] not in "sS"):
+                text.fail(number, f"must name times [s] and accelerations, got {shown(found[0])}.")
+            columns.append("time" if time else "?" if direction_named(name) is None else name)
+            if unit and not time:
+                keys.setdefault("unit", (number, unit))
+        keys["names"] = (number, " ".join(columns))
     return keys
 
 
@@ -129,24 +172,33 @@ def _unit(text: RecordText, keys: Keys, user: str | None) -> str:
     return unit
 
 
-def _names(text: RecordText, keys: Keys, user: Sequence[str | float] | None) -> list[str]:
+def _names(text: RecordText, keys: Keys, user: Sequence[str | float] | str | None) -> list[str]:
     """Content of each column; by default one is a component, two are time and a component."""
     here = keys["columns"][1].lower().split() if "columns" in keys else None
+    user = user.split() if isinstance(user, str) else user
     given = None if user is None else [str(name).lower() for name in user]
     names: list[str] | None = _agreed(text, keys, "columns", here, given)
     if names is None:
         width = len(text.words(_first_row(text)))
-        if width not in (1, 2):
+        names = ["time", "?"][-width:] if width < 3 else ["?"] * width
+        names = keys["names"][1].lower().split() if "names" in keys else names
+        if len(names) - names.count("time") == 1:
+            return names
+        if "?" in names:
             raise RecordError(
-                f"{text.path} has {width} columns and does not name them; pass columns=, "
-                "or write '# columns: time N E UP' above the numbers."
+                f"{text.path} has {width} columns and does not name them; pass columns=, or write "
+                "'# columns: time N E UP' above the numbers. Name a column to leave out 'skip'; "
+                "columns='wrapped' reads one component that goes on from line to line."
             )
-        return ["time", "?"][-width:]
-    known = [name for name in names if name == "time" or direction_named(name) is not None]
-    if known != names or names.count("time") > 1 or len(set(names)) < len(names):
+    known = [n for n in names if n in ("time", "skip") or direction_named(n) is not None]
+    several = [name for name in names if name != "skip"]
+    if names != ["wrapped"] and (
+        known != names or len(set(several)) < len(several) or set(several) <= {"time"}
+    ):
         raise RecordError(
             f"{text.path}: columns must be 'time' once at most and different directions (N, E, S, "
-            f"W, UP, DOWN or azimuths), got {shown(' '.join(names), str)}."
+            f"W, UP, DOWN, azimuths, or x, y, z of the dam), 'skip' for any other column, got "
+            f"{shown(' '.join(names), str)}."
         )
     return names
 
@@ -155,25 +207,27 @@ def _step(
     text: RecordText,
     keys: Keys,
     user: float | None,
-    time: NDArray[np.float64],
+    printed: list[str],
     first: int,
 ) -> float:
-    """Time between rows [s]."""
+    """Time between rows [s]; printed times may be rounded to their last digit."""
     here = text.positive(*keys["dt"], "dt") if "dt" in keys else None
     dt: float | None = _agreed(text, keys, "dt", here, user)
-    if time.shape[1] == 0:
+    if not printed:
         if dt is None:
             raise RecordError(
                 f"{text.path} has no column of time; pass dt=, or write '# dt: 0.01' above the "
                 "numbers."
             )
         return dt
-    times = time[:, 0]
+    times, counted = np.array(printed, dtype=np.float64), np.arange(len(printed))
+    digit = 0.1 ** max(len(word.partition(".")[2]) for word in printed)
+    if dt is not None and np.ptp(times - dt * counted) <= digit * (1.0 + _STEP_TOLERANCE):
+        return dt
     step = float((times[-1] - times[0]) / (len(times) - 1)) if dt is None else dt
-    missed = np.abs(times - times[0] - step * np.arange(len(times))) >= _STEP_TOLERANCE * step
+    missed = np.abs(times - times[0] - step * counted) >= _STEP_TOLERANCE * step
     if missed.any():
         row = int(np.argmax(missed))
-        text.fail(
-            first + row, f"the times must rise by equal steps of {step:.6g} s, got {times[row]}."
-        )
+        rising = f"the times must rise by equal steps of {step:.6g} s"
+        text.fail(first + row, f"{rising}, got {times[row]}; pass dt= if they are rounded.")
     return step

@@ -11,15 +11,13 @@ raw counts (V0) are an error.
 import re
 from collections.abc import Iterator
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.motions.record_text import (
     Component,
     Direction,
     Format,
     RecordText,
+    Samples,
     component,
     record_named,
     start_time,
@@ -39,6 +37,7 @@ _NUMBERS = re.compile(
 _BLOCK = re.compile(r"\s*(\d+)\s+(\w+)\s+pts", re.I)
 _END = re.compile(r"\bEnd.of.data\b", re.I)
 _WIDTH = re.compile(r"Format\s*=\s*\(\s*([1-9]\d{0,2})\s*[IFEGD]([1-9]\d?)", re.I)
+_UNKNOWN = re.compile(r"\bunknown\b.*:[^,]*,\s*([+-]?\d+\.?\d*(?:E[+-]?\d+)?)", re.I)
 _UNIT_CODES = {"2": "g", "4": "cm/s^2", "10": "gal", "11": "mg"}
 
 
@@ -64,15 +63,18 @@ def _channels(text: RecordText) -> Iterator[Component]:
         unit = _unit(text, first + 1, whole)
         step = text.positive(second + 1, real[61], "the time step [ms], 62nd real number,")
         after = _after_comments(text, after)
-        values, line = _blocks(text, after)
+        stated = map(_UNKNOWN.search, text.lines[line - 1 : first - 1])
+        unknown = next((float(match[1]) for match in stated if match), None)
+        samples, line = _blocks(text, after)
         yield component(
             text,
-            values,
+            samples,
             dt=1e-3 * step,
             unit=unit,
-            direction=_direction(whole[53]),
+            stated=_direction(whole[53]),
             record=_record(text),
             start=_start(text, head, whole, real),
+            unknown=unknown,
         )
 
 
@@ -128,7 +130,7 @@ def _after_comments(text: RecordText, number: int) -> int:
     return number + int(match[1]) + 1
 
 
-def _blocks(text: RecordText, first: int) -> tuple[NDArray[np.float64], int]:
+def _blocks(text: RecordText, first: int) -> tuple[Samples, int]:
     """Accelerations of a channel, and the line after its last block."""
     acceleration, number = None, first
     while number <= len(text.lines) and not _TITLE.search(text.lines[number - 1]):

@@ -28,9 +28,10 @@ from dolfinx_joints.motions.record_text import (
 )
 
 _COUNT_AND_STEP = (
-    re.compile(r"\bNPTS\s*=\s*(\d+)\s*,\s*DT\s*=\s*([\d.]+(?:E[+-]?\d+)?)(?:\s|,|SEC|$)", re.I),
-    re.compile(r"^\s*(\d+)\s+([\d.]+(?:E[+-]?\d+)?)\s+NPTS\s*,\s*DT\b", re.I),
+    re.compile(r"\bNPTS\s*=\s*(\d+)\s*,\s*DT\s*=\s*([\d.]+(?:E[+-]?\d+)?)\s*([A-Z]*)", re.I),
+    re.compile(r"^\s*(\d+)\s+([\d.]+(?:E[+-]?\d+)?)\s+NPTS\s*,\s*DT\b\W*([A-Z]*)", re.I),
 )
+_SECONDS = {"": 1.0, "S": 1.0, "SEC": 1.0, "SECS": 1.0, "SECONDS": 1.0, "MS": 1e-3, "MSEC": 1e-3}
 _UNIT_IS_G = re.compile(r"\bUNITS?\s+OF\s+G(?![\w/*^])", re.I)
 _AT2_STEM = re.compile(
     # The last two digits of NET.STATION.BHE.00 are no azimuth but name the place of the sensor.
@@ -90,13 +91,20 @@ def _read_at2(text: RecordText) -> list[Component]:
     if match is None:
         text.fail(4, f"must give 'NPTS= count, DT= step SEC', got {shown(line.strip())}.")
     count, dt = text.count(4, match[1]), text.positive(4, match[2], "the time step")
-    record, direction = _at2_parts(text.path)
-    written = direction_named(text.lines[1].rpartition(",")[2])
-    if None not in (written, direction) and written != direction:
-        text.fail(2, "names another component than the file name does.")
-    values = text.values(5, count, 4)
-    direction = written if direction is None else direction
-    return [component(text, values, dt=dt, unit="g", direction=direction, record=record)]
+    if match[3].upper() not in _SECONDS:
+        text.fail(4, f"the unit of DT must be SEC or MSEC, got {shown(match[3])}.")
+    record, suggested = _at2_parts(text.path)
+    return [
+        component(
+            text,
+            text.values(5, count, 4),
+            dt=_SECONDS[match[3].upper()] * dt,
+            unit="g",
+            stated=direction_named(text.lines[1].rpartition(",")[2]),
+            suggested=suggested,
+            record=record,
+        )
+    ]
 
 
 def _keys(text: RecordText) -> dict[str, tuple[int, str]]:
@@ -145,7 +153,7 @@ def _read_esm(text: RecordText) -> list[Component]:
             text.values(len(keys) + 1, count, keys["NDATA"][0]),
             dt=dt,
             unit=unit,
-            direction=_ESM_DIRECTIONS.get(keys["STREAM"][1][-1:]),
+            stated=_ESM_DIRECTIONS.get(keys["STREAM"][1][-1:]),
             record=_esm_record(text) or text.path.stem,
             start=start_time(text, number, _ESM_START, first) if first else None,
         )
@@ -188,10 +196,11 @@ def _read_knet(text: RecordText) -> list[Component]:
     return [
         component(
             text,
-            factor * text.values(18, count, number),
+            text.values(18, count, number),
+            scale=factor,
             dt=1.0 / frequency,
             unit=unit,
-            direction=_KNET_DIRECTIONS.get(_knet(text, "Dir.")[1]),
+            stated=_KNET_DIRECTIONS.get(_knet(text, "Dir.")[1]),
             record=_knet_record(text),
             start=start_time(text, first, _KNET_START, began),
         )
@@ -242,7 +251,7 @@ def _read_smc(text: RecordText) -> list[Component]:
             text.values(28 + comments, count, 14, width=10),
             dt=1.0 / rate,
             unit="cm/s^2",
-            direction=vertical.get(tilt, sideways),
+            stated=vertical.get(tilt, sideways),
             record=_smc_record(text),
             start=_smc_start(whole),
         )

@@ -8,6 +8,7 @@ from north, seen from above.
 """
 
 import os
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,15 +16,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.common.errors import PlausibilityWarning, RecordError
 from dolfinx_joints.common.parameters import shown
-from dolfinx_joints.motions.columns import (
-    check_described,
-    is_columns,
-    read_columns,
-    states_unit,
-)
+from dolfinx_joints.motions.columns import is_columns, read_columns, states_unit
 from dolfinx_joints.motions.formats import FORMATS, at2_record
 from dolfinx_joints.motions.motion import Motion, Seconds
 from dolfinx_joints.motions.record_text import (
@@ -32,6 +29,13 @@ from dolfinx_joints.motions.record_text import (
     direction_named,
     unit_named,
 )
+
+WEAK_G, STRONG_G = 0.02, 5.0
+"""Plausible peaks, in units of g: to 0.028 g shaking is light (intensity IV, Worden et al., Bull.
+Seism. Soc. Am. 102, 2012, 204); the strongest record has 4 g (Aoi et al., Science 322, 2008)."""
+
+LONGEST_STEP = 0.1
+"""Longest plausible time between samples [s]; accelerographs take 50 to 200 a second."""
 
 _HEAD = 20_000  # bytes that hold the header of any format
 _ANGLE = 1e-6  # degrees by which a right angle may be missed
@@ -44,7 +48,7 @@ def read_components(
     *,
     unit: str | None = None,
     dt: Seconds | None = None,
-    columns: Sequence[str | float] | None = None,
+    columns: Sequence[str | float] | str | None = None,
 ) -> list[Component]:
     """Read the components in one file, whatever its format.
 
@@ -53,19 +57,19 @@ def read_components(
             (corrected), or in plain columns.
         unit: of plain columns, where the file does not give it; any other file must agree.
         dt: time between rows of plain columns [s], where the file has no column of time.
-        columns: what the plain columns hold, ``"time"`` or directions, where the file does not
-            give it.
+        columns: what the plain columns hold, ``"time"``, directions or ``"skip"``, where the file
+            does not give it; ``"wrapped"`` for one component that goes on from line to line.
     """
     text = RecordText(path)
     known = next((each for each in FORMATS if each.matches(text)), None)
     if known is None and is_columns(text):
         return read_columns(text, unit, dt, columns)
     if known is None:
-        check_described(text)
         names = ", ".join(each.name for each in FORMATS)
         raise RecordError(
             f"{text.path} is in no known format ({names}, plain columns); it begins with "
-            f"{text.lines[0][:40]!r}."
+            f"{text.lines[0][:40]!r}. Any file can be written as plain columns: the lines "
+            "'# unit: cm/s^2', '# columns: time N', '0.00 1.25', '0.01 -3.50' and so on."
         )
     if columns is not None:
         raise RecordError(f"{text.path} is a file of {known.name}, which has no columns to name.")
@@ -85,7 +89,7 @@ def read_record(
     name: str | None = None,
     unit: str | None = None,
     dt: Seconds | None = None,
-    columns: Sequence[str | float] | None = None,
+    columns: Sequence[str | float] | str | None = None,
     directions: Sequence[str | float] | None = None,
     stream_azimuth_deg: float | None = None,
 ) -> Motion:
@@ -112,8 +116,9 @@ def read_record(
         unit: of plain columns, see :func:`read_components`.
         dt: of plain columns [s].
         columns: of plain columns.
-        directions: of the components in the order of files and columns, where those do not give
-            it: ``"N"``, ``"E"``, ``"S"``, ``"W"``, ``"UP"``, ``"DOWN"`` or an azimuth [degrees].
+        directions: of the components in the order of files and columns: ``"N"``, ``"E"``,
+            ``"S"``, ``"W"``, ``"UP"``, ``"DOWN"``, an azimuth [degrees], or ``"x"``, ``"y"``,
+            ``"z"`` of the dam. The contents of files must agree, their names need not.
         stream_azimuth_deg: azimuth of the dam's x axis, which points downstream [degrees].
     """
     files, title = _files(source, name, unit is not None)
@@ -124,7 +129,10 @@ def read_record(
     if directions is not None:
         parts = _directed(parts, directions)
     motion, azimuth = _assembled(parts, title)
-    if stream_azimuth_deg is None:
+    _warn_of(motion, parts)
+    if azimuth is None and stream_azimuth_deg is not None:
+        raise RecordError("Components along x and y of the dam have no use for stream_azimuth_deg.")
+    if azimuth is None or stream_azimuth_deg is None:
         return motion
     return motion.rotated(azimuth - stream_azimuth_deg)
 
@@ -197,27 +205,46 @@ def _directed(parts: list[Component], directions: Sequence[str | float]) -> list
         direction = direction_named(str(given))
         if direction is None:
             raise RecordError(
-                "directions must be N, E, S, W, UP, DOWN or azimuths from 0 to 360, got "
-                f"{shown(given)}."
+                "directions must be N, E, S, W, UP, DOWN, azimuths from 0 to 360, or x, y, z of "
+                f"the dam, got {shown(given)}."
             )
-        if part.direction not in (None, direction):
+        if part.stated not in (None, direction):
             raise RecordError(
-                f"{part.path} has the direction {part.direction}, but {shown(given)} was given."
+                f"{part.path} has the direction {part.stated}, but {shown(given)} was given."
             )
-        directed.append(replace(part, direction=direction))
+        directed.append(replace(part, stated=direction, suggested=None))
     return directed
 
 
-def _assembled(parts: list[Component], title: str) -> tuple[Motion, float]:
-    """The motion along x, y, z, and the azimuth of x [degrees]."""
+def _warn_of(motion: Motion, parts: list[Component]) -> None:
+    """Warn of a peak or a time step that no accelerogram has."""
+    peak, doubts = float(motion.peak.max()) / STANDARD_GRAVITY, []
+    if not WEAK_G <= peak <= STRONG_G:
+        units = ", ".join(dict.fromkeys(part.unit for part in parts))
+        doubts.append(f"its peak is {peak:.3g} g, read in {units}, not {WEAK_G} to {STRONG_G} g")
+    if motion.dt > LONGEST_STEP:
+        doubts.append(f"its samples are {motion.dt:g} s apart, more than {LONGEST_STEP} s")
+    if doubts:
+        text = f"Check the units of the record {shown(motion.name)}: {'; '.join(doubts)}."
+        warnings.warn(text, PlausibilityWarning, stacklevel=4)
+
+
+def _assembled(parts: list[Component], title: str) -> tuple[Motion, float | None]:
+    """The motion along x, y, z, and the azimuth of x [degrees], None of x of the dam."""
+    for part in parts:
+        if part.stated is not None and part.suggested not in (None, part.stated):
+            raise RecordError(f"{part.path}, line 2: names another component than the file name.")
     found = ", ".join(f"{part.path.name} (direction {part.direction})" for part in parts)
     upright = [part for part in parts if part.direction in ("up", "down")]
     flat = [(part, part.direction) for part in parts if isinstance(part.direction, float)]
-    pairs = [
+    pairs: list[tuple[Component, Component, float | None]] = [
         (a, b, azimuth)
         for a, azimuth in flat
         for b, other in flat
         if abs((azimuth - other + 90.0) % 360.0 - 180.0) < _ANGLE  # b is 90 degrees to the left
+    ]
+    pairs += [
+        (a, b, None) for a in parts for b in parts if (a.direction, b.direction) == ("x", "y")
     ]
     if len(parts) != 3 or len(upright) != 1 or len(pairs) != 1:
         raise RecordError(

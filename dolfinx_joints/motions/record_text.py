@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, NamedTuple, NoReturn
+from typing import Any, Literal, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,18 +20,24 @@ from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import shown
 
 MAX_PEAK_G = 20.0
-"""Largest acceleration that is believed, in units of g; the strongest ever recorded is below 5."""
+"""Largest acceleration that is accepted, in units of g."""
+
+FILLER_JUMP = 3.0
+"""A single filler differs from its neighbours by this many times the largest other difference."""
 
 UNITS = {"m/s^2": 1.0, "cm/s^2": 0.01, "mm/s^2": 0.001, "gal": 0.01}
 UNITS |= {"g": STANDARD_GRAVITY, "mg": 0.001 * STANDARD_GRAVITY}
 """Names of units of acceleration, and one of each in m/s^2."""
 
-Direction = float | Literal["up", "down"]
-"""Azimuth, clockwise from north and from 0 to below 360 degrees, or up or down."""
+Direction = float | Literal["up", "down", "x", "y"]
+"""Azimuth, clockwise from north and from 0 to below 360 degrees, up, down, or a dam's axis."""
 
 _OTHER_QUANTITY = re.compile(
-    r"^\W*(?:\w+\s*[:=]\s*)?(?:ground\s+)?(velocity|displacement)\s*(?:$|[\[(,;])"
-    r"|\b(velocity|displ(?:acement)?)\s+(?:time\W*)?(?:series|history|record)",
+    r"^\W*(?:\w+\s*[:=]\s*)?(?:ground\s+)?(?:velocity|displacement)\s*(?:$|[\[(,;])"
+    r"|\b(?:velocity|displ(?:acement)?)\s+(?:time\W*)?(?:series|history|record)"
+    # Units, as in the names of columns: time(sec) N-S(cm/s).
+    r"|^\W*t(?:ime)?\b.*[\[(]\s*[cm]?m\s*(?:/\s*s(?:ec)?\s*)?[\])]"
+    r"|\b(?:units?\b\W*(?:of|in|are)?|velocity\s+in)\W*[cm]?m\s*/\s*s(?:ec)?(?![\w/^*²])",
     re.I,
 )
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d+)?", re.I)
@@ -42,6 +48,7 @@ _NAMES: dict[str, Direction] = {
     **dict.fromkeys(("E", "EW"), 90.0),
     **dict.fromkeys(("S", "SN"), 180.0),
     **dict.fromkeys(("W", "WE"), 270.0),
+    **{"X": "x", "Y": "y"},
 }
 
 
@@ -53,9 +60,10 @@ class Component:
         acceleration: shape (n,), [m/s^2].
         dt: time between samples [s].
         unit: name of the unit in the file.
-        direction: of positive values; None if the file does not hold it.
         record: name of the record that the component belongs to.
         path: the file.
+        stated: direction of positive values by the contents of the file; None if they lack it.
+        suggested: direction by the name of the file; None if it names no direction.
         start: time of the first sample on the clock of the file [s]: since 1970, or as a column of
             time begins; None if the file does not hold it.
     """
@@ -63,10 +71,24 @@ class Component:
     acceleration: NDArray[np.float64]
     dt: float
     unit: str
-    direction: Direction | None
     record: str
     path: Path
-    start: float | None
+    stated: Direction | None = None
+    suggested: Direction | None = None
+    start: float | None = None
+
+    @property
+    def direction(self) -> Direction | None:
+        """Direction of positive values, by the contents of the file, else by its name."""
+        return self.suggested if self.stated is None else self.stated
+
+
+class Samples(NamedTuple):
+    """Numbers of a file, the number of their first line, and how many are on each line."""
+
+    values: NDArray[np.float64]
+    first: int
+    per_line: int = 1
 
 
 class RecordText:
@@ -124,25 +146,25 @@ class RecordText:
         return int(text)
 
     def values(
-        self, first: int, count: int, announced: int, *, width: int = 0, last: int = 0
-    ) -> NDArray[np.float64]:
+        self, first: int, count: int = 0, announced: int = 0, *, width: int = 0, last: int = 0
+    ) -> Samples:
         """Numbers from one line to another, the same number on every line but the last.
 
         Args:
             first: number of the first line.
-            count: how many there must be.
+            count: how many there must be; any number unless given.
             announced: number of the line with this count.
             width: characters of a number in a fixed format; any unless given.
             last: number of the last line; the end of the file unless given.
         """
         last = min(last or len(self.lines), len(self.lines))
         found = np.fromiter(self._numbers(first, last, width), dtype=np.float64)
-        if len(found) != count:
+        if count and len(found) != count:
             self.fail(
                 max(first - 1, last),
                 f"{len(found)} values up to here, line {announced} announces {count}.",
             )
-        return found
+        return Samples(found, first, len(self.words(first, width)))
 
     def rows(self, first: int, columns: int) -> NDArray[np.float64]:
         """Numbers from a line to the end of the file, shape (lines, columns)."""
@@ -154,11 +176,11 @@ class RecordText:
         return values.reshape(-1, columns)
 
     def words(self, number: int, width: int = 0) -> list[str]:
-        """Parts of a line, between blanks or commas or of a fixed width."""
+        """Parts of a line, between blanks, commas or semicolons, or of a fixed width."""
         line = self.lines[number - 1]
         if width:
             return [line[i : i + width].strip() for i in range(0, len(line), width)]
-        return line.replace(",", " ").split()
+        return line.replace(",", " ").replace(";", " ").split()
 
     def _numbers(self, first: int, last: int, width: int) -> Iterator[float]:
         per_line = len(self.words(first, width)) if first <= last else 0
@@ -206,18 +228,15 @@ def direction_named(text: str) -> Direction | None:
     return _NAMES.get(plain.replace("-", ""))
 
 
-def other_quantity(line: str) -> str | None:
-    """``velocity`` or ``displacement`` where a line says that the values are these."""
-    match = _OTHER_QUANTITY.search(line)
-    if match is None:
-        return None
-    return "velocity" if (match[1] or match[2]).lower() == "velocity" else "displacement"
+def other_quantity(line: str) -> bool:
+    """Return True if a line says that the values are velocities or displacements."""
+    return _OTHER_QUANTITY.search(line) is not None
 
 
 def refuse_other_quantity(text: RecordText, number: int, line: str) -> None:
     """Raise an error where a line says that the values are no accelerations."""
-    if (found := other_quantity(line)) is not None:
-        text.fail(number, f"the file must hold accelerations, it says {found}: {shown(line)}.")
+    if other_quantity(line):
+        text.fail(number, f"names velocities or displacements, no accelerations: {shown(line)}.")
 
 
 def start_time(text: RecordText, number: int, pattern: re.Pattern[str], written: str) -> float:
@@ -242,28 +261,46 @@ def record_named(*parts: str) -> str:
 
 def component(
     text: RecordText,
-    values: NDArray[np.float64],
+    samples: Samples,
     *,
-    dt: float,
     unit: str,
-    direction: Direction | None,
-    record: str,
-    start: float | None = None,
+    scale: float = 1.0,
+    unknown: float | None = None,
+    **facts: Any,
 ) -> Component:
-    """A component of a file in m/s^2, from values in ``unit``; an error where that cannot be."""
+    """Return a component whose samples times ``scale`` are in ``unit``; raise an error if not."""
+    values, first, per_line = samples
+    if (place := _filler(values, unknown)) is not None:
+        missing = f"{values[place]:.9g} stands for a missing sample"
+        text.fail(first + place // per_line, f"{missing}; cut or fill the record.")
+    values = scale * values
     acceleration = UNITS[unit] * values
     place = int(np.argmax(np.abs(acceleration)))
     if abs(acceleration[place]) > MAX_PEAK_G * STANDARD_GRAVITY:
-        raise RecordError(
-            f"{text.path}: value {place + 1} is {values[place]:.6g} {unit}; more than "
-            f"{MAX_PEAK_G:g} g is no ground motion, the unit must be another one."
+        text.fail(
+            first + place // per_line,
+            f"value {place + 1} is {values[place]:.6g} {unit}; more than {MAX_PEAK_G:g} g is no "
+            "ground motion, the unit must be another one.",
         )
-    return Component(
-        acceleration=acceleration,
-        dt=dt,
-        unit=unit,
-        direction=direction,
-        record=record,
-        path=text.path,
-        start=start,
-    )
+    return Component(acceleration=acceleration, unit=unit, path=text.path, **facts)
+
+
+def _filler(values: NDArray[np.float64], unknown: float | None) -> int | None:
+    """Return the place of a missing sample: ``unknown``, or nines alone that jump or repeat."""
+    if unknown is not None and (values == unknown).any():
+        return int(np.argmax(values == unknown))
+    size, steps = np.abs(values), np.abs(np.diff(values))
+    powers = 10.0 ** np.floor(np.log10(np.where(size > 0.0, size, 1.0)))
+    sizes, counts = np.unique(size[size > 0.0], return_counts=True)
+    for value in np.unique(size[size > 9.98 * powers]):
+        if not re.fullmatch("0*9{3,}", f"{value:.9g}".replace(".", "")):
+            continue
+        same = size == value
+        if same.sum() > max(2, counts[sizes != value].max(initial=0)):  # the most frequent number
+            return int(np.argmax(same))
+        factor = FILLER_JUMP if same.sum() == 1 else 1.0
+        between = steps[~same[1:] & ~same[:-1]]
+        jumps = steps[same[1:] != same[:-1]]
+        if jumps.min(initial=np.inf) > factor * between.max(initial=0.0):
+            return int(np.argmax(same))
+    return None

@@ -8,7 +8,6 @@ Signals run along the first axis; further axes (components) are kept.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import annotated_types as at
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import numbers_of, shown
+from dolfinx_joints.motions.processing import ROUNDING
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -26,6 +26,9 @@ Floats = NDArray[np.floating[Any]]
 Seconds = Annotated[float, at.Gt(0.0), at.Unit("s")]
 DampingRatio = Annotated[float, at.Interval(ge=0.0, lt=1.0)]
 Share = Annotated[float, at.Interval(ge=0.0, le=1.0)]
+
+# Parts of a period that have one peak at most; steps in a block.
+PARTS, BLOCK = 12, 256
 
 
 class ResponseSpectrum(NamedTuple):
@@ -111,12 +114,14 @@ def highest_peak(
 def response_spectrum(
     acceleration: ArrayLike, dt: Seconds, periods: ArrayLike, damping_ratio: DampingRatio
 ) -> ResponseSpectrum:
-    """Response spectrum by the exact recursion for piecewise linear ground acceleration.
+    """Return the response spectrum of a piecewise linear ground acceleration.
 
     Each oscillator obeys u'' + 2 zeta omega u' + omega^2 u = -a(t) from rest. Between samples
     the solution is known in closed form (Nigam and Jennings, Bull. Seism. Soc. Am. 59, 1969,
-    909-922), so the step brings no error at any period; the largest value is looked for at the
-    samples, up to the end of the motion.
+    909-922), so the step brings no error at any period. Peaks between samples and in the free
+    vibration after the motion count. Steps are divided into parts h of at most a twelfth of the
+    period; the cubic through displacements and velocities at both ends of a part errs by about
+    (omega h)^4 / 384 of the largest accelerations of oscillator and ground, less than 0.1 %.
 
     Args:
         acceleration: of the ground, shape (n, ...), [m/s^2].
@@ -126,9 +131,20 @@ def response_spectrum(
     """
     values, natural = _signal(acceleration), _periods(periods)
     flat = values.reshape(len(values), -1)
-    largest = np.zeros((len(natural), flat.shape[1]))
-    for displacement in _oscillators(flat, dt, natural, damping_ratio):
-        np.maximum(largest, np.abs(displacement), out=largest)
+    largest: Floats = np.zeros((len(natural), flat.shape[1]))
+    parts = np.ceil(PARTS * dt / natural * (1.0 - ROUNDING)).astype(int)
+    for states, loads in _oscillators(flat, dt, natural, damping_ratio):
+        for count in np.unique(parts):
+            some = parts == count
+            start = before = states[:-1, some]
+            for part in range(1, count + 1):
+                end = states[1:, some]
+                if part < count:
+                    by_state, by_load = _recursion(natural[some], damping_ratio, dt, part / count)
+                    end = by_state @ before + by_load @ loads
+                largest[some] = np.maximum(largest[some], _highest(start, end, dt / count))
+                start = end
+    largest = np.maximum(largest, _free_vibration(states[-1], natural, damping_ratio))
     shaped = largest.reshape(len(natural), *values.shape[1:])
     factor = (2.0 * np.pi / natural).reshape(-1, *[1] * (values.ndim - 1))
     return ResponseSpectrum(natural, shaped, factor * shaped, factor**2 * shaped)
@@ -145,8 +161,8 @@ def response_history(
     values, natural = _signal(acceleration), _periods(periods)
     flat = values.reshape(len(values), -1)
     history: Floats = np.zeros((len(flat), len(natural), flat.shape[1]))
-    for row, displacement in enumerate(_oscillators(flat, dt, natural, damping_ratio), start=1):
-        history[row] = displacement
+    blocks = _oscillators(flat, dt, natural, damping_ratio)
+    np.concatenate([states[1:, :, 0] for states, _ in blocks], out=history[1:])
     return history.reshape(len(flat), len(natural), *values.shape[1:])
 
 
@@ -211,26 +227,55 @@ def _periods(periods: ArrayLike) -> Floats:
 
 def _oscillators(
     acceleration: Floats, dt: float, periods: Floats, damping_ratio: float
-) -> Iterator[Floats]:
-    """Displacements at the second sample, the third, ..., each of shape (p, columns), [m]."""
-    homogeneous, by_load = _recursion(2.0 * np.pi / periods, damping_ratio, dt)
+) -> Iterator[tuple[Floats, Floats]]:
+    """States (steps + 1, p, 2, columns) and loads (steps, 1, 2, columns) of each block of steps."""
+    homogeneous, by_load = _recursion(periods, damping_ratio, dt)
     state: Floats = np.zeros((len(periods), 2, acceleration.shape[1]))
-    for before, after in pairwise(acceleration):
-        state = homogeneous @ state + by_load @ np.stack([before, after])
-        yield state[:, 0]
+    for first in range(0, len(acceleration) - 1, BLOCK):
+        some = acceleration[first : first + BLOCK + 1]
+        loads = np.stack([some[:-1], some[1:]], axis=1)[:, None]
+        states = np.empty((len(some), *state.shape))
+        states[0], states[1:] = state, by_load @ loads
+        for i in range(1, len(states)):
+            states[i] += homogeneous @ states[i - 1]
+        state = states[-1]
+        yield states, loads
 
 
-def _recursion(omega: Floats, zeta: float, dt: float) -> tuple[Floats, Floats]:
-    """Matrices of x1 = A x0 + B (a0, a1) with x = (u, u'), both of shape (p, 2, 2)."""
+def _highest(start: Floats, end: Floats, length: float) -> Floats:
+    """Return the largest values of cubics u + s (d + s (b + s c)) by states at s = 0 and 1."""
+    highest: Floats = np.abs(end[:, :, 0]).max(axis=0)
+    turns = np.nonzero(start[:, :, 1] * end[:, :, 1] < 0.0)
+    u, v = (np.moveaxis(start, 2, -1)[turns].T, np.moveaxis(end, 2, -1)[turns].T)
+    d, rise = length * u[1], v[0] - u[0]
+    c = d + length * v[1] - 2.0 * rise
+    b = rise - d - c
+    s = -d / (b - np.sign(d) * np.sqrt(np.maximum(b**2 - 3.0 * c * d, 0.0)))  # the slope is zero
+    np.maximum.at(highest, turns[1:], np.abs(u[0] + s * (d + s * (b + s * c))))
+    return highest
+
+
+def _free_vibration(state: Floats, periods: Floats, zeta: float) -> Floats:
+    """Largest displacement after a state (p, 2, columns) without load, shape (p, columns)."""
+    omega = (2.0 * np.pi / periods)[:, None]
+    u, v, ratio = state[:, 0], state[:, 1] / omega, np.sqrt(1.0 - zeta**2)
+    angle = np.arctan2(ratio * v, u + zeta * v) % np.pi  # omega_d t of the first peak
+    size: Floats = np.sqrt(u**2 + 2.0 * zeta * u * v + v**2)
+    return np.exp(-zeta / ratio * angle) * size
+
+
+def _recursion(periods: Floats, zeta: float, dt: float, part: float = 1.0) -> tuple[Floats, Floats]:
+    """Matrices of x1 = A x0 + B (a0, a1) with x = (u, u') after a part of a step, (p, 2, 2)."""
+    omega, time = 2.0 * np.pi / periods, part * dt
     damped = omega * np.sqrt(1.0 - zeta**2)
-    decay = np.exp(-zeta * omega * dt)
-    c, s = decay * np.cos(damped * dt), decay * np.sin(damped * dt) / damped
+    decay = np.exp(-zeta * omega * time)
+    c, s = decay * np.cos(damped * time), decay * np.sin(damped * time) / damped
     homogeneous = _matrices([[c + zeta * omega * s, s], [-(omega**2) * s, c - zeta * omega * s]])
     # u = -(a0 + r t) / omega^2 + 2 zeta r / omega^3 with r = (a1 - a0) / dt satisfies the equation.
     rate = 1.0 / (omega**2 * dt)
-    lag = 2.0 * zeta * rate / omega
-    start = _matrices([[-(omega**-2.0) - lag, lag], [rate, -rate]])
-    end = _matrices([[-lag, lag - omega**-2.0], [rate, -rate]])
+    lag, static = 2.0 * zeta * rate / omega, omega**-2.0
+    start = _matrices([[-static - lag, lag], [rate, -rate]])
+    end = _matrices([[-(1.0 - part) * static - lag, lag - part * static], [rate, -rate]])
     return homogeneous, end - homogeneous @ start
 
 

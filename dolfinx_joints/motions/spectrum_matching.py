@@ -34,7 +34,8 @@ Whole = NDArray[np.intp]
 Flags = NDArray[np.bool_]
 
 SAMPLES = 10
-"""In the shortest period that is matched; a peak between two samples is then 5 % higher at most."""
+"""In the shortest period that is matched; a peak between two samples is then 5 % higher at most.
+Wavelets are made for samples, misfits count peaks between samples too."""
 
 LENGTHS = 4
 """How often the longest period that is matched must fit into the motion."""
@@ -218,10 +219,10 @@ class _Matcher:
     ) -> tuple[Floats, float, tuple[int, int], tuple[float, float]]:
         """The nearest acceleration found, its factor, passes, rounds, worst misfit and period."""
         values = np.append(values, np.zeros(self.count - self.given))
+        factor = float(np.exp(self._missing(values).mean()))
+        values, passes = self._coloured(factor * values)
         answers = self._answers(values)
-        factor = float(np.exp(self._missing(answers).mean()))
-        values, answers, passes = self._coloured(factor * values, factor * answers)
-        best, best_round, least = values, 0, _misfit(answers)
+        best, best_round, least = values, 0, self._ratio(values) - 1.0
         misfit, emphasis = least, np.ones(len(self.matched))
         for number in range(1, rounds + 1):
             if np.abs(least).max() <= tolerance:
@@ -231,10 +232,10 @@ class _Matcher:
             emphasis = (emphasis / np.exp(np.log(emphasis).mean())) ** _FORGOTTEN
             correction = self._correction(answers, emphasis)
             change = self._answers(correction)
-            norms = [float(np.sum(_misfit(answers + p * change) ** _NORM)) for p in _PARTS]
-            part = _PARTS[int(np.argmin(norms))]
+            misfits = self._ratio(values[:, None] + np.outer(correction, _PARTS)) - 1.0
+            chosen = int(np.argmin(np.sum(misfits**_NORM, axis=0)))
+            part, misfit = _PARTS[chosen], misfits[:, chosen]
             values, answers = values + part * correction, answers + part * change
-            misfit = _misfit(answers)
             if np.abs(misfit).max() < np.abs(least).max():
                 best, best_round, least = values, number, misfit
         worst = int(np.argmax(np.abs(least)))
@@ -246,12 +247,17 @@ class _Matcher:
         history = response_history(values, self.dt, self.periods, self.zeta)
         return np.asarray(self.scale * history)
 
-    def _missing(self, answers: Floats) -> Floats:
-        """Logarithm of target over spectrum at even steps, however dense the target is given."""
-        return np.interp(self.even, self.periods, -np.log(np.abs(answers).max(axis=0)))
+    def _ratio(self, values: Floats) -> Floats:
+        """Spectrum over target of accelerations (n, ...), shape (p, ...)."""
+        largest = response_spectrum(values, self.dt, self.periods, self.zeta).displacement
+        return np.asarray((self.scale * largest.T).T)
 
-    def _coloured(self, values: Floats, answers: Floats) -> tuple[Floats, Floats, int]:
-        """The motion with other amplitudes of its frequencies, its answers, and passes it took."""
+    def _missing(self, values: Floats) -> Floats:
+        """Logarithm of target over spectrum at even steps, however dense the target is given."""
+        return np.interp(self.even, self.periods, -np.log(self._ratio(values)))
+
+    def _coloured(self, values: Floats) -> tuple[Floats, int]:
+        """The motion with other amplitudes of its frequencies, and passes it took."""
         padded = 2 * self.count  # long enough that nothing comes round from one end to the other
         spectrum, frequency = np.fft.rfft(values, padded), np.fft.rfftfreq(padded, self.dt)
         # Twice the longest period and longer ones keep theirs, and displacements what is in them.
@@ -259,15 +265,14 @@ class _Matcher:
         envelope = self._faded(self.periods[0])
         changed, logarithms = values, np.zeros(len(self.even))
         for number in range(_PASSES):
-            missing = self._missing(answers)
+            missing = self._missing(changed)
             if np.abs(missing).max() <= np.log(_FAR):
-                return changed, answers, number
+                return changed, number
             logarithms += gaussian_filter1d(missing, _SMOOTHED, mode="nearest")  # (12ag)
             gain = np.exp(np.interp(frequency, known, np.append(0.0, logarithms[::-1])))
             change = envelope * np.fft.irfft(spectrum * (gain - 1.0), padded)[: self.count]
             changed = values + without_drift(change[:, None], envelope, self.dt)[:, 0]
-            answers = self._answers(changed)
-        return changed, answers, _PASSES
+        return changed, _PASSES
 
     def _correction(self, answers: Floats, emphasis: Floats) -> Floats:
         """Sum of wavelets that would bring the peaks to the target, shape (n,)."""
@@ -338,12 +343,6 @@ def _amplitudes(effects: Floats, lacking: Floats, highest: Flags, weight: Floats
 def _free(dt: float, periods: Floats, zeta: float) -> int:
     """Samples after a motion in which free vibrations of all oscillators have their peaks."""
     return int(np.ceil(0.5 * periods[-1] / np.sqrt(1.0 - zeta**2) / dt)) + 1
-
-
-def _misfit(answers: Floats) -> Floats:
-    """Largest answers over the target, less 1, shape (p,)."""
-    misfit: Floats = np.abs(answers).max(axis=0) - 1.0
-    return misfit
 
 
 def _target(motion: Motion, target: Any) -> tuple[Floats, Floats]:

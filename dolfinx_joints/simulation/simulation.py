@@ -24,7 +24,7 @@ from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.loads.free_field import SupportForces
-from dolfinx_joints.loads.ground_motion import moved_by
+from dolfinx_joints.loads.ground_motion import for_steps, moved_by
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.nodal_field import NodalField
@@ -285,9 +285,8 @@ class Simulation:
         Args:
             dt: Time step [s].
             steps: Number of steps.
-            motion: Ground acceleration (3,) [m/s^2] at a time [s], or a `DifferingMotion`; none
-                unless given. In 2-D x and z of it move the model along x and y; two numbers are
-                taken as they are.
+            motion: Ground acceleration (3,) [m/s^2] at a time [s], or a `DifferingMotion`, as
+                `Motion.for_steps` returns them; axes in 2-D are those of `BaseMotion`.
             loads: Loads of this stage besides the model's own.
             scheme: Time scheme, `EnergyConsistent` unless given.
             control: When steps are cut; where their solve fails unless given.
@@ -308,6 +307,7 @@ class Simulation:
         """
         scheme, control = checked_settings(scheme, control, start, checkpoint, resume, reduced)
         given = given_fields(self.model, start, velocity=velocity, displacement=displacement)
+        (motion, *loads), lost = for_steps([motion, *loads], dt, self.model.jointed.mesh.comm)
         acting, ground = shaken_by(motion, loads), differing_ground(self.model, motion)
         motion = ground_motion(self.model, motion, loads)
         if begins := not resume and start is None:
@@ -353,7 +353,7 @@ class Simulation:
                 static_part=ground.static_part if ground else None,
                 settings={k: in_words(v) for k, v in facts.items()} | acting,
                 stages=tuple(self.stages),
-                doubts=doubts,
+                doubts=[*lost, *doubts],
             )
         with released(checkpoint, at_end=True), run.watched():
             if saved is None:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import StudyError
 from dolfinx_joints.common.files import replacing
+from dolfinx_joints.common.parameters import cell
 
 Row = dict[str, Any]
 Table = dict[str, NDArray[Any]]
@@ -120,8 +121,8 @@ def write_csv(table: Table, path: str | PathLike[str]) -> Path:
     """
     place, text = Path(path), io.StringIO(newline="")
     writer = csv.writer(text)
-    writer.writerow(table)
-    writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+    rows = zip(*(column.tolist() for column in table.values()), strict=True)
+    writer.writerows(map(cell, row) for row in (table, *rows))
     replace(place, text.getvalue())
     return place
 

@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dolfinx_joints import Results, ResultsError, cli
+from dolfinx_joints import Motion, RecordError, Results, ResultsError, cli
 from dolfinx_joints.export.csv_files import write_csv
 from dolfinx_joints.postprocessing.envelopes import declare_envelopes
 from dolfinx_joints.postprocessing.joints.resultants import block_resultants, joint_resultants
 from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
 from dolfinx_joints.results.overview import overview
 from dolfinx_joints.results.writer import ResultsWriter
+from dolfinx_joints.study.table import write_csv as write_table
 
 STEPS, EVERY = 7, 3
 RANDOM = np.random.default_rng(7)
@@ -133,6 +134,28 @@ def test_tables_hold_the_numbers_of_the_file(tmp_path):
             # Two forces along z at x = 0 and 1: N acts where their moments balance.
             place = column(forces, "normal force acts at x [m]")[rows]
             np.testing.assert_allclose(place, -AREAS[1] * t[:, 1, 0] / normal, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "seen", "written"),
+    [
+        ("=1+1", "=1+1", "'=1+1"),
+        ("-x", "-x", "'-x"),
+        ("-1.5e3", "-1.5e3", "-1.5e3"),
+        ("-", "-", "-"),
+        ("a\x1b[2Jb\u202e=", "a [2Jb =", "a [2Jb ="),
+    ],
+)
+def test_texts_of_files_are_no_formulas_and_no_escapes(tmp_path, capsys, text, seen, written):
+    table = {"case": np.array([text], dtype=object), text: np.array([-1.5])}
+    found = read(write_table(table, tmp_path / "t.csv"))
+    assert found == (["case", written], [[written, "-1.5"]])
+    assert f"name      {seen}\n" in repr(Motion(acceleration=np.ones((2, 3)), dt=0.1, name=text))
+    assert str(RecordError(text)) == seen
+    with ResultsWriter(tmp_path / "r.h5", {"title": text}) as writer:
+        writer.start()
+    assert cli.main(["info", "--all", str(tmp_path / "r.h5")]) == 0
+    assert seen in capsys.readouterr().out
 
 
 def test_every_column_has_a_unit(tmp_path):

@@ -16,10 +16,13 @@ from dolfinx.mesh import CellType, create_rectangle, locate_entities_boundary
 
 from dolfinx_joints import (
     BaseMotion,
+    DifferingMotion,
     Elastic,
     Fixed,
     FreeField,
     Model,
+    Motion,
+    PlausibilityWarning,
     Simulation,
     ViscousBoundary,
     incident_wave,
@@ -72,12 +75,34 @@ def test_ground_motion_of_a_plane_model(block):
     ends = []
     for motion in (MOTION, lambda t: MOTION(t)[[0, 2]]):
         seen = Seen()
-        run = Simulation(model, monitors=[seen]).dynamics(dt=0.01, steps=20, motion=motion)
+        run = Simulation(model, monitors=[seen]).dynamics(dt=0.005, steps=40, motion=motion)
         ends.append(run.state.displacement.copy())
         np.testing.assert_allclose(seen.ground[-1], [*MOTION(0.2)[[0, 2]], 0.0], rtol=1e-12)
     ends[0].axpy(-1.0, ends[1])
     assert ends[1].norm() > 0.0
     assert ends[0].norm() == 0.0
+
+
+@pytest.mark.parametrize("door", ["motion", "differing motion", "load"])
+@pytest.mark.parametrize("dt", [0.01, 0.0025])
+def test_long_steps_read_no_high_frequency_as_a_low_one(block, recwarn, door, dt):
+    """Every 4th sample of a sine of 98 Hz, at 400 samples a second, is one of 2 Hz."""
+    time = np.arange(401) / 400
+    wave = np.sin(2 * np.pi * 98.0 * time) * np.sin(np.pi * time) ** 2
+    motion = Motion(acceleration=np.outer(wave, [1.0, 0.0, 0.0]), dt=1 / 400)
+    doors = {"motion": motion, "differing motion": DifferingMotion(motions=motion)}
+    given = {"motion": doors.get(door), "loads": [BaseMotion(acceleration=motion)]}
+    del given["loads" if door in doors else "motion"]
+    model = Model(block, material=SOLID, supports=[Fixed(group="base")])
+    run = Simulation(model).dynamics(dt=dt, steps=60, **given)
+    samples = Simulation(model).dynamics(dt=dt, steps=60, motion=lambda t: motion(t))
+    sizes = [each.state.displacement.norm() for each in (run, samples)]
+    texts = [str(w.message) for w in recwarn if w.category is PlausibilityWarning]
+    if dt > motion.dt:
+        assert sizes[0] < 1e-3 * sizes[1]
+        assert model.jointed.mesh.comm.rank or "'motion' is removed, 1e+02 % of the" in texts[0]
+    else:
+        assert (sizes[0], texts) == (sizes[1], [])
 
 
 def test_waves_of_a_plane_model(block):

@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Plain columns: what the file says, what the user says, and where they disagree."""
 
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from dolfinx_joints.common.errors import RecordError
+from dolfinx_joints.common.errors import PlausibilityWarning, RecordError
 from dolfinx_joints.motions.reading import read_components, read_record, record_names
 
 VALUES = np.round(np.cos(np.outer(np.arange(12), [0.3, 0.5, 0.7])), 4)
@@ -97,15 +98,22 @@ def test_what_is_missing_or_contradicts_is_an_error(
     ("text", "message"),
     [
         ("# unit: g\n", "is in no known format"),
-        (
-            "# unit: g\n# columns: time N\ntime,n\n0,1\n1,2\n",
-            "line 3: numbers must follow",
-        ),
+        ("# unit: g\ntime,a\ns,g\n0,1\n1,2\n", "in no known format (K-NET, COSMOS, SMC, ESM/ITAC"),
+        ("# unit: g\ntime,vel\n0,1\n1,2\n", "line 2: must name times [s] and accelerations, got"),
+        ("# unit: g\ntime (ms),a\n0,1\n1,2\n", "line 2: must name times [s] and accelerations"),
+        ("# unit: g\na,b\n0,1\n1,2\n", "has 2 columns and does not name them; pass columns="),
+        ("# unit: g\n# dt: 1\n# columns: skip\n1\n2\n", "'skip' for any other column, got skip"),
+        ("# unit: g\n# columns: wrapped\n1 2 3\n4 5\n", "has no column of time; pass dt="),
+        ("# unit: g\n0.00\t0,1\n0.01\t0,2\n", "has 3 columns and does not name them"),
+        ("# time(sec) N-S(cm/s)\n# unit: g\n0 1\n1 1\n", "line 1: names velocities or displ"),
+        ("t (s),up (m)\n0,1\n1,1\n", "line 1: names velocities or displacements"),
+        ("# Units of cm/s\n# unit: g\n0 1\n1 1\n", "line 1: names velocities or displacements"),
         ("# unit: g\n0.0 1.0\n", "line 2: the file has 1 row of numbers; a record has 2"),
         ("# unit: g\n0.0 1.0\n0.1 2.0 3.0\n", "line 3: 3 values where the columns are 2"),
         ("# unit: g\n0.0 1.0\n0.1 2.0\n0.3 2.0\n", "line 3: the times must rise by equal steps"),
+        ("# unit: g\n0,1\n1,2\n3,2\n", "line 3: the times must rise"),  # no decimal commas
         ("# Units = g\n0.2 1.0\n0.1 2.0\n", "line 2: the times must rise by equal steps of -0.1 s"),
-        ("# unit: g\n0 1 2 3\n1 1 2 3\n", "has 4 columns and does not name them"),
+        ("# unit: g\n0 1 2 3\n1 1 2 3\n", "columns='wrapped' reads one component"),
     ],
 )
 def test_malformed_columns_are_errors(tmp_path: Path, text: str, message: str) -> None:
@@ -114,6 +122,59 @@ def test_malformed_columns_are_errors(tmp_path: Path, text: str, message: str) -
     with pytest.raises(RecordError) as caught:
         read_components(path)
     assert message in str(caught.value)
+
+
+POINTS = "\n".join(f"{t:.2f} {v:.3f}" for t, v in zip(TIMES, VALUES[:, 0], strict=True))
+WRAPPED = "\n".join("".join(f"{v:9.3f}" for v in VALUES[i : i + 5, 0]) for i in (0, 5, 10))
+
+
+@pytest.mark.parametrize(
+    ("text", "options"),
+    [
+        ("time,acc\n" + POINTS.replace(" ", ","), {"unit": "m/s^2"}),
+        ('"time (s)";"acc (m/s^2)"\n' + POINTS.replace(" ", ";").replace(".", ","), {}),
+        (POINTS.replace(" ", "\t").replace(".", ","), {"unit": "m/s^2"}),
+        (POINTS.replace(" ", "  ").replace(".", ","), {"unit": "m/s^2"}),
+        (re.sub(r"\S+ ", "", POINTS).replace(".", ","), {"unit": "m/s^2", "dt": 0.02}),
+        (WRAPPED, {"unit": "m/s^2", "dt": 0.02, "columns": "wrapped"}),
+        ("# unit: m/s^2\n# dt: 0.02\n# columns: wrapped\n" + WRAPPED, {}),
+        (POINTS.replace("\n", " 7\n") + " 7", {"unit": "m/s^2", "columns": "time N skip"}),
+    ],
+)
+def test_columns_of_many_programs_are_read(tmp_path: Path, text: str, options: Any) -> None:
+    path = tmp_path / "motion.txt"
+    path.write_text(text)
+    (found,) = read_components(path, **options)
+    np.testing.assert_allclose(found.acceleration, np.round(VALUES[:, 0], 3), rtol=1e-12)
+    assert found.dt == pytest.approx(0.02, rel=1e-9)
+
+
+@pytest.mark.parametrize(("dt", "digits"), [(1 / 200, 2), (1 / 128, 3)])
+def test_a_given_step_wins_over_rounded_times(tmp_path: Path, dt: float, digits: int) -> None:
+    path = tmp_path / "motion.txt"
+    path.write_text("\n".join(f"{i * dt:.{digits}f} {i % 5}" for i in range(40)))
+    (found,) = read_components(path, unit="gal", dt=dt)
+    assert found.dt == dt
+    with pytest.raises(RecordError, match=r"rise by equal steps of .*; pass dt= if they are"):
+        read_components(path, unit="gal", dt=1.1 * dt)
+
+
+@pytest.mark.parametrize(
+    ("peak", "dt", "doubt"),
+    [
+        (0.019, 0.01, "peak is 0.019 g, read in g, not 0.02 to 5.0 g"),
+        (5.1, 0.01, "peak is 5.1 g"),
+        (0.021, 0.1, None),
+        (0.3, 0.11, "samples are 0.11 s apart, more than 0.1 s"),
+    ],
+)
+def test_peaks_and_steps_of_no_record_are_warned_of(
+    tmp_path: Path, recwarn: Any, peak: float, dt: float, doubt: str | None
+) -> None:
+    path = write(tmp_path, "", *(np.array([0.0, peak, 0.0, -peak / 2]) for _ in range(3)))
+    read_record(path, unit="g", dt=dt, columns="N E UP")
+    assert [w.category for w in recwarn] == [PlausibilityWarning] * bool(doubt)
+    assert all(doubt in str(w.message) and w.filename == __file__ for w in recwarn)
 
 
 def test_columns_of_a_file_with_its_own_format_are_errors(tmp_path: Path) -> None:

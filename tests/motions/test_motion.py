@@ -115,6 +115,17 @@ def test_trimming_starts_the_clock_again() -> None:
             motion.trimmed(duration, start=start)
 
 
+def test_long_steps_read_no_high_frequency_as_a_low_one() -> None:
+    time = np.arange(1601) * 0.0025
+    low, high = burst(time, 5.0), burst(time, 98.0)  # every 4th sample of 98 Hz is one of 2 Hz
+    motion = motion_of((low + high, low, high), dt=0.0025)
+    assert motion.for_steps(0.0025) is motion
+    read = motion.for_steps(0.01).acceleration
+    # Of 98 Hz is left 1 / (1 + (98 / 40)^8) = 8e-4, of 5 Hz all but 6e-8.
+    np.testing.assert_allclose(read, np.stack([low, low, 0 * low], axis=1), atol=1e-3)
+    np.testing.assert_allclose(read[:, 1], low, atol=1e-6)
+
+
 def test_detrending_takes_off_a_line_and_nothing_else() -> None:
     time = np.arange(1000) * 0.01
     line = motion_of((3.0 - 0.5 * time, time, 1.0))

@@ -53,6 +53,7 @@ def write_record(
         "NPTS=   {count}, DT=   {dt} SEC,     ",
         "NPTS= {count}, DT= {dt} SEC",
         "NPTS={count},DT={dt}SEC",
+        "NPTS= {count}, DT= 5. MSEC",
         "   {count}    {dt}    NPTS, DT",
     ],
 )
@@ -73,6 +74,7 @@ GOOD = at2_text(np.linspace(0.0, 0.22, 23).tolist())
     [
         (GOOD.replace("UNITS OF G", "UNITS OF G/10"), "line 3: must say 'UNITS OF G'"),
         (GOOD.replace("NPTS", "POINTS"), "line 4: must give 'NPTS= count, DT= step SEC'"),
+        (GOOD.replace(" SEC", " MIN"), "line 4: the unit of DT must be SEC or MSEC, got 'MIN'"),
         (GOOD.replace(".0050", ".0000"), "line 4: the time step must be positive"),
         (GOOD.replace(" 1.0000000E-01", ""), "line 7: 4 values where the lines before"),
     ],
@@ -117,6 +119,33 @@ def test_sensors_of_networks_have_places_not_azimuths(tmp_path: Path) -> None:
     files = [tmp_path / f"{stem}.{part}.AT2" for part in ("BH1.10", "BH2.10", "BHZ.00")]
     motion = read_record(files, directions=[0.0, 90.0, "UP"])
     np.testing.assert_allclose(motion.acceleration[7], STANDARD_GRAVITY * np.array([0.2, 0.1, 0.3]))
+
+
+@pytest.mark.parametrize(
+    ("stated", "directions", "message"),
+    [
+        (("", "", ""), ["E", "N", "UP"], ""),  # gm001.AT2 is no azimuth of 1 degree
+        (("", "", ""), ["x", "y", "z"], ""),
+        (("090", "000", "UP"), ["E", "N", "UP"], ""),
+        (("090", "000", "UP"), ["N", "E", "UP"], "gm001.AT2 has the direction 90.0, but 'N' was"),
+        (("090", "000", "UP"), None, "gm001.AT2, line 2: names another component"),
+    ],
+)
+def test_given_directions_overrule_file_names_not_headers(
+    tmp_path: Path, stated: Sequence[str], directions: Any, message: str
+) -> None:
+    files = [tmp_path / f"gm00{number}.AT2" for number in (1, 2, 3)]
+    for number, (path, component) in enumerate(zip(files, stated, strict=True)):
+        path.write_text(at2_text([0.1 * (number + 1)] * 20, component=component))
+    if message:
+        with pytest.raises(RecordError, match=message):
+            read_record(files, directions=directions)
+        return
+    motion = read_record(files, directions=directions)
+    np.testing.assert_allclose(motion.acceleration[7] / STANDARD_GRAVITY, [0.1, 0.2, 0.3])
+    if "x" in directions:
+        with pytest.raises(RecordError, match="have no use for stream_azimuth_deg"):
+            read_record(files, directions=directions, stream_azimuth_deg=10.0)
 
 
 def test_one_of_several_records_is_chosen_by_name(tmp_path: Path) -> None:

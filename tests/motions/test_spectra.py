@@ -10,6 +10,7 @@ from dolfinx_joints.motions.spectra import (
     arias_intensity,
     equally_spaced,
     fourier_amplitude,
+    response_history,
     response_spectrum,
     significant_duration,
 )
@@ -51,13 +52,35 @@ def test_response_to_a_step() -> None:
 
 
 def test_response_to_a_ramp_is_exact_at_any_step() -> None:
-    # a = r t from rest, undamped: u = -r (t / omega^2 - sin(omega t) / omega^3).
+    # a = r t from rest, undamped: u = -r (t / omega^2 - sin(omega t) / omega^3), which grows. After
+    # the end u is a free vibration of the amplitude sqrt(u^2 + (u' / omega)^2).
     for dt in (0.001, 0.1, 0.7):
         time = np.arange(int(7.0 / dt) + 1) * dt
         omega = 2.0 * np.pi / 1.3
-        exact = 2.0 * np.abs(time / omega**2 - np.sin(omega * time) / omega**3).max()
+        last = 2.0 * (time[-1] / omega**2 - np.sin(omega * time[-1]) / omega**3)
+        speed = 2.0 * (1.0 - np.cos(omega * time[-1])) / omega**2
+        exact = np.hypot(last, speed / omega)
         spectrum = response_spectrum(2.0 * time, dt, [1.3], 0.0)
         assert spectrum.displacement[0] == pytest.approx(exact, rel=1e-12)
+
+
+@pytest.mark.parametrize("zeta", [0.0, 0.05, 0.3])
+def test_peaks_between_samples_and_after_the_motion_count(zeta: float) -> None:
+    # The same piecewise linear motion in 200 times as many samples, followed by rest.
+    motion, periods = np.random.default_rng(3).normal(size=80), np.geomspace(0.008, 0.4, 25)
+    motion[-1] = 0.0
+    fine = np.interp(np.arange(79 * 200 + 1) / 200, np.arange(80), motion)
+    peaks = response_spectrum(motion, 0.02, periods, zeta).displacement
+    history = response_history(np.append(fine, np.zeros(4000)), 0.02 / 200, periods, zeta)
+    np.testing.assert_allclose(peaks, np.abs(history).max(axis=0), rtol=1e-3)
+
+
+def test_response_after_a_pulse() -> None:
+    # A pulse a of the length t < T / 2: u_max omega^2 / a = 2 sin(pi t / T), after it.
+    for period in (0.25, 0.5, 1.0):
+        spectrum = response_spectrum([3.0] * 11, 0.01, [period], 0.0)
+        exact = 6.0 * np.sin(np.pi * 0.1 / period)
+        np.testing.assert_allclose(spectrum.pseudo_acceleration, exact, rtol=1e-12)
 
 
 def test_response_in_resonance() -> None:

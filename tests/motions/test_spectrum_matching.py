@@ -123,7 +123,9 @@ def test_histories_of_oscillators_have_the_peaks_of_the_spectrum() -> None:
     periods = np.array([0.1, 0.7])
     history = response_history(RECORD.acceleration, RECORD.dt, periods, 0.05)
     found = response_spectrum(RECORD.acceleration, RECORD.dt, periods, 0.05).displacement
-    np.testing.assert_array_equal(np.abs(history).max(axis=0), found)
+    # Peaks are between samples, at 0.1 s of 20 in a period: at most 1 - cos(pi / 20) higher.
+    shares = np.abs(history).max(axis=0) / found
+    assert np.cos(np.pi / 20) <= shares.min() <= shares.max() <= 1.0 + 1e-12
     assert history.shape == (len(RECORD.acceleration), 2, 3)
     # An undamped oscillator under a step a rests at -a / omega^2 (1 - cos omega t).
     time = 0.01 * np.arange(300)

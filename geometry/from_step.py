@@ -26,6 +26,13 @@ from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.meshing.arguments import Length, Order, check_fine, mesh_path
 from dolfinx_joints.geometry.meshing.step_file import check_step_file
+from dolfinx_joints.geometry.meshing.step_gaps import (
+    JOINED,
+    check_extent,
+    faces_of,
+    sides_of,
+    warn_of_gaps,
+)
 from dolfinx_joints.geometry.meshing.step_options import (
     UNNAMED_SURFACE,
     Plane,
@@ -39,7 +46,11 @@ from dolfinx_joints.geometry.meshing.step_options import (
 )
 
 _NAMELESS = "Open CASCADE STEP translator"  # what its writer calls solids without a name
-_OPTIONS = {"Geometry.OCCImportLabels": 1, "Geometry.OCCScaling": 1e-3}
+_OPTIONS = {
+    "Geometry.OCCImportLabels": 1,
+    "Geometry.OCCScaling": 1e-3,
+    "Geometry.ToleranceBoolean": 0.0,
+}
 
 
 @checked
@@ -79,9 +90,9 @@ def from_step(
         The path written.
 
     Raises:
-        ValueError: if an argument is not allowed, the file holds no solids, cannot be read or
-            not all of its solids can be built, solids overlap, one touches no other, or a name
-            fits nothing.
+        ValueError: if an argument is not allowed, the size is larger than the body, the file holds
+            no solids, cannot be read or not all of its solids can be built, solids overlap, one
+            touches no other, or a name fits nothing.
         RuntimeError: if the file cannot be tried in a process of its own, or Gmsh fails to mesh
             the solids.
     """
@@ -99,9 +110,15 @@ def from_step(
             gmsh.option.setNumber(name, value)
         gmsh.option.setNumber("Mesh.SecondOrderLinear", 0)  # nodes go to the curved faces
         try:
-            volumes = _volumes(_import(step, described), solids or {})
+            owner = _import(step, described, size)
+            volumes = _volumes(owner, solids or {})
+            names = {tag: name for name, tags in volumes.items() for tag in tags}
+            warn_of_gaps(step, names)
             faces = _joints(volumes, joints or {}, tied)
-            faces |= _surfaces(volumes, surfaces or {})
+            outer = _surfaces(volumes, surfaces or {})
+            if both := sorted(set(faces) & set(outer)):
+                raise ValueError(f"A joint and a surface have one name: {both[0]!r}.")
+            faces |= outer
             _group(3, volumes)
             _group(2, faces)
             _mesh(size, joint_size, faces, order)
@@ -113,7 +130,7 @@ def from_step(
     return path
 
 
-def _import(step: Path, described: int) -> dict[int, str]:
+def _import(step: Path, described: int, size: float) -> dict[int, str]:
     """Import the solids and cut them at their common faces; return their names by tag."""
     names = []
     for number, (_, label) in enumerate(_read(step, described, scale=1.0), start=1):
@@ -123,8 +140,10 @@ def _import(step: Path, described: int) -> dict[int, str]:
     gmsh.model.occ.synchronize()
     # Gmsh drops the names where it scales.
     tags = [tag for tag, _ in _read(step, described, scale=1e-3)]
+    extent = check_extent(step, size)
     if len(tags) == 1:
         return {tags[0]: names[0]}
+    gmsh.option.setNumber("Geometry.ToleranceBoolean", JOINED * extent)
     pieces = [(3, tag) for tag in tags]
     _, children = gmsh.model.occ.fragment(pieces[:1], pieces[1:])
     gmsh.model.occ.synchronize()
@@ -139,10 +158,12 @@ def _import(step: Path, described: int) -> dict[int, str]:
                 )
             owner[tag] = name
     for tag, name in owner.items():
-        if not any(len(_sides(face)) == 2 for face in _faces(tag)):
+        if not any(len(sides_of(face)) == 2 for face in faces_of(tag)):
+            others = [other for other in owner if other != tag]
+            gap, other = min((gmsh.model.occ.getDistance(3, tag, 3, o)[0], o) for o in others)
             raise ValueError(
-                f"{step}: the solid {name!r} shares no face with another one; close the gap, or "
-                "mesh it alone."
+                f"{step}: the solid {name!r} shares no face with another one, {owner[other]!r} is "
+                f"{gap:.3g} m away; close the gap, or mesh it alone."
             )
     return owner
 
@@ -164,16 +185,6 @@ def _read(step: Path, described: int, scale: float) -> list[tuple[int, str]]:
     if not solids:
         raise ValueError(f"{step} holds no solids, {len(found)} other shapes; solids are needed.")
     return [(tag, gmsh.model.getEntityName(3, tag).rpartition("/")[2]) for tag in solids]
-
-
-def _faces(volume: int) -> list[int]:
-    """Return the faces of a volume."""
-    return [int(face) for face in gmsh.model.getAdjacencies(3, volume)[1]]
-
-
-def _sides(face: int) -> list[int]:
-    """Return the volumes on the sides of a face."""
-    return [int(volume) for volume in gmsh.model.getAdjacencies(2, face)[0]]
 
 
 def _volumes(owner: dict[int, str], solids: Mapping[str, Sequence[float]]) -> dict[str, list[int]]:
@@ -207,7 +218,7 @@ def _joints(
     group = {tag: name for name, tags in volumes.items() for tag in tags}
     touching: dict[frozenset[str], list[int]] = {}
     for _, face in gmsh.model.getEntities(2):
-        names_of = frozenset(group[tag] for tag in _sides(face))
+        names_of = frozenset(group[tag] for tag in sides_of(face))
         if len(names_of) == 2:
             touching.setdefault(names_of, []).append(face)
     names = {
@@ -246,8 +257,8 @@ def _surfaces(volumes: dict[str, list[int]], surfaces: Mapping[str, Plane]) -> d
         face: np.reshape(gmsh.model.getBoundingBox(2, face), (2, 3))
         for tags in volumes.values()
         for tag in tags
-        for face in _faces(tag)
-        if len(_sides(face)) == 1
+        for face in faces_of(tag)
+        if len(sides_of(face)) == 1
     }
     boxes = np.array(list(outer.values()))
     low, high = boxes[:, 0].min(axis=0).round(6) + 0.0, boxes[:, 1].max(axis=0).round(6) + 0.0
@@ -274,7 +285,8 @@ def _surfaces(volumes: dict[str, list[int]], surfaces: Mapping[str, Plane]) -> d
         for face in faces:
             del left[face]
         found[name] = faces
-    return found | ({UNNAMED_SURFACE: list(left)} if left else {})
+    found[UNNAMED_SURFACE] = [*found.get(UNNAMED_SURFACE, []), *left]
+    return {name: faces for name, faces in found.items() if faces}
 
 
 def _group(dim: int, groups: dict[str, list[int]]) -> None:

@@ -8,13 +8,13 @@ the size of an element makes wrong.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.errors import warn
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Floats
@@ -81,7 +81,7 @@ class SmallDisplacements:
                     f"partners and axes: beyond {100 * LARGEST_JUMP:g} % displacements are no "
                     "longer small."
                 )
-                warnings.warn(said[-1], stacklevel=3)
+                warn(said[-1])
         return said
 
 

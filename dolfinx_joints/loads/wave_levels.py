@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,7 +14,7 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from dolfinx_joints.body.viscous_boundary import impedance
-from dolfinx_joints.common.errors import PlausibilityWarning
+from dolfinx_joints.common.errors import PlausibilityWarning, warn
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.loads.load import TimeFactor
 from dolfinx_joints.loads.loaded_body import LoadedBody
@@ -104,7 +103,7 @@ def extent_along(
     return min(low for low, _ in ends), max(high for _, high in ends)
 
 
-def warn_of_sides(model: LoadedBody, *, stacklevel: int) -> list[str]:
+def warn_of_sides(model: LoadedBody) -> list[str]:
     """Warn of dashpots beside rock that is to move with the ground, on rank 0 (collective).
 
     Returns:
@@ -123,7 +122,7 @@ def warn_of_sides(model: LoadedBody, *, stacklevel: int) -> list[str]:
         f"rises in it: those of {', '.join(steep)}. Give dynamics() the wave as a FreeField, "
         "or let ViscousBoundary end at the bottom and hold the sides but along the motion."
     )
-    warnings.warn(text, PlausibilityWarning, stacklevel=stacklevel + 1)
+    warn(text, PlausibilityWarning)
     return [text]
 
 

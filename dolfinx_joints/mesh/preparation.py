@@ -4,14 +4,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.errors import MeshError, warn
 from dolfinx_joints.common.parameters import PLAIN_NAMES, is_plain_name, shown
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, find_facets
 from dolfinx_joints.mesh.distribution.partition import glued
@@ -46,10 +45,9 @@ def prepare(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
     for i, name in enumerate(names):
         here = pairs.joint == i
         if pairs.bonded[i]:
-            warnings.warn(
+            warn(
                 f"Joint {name!r}: {pairs.bonded[i]} facets have all their vertices on the joint's "
                 "front inside the body and stay closed; a finer mesh there lets them open.",
-                stacklevel=2,
             )
         slots.pop(name, None)
         slots[f"{name}-"], slots[f"{name}+"] = pairs.minus[here], pairs.plus[here]

@@ -22,7 +22,6 @@ which waves would be reflected from.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -33,6 +32,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.body.damping import Rayleigh
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import warn
 from dolfinx_joints.common.parameters import finite
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
@@ -139,10 +139,9 @@ def redistributed_mass(
     exists = found.extrapolate(inward[wanted])
     short = int(sum(comm.allgather(int((~exists).sum()))))
     if short and comm.rank == 0:
-        warnings.warn(
+        warn(
             f"{short} joint nodes keep their mass: they have fewer than two layers of other nodes "
             "behind them. Refine the body there.",
-            stacklevel=2,
         )
     extrapolation = found.matrix(mass, exists)
     result = mass.PtAP(extrapolation)

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
@@ -13,7 +12,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_joints.common.errors import PlausibilityWarning
+from dolfinx_joints.common.errors import PlausibilityWarning, warn
 from dolfinx_joints.common.parameters import numbers_of
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
@@ -95,7 +94,20 @@ def warn_of_what_no_dam_has(
         texts += _level(owner, given, *ends, feet.get(id(given), -np.inf))
     texts += _water_twice(loads)
     for text in texts:
-        warnings.warn(text, PlausibilityWarning, stacklevel=3)
+        warn(text, PlausibilityWarning)
+    return texts
+
+
+def warn_of_overlaps(comm: Any, overlaps: Mapping[str, float]) -> list[str]:
+    """Warn of initial gaps below zero, by joint [m], on rank 0; the warnings there."""
+    texts = [
+        f"Joint {name!r}: its initial gap is {-overlap:g} m; the faces overlap before any load "
+        "and are pressed together. A gap is positive where the joint is open."
+        for name, overlap in overlaps.items()
+        if comm.rank == 0
+    ]
+    for text in texts:
+        warn(text, PlausibilityWarning)
     return texts
 
 
@@ -133,11 +145,14 @@ def _foot(jointed: JointedMesh, load: Any) -> float:
 
 
 def _level(owner: str, load: Any, bottom: float, top: float, foot: float) -> list[str]:
-    """A line for water that reaches neither the body nor its face, or stands high above."""
+    """A line for water that reaches neither the body nor its face, or stands high above.
+
+    Water may stand above the crest by a third of the height.
+    """
     level = getattr(load, "level", None)
     if not isinstance(level, int | float):
         return []
-    if not bottom < level <= 2.0 * top - bottom:
+    if not bottom < level <= top + (top - bottom) / 3.0:
         return [f"{owner}: level is {level:g} m; the body reaches from {bottom:g} to {top:g} m."]
     if level <= foot:
         return [f"{owner}: level is {level:g} m; the group {load.group!r} begins at {foot:g} m."]

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from os import PathLike
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import ResultsError
+from dolfinx_joints.common.errors import ResultsError, warn
 from dolfinx_joints.common.files import FileLock, released
 from dolfinx_joints.common.mpi import RowsAt, across, blocks_of, dealt, handing_out
 from dolfinx_joints.export.grids import (
@@ -238,7 +237,7 @@ def _opened(path: Path, grid: Grid, last: float | None) -> VtkFile:
         return VtkFile.resume(path, grid, last)
     except DamagedFileError as error:
         aside = path.with_name(f"{path.name}.damaged")
-        warnings.warn(f"{error} It is now {aside}; a new file begins here.", stacklevel=2)
+        warn(f"{error} It is now {aside}; a new file begins here.")
         path.replace(aside)
         return VtkFile(path, grid)
 

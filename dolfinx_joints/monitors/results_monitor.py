@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass
 from os import PathLike
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import JointsError, MeshError, OtherRunError
+from dolfinx_joints.common.errors import JointsError, MeshError, OtherRunError, warn
 from dolfinx_joints.common.mpi import handing_out, raised_together
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
@@ -242,7 +241,7 @@ class ResultsMonitor(Monitor):
         moved = [f"{n} {m}" for n, m in zip(self._points, self._probe.moved, strict=True) if m]
         self._moved = f"Monitored points: {'; '.join(moved)}." if moved else ""
         if self._moved and self._comm.rank == 0:
-            warnings.warn(self._moved, stacklevel=2)
+            warn(self._moved)
         self._envelopes = None
         if self.envelopes:
             groups = None if isinstance(self.envelopes, bool) else self.envelopes

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import PlausibilityWarning
+from dolfinx_joints.common.errors import PlausibilityWarning, warn
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.common.summary import Rows, Summarised
 from dolfinx_joints.motions.courses import displacement_of
@@ -121,12 +120,11 @@ class DifferingMotion(Summarised):
         largest = max(np.abs(m.integrated()[0]).max() for m in self.named.values())
         apart = float(np.ptp(ends, axis=0).max())
         if apart > DRIFT * largest:
-            warnings.warn(
+            warn(
                 f"The motions of {', '.join(self.named)} end with velocities that differ by up to "
                 f"{apart:.3g} m/s, with which the ground goes on to move apart; correct their "
                 "baselines.",
                 PlausibilityWarning,
-                stacklevel=5,
             )
 
     def _summary(self) -> Rows:

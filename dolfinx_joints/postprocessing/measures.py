@@ -11,7 +11,6 @@ the ground or, where the ground moves within the model, absolute (``results.rela
 
 from __future__ import annotations
 
-import warnings
 from typing import Annotated, Any, NamedTuple
 
 import annotated_types as at
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.constants import ACCELERATION_BAND
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import PlausibilityWarning
+from dolfinx_joints.common.errors import PlausibilityWarning, warn
 from dolfinx_joints.motions.motion import Hertz, Motion
 from dolfinx_joints.motions.processing import low_pass
 from dolfinx_joints.motions.spectra import (
@@ -165,7 +164,7 @@ def acceleration_history(
     dt, a = _equal_means(time, a)
     band = common_band(results, band=band)
     if doubt := beyond(band, resolved_frequencies(results)):
-        warnings.warn(f"{results.path}: {doubt}", PlausibilityWarning, stacklevel=3)
+        warn(f"{results.path}: {doubt}", PlausibilityWarning)
     return time[0] + dt * (0.5 + np.arange(len(a))), low_pass(a, dt, band)
 
 

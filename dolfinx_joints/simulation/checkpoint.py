@@ -8,7 +8,6 @@ of the points, so that a run can go on with another number of ranks.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, fields
 from os import PathLike
@@ -22,7 +21,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import CheckpointError, OtherRunError
+from dolfinx_joints.common.errors import CheckpointError, OtherRunError, warn
 from dolfinx_joints.common.files import FileLock
 from dolfinx_joints.common.mpi import handing_out, on_root, raised_together
 from dolfinx_joints.joints.status_counts import StatusCounts
@@ -193,10 +192,9 @@ class CheckpointKeeper:
             if self._unknown:
                 more = len(self._unknown) - _MOST_NAMED
                 named = "; ".join(self._unknown[:_MOST_NAMED])
-                warnings.warn(
+                warn(
                     f"Going on from {self._path}: whether it was written with the same values "
                     f"cannot be told of {named}{f'; and {more} more' if more > 0 else ''}.",
-                    stacklevel=2,
                 )
 
         on_root(comm, compare)

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -19,6 +18,7 @@ from dolfinx_joints.common.constants import (
     LARGE_IMBALANCE,
     LARGE_LOCAL_ERROR,
 )
+from dolfinx_joints.common.errors import warn
 from dolfinx_joints.common.memory import peak_mb
 from dolfinx_joints.common.mpi import OF_ERRORS, all_fail, lasting
 from dolfinx_joints.common.progress import Progress
@@ -106,7 +106,7 @@ class DynamicRun:
         self._work = state.displacement.duplicate()
         self._started: list[Monitor] = []
         self._settings, self._warnings = settings, [*model.doubts, *doubts]
-        self._warnings += [] if motion is None else warn_of_sides(model, stacklevel=4)
+        self._warnings += [] if motion is None else warn_of_sides(model)
         self._stages = stages
         self._progress: Progress | None = None
         self._of_errors = lasting(model.jointed.mesh.comm, OF_ERRORS)
@@ -259,7 +259,7 @@ class DynamicRun:
             if self.model.jointed.mesh.comm.rank == 0:
                 for text in doubts:
                     self._warnings.append(text)
-                    warnings.warn(text, stacklevel=5)
+                    warn(text)
         except BaseException as error:
             if all_fail(self._of_errors, error):
                 status, text = ending(error)

@@ -98,7 +98,7 @@ def frequency_response(
         raise JointsError("frequency_response moves the ground; supports must not move on it.")
     if modes is not None and model.coupled is not None:
         raise JointsError("modes are those of a body; one with waves in its water is solved for.")
-    warn_of_sides(model, stacklevel=3)
+    warn_of_sides(model)
     along = along / np.linalg.norm(along)
     hertz = np.array(frequencies, dtype=np.float64)
     omegas: Floats = 2.0 * np.pi * hertz

@@ -4,12 +4,11 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
 from petsc4py import PETSc
 
-from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.errors import JointsError, warn
 from dolfinx_joints.loads.free_field import SupportForces
 from dolfinx_joints.loads.ground_motion import BaseMotion
 from dolfinx_joints.loads.load import Load, load_names
@@ -100,7 +99,7 @@ def sudden_loads(
         f"a start at rest {remedy}, or let their factors start at zero."
     )
     if model.jointed.mesh.comm.rank == 0:
-        warnings.warn(text, stacklevel=4)
+        warn(text)
     return [text]
 
 

@@ -12,6 +12,7 @@ import basix.ufl
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.files import remove_killed_compilations
 from dolfinx_joints.common.mpi import dealt, equal_blocks, on_root, rank_of, rows_at
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
@@ -74,6 +75,7 @@ def distribute(comm: Any, prepare: Callable[[], PreparedMesh]) -> JointedMesh:
 
 def create_jointed(comm: Any, share: PreparedMesh) -> JointedMesh:
     """Create the DOLFINx mesh of what each rank has, and tag its entities (collective)."""
+    remove_killed_compilations(comm)
     shape = share.shape
     element = basix.ufl.element("Lagrange", shape.name, shape.degree, shape=(share.x.shape[1],))
     partitioner = partitioner_across(share.pairs, share.glued) if comm.size > 1 else None

@@ -20,10 +20,10 @@ from dolfinx_joints.common.parameters import (
 )
 from dolfinx_joints.mesh.distribution.shares import PreparedMesh, create_jointed, distribute
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
-from dolfinx_joints.mesh.preparation import prepare
 from dolfinx_joints.mesh.reading.arrays import mesh_of_arrays
 from dolfinx_joints.mesh.reading.dolfinx_mesh import split_share
 from dolfinx_joints.mesh.reading.gmsh_file import load_msh
+from dolfinx_joints.mesh.reading.mesh_checks import prepare_checked
 from dolfinx_joints.mesh.reading.xdmf_file import XdmfGrids
 
 TagsOrEntities = Mapping[str, int] | Mapping[str, NDArray[np.int32]]
@@ -44,7 +44,7 @@ def read_msh(path: str | Path, comm: Any, *, joints: list[str] | None = None) ->
         MeshError: The file cannot be read, mixes cell types, lacks a joint that was asked for, or
             a joint facet does not have one cell on each side.
     """
-    return distribute(comm, lambda: prepare(load_msh(Path(path)), joints))
+    return distribute(comm, lambda: prepare_checked(load_msh(Path(path)), joints))
 
 
 def split_mesh(
@@ -73,21 +73,7 @@ def split_mesh(
         ValueError: Joints or groups are no tags by name.
     """
     joints, groups, cell_groups = joints or {}, groups or {}, cell_groups or {}
-    for what, given, tags in (
-        ("joints", joints, facet_tags),
-        ("groups", groups, facet_tags),
-        ("cell_groups", cell_groups, cell_tags),
-    ):
-        check_named(what, given, "a tag by name")
-        for name, tag in given.items() if tags is not None else ():
-            check_count(f"The tag of {shown(name)}", tag, 0, "it must be a whole number")
-    both = sorted(set(joints) & set(groups))
-    tags_of_groups = list(groups.values()) if facet_tags is not None else []
-    shared = [tag for tag in joints.values() if tag in tags_of_groups]
-    if both or shared:
-        what = f"The name {both[0]!r}" if both else f"The tag {shared[0]}"
-        raise MeshError(f"{what} stands for a joint and for a group; it can be only one of them.")
-    every = {**groups, **joints}
+    every = _checked_groups(joints, groups, cell_groups, facet_tags, cell_tags)
     share = split_share(mesh, facet_tags, every, list(joints), cell_tags, cell_groups)
     return create_jointed(mesh.comm, share)
 
@@ -121,18 +107,41 @@ def read_xdmf(
         MeshError: A file is missing, cannot be read or holds no mesh or tags of that name, a tag
             stands on no facet, or a joint facet does not have one cell on each side.
     """
-    body = XdmfGrids(comm, Path(path))
-    faces = body if facet_file is None else XdmfGrids(comm, Path(facet_file))
-    whole = body.mesh(mesh)
-    tdim = whole.topology.dim
-    return split_mesh(
-        whole,
-        faces.tags(whole, tdim - 1, facet_tags) if joints or groups else None,
-        joints=joints,
-        groups=groups,
-        cell_tags=body.tags(whole, tdim, cell_tags) if cell_groups else None,
-        cell_groups=cell_groups,
-    )
+    joints, groups, cell_groups = joints or {}, groups or {}, cell_groups or {}
+    every = _checked_groups(joints, groups, cell_groups, True, True)
+
+    def prepared() -> PreparedMesh:
+        body = XdmfGrids(Path(path))
+        faces = body if facet_file is None else XdmfGrids(Path(facet_file))
+        raw = body.load(faces, every, cell_groups, mesh, facet_tags, cell_tags)
+        return prepare_checked(raw, list(joints))
+
+    return distribute(comm, prepared)
+
+
+def _checked_groups(
+    joints: TagsOrEntities,
+    groups: TagsOrEntities,
+    cell_groups: TagsOrEntities,
+    facet_tags: Any,
+    cell_tags: Any,
+) -> dict[str, Any]:
+    """Check that groups come by name, where there are tags as tags; groups and joints in one."""
+    for what, given, tags in (
+        ("joints", joints, facet_tags),
+        ("groups", groups, facet_tags),
+        ("cell_groups", cell_groups, cell_tags),
+    ):
+        check_named(what, given, "a tag by name")
+        for name, tag in given.items() if tags is not None else ():
+            check_count(f"The tag of {shown(name)}", tag, 0, "it must be a whole number")
+    both = sorted(set(joints) & set(groups))
+    tags_of_groups = list(groups.values()) if facet_tags is not None else []
+    shared = [tag for tag in joints.values() if tag in tags_of_groups]
+    if both or shared:
+        what = f"The name {both[0]!r}" if both else f"The tag {shared[0]}"
+        raise MeshError(f"{what} stands for a joint and for a group; it can be only one of them.")
+    return {**groups, **joints}
 
 
 def mesh_from_arrays(
@@ -169,6 +178,6 @@ def mesh_from_arrays(
 
     def prepared() -> PreparedMesh:
         raw = mesh_of_arrays(cell, x, cells, facet_groups or {}, cell_groups or {})
-        return prepare(raw, joints)
+        return prepare_checked(raw, joints)
 
     return distribute(comm, prepared)

@@ -14,13 +14,13 @@ of the laws. What an increment releases if the structure jumps is in `released`.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from petsc4py import PETSc
 
+from dolfinx_joints.common.errors import warn
 from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, Response
 from dolfinx_joints.model.system import MatrixSystem
@@ -135,11 +135,10 @@ class StaticLedger:
         error, comm = self.energy.relative_error, self._system.stiffness.comm
         off = abs(self.energy.error) > LARGEST_ERROR * self.energy.scale + self._rounding
         if off and comm.rank == 0:
-            warnings.warn(
+            warn(
                 f"The energies of the static stages do not balance: {error:.2g} of the largest is "
                 "missing. Stiff joints or blocks that move far lose digits; otherwise look for a "
                 "law whose tractions and stored energy do not agree.",
-                stacklevel=6,
             )
 
     def _of_joints(self, increment: SolvedIncrement) -> Floats:

@@ -22,17 +22,11 @@ if not __package__:  # run as a script: make the package importable
 
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import PlausibilityWarning, warn
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.meshing.arguments import Length, Order, check_fine, mesh_path
 from dolfinx_joints.geometry.meshing.step_file import check_step_file
-from dolfinx_joints.geometry.meshing.step_gaps import (
-    JOINED,
-    check_extent,
-    faces_of,
-    sides_of,
-    warn_of_gaps,
-)
 from dolfinx_joints.geometry.meshing.step_options import (
     UNNAMED_SURFACE,
     Plane,
@@ -46,11 +40,10 @@ from dolfinx_joints.geometry.meshing.step_options import (
 )
 
 _NAMELESS = "Open CASCADE STEP translator"  # what its writer calls solids without a name
-_OPTIONS = {
-    "Geometry.OCCImportLabels": 1,
-    "Geometry.OCCScaling": 1e-3,
-    "Geometry.ToleranceBoolean": 0.0,
-}
+_FUZZY = "Geometry.ToleranceBoolean"
+_OPTIONS = {"Geometry.OCCImportLabels": 1, "Geometry.OCCScaling": 1e-3, _FUZZY: 0.0}
+JOINED = 1e-6  # of the size of the body: faces that are nearer are joined
+NEAR = 2e-3  # wider gaps between faces are taken as meant [m]
 
 
 @checked
@@ -110,10 +103,8 @@ def from_step(
             gmsh.option.setNumber(name, value)
         gmsh.option.setNumber("Mesh.SecondOrderLinear", 0)  # nodes go to the curved faces
         try:
-            owner = _import(step, described, size)
-            volumes = _volumes(owner, solids or {})
-            names = {tag: name for name, tags in volumes.items() for tag in tags}
-            warn_of_gaps(step, names)
+            volumes = _volumes(_import(step, described, size), solids or {})
+            _warn_of_gaps(step, volumes)
             faces = _joints(volumes, joints or {}, tied)
             outer = _surfaces(volumes, surfaces or {})
             if both := sorted(set(faces) & set(outer)):
@@ -140,10 +131,10 @@ def _import(step: Path, described: int, size: float) -> dict[int, str]:
     gmsh.model.occ.synchronize()
     # Gmsh drops the names where it scales.
     tags = [tag for tag, _ in _read(step, described, scale=1e-3)]
-    extent = check_extent(step, size)
+    extent = _extent(step, size)
     if len(tags) == 1:
         return {tags[0]: names[0]}
-    gmsh.option.setNumber("Geometry.ToleranceBoolean", JOINED * extent)
+    gmsh.option.setNumber(_FUZZY, JOINED * extent)
     pieces = [(3, tag) for tag in tags]
     _, children = gmsh.model.occ.fragment(pieces[:1], pieces[1:])
     gmsh.model.occ.synchronize()
@@ -158,7 +149,7 @@ def _import(step: Path, described: int, size: float) -> dict[int, str]:
                 )
             owner[tag] = name
     for tag, name in owner.items():
-        if not any(len(sides_of(face)) == 2 for face in faces_of(tag)):
+        if not any(len(_sides(face)) == 2 for face in _faces(tag)):
             others = [other for other in owner if other != tag]
             gap, other = min((gmsh.model.occ.getDistance(3, tag, 3, o)[0], o) for o in others)
             raise ValueError(
@@ -185,6 +176,47 @@ def _read(step: Path, described: int, scale: float) -> list[tuple[int, str]]:
     if not solids:
         raise ValueError(f"{step} holds no solids, {len(found)} other shapes; solids are needed.")
     return [(tag, gmsh.model.getEntityName(3, tag).rpartition("/")[2]) for tag in solids]
+
+
+def _faces(volume: int) -> list[int]:
+    """Return the faces of a volume."""
+    return [int(face) for face in gmsh.model.getAdjacencies(3, volume)[1]]
+
+
+def _sides(face: int) -> list[int]:
+    """Return the volumes on the sides of a face."""
+    return [int(volume) for volume in gmsh.model.getAdjacencies(2, face)[0]]
+
+
+def _extent(step: Path, size: float) -> float:
+    """Return the largest extent of the body [m]; cells must be smaller."""
+    extent = float(np.ptp(np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)), axis=0).max())
+    unit = f"the body in {step} is {extent:.3g} m long; look at its unit of length"
+    if size > extent:
+        raise ValueError(f"size is {size:g} m, but {unit}, or choose a smaller size.")
+    if not 1.0 <= extent <= 2e4:
+        warn(f"{unit[0].upper()}{unit[1:]}: usual is 1 m to 20 km.", PlausibilityWarning)
+    return extent
+
+
+def _warn_of_gaps(step: Path, volumes: dict[str, list[int]]) -> None:
+    """Warn of solids with outer faces so near to each other that a joint may be meant there."""
+    name = {tag: name for name, tags in volumes.items() for tag in tags}
+    faces = [(tag, face) for tag in name for face in _faces(tag) if len(_sides(face)) == 1]
+    box = {f: np.reshape(gmsh.model.getBoundingBox(2, f), (2, 3)) for _, f in faces}
+    corners = {f: set(gmsh.model.getBoundary([(2, f)], recursive=True)) for _, f in faces}
+    gaps: dict[tuple[int, int], float] = {}
+    for (one, f), (two, g) in combinations(faces, 2):
+        apart = np.maximum(box[f][0] - box[g][1], box[g][0] - box[f][1]).max() > NEAR
+        if one != two and not apart and not corners[f] & corners[g]:
+            gap = gmsh.model.occ.getDistance(2, f, 2, g)[0]
+            gaps[one, two] = min(gap or np.inf, gaps.get((one, two), np.inf))
+    for (one, two), gap in gaps.items():
+        if gap <= NEAR:
+            warn(
+                f"{step}: faces of the solids {name[one]!r} and {name[two]!r} are {gap:.3g} m "
+                "apart, without a joint between them; let them touch if a joint is meant."
+            )
 
 
 def _volumes(owner: dict[int, str], solids: Mapping[str, Sequence[float]]) -> dict[str, list[int]]:
@@ -218,7 +250,7 @@ def _joints(
     group = {tag: name for name, tags in volumes.items() for tag in tags}
     touching: dict[frozenset[str], list[int]] = {}
     for _, face in gmsh.model.getEntities(2):
-        names_of = frozenset(group[tag] for tag in sides_of(face))
+        names_of = frozenset(group[tag] for tag in _sides(face))
         if len(names_of) == 2:
             touching.setdefault(names_of, []).append(face)
     names = {
@@ -257,8 +289,8 @@ def _surfaces(volumes: dict[str, list[int]], surfaces: Mapping[str, Plane]) -> d
         face: np.reshape(gmsh.model.getBoundingBox(2, face), (2, 3))
         for tags in volumes.values()
         for tag in tags
-        for face in faces_of(tag)
-        if len(sides_of(face)) == 1
+        for face in _faces(tag)
+        if len(_sides(face)) == 1
     }
     boxes = np.array(list(outer.values()))
     low, high = boxes[:, 0].min(axis=0).round(6) + 0.0, boxes[:, 1].max(axis=0).round(6) + 0.0

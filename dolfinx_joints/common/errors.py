@@ -2,39 +2,26 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Exceptions and warnings of this package; each message is one sentence a user can act on."""
 
-import contextlib
-import dataclasses
-import functools
-import os
 import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
-from pathlib import Path
-from types import FrameType
 
-_PACKAGE = str(Path(__file__).parents[1]) + os.sep
-_LIBRARY = tuple(module.__file__ for module in (contextlib, dataclasses, functools))
+# Modules whose frames are between a user's line and a warning.
+_PASSED = ("dolfinx_joints", "contextlib", "dataclasses", "functools")
 
 
 def warn(text: str, category: type[Warning] = UserWarning) -> None:
-    """Warn at the line outside of this package that called it.
+    """Warn at the user's line, the first one outside of this package.
 
-    ``skip_file_prefixes`` of Python 3.12 does not suffice: calls pass through modules of the
-    standard library and the constructors of dataclasses, whose file is ``<string>``.
+    Python 3.12 has ``skip_file_prefixes`` for this, but constructors of dataclasses are in a file
+    ``<string>``, as the user's line may be.
     """
     level, frame = 1, sys._getframe()
-    while frame.f_back is not None and _is_passed(frame):
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in _PASSED:
         level, frame = level + 1, frame.f_back
     warnings.warn(text, category, stacklevel=level)
-
-
-def _is_passed(frame: FrameType) -> bool:
-    """Return True for a frame between the user's line and the warning."""
-    file = frame.f_code.co_filename
-    constructed = file == "<string>" and frame.f_code.co_name == "__init__"
-    return constructed or file in _LIBRARY or file.startswith(_PACKAGE)
 
 
 class JointsError(Exception):

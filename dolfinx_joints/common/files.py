@@ -1,8 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Files with one writer, by a lock on ``PATH.lock``, and files written whole or not at all.
-
-Also what killed compilations leave in the folder of compiled forms.
+"""Files with one writer (a lock on ``PATH.lock``), written whole, or left by killed compilations.
 
 The system drops a lock when its process ends.
 """
@@ -20,10 +18,9 @@ from typing import IO, Any, Protocol, Self
 
 from dolfinx_joints.common.errors import warn
 
-# FFCx waits so long for the compilation of a form by another process, and then fails [s].
-_PATIENCE = 10.0
-# The code of any form of this package is generated in less time [s].
-_LONGEST = 60.0
+# FFCx waits so long for the compilation of a form by another process, and then fails; the code of
+# any form of this package is generated in the longer time [s].
+_PATIENCE, _LONGEST = 10.0, 60.0
 
 
 class Lock(Protocol):
@@ -133,7 +130,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def remove_killed_compilations(comm: Any) -> None:
-    """Remove the C files of compilations that were killed (collective).
+    """Remove C files of forms whose compilation was killed (collective).
 
     FFCx creates the C file first and ``.c.cached`` last. It takes a C file alone for the work of
     another process, waits for `_PATIENCE` and fails, in all later runs.
@@ -142,21 +139,20 @@ def remove_killed_compilations(comm: Any) -> None:
         from dolfinx.jit import get_options
 
         for source in Path(get_options()["cache_dir"]).glob("libffcx_*.c"):
-            with suppress(FileNotFoundError):  # another process has removed it
+            with suppress(OSError):  # another process may remove it, or own it
                 while not source.with_suffix(".c.cached").exists():
                     age = time.time() - source.stat().st_mtime
                     if age > _patience(source.stem, age):
                         source.unlink()
-                    else:
-                        time.sleep(0.1)
+                    time.sleep(0.1)
     comm.barrier()
 
 
 def _patience(name: str, age: float) -> float:
-    """Return the age from which on nobody can be at work on an unfinished C file [s].
+    """Return the age from which on no process can be at work on an unfinished C file [s].
 
-    The compiler has the name in its arguments. Before it starts, a busy process with DOLFINx that
-    is older than the file may be generating the code.
+    A compiler has the name in its arguments. Before it starts, a busy process with DOLFINx that is
+    older than the file may be generating the code.
     """
     longest = _PATIENCE
     for process in Path("/proc").glob("[0-9]*"):

@@ -53,7 +53,7 @@ class Contact:
         initial_gap: Gap before any displacement, in the mesh and given, shape (n, 3), [m].
         acting: Which of the local points carry tractions, shape (n,).
         tied: Which of the local points can neither open nor slide, shape (n,).
-        overlaps: Largest overlap of each joint with a given gap below zero, by name [m].
+        overlaps: Smallest given gap of each joint that has one below zero, by name [m].
 
     Raises:
         MeshError: A name stands for no joint, or a joint has no law.
@@ -95,8 +95,7 @@ class Contact:
                 given = _checked_gap(name, gap, places[here])
             self.initial_gap[here, 0] += given
             least = operator.comm.allreduce(float(given.min(initial=0.0)), min)
-            if least < 0.0:
-                self.overlaps[name] = -least
+            self.overlaps |= {name: least} if least < 0.0 else {}
 
     @cached_property
     def by_forms(self) -> Contact:

@@ -111,25 +111,15 @@ class JointedMesh(Summarised):
         Raises:
             MeshError: There is no such group, or some of its facets lie inside the body.
         """
-        if name not in self._boundary_facets:
-            facets, topology = self.facets(name), self.mesh.topology
-            topology.create_connectivity(topology.dim - 1, topology.dim)
-            outer = exterior_facet_indices(topology)
-            owned = facets[facets < topology.index_map(topology.dim - 1).size_local]
-            found = np.intersect1d(owned, outer)
-            inside = self.mesh.comm.allreduce(len(owned) - len(found))
-            if inside:
-                raise MeshError(
-                    f"{inside} facets of {name!r} lie inside the body; loads, springs, viscous "
-                    "boundaries, water and integrals over ds act on its boundary only."
-                )
-            self._boundary_facets[name] = found
-        return self._boundary_facets[name]
-
-    @cached_property
-    def _boundary_facets(self) -> dict[str, NDArray[np.int32]]:
-        """Facets found so far, by name of the group."""
-        return {}
+        facets, topology = self.facets(name), self.mesh.topology
+        owned = facets[facets < topology.index_map(topology.dim - 1).size_local]
+        found = np.intersect1d(owned, exterior_facet_indices(topology))
+        if inside := self.mesh.comm.allreduce(len(owned) - len(found)):
+            raise MeshError(
+                f"{inside} facets of {name!r} lie inside the body; loads, springs, viscous "
+                "boundaries, water and integrals over ds act on its boundary only."
+            )
+        return found
 
     def corners(self, name: str) -> Floats:
         """Vertices of the facets of such a group, shape (n, vertices per facet, gdim), [m]."""

@@ -101,10 +101,8 @@ def warn_of_what_no_dam_has(
 def warn_of_overlaps(comm: Any, overlaps: Mapping[str, float]) -> list[str]:
     """Warn of initial gaps below zero, by joint [m], on rank 0; the warnings there."""
     texts = [
-        f"Joint {name!r}: its initial gap is {-overlap:g} m; the faces overlap before any load "
-        "and are pressed together. A gap is positive where the joint is open."
-        for name, overlap in overlaps.items()
-        if comm.rank == 0
+        f"Joint {name!r}: the initial gap is {gap:g} m; the faces overlap, positive gaps are open."
+        for name, gap in (overlaps.items() if comm.rank == 0 else ())
     ]
     for text in texts:
         warn(text, PlausibilityWarning)

@@ -18,8 +18,14 @@ import h5py
 import numpy as np
 
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.common.hdf5 import attribute, check_superblock, damage_reported, set_texts
-from dolfinx_joints.common.mpi import blocks_of, equal_blocks, on_root, raised_together, rows_at
+from dolfinx_joints.common.hdf5 import (
+    attribute,
+    check_superblock,
+    check_version,
+    damage_reported,
+    set_texts,
+)
+from dolfinx_joints.common.mpi import blocks_of, equal_blocks, on_root, raised_together
 from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.distribution.shares import (
@@ -30,7 +36,6 @@ from dolfinx_joints.mesh.distribution.shares import (
 )
 from dolfinx_joints.mesh.joint_pairs import PAIR_ROWS, JointPairs
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
-from dolfinx_joints.mesh.reading.mesh_checks import check_cells
 
 FORMAT = "dolfinx_joints split mesh"
 VERSION = 1
@@ -118,10 +123,6 @@ def read_split(path: str | Path, comm: Any) -> JointedMesh:
     """
     with raised_together(comm):
         share = _read(Path(path), comm.rank, comm.size)
-    blocks = blocks_of(comm, len(share.cells))
-    x = rows_at(comm, share.x, share.cells.ravel()).reshape(*share.cells.shape, -1)
-    numbers = np.arange(*blocks[comm.rank :][:2])
-    check_cells(comm, share.shape, numbers, share.cells, x)
     return create_jointed(comm, share)
 
 
@@ -133,7 +134,8 @@ def _read(path: Path, rank: int, ranks: int) -> PreparedMesh:
         with h5py.File(path, "r") as file:
             if attribute(file, "format") != FORMAT:
                 raise MeshError(f"{path} is HDF5 but not a file of {FORMAT!r}.")
-            if (version := attribute(file, "version")) != VERSION:
+            check_version(version := attribute(file, "version"), VERSION)
+            if version != VERSION:
                 raise MeshError(
                     f"{path} has version {version} of the layout, this program reads version "
                     f"{VERSION}."

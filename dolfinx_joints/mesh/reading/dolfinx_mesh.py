@@ -32,7 +32,6 @@ from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, check_cu
 from dolfinx_joints.mesh.distribution.shares import PreparedMesh
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.preparation import check_names, prepare, tag_sets
-from dolfinx_joints.mesh.reading.mesh_checks import check_cells, two_faces, warn_of_untied
 
 
 def split_share(
@@ -62,12 +61,7 @@ def split_share(
     with raised_together(comm):
         check_curves(shape, x, local, "The mesh")
 
-    x_of_cells = x[local[owned]]
-    boundary = check_cells(comm, shape, original[owned], cells[owned], x_of_cells)
     rows = _facet_rows(mesh, shape, cells, original, facets)
-    faces = [k for k, name in enumerate(facets) if name in two_faces(facets)]
-    paired = comm.allgather(rows[np.isin(rows[:, 2], faces), 3:])
-    warn_of_untied(comm, shape, cells[owned], x_of_cells, boundary, paired)
     of_joints = {k: name for k, name in enumerate(facets) if _is_of_joint(name, joints)}
     at_joints = np.concatenate(comm.allgather(rows[np.isin(rows[:, 2], list(of_joints))]))
     corners = cells[owned, : int(shape.facet_vertices.max()) + 1]

@@ -28,9 +28,9 @@ _CELLS = {
     5: ("hexahedron", 1),
     12: ("hexahedron", 2),
 }
-Names = dict[tuple[int, int], str]
-
 _FACET_VERTICES = {1: 2, 8: 2, 2: 3, 9: 3, 3: 4, 10: 4}
+
+Names = dict[tuple[int, int], str]
 
 
 def load_msh(path: Path) -> RawMesh:
@@ -69,6 +69,7 @@ def load_msh(path: Path) -> RawMesh:
 
 def _read_model(model: Any, source: str, names: Names) -> RawMesh:
     """Turn the current Gmsh model into arrays."""
+    model.mesh.renumberNodes()
     dim = model.getDimension()
     if parts := model.getNumberOfPartitions():
         raise MeshError(
@@ -99,13 +100,13 @@ def _read_model(model: Any, source: str, names: Names) -> RawMesh:
     _warn_of_others(model, dim, numbered, source)
     tags, coordinates, _ = model.mesh.getNodes()
     nodes = np.vstack(blocks).astype(np.int64)
-    used, nodes = np.unique(nodes, return_inverse=True)
-    nodes = nodes.reshape(-1, blocks[0].shape[1])
-    order = np.argsort(tags)
-    position = order[np.searchsorted(tags[order], used).clip(max=len(tags) - 1)]
-    if np.any(tags[position] != used):
-        raise MeshError(f"{source!r} is damaged: cells name nodes that are not in the file.")
-    x = coordinates.reshape(-1, 3)[position]
+    place = np.full(int(tags.max()) + 1, -1)  # of each node; their numbers have no gaps
+    place[nodes] = 0
+    used = np.flatnonzero(place == 0)
+    place[used] = np.arange(len(used))
+    nodes, in_cells = place[nodes], place[tags] >= 0
+    x = np.empty((len(used), 3))
+    x[place[tags[in_cells]]] = coordinates.reshape(-1, 3)[in_cells]
     facets = {
         name: _facets(model, dim, entities, name, used)
         for name, entities in groups[dim - 1].items()
@@ -113,9 +114,9 @@ def _read_model(model: Any, source: str, names: Names) -> RawMesh:
     if dim == 2 and np.ptp(x[:, 2]) > 1e-9 * np.ptp(x, axis=0).max():
         raise MeshError(f"{source!r} is a surface that does not lie in a plane z = constant.")
     cells = nodes[:, gmsh_permutation(shape.name, nodes.shape[1])]
-    unnamed = [tag for d, tag in model.getPhysicalGroups(dim - 1) if not names.get((d, tag))]
-    for tag in unnamed:
-        _warn_of_unnamed(model, dim, tag, shape, cells, used, source)
+    for d, tag in model.getPhysicalGroups(dim - 1):
+        if not names.get((d, tag)):
+            _warn_of_unnamed(model, dim, tag, (shape, cells, used), source)
     x = x[:, :dim].copy()
     check_curves(shape, x, cells, repr(source))
     return RawMesh(shape=shape, cells=cells, x=x, cell_groups=cell_groups, facet_groups=facets)
@@ -141,11 +142,9 @@ def _warn_of_others(model: Any, dim: int, named: Collection[int], source: str) -
         )
 
 
-def _warn_of_unnamed(
-    model: Any, dim: int, tag: int, shape: CellShape, cells: Ints, used: Ints, source: str
-) -> None:
+def _warn_of_unnamed(model: Any, dim: int, tag: int, body: Any, source: str) -> None:
     """Warn of facets of the body in a group without a name: a joint may have been forgotten."""
-    entities = [int(e) for e in model.getEntitiesForPhysicalGroup(dim - 1, tag)]
+    entities, (shape, cells, used) = model.getEntitiesForPhysicalGroup(dim - 1, tag), body
     try:
         count = find_facets(shape, cells, _facets(model, dim, entities, str(tag), used))[1]
     except MeshError:  # facets of a part of the model that is left out

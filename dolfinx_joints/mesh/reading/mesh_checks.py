@@ -1,129 +1,80 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Checks of the arrays of a mesh, the same for all readers, before DOLFINx is called.
+"""Checks of the cells of a mesh, the same for all readers: before and after DOLFINx has it.
 
-Facets and cells are compared by a 64-bit sum of mixed numbers of their vertices. A sum does not
-depend on the order of the vertices, and for 1e7 facets two sums coincide by chance once in 1e5
-meshes.
+Cells and facets are compared by 64-bit sums of mixed numbers of their vertices, which do not depend
+on the order of the vertices. Of 1e7 facets two sums coincide by chance in one of 4e5 meshes.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from mpi4py import MPI
-
 import numpy as np
+from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from dolfinx_joints.common.errors import MeshError, warn
-from dolfinx_joints.common.mpi import raised_together, sent_to
-from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh
-from dolfinx_joints.mesh.distribution.shares import PreparedMesh
+from dolfinx_joints.common.mpi import blocks_of, raised_together, sent_to
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, facet_slots
+from dolfinx_joints.mesh.dolfinx_versions import geometry_nodes
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.mesh.orientation import facet_normals
-from dolfinx_joints.mesh.preparation import prepare
 
-# Cells have no volume below this part of the cube (square in 2-D) of their extent. Rounding of
-# coordinates up to 1e6 times the extent stays below; layers of 1e-6 of their width are above.
+# Part of the cube (square in 2-D) of its size below which a cell has no volume: rounding of
+# coordinates up to 1e6 times the size is below, a layer of 1e-9 of its width above.
 NO_VOLUME = 1e-10
-# Facets touch if they are closer than this part of their size.
-TOUCHING = 1e-6
-_OPPOSITE = -0.99  # cosine of the angle between the outward normals of facets that touch
+TOUCHING = 1e-6  # of a facet's size: facets that are nearer touch
 
 
-def prepare_checked(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
-    """Check a mesh on rank 0, split it and tag its groups."""
-    groups = raw.facet_groups
-    pairs = [groups[name] for name in two_faces(groups)]
-    numbers = np.arange(len(raw.cells))
-    boundary = check_cells(MPI.COMM_SELF, raw.shape, numbers, raw.cells, raw.x[raw.cells])
-    made = prepare(raw, joints)
-    warn_of_untied(MPI.COMM_SELF, raw.shape, raw.cells, raw.x[raw.cells], boundary, pairs)
-    return made
-
-
-def two_faces(names: Any) -> list[str]:
-    """Return the names of groups that are the two faces ``NAME-`` and ``NAME+`` of a joint."""
-    other = {"-": "+", "+": "-"}
-    return [name for name in names if name[-1:] in other and name[:-1] + other[name[-1]] in names]
-
-
-def check_cells(comm: Any, shape: CellShape, numbers: Ints, cells: Ints, x: Floats) -> Ints:
+def check_cells(comm: Any, shape: CellShape, cells: Ints, x: Floats) -> None:
     """Check that cells have a volume and stand once, and facets belong to two cells (collective).
 
     Args:
         comm: Communicator of the mesh.
         shape: Reference cell.
-        numbers: Number of each cell of this rank among those of all ranks, shape (n,).
-        cells: Nodes of these cells, numbered over all ranks, shape (n, nodes of a cell).
+        cells: Nodes of the cells of this rank, numbered over all ranks, shape (n, nodes of a cell).
         x: Coordinates of these nodes, shape (n, nodes of a cell, gdim), [m].
-
-    Returns:
-        The boundary facets of these cells: their position among all facets of these cells.
 
     Raises:
         MeshError: A coordinate is not finite, or a cell or facet is wrong.
     """
+    start, local = blocks_of(comm, len(cells))[comm.rank], shape.facet_vertices
 
     def refuse(wrong: Ints, what: str) -> None:
-        first = (int(numbers[wrong[0]]), _place(x[wrong[0]])) if len(wrong) else None
+        first = [(start + cell, _place(x[cell])) for cell in wrong[:1]]
         found = comm.allgather((len(wrong), first))
-        count = sum(number for number, _ in found)
-        if count:
-            number, place = min(first for _, first in found if first is not None)
-            raise MeshError(f"{count} {what.format(number=number, place=place)}")
+        if count := sum(number for number, _ in found):
+            number, place = min(first for _, each in found for first in each)
+            raise MeshError(f"{count} cells {what}; the first is cell {number} around {place}.")
 
     with raised_together(comm):
         if not np.isfinite(x).all():
             raise MeshError("The mesh has coordinates that are not finite numbers.")
-    extent = np.ptp(x[:, : int(shape.facet_vertices.max()) + 1], axis=1).max(axis=1)
-    flat = np.abs(_volumes(shape, x)) <= NO_VOLUME * extent**shape.dim
-    refuse(
-        np.flatnonzero(flat),
-        "cells have no volume, the first (cell {number}) around {place}; remove them, or move "
-        "their nodes.",
-    )
-    mixed = _mixed(cells[:, : int(shape.facet_vertices.max()) + 1])
-    count = _counts(comm, mixed.sum(axis=1))
-    refuse(
-        np.flatnonzero(count > 1),
-        "cells stand twice in the mesh, the first (cell {number}) around {place}; keep one of each "
-        "(in Gmsh a volume that was copied onto another: occ.removeAllDuplicates, "
-        "mesh.removeDuplicateElements).",
-    )
-    count = _counts(comm, mixed[:, shape.facet_vertices].sum(axis=2).ravel())
-    crowded = np.flatnonzero(count > 2)
-    refuse(
-        np.unique(crowded // len(shape.facet_vertices)),
-        "cells have a facet that belongs to more than two cells, the first (cell {number}) around "
-        "{place}; the cells overlap there.",
-    )
-    return np.flatnonzero(count == 1)
+    jacobian = _jacobians(shape, x)
+    volume, size = np.abs(_determinants(jacobian)), np.abs(jacobian.reshape(len(x), -1))
+    flat = volume <= NO_VOLUME * size.max(axis=1, initial=0.0) ** shape.dim
+    refuse(np.flatnonzero(flat), "have no volume: move their nodes, or remove the cells")
+    mixed = _mixed(cells[:, : int(local.max()) + 1])
+    twice = _repeated(comm, mixed.sum(axis=1), 1)
+    refuse(twice, "stand twice in the mesh: keep one of each (in Gmsh, of a copied volume)")
+    crowded = _repeated(comm, mixed[:, local].sum(axis=2).ravel(), 2) // len(local)
+    refuse(np.unique(crowded), "have a facet that belongs to more than two cells: they overlap")
 
 
-def warn_of_untied(
-    comm: Any, shape: CellShape, cells: Ints, x: Floats, boundary: Ints, pairs: list[Ints]
-) -> None:
-    """Warn of boundary facets that touch others, on rank 0 (collective).
-
-    Args:
-        comm: Communicator of the mesh.
-        shape: Reference cell.
-        cells: Nodes of the cells of this rank, numbered over all ranks.
-        x: Coordinates of these nodes, shape (n, nodes of a cell, gdim), [m].
-        boundary: Boundary facets, as `check_cells` returns them.
-        pairs: Vertices of the facets of joints whose faces are duplicated: they may touch.
-    """
-    cell, facet = np.divmod(boundary, len(shape.facet_vertices))
-    vertices = shape.facet_vertices[facet]
-    if pairs:
-        keys = _mixed(np.take_along_axis(cells[cell], vertices, axis=1)).sum(axis=1)
-        other = ~np.isin(keys, _mixed(np.concatenate(pairs)).sum(axis=1))
-        cell, vertices = cell[other], vertices[other]
-    corners = np.take_along_axis(x[cell], vertices[:, shape.facet_cycle, None], axis=1)
-    middles = x[cell, : int(shape.facet_vertices.max()) + 1].mean(axis=1)
-    found = comm.gather((corners, middles), root=0)
+def warn_of_untied(jointed: JointedMesh) -> None:
+    """Warn of boundary facets that touch others and are no joint, on rank 0 (collective)."""
+    mesh, shape = jointed.mesh, jointed.shape
+    outer = exterior_facet_indices(mesh.topology)
+    groups, other = jointed._facet_groups, {"-": "+", "+": "-"}
+    faces = [name for name in groups if name[:-1] + other.get(name[-1:], "?") in groups]
+    outer = np.setdiff1d(outer, np.concatenate([outer[:0], *map(jointed.facets, faces)]))
+    cell, facet = facet_slots(mesh, outer)
+    x = mesh.geometry.x[geometry_nodes(mesh)[cell], : shape.dim]
+    vertices = shape.facet_vertices[facet][:, shape.facet_cycle, None]
+    corners = np.take_along_axis(x, vertices, axis=1)
+    found = mesh.comm.gather((corners, x[:, : int(shape.facet_vertices.max()) + 1].mean(axis=1)))
     if found is None:
         return
     centres = _touching(*(np.concatenate(each) for each in zip(*found, strict=True)))
@@ -131,55 +82,50 @@ def warn_of_untied(
         warn(
             f"{len(centres)} boundary facets touch others, the first around {_place(centres[:1])}: "
             "the parts of the body are not connected there and can pass through each other. Mesh "
-            "them conforming (in Gmsh occ.fragment), or name the two faces of a joint NAME- and "
-            "NAME+."
+            "them conforming (in Gmsh occ.fragment), or name the faces of a joint NAME- and NAME+."
         )
 
 
-def _touching(x: Floats, middles: Floats) -> Floats:
-    """Centres of the facets whose centre lies on another facet with the opposite normal.
+def _touching(x: Floats, inner: Floats) -> Floats:
+    """Return the centres of facets that lie on another facet with the opposite normal.
 
     Args:
         x: Vertices of boundary facets in cyclic order, shape (n, vertices, gdim), [m].
-        middles: Middle of the cell of each, shape (n, gdim), [m].
+        inner: A point in the cell of each, shape (n, gdim), [m].
     """
     if not len(x):
-        return middles
-    centres = x.mean(axis=1)
-    normals = facet_normals(x)
+        return inner
+    centres, normals = x.mean(axis=1), facet_normals(x)
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    inward = np.einsum("ij,ij->i", normals, middles - centres) > 0
-    normals[inward] *= -1.0
+    normals[np.einsum("ij,ij->i", normals, inner - centres) > 0] *= -1.0
     sizes = np.linalg.norm(x - centres[:, None], axis=2).max(axis=1)
-    near = KDTree(centres).query_ball_point(centres, sizes, return_sorted=False)
+    # A distance between facets that is large unless their normals are opposite.
+    far = sizes.max()
+    tree = KDTree(np.hstack([centres, far * normals]))
+    near = tree.query_ball_point(np.hstack([centres, -far * normals]), sizes)
     wide = np.repeat(np.arange(len(x)), [len(each) for each in near])
     point = np.concatenate(near).astype(np.int64)
-    opposite = np.einsum("ij,ij->i", normals[wide], normals[point]) < _OPPOSITE
-    wide, point = wide[opposite], point[opposite]
     away = centres[point] - centres[wide]
-    on_plane = np.abs(np.einsum("ij,ij->i", away, normals[wide])) < TOUCHING * sizes[wide]
-    wide, point = wide[on_plane], point[on_plane]
-    inside = np.ones(len(wide), dtype=bool)
+    on = np.abs(np.einsum("ij,ij->i", away, normals[wide])) < TOUCHING * sizes[wide]
     for k in range(x.shape[1] if x.shape[2] == 3 else 0):
-        edge = x[wide, (k + 1) % x.shape[1]] - x[wide, k]
-        sides = [
-            np.cross(edge, each[at] - x[wide, k])
-            for each, at in ((centres, wide), (centres, point))
-        ]
-        inside &= np.einsum("ij,ij->i", *sides) > 0
-    return centres[np.unique(point[inside])]
+        start, end = x[wide, k], x[wide, (k + 1) % x.shape[1]]
+        sides = (np.cross(end - start, c - start) for c in (centres[wide], centres[point]))
+        on &= np.einsum("ij,ij->i", *sides) > 0
+    return centres[np.unique(point[on])]
 
 
-def _volumes(shape: CellShape, x: Floats) -> Floats:
-    """Volume at the middle of each cell, times that of the reference cell, shape (n,)."""
+def _jacobians(shape: CellShape, x: Floats) -> Floats:
+    """Derivatives of the coordinates at the middle of each cell, shape (n, gdim, dim)."""
     element = shape.element()
-    middle = element.points[: int(shape.facet_vertices.max()) + 1].mean(axis=0)[None]
-    derivatives = element.tabulate(1, middle)[1:, 0, :, 0]
-    edges = np.tensordot(x, derivatives, axes=(1, 1))  # (n, gdim, dim)
-    if shape.dim == 2:
-        return edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
-    across = np.cross(edges[:, :, 0], edges[:, :, 1])
-    return np.einsum("ij,ij->i", across, edges[:, :, 2])
+    middle = element.points[: int(shape.facet_vertices.max()) + 1].mean(axis=0)
+    return np.tensordot(x, element.tabulate(1, middle[None])[1:, 0, :, 0], axes=(1, 1))
+
+
+def _determinants(matrices: Floats) -> Floats:
+    if matrices.shape[1] == 2:
+        return matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0]
+    across = np.cross(matrices[:, :, 0], matrices[:, :, 1])
+    return np.einsum("ij,ij->i", across, matrices[:, :, 2])
 
 
 def _mixed(nodes: Ints) -> NDArray[np.uint64]:
@@ -190,24 +136,12 @@ def _mixed(nodes: Ints) -> NDArray[np.uint64]:
     return z ^ (z >> np.uint64(31))
 
 
-def _counts(comm: Any, keys: NDArray[np.uint64]) -> Ints:
-    """Return how often each key occurs on all ranks, shape (n,) (collective)."""
-    if comm.size == 1:
-        order = np.argsort(keys)
-        ordered = keys[order]
-        first = np.flatnonzero(np.append(True, ordered[1:] != ordered[:-1])[: len(keys)])
-        number = np.diff(np.append(first, len(keys)))
-        count = np.empty(len(keys), dtype=np.int64)
-        count[order] = np.repeat(number, number)
-        return count
+def _repeated(comm: Any, keys: NDArray[np.uint64], most: int) -> Ints:
+    """Positions of keys that occur more than ``most`` times on all ranks (collective)."""
     rank = (keys % np.uint64(comm.size)).astype(np.int64)
-    mine = np.full(len(keys), comm.rank)
-    rows = sent_to(comm, rank, np.column_stack([keys.view(np.int64), mine, np.arange(len(keys))]))
-    of_rows = _counts(MPI.COMM_SELF, rows[:, 0].copy().view(np.uint64))
-    back = sent_to(comm, rows[:, 1], np.column_stack([rows[:, 2], of_rows]))
-    count = np.empty(len(keys), dtype=np.int64)
-    count[back[:, 0]] = back[:, 1]
-    return count
+    here = np.sort(keys if comm.size == 1 else sent_to(comm, rank, keys))
+    every = np.concatenate(comm.allgather(here[most:][here[most:] == here[:-most]]))
+    return np.flatnonzero(np.isin(keys, every)) if len(every) else np.empty(0, dtype=np.int64)
 
 
 def _place(x: Floats) -> str:

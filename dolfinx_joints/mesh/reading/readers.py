@@ -20,10 +20,10 @@ from dolfinx_joints.common.parameters import (
 )
 from dolfinx_joints.mesh.distribution.shares import PreparedMesh, create_jointed, distribute
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+from dolfinx_joints.mesh.preparation import prepare
 from dolfinx_joints.mesh.reading.arrays import mesh_of_arrays
 from dolfinx_joints.mesh.reading.dolfinx_mesh import split_share
 from dolfinx_joints.mesh.reading.gmsh_file import load_msh
-from dolfinx_joints.mesh.reading.mesh_checks import prepare_checked
 from dolfinx_joints.mesh.reading.xdmf_file import XdmfGrids
 
 TagsOrEntities = Mapping[str, int] | Mapping[str, NDArray[np.int32]]
@@ -44,7 +44,7 @@ def read_msh(path: str | Path, comm: Any, *, joints: list[str] | None = None) ->
         MeshError: The file cannot be read, mixes cell types, lacks a joint that was asked for, or
             a joint facet does not have one cell on each side.
     """
-    return distribute(comm, lambda: prepare_checked(load_msh(Path(path)), joints))
+    return distribute(comm, lambda: prepare(load_msh(Path(path)), joints))
 
 
 def split_mesh(
@@ -113,20 +113,16 @@ def read_xdmf(
     def prepared() -> PreparedMesh:
         body = XdmfGrids(Path(path))
         faces = body if facet_file is None else XdmfGrids(Path(facet_file))
-        raw = body.load(faces, every, cell_groups, mesh, facet_tags, cell_tags)
-        return prepare_checked(raw, list(joints))
+        raw = body.mesh(faces, every, cell_groups, (mesh, facet_tags, cell_tags))
+        return prepare(raw, list(joints))
 
     return distribute(comm, prepared)
 
 
 def _checked_groups(
-    joints: TagsOrEntities,
-    groups: TagsOrEntities,
-    cell_groups: TagsOrEntities,
-    facet_tags: Any,
-    cell_tags: Any,
+    joints: Any, groups: Any, cell_groups: Any, facet_tags: Any, cell_tags: Any
 ) -> dict[str, Any]:
-    """Check that groups come by name, where there are tags as tags; groups and joints in one."""
+    """Check groups, given by their tags where there are tags; return boundary groups and joints."""
     for what, given, tags in (
         ("joints", joints, facet_tags),
         ("groups", groups, facet_tags),
@@ -178,6 +174,6 @@ def mesh_from_arrays(
 
     def prepared() -> PreparedMesh:
         raw = mesh_of_arrays(cell, x, cells, facet_groups or {}, cell_groups or {})
-        return prepare_checked(raw, joints)
+        return prepare(raw, joints)
 
     return distribute(comm, prepared)

@@ -1,8 +1,8 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""XDMF files with their HDF5 files as plain arrays (one process): grids are found by what they are.
+"""Meshes and tags in an XDMF file as plain arrays (one process): found by what they are.
 
-DOLFINx's own reader drops facets that are not found in the mesh and all but one tag of a facet.
+DOLFINx's own reader drops facets that are not in the mesh, and all but one tag of a facet.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import dolfinx.cpp.io
 import dolfinx.mesh
 import h5py
 import numpy as np
+from dolfinx.cpp.io import perm_vtk
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
@@ -32,7 +32,9 @@ _DIMENSION = {
     "tetrahedron": 3,
     "hexahedron": 3,
 }
-_SAME = 1e-9  # of the extent: coordinates in two files agree to the digits that are written
+_SAME = 1e-9  # of the extent: nodes of two files agree to the digits that are written
+
+Grid = ElementTree.Element
 
 
 class XdmfGrids:
@@ -45,153 +47,125 @@ class XdmfGrids:
             domain = ElementTree.parse(path).find("Domain")
         except ElementTree.ParseError as failure:
             raise MeshError(f"{path} is no XDMF file: {failure}.") from None
-        self._path = path
-        self._grids: list[tuple[str, int, ElementTree.Element]] = []
-        for grid in domain.findall("Grid") if domain is not None else ():
-            kind = _kind(grid)
-            if kind == "mixed":
-                raise MeshError(
-                    f"{path}: the grid {grid.get('Name', '')!r} is of the topology 'Mixed', "
-                    "several kinds of cells in one; write the cells to one file and the facets to "
-                    "another, facet_file= (with meshio a Mesh of one cell block each)."
-                )
-            if kind in _DIMENSION:
-                self._grids.append((grid.get("Name", ""), _DIMENSION[kind], grid))
+        self._path, grids = path, [] if domain is None else domain.findall("Grid")
+        if mixed := [grid.get("Name") for grid in grids if _kind(grid) == "mixed"]:
+            raise MeshError(
+                f"{path}: the grid {mixed[0]!r} mixes several kinds of cells; write the cells to "
+                "one file and the facets to another, facet_file= (with meshio a Mesh of each)."
+            )
+        self._grids = [grid for grid in grids if _kind(grid) in _DIMENSION]
 
-    def load(
+    def mesh(
         self,
         facets: XdmfGrids,
         groups: Mapping[str, int],
         cell_groups: Mapping[str, int],
-        mesh: str | None,
-        facet_tags: str | None,
-        cell_tags: str | None,
+        names: tuple[str | None, str | None, str | None],
     ) -> RawMesh:
-        """Read a mesh and groups by their tags; the facets may be in another file."""
-        meshes = [each for each in self._grids if each[2].find("Geometry") is not None]
-        top = max((dim for _, dim, _ in meshes), default=0)
-        bodies = [each for each in meshes if mesh is not None or each[1] == top]
-        grid, dim = self._choose("mesh", "mesh", bodies, mesh)
-        x, nodes = self._array(grid, "Geometry"), self._topology(grid)
-        name, count = _kind(grid), nodes.shape[1] if nodes.ndim == 2 else 0
-        try:
-            order = dolfinx.cpp.io.perm_vtk(getattr(dolfinx.mesh.CellType, name), count)
-        except (AttributeError, RuntimeError):
-            raise MeshError(f"{self._path}: {name}s of {count} nodes cannot be read.") from None
+        """Read the mesh of the largest dimension, unless named, and groups by their tags.
+
+        Args:
+            facets: The file of the facet tags.
+            groups: Tag of each facet group.
+            cell_groups: Tag of each cell group.
+            names: Names of mesh, facet tags and cell tags.
+        """
+        meshes = [grid for grid in self._grids if grid.find("Geometry") is not None]
+        top = max((_dim(grid) for grid in meshes), default=0)
+        bodies = [grid for grid in meshes if names[0] is not None or _dim(grid) == top]
+        grid = self._choose("mesh", "mesh", bodies, names[0])
+        kind, dim = _kind(grid), _dim(grid)
+        x, cells = self._array(grid, "Geometry"), self._array(grid, "Topology")
         of_facets, of_cells = {}, {}
         if groups:
-            found, vertices, tags = facets._tagged(dim - 1, "facet", facet_tags)
-            facets._check_nodes(found, x)
-            corners = max(dim, 4 if name == "hexahedron" else 0)
-            of_facets = {
-                key: vertices[each, :corners]
-                for key, each in _by_tag("facet", groups, tags).items()
-            }
+            tagged = facets._tagged("facet", dim - 1, names[1])
+            facets._check_nodes(tagged, x)
+            corners = facets._array(tagged, "Topology")[:, : 4 if kind == "hexahedron" else dim]
+            of_facets = facets._by_tag("facet", groups, tagged, corners)
         if cell_groups:
-            found, cells, tags = self._tagged(dim, "cell", cell_tags)
-            number = np.arange(len(nodes)) if found is grid else self._positions(cells, nodes)
-            of_cells = {
-                key: number[each] for key, each in _by_tag("cell", cell_groups, tags).items()
-            }
-        if x.ndim == 2 and x.shape[1] > dim:
-            raise MeshError(
-                f"A mesh of dimension {dim} in {x.shape[1]}-D space cannot be split; solids, or "
-                "plane meshes in 2-D, can."
-            )
+            tagged = self._tagged("cell", dim, names[2])
+            numbers = self._numbers(self._array(tagged, "Topology"), cells)
+            of_cells = self._by_tag("cell", cell_groups, tagged, numbers)
         try:
-            return mesh_of_arrays(name, x, nodes[:, order], of_facets, of_cells)
-        except MeshError as error:
-            raise MeshError(f"{self._path}: {error}") from None
+            order = perm_vtk(getattr(dolfinx.mesh.CellType, kind), cells.shape[1])
+            return mesh_of_arrays(kind, x, cells[:, order], of_facets, of_cells)
+        except (AttributeError, RuntimeError, ValueError) as error:
+            raise MeshError(f"{self._path}: the {kind} mesh cannot be used: {error}") from None
 
-    def _tagged(self, dim: int, kind: str, name: str | None) -> tuple[Any, Ints, Ints]:
-        """A grid with tags, the nodes of its entities and their tags."""
-        tagged = [
-            each for each in self._grids if each[1] == dim and each[2].find("Attribute") is not None
-        ]
-        grid, _ = self._choose(f"{kind} tags", f"{kind}_tags", tagged, name)
-        nodes, tags = self._topology(grid), self._array(grid, "Attribute").ravel()
-        if len(tags) != len(nodes):
-            raise MeshError(f"{self._path} has {len(tags)} {kind} tags for {len(nodes)} {kind}s.")
-        return grid, nodes, tags
+    def _tagged(self, kind: str, dim: int, name: str | None) -> Grid:
+        """Find the grid of the tags of facets or cells."""
+        found = [g for g in self._grids if g.find("Attribute") is not None and _dim(g) == dim]
+        return self._choose(f"{kind} tags", f"{kind}_tags", found, name)
 
-    def _check_nodes(self, grid: ElementTree.Element, x: Floats) -> None:
-        """Check that the nodes of tagged facets are those of the mesh."""
-        if grid.find("Geometry/DataItem") is None:  # those of the mesh by reference
-            return
-        own = self._array(grid, "Geometry")
-        alike = own.shape == x.shape and np.allclose(own, x, rtol=0.0, atol=_SAME * np.ptp(x))
-        if not alike:
+    def _choose(self, what: str, argument: str, grids: list[Grid], name: str | None) -> Grid:
+        """Return the grid that is asked for, or the only one."""
+        names = [grid.get("Name", "") for grid in grids]
+        there = ", ".join(map(repr, names)) or "none"
+        if name is not None and name not in names:
+            raise MeshError(f"{self._path} has no {what} {shown(name)}; it has: {there}.")
+        if not names:
+            raise MeshError(f"{self._path} has no {what}.")
+        if name is None and len(names) > 1:
+            raise MeshError(f"{self._path} has {what} {there}; choose one by {argument}=.")
+        return grids[0 if name is None else names.index(name)]
+
+    def _check_nodes(self, grid: Grid, x: Floats) -> None:
+        """Check that the nodes of tagged facets, unless referred to, are those of the mesh."""
+        own = x if grid.find("Geometry/DataItem") is None else self._array(grid, "Geometry")
+        if own.shape != x.shape or np.abs(own - x).max(initial=0.0) > _SAME * np.ptp(x):
             raise MeshError(
-                f"{self._path}: the facets have other nodes ({len(own)}) than the mesh ({len(x)}), "
-                "so that their numbers have another meaning; write both with the same points (with "
-                "meshio without prune_z_0 and remove_orphaned_nodes)."
+                f"{self._path}: the {len(own)} nodes of the facets are not the {len(x)} nodes of "
+                "the mesh; write cells and facets with the same points."
             )
 
-    def _positions(self, cells: Ints, nodes: Ints) -> Ints:
-        """Position of each cell with a tag among the cells of the mesh."""
-        rows = np.sort(np.vstack([nodes, cells]), axis=1)
+    def _numbers(self, tagged: Ints, cells: Ints) -> Ints:
+        """Number of each cell with a tag in the mesh."""
+        rows = np.sort(np.vstack([cells, tagged]), axis=1)
         _, first, of = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-        position = first[of.ravel()[len(nodes) :]]
-        lost = np.count_nonzero(position >= len(nodes))
-        if lost:
-            raise MeshError(f"{self._path}: {lost} cells with a tag are no cells of the mesh.")
-        return position
+        numbers = first[of.ravel()[len(cells) :]]
+        if lost := np.count_nonzero(numbers >= len(cells)):
+            raise MeshError(f"{self._path}: {lost} cells with tags are not in the mesh.")
+        return numbers
 
-    def _choose(
-        self, what: str, argument: str, grids: list[tuple[str, int, Any]], name: str | None
-    ) -> tuple[Any, int]:
-        """Grid and dimension of the name that is asked for, or of the only grid."""
-        there = ", ".join(repr(each[0]) for each in grids) or "none"
-        if name is not None and name not in [each[0] for each in grids]:
-            raise MeshError(f"{self._path} has no {what} {shown(name)}; it has: {there}.")
-        if not grids:
-            raise MeshError(f"{self._path} has no {what}.")
-        if name is None and len(grids) > 1:
-            raise MeshError(f"{self._path} has {what} {there}; choose one by {argument}=.")
-        _, dim, grid = next(each for each in grids if name in (None, each[0]))
-        return grid, dim
+    def _by_tag(
+        self, kind: str, groups: Mapping[str, int], grid: Grid, entities: Ints
+    ) -> dict[str, Ints]:
+        """Facets or cells of each group."""
+        tags = self._array(grid, "Attribute").ravel()
+        if len(tags) != len(entities):
+            raise MeshError(f"{self._path}: {len(entities)} {kind}s have {len(tags)} tags.")
+        for name, tag in groups.items():
+            if tag not in tags:
+                known = shown(np.unique(tags).tolist(), lambda each: ", ".join(map(str, each)))
+                raise MeshError(
+                    f"No {kind} carries the tag {tag} of the group {name!r}; the tags of {kind}s "
+                    f"are: {known}."
+                )
+        return {name: entities[tags == tag] for name, tag in groups.items()}
 
-    def _topology(self, grid: ElementTree.Element) -> Ints:
-        """Nodes of the cells of a grid in the order of the file, shape (n, nodes of a cell)."""
-        nodes = self._array(grid, "Topology")
-        if nodes.dtype.kind not in "iu":
-            raise MeshError(f"{self._path}: the nodes of cells must be whole numbers.")
-        return nodes.astype(np.int64)
-
-    def _array(self, grid: ElementTree.Element, part: str) -> NDArray[Any]:
+    def _array(self, grid: Grid, part: str) -> NDArray[Any]:
         """Numbers of a part of a grid, in the file itself or in its HDF5 file."""
         item = grid.find(f"{part}/DataItem")
         try:
             if item is None:
-                raise ValueError(f"the grid {grid.get('Name', '')!r} has no numbers of {part}")
-            text = item.text or ""
+                raise ValueError(f"the grid {grid.get('Name')!r} has no DataItem of its {part}")
+            kind, text = float if part == "Geometry" else np.int64, item.text or ""
             if item.get("Format") != "HDF":
-                kind = float if part == "Geometry" else np.int64
-                shape = [int(n) for n in item.get("Dimensions", "").split()]
+                shape = [int(count) for count in item.get("Dimensions", "").split()]
                 return np.array(text.split(), dtype=kind).reshape(shape)
             name, _, place = text.strip().partition(":")
             with h5py.File(self._path.parent / name, "r") as file:
-                return np.asarray(file[place][()])
-        except (OSError, KeyError, ValueError) as failure:
+                return np.asarray(file[place][()], dtype=kind)
+        except (OSError, KeyError, TypeError, ValueError) as failure:
             reason = " ".join(str(failure).split())
-            raise MeshError(f"{self._path} cannot be read: {reason}") from None
+            raise MeshError(f"{self._path} cannot be read: {reason}.") from None
 
 
-def _kind(grid: ElementTree.Element) -> str:
+def _kind(grid: Grid) -> str:
     """First word of the type of the cells of a grid."""
     topology = grid.find("Topology")
-    kind = "" if topology is None else topology.get("TopologyType", "")
-    return kind.lower().split("_")[0]
+    return "" if topology is None else topology.get("TopologyType", "").lower().split("_")[0]
 
 
-def _by_tag(kind: str, groups: Mapping[str, int], tags: Ints) -> dict[str, NDArray[np.bool_]]:
-    """Which entities carry the tag of each group."""
-    found = {name: tags == tag for name, tag in groups.items()}
-    for name, members in found.items():
-        if not members.any():
-            there = shown(np.unique(tags).tolist(), lambda values: ", ".join(map(str, values)))
-            raise MeshError(
-                f"No {kind} carries the tag {groups[name]} of the group {name!r}; the tags of "
-                f"{kind}s are: {there or 'none'}."
-            )
-    return found
+def _dim(grid: Grid) -> int:
+    return _DIMENSION[_kind(grid)]

@@ -22,6 +22,7 @@ if not __package__:  # run as a script: make the package importable
 
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import PlausibilityWarning, warn
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.meshing.arguments import Length, Order, check_fine, mesh_path
@@ -39,7 +40,10 @@ from dolfinx_joints.geometry.meshing.step_options import (
 )
 
 _NAMELESS = "Open CASCADE STEP translator"  # what its writer calls solids without a name
-_OPTIONS = {"Geometry.OCCImportLabels": 1, "Geometry.OCCScaling": 1e-3}
+_FUZZY = "Geometry.ToleranceBoolean"
+_OPTIONS = {"Geometry.OCCImportLabels": 1, "Geometry.OCCScaling": 1e-3, _FUZZY: 0.0}
+JOINED = 1e-6  # of the size of the body: faces that are nearer are joined
+NEAR = 2e-3  # wider gaps between faces are taken as meant [m]
 
 
 @checked
@@ -81,9 +85,9 @@ def from_step(
         The path written.
 
     Raises:
-        ValueError: if an argument is not allowed, the file holds no solids, cannot be read or
-            not all of its solids can be built, solids overlap, one touches no other, or a name
-            fits nothing.
+        ValueError: if an argument is not allowed, the size is larger than the body, the file holds
+            no solids, cannot be read or not all of its solids can be built, solids overlap, one
+            touches no other, or a name fits nothing.
         RuntimeError: if the file cannot be tried in a process of its own, or Gmsh fails to mesh
             the solids.
     """
@@ -101,9 +105,13 @@ def from_step(
             gmsh.option.setNumber(name, value)
         gmsh.option.setNumber("Mesh.SecondOrderLinear", 0)  # nodes go to the curved faces
         try:
-            volumes = _volumes(_import(step, described), solids or {})
+            volumes = _volumes(_import(step, described, size), solids or {})
+            _warn_of_gaps(step, volumes)
             faces = _joints(volumes, joints or {}, tied)
-            faces |= _surfaces(volumes, surfaces or {})
+            outer = _surfaces(volumes, surfaces or {})
+            if both := sorted(set(faces) & set(outer)):
+                raise ValueError(f"A joint and a surface have one name: {both[0]!r}.")
+            faces |= outer
             _group(3, volumes)
             _group(2, faces)
             _mesh(size, joint_size, faces, order)
@@ -115,7 +123,7 @@ def from_step(
     return path
 
 
-def _import(step: Path, described: int) -> dict[int, str]:
+def _import(step: Path, described: int, size: float) -> dict[int, str]:
     """Import the solids and cut them at their common faces; return their names by tag."""
     names = []
     for number, (_, label) in enumerate(_read(step, described, scale=1.0), start=1):
@@ -125,8 +133,10 @@ def _import(step: Path, described: int) -> dict[int, str]:
     gmsh.model.occ.synchronize()
     # Gmsh drops the names where it scales.
     tags = [tag for tag, _ in _read(step, described, scale=1e-3)]
+    extent = _extent(step, size)
     if len(tags) == 1:
         return {tags[0]: names[0]}
+    gmsh.option.setNumber(_FUZZY, JOINED * extent)
     pieces = [(3, tag) for tag in tags]
     _, children = gmsh.model.occ.fragment(pieces[:1], pieces[1:])
     gmsh.model.occ.synchronize()
@@ -142,9 +152,11 @@ def _import(step: Path, described: int) -> dict[int, str]:
             owner[tag] = name
     for tag, name in owner.items():
         if not any(len(_sides(face)) == 2 for face in _faces(tag)):
+            others = [other for other in owner if other != tag]
+            gap, other = min((gmsh.model.occ.getDistance(3, tag, 3, o)[0], o) for o in others)
             raise ValueError(
-                f"{step}: the solid {name!r} shares no face with another one; close the gap, or "
-                "mesh it alone."
+                f"{step}: the solid {name!r} shares no face with another one, {owner[other]!r} is "
+                f"{gap:.3g} m away; close the gap, or mesh it alone."
             )
     return owner
 
@@ -176,6 +188,37 @@ def _faces(volume: int) -> list[int]:
 def _sides(face: int) -> list[int]:
     """Return the volumes on the sides of a face."""
     return [int(volume) for volume in gmsh.model.getAdjacencies(2, face)[0]]
+
+
+def _extent(step: Path, size: float) -> float:
+    """Return the largest extent of the body [m]; cells must be smaller."""
+    extent = float(np.ptp(np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)), axis=0).max())
+    unit = f"the body in {step} is {extent:.3g} m long; look at its unit of length"
+    if size > extent:
+        raise ValueError(f"size is {size:g} m, but {unit}, or choose a smaller size.")
+    if not 1.0 <= extent <= 2e4:
+        warn(f"{unit[0].upper()}{unit[1:]}: usual is 1 m to 20 km.", PlausibilityWarning)
+    return extent
+
+
+def _warn_of_gaps(step: Path, volumes: dict[str, list[int]]) -> None:
+    """Warn of solids with outer faces so near to each other that a joint may be meant there."""
+    name = {tag: name for name, tags in volumes.items() for tag in tags}
+    faces = [(tag, face) for tag in name for face in _faces(tag) if len(_sides(face)) == 1]
+    box = {f: np.reshape(gmsh.model.getBoundingBox(2, f), (2, 3)) for _, f in faces}
+    corners = {f: set(gmsh.model.getBoundary([(2, f)], recursive=True)) for _, f in faces}
+    gaps: dict[tuple[int, int], float] = {}
+    for (one, f), (two, g) in combinations(faces, 2):
+        apart = np.maximum(box[f][0] - box[g][1], box[g][0] - box[f][1]).max() > NEAR
+        if one != two and not apart and not corners[f] & corners[g]:
+            gap = gmsh.model.occ.getDistance(2, f, 2, g)[0]
+            gaps[one, two] = min(gap or np.inf, gaps.get((one, two), np.inf))
+    for (one, two), gap in gaps.items():
+        if gap <= NEAR:
+            warn(
+                f"{step}: faces of the solids {name[one]!r} and {name[two]!r} are {gap:.3g} m "
+                "apart, without a joint between them; let them touch if a joint is meant."
+            )
 
 
 def _volumes(owner: dict[int, str], solids: Mapping[str, Sequence[float]]) -> dict[str, list[int]]:
@@ -276,7 +319,8 @@ def _surfaces(volumes: dict[str, list[int]], surfaces: Mapping[str, Plane]) -> d
         for face in faces:
             del left[face]
         found[name] = faces
-    return found | ({UNNAMED_SURFACE: list(left)} if left else {})
+    found[UNNAMED_SURFACE] = [*found.get(UNNAMED_SURFACE, []), *left]
+    return {name: faces for name, faces in found.items() if faces}
 
 
 def _group(dim: int, groups: dict[str, list[int]]) -> None:

@@ -6,9 +6,7 @@ from __future__ import annotations
 
 import gc
 import itertools
-import os
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -24,17 +22,6 @@ except ImportError:  # records, spectra, results and plots are tested without MP
 # Of the largest energy of a static stage: the residual that solvers accept is 1e-10 of the forces.
 LEDGER_ERROR = 1e-10
 RIGID_ERROR = 1e-7
-
-
-def pytest_sessionstart(session: pytest.Session) -> None:
-    """Remove what compilations that were killed left: FFCx would wait for their end and fail."""
-    if hasattr(session.config, "workerinput") or (MPI is not None and MPI.COMM_WORLD.rank > 0):
-        return
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fenics"
-    for source in cache.glob("libffcx_*.c"):
-        begun = source.stat().st_mtime
-        if not source.with_suffix(".c.cached").exists() and time.time() - begun > 60:
-            source.unlink(missing_ok=True)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

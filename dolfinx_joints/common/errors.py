@@ -2,18 +2,28 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Exceptions and warnings of this package; each message is one sentence a user can act on."""
 
-import contextlib
 import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
-from pathlib import Path
-
-# Files of the package, constructors of dataclasses, context managers.
-_INSIDE = (f"{Path(__file__).parents[1]}/", "<string>", contextlib.__file__)
 
 from dolfinx_joints.common.parameters import printable
+
+# Modules whose frames are between a user's line and a warning.
+_PASSED = ("dolfinx_joints", "contextlib", "dataclasses", "functools")
+
+
+def warn(text: str, category: type[Warning] = UserWarning) -> None:
+    """Warn at the user's line, the first one outside of this package.
+
+    Python 3.12 has ``skip_file_prefixes`` for this, but constructors of dataclasses are in a file
+    ``<string>``, as the user's line may be.
+    """
+    level, frame = 1, sys._getframe()
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in _PASSED:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, category, stacklevel=level)
 
 
 class JointsError(Exception):
@@ -57,14 +67,6 @@ class PlausibilityWarning(UserWarning):
 
     Of models in other units: ``warnings.simplefilter("ignore", PlausibilityWarning)``.
     """
-
-
-def warn(text: str, category: type[Warning] = UserWarning) -> None:
-    """Warn at the line outside the package that called it, so that no line of the package shows."""
-    frame, level = sys._getframe(1), 2
-    while frame.f_back is not None and frame.f_code.co_filename.startswith(_INSIDE):
-        frame, level = frame.f_back, level + 1
-    warnings.warn(text, category, stacklevel=level)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)

@@ -37,6 +37,10 @@ _GROWING_SECONDS = 1.0  # longer than a writer takes to lengthen a file
 _ATTEMPTS = 26
 
 
+class OldLayoutError(ValueError):
+    """A file that is whole, but of a layout that is no longer read."""
+
+
 @contextmanager
 def damage_reported(
     path: Path, error: type[Exception], verdict: str = "is damaged"
@@ -46,6 +50,11 @@ def damage_reported(
         yield
     except JointsError:
         raise
+    except OldLayoutError as old:
+        raise error(
+            f"{path} is of an older version of this program ({old}); run it again, or read it with "
+            "the version that wrote it."
+        ) from None
     except DAMAGE as raised:
         reason = " ".join(str(raised).split()) or type(raised).__name__
         raise error(f"{path} {verdict}: {reason[:300]}.") from raised
@@ -86,10 +95,13 @@ def attribute(item: h5py.Dataset | h5py.Group, name: str) -> str | int | None:
         return bytes(item.attrs[name]).decode()
     if isinstance(kind, h5py.h5t.TypeIntegerID) and not wrong:
         return int(item.attrs[name])
-    raise ValueError(
-        f"the attribute {name!r} is no text of fixed length and no whole number; files of earlier "
-        "versions must be written anew"
-    )
+    raise OldLayoutError(f"the attribute {name!r} is no text of fixed length and no whole number")
+
+
+def check_version(version: str | int | None, read: int) -> None:
+    """Compare the version of a layout with the one that is read."""
+    if not isinstance(version, int) or version < read:
+        raise OldLayoutError(f"version {version} of the layout, {read} is read")
 
 
 def seal(path: Path) -> bytes:

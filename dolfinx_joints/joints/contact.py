@@ -15,12 +15,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import JointsError, MeshError
 from dolfinx_joints.common.mpi import raised_together, summed
-from dolfinx_joints.common.parameters import (
-    check_each,
-    check_kind_of,
-    check_number,
-    shown,
-)
+from dolfinx_joints.common.parameters import check_each, check_kind_of, check_number, shown
 from dolfinx_joints.joints.bonds import Bonds, broken_points
 from dolfinx_joints.joints.form_operator import FormOperator
 from dolfinx_joints.joints.law_points import LawPoints, empty_response
@@ -58,6 +53,7 @@ class Contact:
         initial_gap: Gap before any displacement, in the mesh and given, shape (n, 3), [m].
         acting: Which of the local points carry tractions, shape (n,).
         tied: Which of the local points can neither open nor slide, shape (n,).
+        overlaps: Smallest given gap of each joint that has one below zero, by name [m].
 
     Raises:
         MeshError: A name stands for no joint, or a joint has no law.
@@ -92,10 +88,14 @@ class Contact:
         self.tied = operator.tied  # also of a reduced operator, whose rows may vanish elsewhere
         self.initial_gap: Floats = operator.initial_gap.copy()
         places = np.zeros_like(self.initial_gap) if operator.points is None else operator.points
+        self.overlaps: dict[str, float] = {}
         for name, gap in gaps.items():
             here = operator.joint == operator.names.index(name)
             with raised_together(operator.comm):
-                self.initial_gap[here, 0] += _checked_gap(name, gap, places[here])
+                given = _checked_gap(name, gap, places[here])
+            self.initial_gap[here, 0] += given
+            least = operator.comm.allreduce(float(given.min(initial=0.0)), min)
+            self.overlaps |= {name: least} if least < 0.0 else {}
 
     @cached_property
     def by_forms(self) -> Contact:

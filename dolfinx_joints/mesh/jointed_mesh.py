@@ -18,7 +18,7 @@ import dolfinx.mesh
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import entities_to_geometry
+from dolfinx.mesh import entities_to_geometry, exterior_facet_indices
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
@@ -105,6 +105,22 @@ class JointedMesh(Summarised):
         tags = self._tags_of_facets(name)
         return self._facet_tags.indices[np.isin(self._facet_tags.values, tags)]
 
+    def boundary_facets(self, name: str) -> NDArray[np.int32]:
+        """Owned facets of such a group, all on the boundary of the body (collective).
+
+        Raises:
+            MeshError: There is no such group, or some of its facets lie inside the body.
+        """
+        facets, topology = self.facets(name), self.mesh.topology
+        owned = facets[facets < topology.index_map(topology.dim - 1).size_local]
+        found = np.intersect1d(owned, exterior_facet_indices(topology))
+        if inside := self.mesh.comm.allreduce(len(owned) - len(found)):
+            raise MeshError(
+                f"{inside} facets of {name!r} lie inside the body; loads, springs, viscous "
+                "boundaries, water and integrals over ds act on its boundary only."
+            )
+        return found
+
     def corners(self, name: str) -> Floats:
         """Vertices of the facets of such a group, shape (n, vertices per facet, gdim), [m]."""
         x, facets = self.mesh.geometry.x[:, : self.mesh.geometry.dim], self.facets(name)
@@ -122,7 +138,12 @@ class JointedMesh(Summarised):
         return self.cell_tags.indices[np.isin(self.cell_tags.values, tags)]
 
     def ds(self, name: str) -> ufl.Measure:
-        """Surface measure of a named group, or of a side ``NAME-`` or ``NAME+`` of a joint."""
+        """Surface measure of a named group, or of a side ``NAME-`` or ``NAME+`` of a joint.
+
+        Raises:
+            MeshError: There is no such group, or some of its facets lie inside the body.
+        """
+        self.boundary_facets(name)
         tags = self._tags_of_facets(name)
         return ufl.Measure("ds", domain=self.mesh, subdomain_data=self._facet_tags)(tags)
 

@@ -156,12 +156,13 @@ def tag_sets(
     found, inverse = np.unique(entities, axis=0, return_inverse=True)
     member = np.zeros((len(found), len(names)), dtype=bool)
     member[inverse.ravel(), group] = True
-    sets = np.unique(of_all(np.unique(member, axis=0)), axis=0)
-    values = np.unique(np.vstack([sets, member]), axis=0, return_inverse=True)[1].ravel()
+    own, of_own = np.unique(member, axis=0, return_inverse=True)
+    sets = np.unique(of_all(own), axis=0)
+    values = np.unique(np.vstack([sets, own]), axis=0, return_inverse=True)[1].ravel()
     tags = {
         name: tuple(int(t) + 1 for t in np.flatnonzero(sets[:, i])) for i, name in enumerate(names)
     }
-    return found, (values[len(sets) :] + 1).astype(np.int32), tags
+    return found, (values[len(sets) :][of_own.ravel()] + 1).astype(np.int32), tags
 
 
 def _members(slots: Mapping[str, Ints]) -> tuple[Ints, Ints, Iterable[str]]:

@@ -187,6 +187,14 @@ def _check_sides(names: list[str], facets: Ints, number: Ints, count: Ints, x: F
     wrong = np.flatnonzero(count != 2)
     if len(wrong):
         where = ", ".join(f"{v:.4g}" for v in x[facets[wrong[0]]].mean(axis=0))
+        outer = count == 1
+        centres = x[facets[outer]].mean(axis=1).round(12)
+        if len(np.unique(centres, axis=0)) < len(centres):
+            raise MeshError(
+                f"Joint {names[number[wrong[0]]]!r} holds both of its faces, as Gmsh's plugin "
+                "Crack leaves them; write the mesh before the plugin is run, or make groups NAME- "
+                "and NAME+ of the two faces."
+            )
         raise MeshError(
             f"Joint {names[number[wrong[0]]]!r}: {len(wrong)} of its facets do not have one cell "
             f"on each side (the first, centred at ({where}), has {count[wrong[0]]}); a joint must "

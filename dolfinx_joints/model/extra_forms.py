@@ -46,3 +46,9 @@ def check_joints(jointed: JointedMesh, joints: Any, initial_gaps: Any) -> None:
         if not jointed.joint_names and isinstance(given, Mapping) and given:
             names = ", ".join(map(str, given))
             raise MeshError(f"The mesh has no joints, but {what} were given for {names}.")
+    if not jointed.joint_names and joints is not None and not isinstance(joints, Mapping):
+        raise MeshError(
+            f"The mesh has no joints, but the law {type(joints).__name__} was given for them; name "
+            "the surface group of each joint 'joint...' in the mesh or list it in joints= of the "
+            "reader. A monolithic body takes no joints= in Model."
+        )

@@ -22,6 +22,7 @@ from dolfinx_joints.body.places import nodes_of_facets
 from dolfinx_joints.body.supports import Constraints, Spring, Support
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_groups
 from dolfinx_joints.common.declared import declarations
+from dolfinx_joints.common.files import remove_killed_compilations
 from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.common.summary import Summarised
@@ -37,7 +38,7 @@ from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_joi
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.model.modal_damping import DampedModes
 from dolfinx_joints.model.model_rows import model_rows
-from dolfinx_joints.model.plausibility import warn_of_what_no_dam_has
+from dolfinx_joints.model.plausibility import warn_of_overlaps, warn_of_what_no_dam_has
 from dolfinx_joints.model.system import MatrixSystem, water_in
 
 if TYPE_CHECKING:
@@ -133,6 +134,7 @@ class Model(Summarised):
         check_kind_of("reservoir", reservoir, known, "a ReservoirWaves or a MeshedReservoir")
         acting = [*loads, *added_mass, *([] if reservoir is None else [reservoir])]
         self.doubts = warn_of_what_no_dam_has(jointed, by_group, joints, acting)
+        remove_killed_compilations(jointed.mesh.comm)
         self.jointed, self.gdim = jointed, jointed.mesh.geometry.dim
         self.loads, self.supports, self.added_mass = list(loads), list(supports), list(added_mass)
         self._degree, self._symmetric = degree or jointed.shape.degree, symmetric
@@ -147,6 +149,7 @@ class Model(Summarised):
         if jointed.joint_names and joints is not None:
             self.operator = JointOperator(jointed, self.V, quadrature=quadrature)
             self.contact = Contact(self.operator, joints, initial_gaps)
+            self.doubts += warn_of_overlaps(jointed.mesh.comm, self.contact.overlaps)
         self.stiffness = self._stiffness(extra_stiffness)
         modes = matrices.rigid_modes(self.stiffness, self.V.tabulate_dof_coordinates())
         self.stiffness.setNearNullSpace(modes)
@@ -281,8 +284,7 @@ class Model(Summarised):
         """
         mass = self.body_mass if body_only else self.mass
         uniform = mass.createVecRight()
-        local = uniform.getLocalSize() // self.gdim
-        uniform.setArray(np.tile(acceleration, local))
+        uniform.setArray(np.tile(acceleration, uniform.getLocalSize() // self.gdim))
         force = uniform.duplicate()
         mass.mult(uniform, force)
         return force
@@ -362,11 +364,9 @@ class Model(Summarised):
         reactions, the force of a support on the body. Nodes that belong to several groups count
         in each of them.
         """
-        nodes = self.nodes(group)
         owned = self.V.dofmap.index_map.size_local
         values = force.getArray(readonly=True)[: owned * self.gdim].reshape(-1, self.gdim)
-        local = values[nodes].sum(axis=0)
-        return summed(self.jointed.mesh.comm, local)
+        return summed(self.jointed.mesh.comm, values[self.nodes(group)].sum(axis=0))
 
     def nodes(self, group: str) -> NDArray[np.int64]:
         """Owned nodes of a facet group or a support at a point, local numbers (collective)."""

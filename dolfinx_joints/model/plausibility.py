@@ -98,6 +98,17 @@ def warn_of_what_no_dam_has(
     return texts
 
 
+def warn_of_overlaps(comm: Any, overlaps: Mapping[str, float]) -> list[str]:
+    """Warn of initial gaps below zero, by joint [m], on rank 0; the warnings there."""
+    texts = [
+        f"Joint {name!r}: the initial gap is {gap:g} m; the faces overlap, positive gaps are open."
+        for name, gap in (overlaps.items() if comm.rank == 0 else ())
+    ]
+    for text in texts:
+        warn(text, PlausibilityWarning)
+    return texts
+
+
 def _parameters(given: Any) -> Iterator[tuple[str, Any]]:
     """Parameters of a dataclass by name, and those of the dataclasses that it holds."""
     for each in fields(given) if is_dataclass(given) else ():
@@ -132,11 +143,14 @@ def _foot(jointed: JointedMesh, load: Any) -> float:
 
 
 def _level(owner: str, load: Any, bottom: float, top: float, foot: float) -> list[str]:
-    """A line for water that reaches neither the body nor its face, or stands high above."""
+    """A line for water that reaches neither the body nor its face, or stands high above.
+
+    Water may stand above the crest by a third of the height.
+    """
     level = getattr(load, "level", None)
     if not isinstance(level, int | float):
         return []
-    if not bottom < level <= 2.0 * top - bottom:
+    if not bottom < level <= top + (top - bottom) / 3.0:
         return [f"{owner}: level is {level:g} m; the body reaches from {bottom:g} to {top:g} m."]
     if level <= foot:
         return [f"{owner}: level is {level:g} m; the group {load.group!r} begins at {foot:g} m."]

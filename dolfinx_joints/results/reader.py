@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.common.hdf5 import attribute, damage_reported, open_growing
+from dolfinx_joints.common.hdf5 import attribute, check_version, damage_reported, open_growing
 from dolfinx_joints.common.parameters import check_file, shown
 from dolfinx_joints.common.summary import Rows, Summarised, names, number
 
@@ -363,6 +363,7 @@ def _check(file: h5py.File, path: Path) -> None:
     found, version = attribute(file, "format"), attribute(file, "version")
     if found != FORMAT or not isinstance(version, int):
         raise ResultsError(f"{path} is HDF5 but not a file of {FORMAT!r}.")
+    check_version(version, VERSION)
     if version > VERSION:
         raise ResultsError(
             f"{path} has version {version} of the layout, this program reads up to {VERSION}."

@@ -19,6 +19,7 @@ from dolfinx_joints.common.errors import CheckpointError
 from dolfinx_joints.common.hdf5 import (
     attribute,
     check_seal,
+    check_version,
     damage_reported,
     new_file,
     seal,
@@ -94,6 +95,7 @@ def read_checkpoint(
             version = attribute(file, "version")
             if attribute(file, "format") != FORMAT:
                 raise CheckpointError(f"{path} is HDF5 but not a file of {FORMAT!r}.")
+            check_version(version, VERSION)
             if version != VERSION:
                 raise CheckpointError(
                     f"{path} has version {version} of the layout, this program reads version "

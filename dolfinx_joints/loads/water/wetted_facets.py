@@ -18,10 +18,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import basix
-import dolfinx.mesh
 import numpy as np
 
-from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import Floats, Ints, facet_slots
 from dolfinx_joints.mesh.closest_points import longest_sides
@@ -56,18 +54,7 @@ class WettedPoints:
 
 def wetted_facets(space: Any, jointed: JointedMesh, group: str, level: float) -> WettedFacets:
     """The part of a facet group below a level [m] (collective)."""
-    mesh = jointed.mesh
-    facets = jointed.facets(group)
-    fdim = mesh.topology.dim - 1
-    mesh.topology.create_connectivity(fdim, fdim + 1)
-    outer = dolfinx.mesh.exterior_facet_indices(mesh.topology)
-    owned = facets[facets < mesh.topology.index_map(fdim).size_local]
-    inside = sum(mesh.comm.allgather(int(np.sum(~np.isin(owned, outer)))))
-    if inside:
-        raise MeshError(
-            f"{inside} facets of {group!r} lie inside the body; water acts on its boundary only."
-        )
-    return WettedFacets(space, jointed, np.intersect1d(facets, outer), level)
+    return WettedFacets(space, jointed, jointed.boundary_facets(group), level)
 
 
 class WettedFacets:

@@ -12,12 +12,14 @@ import basix.ufl
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.files import remove_killed_compilations
 from dolfinx_joints.common.mpi import dealt, equal_blocks, on_root, rank_of, rows_at
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.distribution.partition import glued, partitioner_across
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh, mesh_tags
+from dolfinx_joints.mesh.reading.mesh_checks import check_cells, warn_of_untied
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +76,10 @@ def distribute(comm: Any, prepare: Callable[[], PreparedMesh]) -> JointedMesh:
 
 def create_jointed(comm: Any, share: PreparedMesh) -> JointedMesh:
     """Create the DOLFINx mesh of what each rank has, and tag its entities (collective)."""
+    remove_killed_compilations(comm)
     shape = share.shape
+    x = rows_at(comm, share.x, share.cells.ravel()).reshape(*share.cells.shape, -1)
+    check_cells(comm, shape, share.cells, x)
     element = basix.ufl.element("Lagrange", shape.name, shape.degree, shape=(share.x.shape[1],))
     partitioner = partitioner_across(share.pairs, share.glued) if comm.size > 1 else None
     mesh = dolfinx_versions.create_mesh(comm, share.cells, share.x, element, partitioner)
@@ -87,7 +92,7 @@ def create_jointed(comm: Any, share: PreparedMesh) -> JointedMesh:
     facet_of_cell = facets_of_cells(mesh, shape)
     cell, facet = np.nonzero(values[:, 1:])
     facets, first = np.unique(facet_of_cell[cell, facet], return_index=True)
-    return JointedMesh(
+    jointed = JointedMesh(
         mesh=mesh,
         shape=shape,
         cell_tags=mesh_tags(mesh, shape.dim, np.arange(len(original)), values[:, 0]),
@@ -96,6 +101,8 @@ def create_jointed(comm: Any, share: PreparedMesh) -> JointedMesh:
         _facet_tags=mesh_tags(mesh, shape.dim - 1, facets, values[cell, 1 + facet][first]),
         _facet_groups=share.facet_groups,
     )
+    warn_of_untied(jointed)
+    return jointed
 
 
 def facets_of_cells(mesh: Any, shape: CellShape) -> NDArray[np.int32]:

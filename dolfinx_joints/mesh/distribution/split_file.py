@@ -18,7 +18,13 @@ import h5py
 import numpy as np
 
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.common.hdf5 import attribute, check_superblock, damage_reported, set_texts
+from dolfinx_joints.common.hdf5 import (
+    attribute,
+    check_superblock,
+    check_version,
+    damage_reported,
+    set_texts,
+)
 from dolfinx_joints.common.mpi import blocks_of, equal_blocks, on_root, raised_together
 from dolfinx_joints.common.parameters import check_file
 from dolfinx_joints.mesh.cells import CellShape
@@ -128,7 +134,8 @@ def _read(path: Path, rank: int, ranks: int) -> PreparedMesh:
         with h5py.File(path, "r") as file:
             if attribute(file, "format") != FORMAT:
                 raise MeshError(f"{path} is HDF5 but not a file of {FORMAT!r}.")
-            if (version := attribute(file, "version")) != VERSION:
+            check_version(version := attribute(file, "version"), VERSION)
+            if version != VERSION:
                 raise MeshError(
                     f"{path} has version {version} of the layout, this program reads version "
                     f"{VERSION}."

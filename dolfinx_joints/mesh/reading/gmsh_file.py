@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError, warn
 from dolfinx_joints.common.parameters import check_file
-from dolfinx_joints.mesh.cells import CellShape, Ints, RawMesh, check_curves
+from dolfinx_joints.mesh.cells import CellShape, Ints, RawMesh, check_curves, find_facets
 from dolfinx_joints.mesh.dolfinx_versions import gmsh_permutation
 from dolfinx_joints.mesh.reading.gmsh_syntax import check_msh
 
@@ -30,6 +30,8 @@ _CELLS = {
 }
 _FACET_VERTICES = {1: 2, 8: 2, 2: 3, 9: 3, 3: 4, 10: 4}
 
+Names = dict[tuple[int, int], str]
+
 
 def load_msh(path: Path) -> RawMesh:
     """Read a ``.msh`` file with named physical groups."""
@@ -41,7 +43,7 @@ def load_msh(path: Path) -> RawMesh:
         ) from None
 
     check_file(path, f"Mesh file {str(path)!r} does not exist.", MeshError)
-    check_msh(path)
+    names = check_msh(path)
     started = not gmsh.isInitialized()
     if started:
         gmsh.initialize(interruptible=False)
@@ -53,7 +55,7 @@ def load_msh(path: Path) -> RawMesh:
             gmsh.merge(str(path))
         except Exception as exc:
             raise MeshError(f"Gmsh cannot read {str(path)!r}: {exc}.") from None
-        return _read_model(gmsh.model, str(path))
+        return _read_model(gmsh.model, str(path), names)
     finally:
         if started:
             gmsh.clear()  # a reading that failed leaves Gmsh locked, beyond the end of the session
@@ -65,13 +67,21 @@ def load_msh(path: Path) -> RawMesh:
             gmsh.option.setNumber("General.Terminal", terminal)
 
 
-def _read_model(model: Any, source: str) -> RawMesh:
+def _read_model(model: Any, source: str, names: Names) -> RawMesh:
     """Turn the current Gmsh model into arrays."""
+    model.mesh.renumberNodes()
     dim = model.getDimension()
-    groups = {d: _groups(model, d) for d in (dim, dim - 1)} if dim in (2, 3) else {}
+    if parts := model.getNumberOfPartitions():
+        raise MeshError(
+            f"{source!r} is partitioned into {parts} parts; write it whole (gmsh.model.mesh."
+            "unpartition, or without -part). The mesh is distributed when it is read."
+        )
+    groups = {d: _groups(model, d, names) for d in (dim, dim - 1)} if dim in (2, 3) else {}
     if not groups or not groups[dim]:
         raise MeshError(
-            f"{source!r} has no named physical group of cells; name the volumes (surfaces in 2-D)."
+            f"{source!r} has no named physical group of cells; name the volumes (surfaces in 2-D). "
+            "If they are named, the file was written with Mesh.SaveAll, which drops the groups in "
+            "format 2.2: set Mesh.SaveAll to 0, or write format 4.1."
         )
     kinds, blocks, cell_groups, start = set(), [], {}, 0
     numbered: dict[int, NDArray[np.int64]] = {}
@@ -90,10 +100,13 @@ def _read_model(model: Any, source: str) -> RawMesh:
     _warn_of_others(model, dim, numbered, source)
     tags, coordinates, _ = model.mesh.getNodes()
     nodes = np.vstack(blocks).astype(np.int64)
-    used, nodes = np.unique(nodes, return_inverse=True)
-    nodes = nodes.reshape(-1, blocks[0].shape[1])
-    order = np.argsort(tags)
-    x = coordinates.reshape(-1, 3)[order[np.searchsorted(tags[order], used)]]
+    place = np.full(int(tags.max()) + 1, -1)  # of each node; their numbers have no gaps
+    place[nodes] = 0
+    used = np.flatnonzero(place == 0)
+    place[used] = np.arange(len(used))
+    nodes, in_cells = place[nodes], place[tags] >= 0
+    x = np.empty((len(used), 3))
+    x[place[tags[in_cells]]] = coordinates.reshape(-1, 3)[in_cells]
     facets = {
         name: _facets(model, dim, entities, name, used)
         for name, entities in groups[dim - 1].items()
@@ -101,19 +114,21 @@ def _read_model(model: Any, source: str) -> RawMesh:
     if dim == 2 and np.ptp(x[:, 2]) > 1e-9 * np.ptp(x, axis=0).max():
         raise MeshError(f"{source!r} is a surface that does not lie in a plane z = constant.")
     cells = nodes[:, gmsh_permutation(shape.name, nodes.shape[1])]
+    for d, tag in model.getPhysicalGroups(dim - 1):
+        if not names.get((d, tag)):
+            _warn_of_unnamed(model, dim, tag, (shape, cells, used), source)
     x = x[:, :dim].copy()
     check_curves(shape, x, cells, repr(source))
     return RawMesh(shape=shape, cells=cells, x=x, cell_groups=cell_groups, facet_groups=facets)
 
 
-def _groups(model: Any, dim: int) -> dict[str, list[int]]:
-    """Entities of each named physical group of one dimension."""
-    found = {}
+def _groups(model: Any, dim: int, names: Names) -> dict[str, list[int]]:
+    """Entities of each name among the physical groups of one dimension."""
+    found: dict[str, list[int]] = {}
     for d, tag in model.getPhysicalGroups(dim):
-        name = model.getPhysicalName(d, tag)
-        if name:
-            found[name] = [int(e) for e in model.getEntitiesForPhysicalGroup(d, tag)]
-    return found
+        if name := names.get((d, tag)):
+            found.setdefault(name, []).extend(map(int, model.getEntitiesForPhysicalGroup(d, tag)))
+    return {name: list(dict.fromkeys(entities)) for name, entities in found.items()}
 
 
 def _warn_of_others(model: Any, dim: int, named: Collection[int], source: str) -> None:
@@ -125,6 +140,21 @@ def _warn_of_others(model: Any, dim: int, named: Collection[int], source: str) -
             f"{source!r}: {count} cells in no named physical group are left out; name their "
             f"{'volumes' if dim == 3 else 'surfaces'} if they are part of the body."
         )
+
+
+def _warn_of_unnamed(model: Any, dim: int, tag: int, body: Any, source: str) -> None:
+    """Warn of facets of the body in a group without a name: a joint may have been forgotten."""
+    entities, (shape, cells, used) = model.getEntitiesForPhysicalGroup(dim - 1, tag), body
+    try:
+        count = find_facets(shape, cells, _facets(model, dim, entities, str(tag), used))[1]
+    except MeshError:  # facets of a part of the model that is left out
+        return
+    warn(
+        f"{source!r}: {np.count_nonzero(count)} facets in the physical group {tag} without a name "
+        f"are left out, {np.count_nonzero(count == 2)} of them inside the body; name the group if "
+        "they are a joint or a boundary. Of several groups of one name Gmsh writes the name of one "
+        "only: put all into one group."
+    )
 
 
 def _elements(model: Any, dim: int, entity: int, source: str) -> tuple[int, Ints]:

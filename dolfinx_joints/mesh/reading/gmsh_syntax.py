@@ -17,13 +17,17 @@ import numpy as np
 from dolfinx_joints.common.errors import MeshError
 
 _NAMES = re.compile(rb'\s*\d+\s*\n(\s*[0-3]\s+\d{1,9}\s+"[^"\n]*"\s*\n)*\s*\$EndPhysicalNames')
+_NAME = re.compile(r'([0-3])\s+(\d+)\s+"([^"\n]*)"')
 
 
-def check_msh(path: Path) -> None:
+def check_msh(path: Path) -> dict[tuple[int, int], str]:
     """Check that Gmsh takes a file for a mesh and runs nothing, and that its counts can be.
 
     Gmsh takes a file for a mesh by its first word, a section of comments included, and runs
     anything else as a script.
+
+    Returns:
+        Name of each physical group by dimension and tag. Gmsh forgets all but one group of a name.
     """
     data = path.read_bytes()
     if path.suffix != ".msh" or not data.startswith((b"$MeshFormat", b"$Comments")):
@@ -56,6 +60,8 @@ def check_msh(path: Path) -> None:
             f"{str(path)!r} is damaged: $PhysicalNames must hold lines of a dimension, a tag and a "
             "name in UTF-8."
         )
+    lines = _NAME.findall(found[0].decode()) if found else []
+    return {(int(dim), int(tag)): name for dim, tag, name in lines}
 
 
 def _section(data: bytes, name: bytes) -> bytes:

@@ -73,21 +73,7 @@ def split_mesh(
         ValueError: Joints or groups are no tags by name.
     """
     joints, groups, cell_groups = joints or {}, groups or {}, cell_groups or {}
-    for what, given, tags in (
-        ("joints", joints, facet_tags),
-        ("groups", groups, facet_tags),
-        ("cell_groups", cell_groups, cell_tags),
-    ):
-        check_named(what, given, "a tag by name")
-        for name, tag in given.items() if tags is not None else ():
-            check_count(f"The tag of {shown(name)}", tag, 0, "it must be a whole number")
-    both = sorted(set(joints) & set(groups))
-    tags_of_groups = list(groups.values()) if facet_tags is not None else []
-    shared = [tag for tag in joints.values() if tag in tags_of_groups]
-    if both or shared:
-        what = f"The name {both[0]!r}" if both else f"The tag {shared[0]}"
-        raise MeshError(f"{what} stands for a joint and for a group; it can be only one of them.")
-    every = {**groups, **joints}
+    every = _checked_groups(joints, groups, cell_groups, facet_tags, cell_tags)
     share = split_share(mesh, facet_tags, every, list(joints), cell_tags, cell_groups)
     return create_jointed(mesh.comm, share)
 
@@ -121,18 +107,37 @@ def read_xdmf(
         MeshError: A file is missing, cannot be read or holds no mesh or tags of that name, a tag
             stands on no facet, or a joint facet does not have one cell on each side.
     """
-    body = XdmfGrids(comm, Path(path))
-    faces = body if facet_file is None else XdmfGrids(comm, Path(facet_file))
-    whole = body.mesh(mesh)
-    tdim = whole.topology.dim
-    return split_mesh(
-        whole,
-        faces.tags(whole, tdim - 1, facet_tags) if joints or groups else None,
-        joints=joints,
-        groups=groups,
-        cell_tags=body.tags(whole, tdim, cell_tags) if cell_groups else None,
-        cell_groups=cell_groups,
-    )
+    joints, groups, cell_groups = joints or {}, groups or {}, cell_groups or {}
+    every = _checked_groups(joints, groups, cell_groups, True, True)
+
+    def prepared() -> PreparedMesh:
+        body = XdmfGrids(Path(path))
+        faces = body if facet_file is None else XdmfGrids(Path(facet_file))
+        raw = body.mesh(faces, every, cell_groups, (mesh, facet_tags, cell_tags))
+        return prepare(raw, list(joints))
+
+    return distribute(comm, prepared)
+
+
+def _checked_groups(
+    joints: Any, groups: Any, cell_groups: Any, facet_tags: Any, cell_tags: Any
+) -> dict[str, Any]:
+    """Check groups, given by their tags where there are tags; return boundary groups and joints."""
+    for what, given, tags in (
+        ("joints", joints, facet_tags),
+        ("groups", groups, facet_tags),
+        ("cell_groups", cell_groups, cell_tags),
+    ):
+        check_named(what, given, "a tag by name")
+        for name, tag in given.items() if tags is not None else ():
+            check_count(f"The tag of {shown(name)}", tag, 0, "it must be a whole number")
+    both = sorted(set(joints) & set(groups))
+    tags_of_groups = list(groups.values()) if facet_tags is not None else []
+    shared = [tag for tag in joints.values() if tag in tags_of_groups]
+    if both or shared:
+        what = f"The name {both[0]!r}" if both else f"The tag {shared[0]}"
+        raise MeshError(f"{what} stands for a joint and for a group; it can be only one of them.")
+    return {**groups, **joints}
 
 
 def mesh_from_arrays(

@@ -13,7 +13,6 @@ from typing import Any
 from xml.etree import ElementTree
 
 import dolfinx.mesh
-import h5py
 import numpy as np
 from dolfinx.cpp.io import perm_vtk
 from numpy.typing import NDArray
@@ -154,6 +153,8 @@ class XdmfGrids:
                 shape = [int(count) for count in item.get("Dimensions", "").split()]
                 return np.array(text.split(), dtype=kind).reshape(shape)
             name, _, place = text.strip().partition(":")
+            import h5py
+
             with h5py.File(self._path.parent / name, "r") as file:
                 return np.asarray(file[place][()], dtype=kind)
         except (OSError, KeyError, TypeError, ValueError) as failure:

@@ -53,8 +53,8 @@ def check_cells(comm: Any, shape: CellShape, cells: Ints, x: Floats) -> None:
         if not np.isfinite(x).all():
             raise MeshError("The mesh has coordinates that are not finite numbers.")
     jacobian = _jacobians(shape, x)
-    volume, size = np.abs(_determinants(jacobian)), np.abs(jacobian.reshape(len(x), -1))
-    flat = volume <= NO_VOLUME * size.max(axis=1, initial=0.0) ** shape.dim
+    volume, size = np.abs(_determinants(jacobian)), np.abs(jacobian).max(axis=(1, 2))
+    flat = volume <= NO_VOLUME * size**shape.dim
     refuse(np.flatnonzero(flat), "have no volume: move their nodes, or remove the cells")
     mixed = _mixed(cells[:, : int(local.max()) + 1])
     twice = _repeated(comm, mixed.sum(axis=1), 1)

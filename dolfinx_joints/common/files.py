@@ -20,7 +20,7 @@ from dolfinx_joints.common.errors import warn
 
 # FFCx waits so long for the compilation of a form by another process, and then fails; the code of
 # any form of this package is generated in the longer time [s].
-_PATIENCE, _LONGEST = 10.0, 60.0
+_PATIENCE, _LONGEST = 10.0, 30.0
 
 
 class Lock(Protocol):

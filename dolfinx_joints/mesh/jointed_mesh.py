@@ -17,7 +17,7 @@ from typing import Any
 import dolfinx.mesh
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 from dolfinx.mesh import entities_to_geometry, exterior_facet_indices
 from numpy.typing import NDArray
 
@@ -112,14 +112,18 @@ class JointedMesh(Summarised):
             MeshError: There is no such group, or some of its facets lie inside the body.
         """
         facets, topology = self.facets(name), self.mesh.topology
-        owned = facets[facets < topology.index_map(topology.dim - 1).size_local]
-        found = np.intersect1d(owned, exterior_facet_indices(topology))
-        if inside := self.mesh.comm.allreduce(len(owned) - len(found)):
+        facet_map, outer = topology.index_map(topology.dim - 1), exterior_facet_indices(topology)
+        marked = la.vector(facet_map)
+        marked.array[facets] = 1.0  # where two ranks meet, one alone may know of the group
+        marked.scatter_reverse(la.InsertMode.add)
+        marked.array[outer] = 0.0
+        inside = self.mesh.comm.allreduce(np.count_nonzero(marked.array[: facet_map.size_local]))
+        if inside:
             raise MeshError(
                 f"{inside} facets of {name!r} lie inside the body; loads, springs, viscous "
                 "boundaries, water and integrals over ds act on its boundary only."
             )
-        return found
+        return np.intersect1d(facets, outer)
 
     def corners(self, name: str) -> Floats:
         """Vertices of the facets of such a group, shape (n, vertices per facet, gdim), [m]."""

@@ -5,6 +5,7 @@
 import contextlib
 import re
 import sys
+import warnings
 
 from mpi4py import MPI
 
@@ -256,6 +257,20 @@ def test_errors_that_open_cascade_does_not_report(tmp_path, step, old, new, sent
     assert not gmsh.isInitialized()
 
 
+@pytest.mark.parametrize(("gap", "joined"), [(1e-3, True), (1e-2, False), (1.0, False)])
+def test_solids_that_nearly_touch(tmp_path, gap, joined):
+    """Two piers on a rock of 2 m, a gap apart [mm]; up to 2e-3 mm, 1e-6 of 2 m, are joined."""
+    left, right = (0, 0, 1000, 1000 - gap, 2000, 1000), (1000, 0, 1000, 1000, 2000, 1000)
+    boxes = {"rock": (0, 0, 0, 2000, 2000, 1000), "left": left, "right": right}
+    path = write_step(tmp_path / "piers.step", boxes)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        out = from_step(tmp_path / "p.msh", path, size=1, order=1)
+    assert ("joint_left_right" in dj.read_msh(out, MPI.COMM_SELF).joint_names) == joined
+    expected = f"'left' and 'right' are {1e-3 * gap:.3g} m apart, without a joint"
+    assert [expected in str(each.message) for each in caught] == ([] if joined else [True])
+
+
 @pytest.mark.parametrize(
     ("boxes", "dim", "sentence"),
     [
@@ -268,10 +283,15 @@ def test_errors_that_open_cascade_does_not_report(tmp_path, step, old, new, sent
         (
             {"a": (0, 0, 0, 2000, 2000, 2000), "b": (0, 0, 2010, 2000, 2000, 2000)},
             3,
-            "the solid 'a' shares no face with another one",
+            "the solid 'a' shares no face with another one, 'b' is 0.01 m away",
+        ),
+        (
+            {"a": (0, 0, 0, 900, 900, 900)},
+            3,
+            r"size is 1 m, but the body in .* is 0.9 m long",
         ),
     ],
-    ids=["faces only", "overlap", "gap"],
+    ids=["faces only", "overlap", "gap", "size"],
 )
 def test_solids_that_do_not_fit(tmp_path, boxes, dim, sentence):
     path = write_step(tmp_path / "bad.step", boxes, dim)

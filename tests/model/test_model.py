@@ -568,6 +568,10 @@ def test_missing_and_unknown_joints(comm, blocks_file, wall_file, read):
         lambda: Model(read(path, joints=[]), material=BAR, joints={"joint_1": LAW}),
     )
     assert text == "The mesh has no joints, but laws were given for joint_1."
+    text = error_on_all_ranks(
+        comm, MeshError, lambda: Model(read(path, joints=[]), material=BAR, joints=LAW)
+    )
+    assert text.startswith(f"The mesh has no joints, but the law {type(LAW).__name__} was given")
     text = error_on_all_ranks(comm, MeshError, lambda: read(path, joints=["seam"]))
     assert text.startswith("The mesh has no joint 'seam'")
     assert "its surface groups are: base, joint_1, sides, top." in text

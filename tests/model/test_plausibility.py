@@ -116,7 +116,9 @@ def test_what_dams_have_is_not(comm, wall):
     )
 
 
-@pytest.mark.parametrize(("level", "strange"), [(-2.0, True), (18.0, False), (1418.0, True)])
+@pytest.mark.parametrize(
+    ("level", "strange"), [(-2.0, True), (18.0, False), (26.5, False), (26.8, True)]
+)
 def test_water_that_misses_the_body(comm, wall, level, strange):
     water = HydrostaticPressure(group="y_min", level=level)
     found = told(
@@ -128,6 +130,21 @@ def test_water_that_misses_the_body(comm, wall, level, strange):
     )
     text = f"HydrostaticPressure: level is {level:g} m; the body reaches from 0 to 20 m."
     assert found == ([text] if strange else [])
+
+
+@pytest.mark.parametrize(
+    ("gap", "texts"),
+    [
+        (1e-3, []),
+        (lambda x: 1e-3 - 1e-4 * x[:, 2], ["Joint 'joint_2': the initial gap is -0.001 m;"]),
+    ],
+)
+def test_gaps_that_overlap(comm, wall, gap, texts):
+    """At the top, 20 m up, the gap is 1 mm - 2 mm."""
+    law = FrictionNoTension(**JOINT, friction_angle_deg=30.0)
+    given = {"material": Elastic(**CONCRETE), "joints": law, "initial_gaps": {"joint_2": gap}}
+    found = told(comm, jointed=wall, **given)
+    assert [text[: text.index(";") + 1] for text in found] == texts
 
 
 @pytest.mark.parametrize(("level", "strange"), [(76.0, True), (176.0, False)])

@@ -310,6 +310,12 @@ def test_foreign_files_are_errors(tmp_path: Path) -> None:
         file.attrs["version"] = VERSION + 1
     with pytest.raises(ResultsError, match="has version 2 of the layout.*reads up to 1"):
         Results(tmp_path / "newer.h5")
+    for number, version in enumerate((VERSION - 1, "1")):  # h5py writes texts of variable length
+        writer_of(tmp_path / f"older{number}.h5").close()
+        with h5py.File(tmp_path / f"older{number}.h5", "r+") as file:
+            file.attrs["version"] = version
+        with pytest.raises(ResultsError, match="is of an older version of this program .*run it"):
+            Results(tmp_path / f"older{number}.h5")
     writer_of(tmp_path / "torn.h5").close()
     with h5py.File(tmp_path / "torn.h5", "r+") as file:
         del file["streams"]

@@ -78,7 +78,8 @@ def create_jointed(comm: Any, share: PreparedMesh) -> JointedMesh:
     """Create the DOLFINx mesh of what each rank has, and tag its entities (collective)."""
     remove_killed_compilations(comm)
     shape = share.shape
-    x = rows_at(comm, share.x, share.cells.ravel()).reshape(*share.cells.shape, -1)
+    x = rows_at(comm, share.x, share.cells.ravel())
+    x = x.reshape(*share.cells.shape, share.x.shape[1])
     check_cells(comm, shape, share.cells, x)
     element = basix.ufl.element("Lagrange", shape.name, shape.degree, shape=(share.x.shape[1],))
     partitioner = partitioner_across(share.pairs, share.glued) if comm.size > 1 else None

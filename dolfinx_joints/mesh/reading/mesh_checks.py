@@ -53,8 +53,8 @@ def check_cells(comm: Any, shape: CellShape, cells: Ints, x: Floats) -> None:
         if not np.isfinite(x).all():
             raise MeshError("The mesh has coordinates that are not finite numbers.")
     jacobian = _jacobians(shape, x)
-    volume, size = np.abs(_determinants(jacobian)), np.abs(jacobian.reshape(len(x), -1))
-    flat = volume <= NO_VOLUME * size.max(axis=1, initial=0.0) ** shape.dim
+    volume, size = np.abs(np.linalg.det(jacobian)), np.abs(jacobian).max(axis=(1, 2))
+    flat = volume <= NO_VOLUME * size**shape.dim
     refuse(np.flatnonzero(flat), "have no volume: move their nodes, or remove the cells")
     mixed = _mixed(cells[:, : int(local.max()) + 1])
     twice = _repeated(comm, mixed.sum(axis=1), 1)
@@ -119,13 +119,6 @@ def _jacobians(shape: CellShape, x: Floats) -> Floats:
     element = shape.element()
     middle = element.points[: int(shape.facet_vertices.max()) + 1].mean(axis=0)
     return np.tensordot(x, element.tabulate(1, middle[None])[1:, 0, :, 0], axes=(1, 1))
-
-
-def _determinants(matrices: Floats) -> Floats:
-    if matrices.shape[1] == 2:
-        return matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0]
-    across = np.cross(matrices[:, :, 0], matrices[:, :, 1])
-    return np.einsum("ij,ij->i", across, matrices[:, :, 2])
 
 
 def _mixed(nodes: Ints) -> NDArray[np.uint64]:

@@ -56,7 +56,7 @@ def distance_of_meshes() -> str:
             path = ambiesta(Path(folder) / "dam.msh", size=12.0, order=1, duplicated=duplicated)
             nodes = dj.read_msh(path, MPI.COMM_SELF).mesh.geometry.x
             points.append(nodes[np.lexsort(np.round(nodes, 6).T)])
-    return f"{len(points[0])} nodes, {np.abs(np.subtract(*points)).max():.0e} m from a split mesh"
+    return f"{len(points[0])} nodes, {np.abs(np.subtract(*points)).max():.1g} m from a split mesh"
 
 
 def elongation() -> str:

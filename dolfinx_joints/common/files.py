@@ -10,17 +10,12 @@ from __future__ import annotations
 import fcntl
 import os
 import socket
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any, Protocol, Self
+from typing import IO, Protocol, Self
 
 from dolfinx_joints.common.errors import warn
-
-# FFCx waits so long for the compilation of a form by another process, and then fails; the code of
-# any form of this package is generated in the longer time [s].
-_PATIENCE, _LONGEST = 10.0, 30.0
 
 
 class Lock(Protocol):
@@ -127,42 +122,3 @@ def replacing(path: Path) -> Iterator[Path]:
         with suppress(OSError):
             part.unlink()
         raise
-
-
-def remove_killed_compilations(comm: Any) -> None:
-    """Remove C files of forms whose compilation was killed (collective).
-
-    FFCx creates the C file first and ``.c.cached`` last. It takes a C file alone for the work of
-    another process, waits for `_PATIENCE` and fails, in all later runs.
-    """
-    if comm.rank == 0:
-        from dolfinx.jit import get_options
-
-        for source in Path(get_options()["cache_dir"]).glob("libffcx_*.c"):
-            with suppress(OSError):  # another process may remove it, or own it
-                while not source.with_suffix(".c.cached").exists():
-                    age = time.time() - source.stat().st_mtime
-                    if age > _patience(source.stem, age):
-                        source.unlink()
-                    time.sleep(0.1)
-    comm.barrier()
-
-
-def _patience(name: str, age: float) -> float:
-    """Return the age from which on no process can be at work on an unfinished C file [s].
-
-    A compiler has the name in its arguments. Before it starts, a busy process with DOLFINx that is
-    older than the file may be generating the code.
-    """
-    longest = _PATIENCE
-    for process in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):
-            if name.encode() in (process / "cmdline").read_bytes():
-                return float("inf")
-            facts = (process / "stat").read_text().rpartition(")")[2].split()
-            begun = int(facts[19]) / os.sysconf("SC_CLK_TCK")
-            older = time.clock_gettime(time.CLOCK_BOOTTIME) - begun > age
-            busy = facts[0] in "RD" and process.name != str(os.getpid())
-            if older and busy and b"dolfinx" in (process / "maps").read_bytes():
-                longest = _LONGEST
-    return longest

@@ -22,7 +22,6 @@ from dolfinx_joints.body.places import nodes_of_facets
 from dolfinx_joints.body.supports import Constraints, Spring, Support
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_groups
 from dolfinx_joints.common.declared import declarations
-from dolfinx_joints.common.files import remove_killed_compilations
 from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.common.summary import Summarised
@@ -33,6 +32,7 @@ from dolfinx_joints.loads.body_and_face_loads import FormLoad
 from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, Load, load_names
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
+from dolfinx_joints.mesh.distribution.killed_compilations import remove_killed_compilations
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_joints, check_tied
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass

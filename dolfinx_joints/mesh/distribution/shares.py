@@ -12,14 +12,14 @@ import basix.ufl
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.files import remove_killed_compilations
 from dolfinx_joints.common.mpi import dealt, equal_blocks, on_root, rank_of, rows_at
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
+from dolfinx_joints.mesh.distribution.killed_compilations import remove_killed_compilations
+from dolfinx_joints.mesh.distribution.mesh_checks import check_cells, warn_of_untied
 from dolfinx_joints.mesh.distribution.partition import glued, partitioner_across
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh, mesh_tags
-from dolfinx_joints.mesh.reading.mesh_checks import check_cells, warn_of_untied
 
 
 @dataclass(frozen=True, kw_only=True)

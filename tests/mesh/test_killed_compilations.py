@@ -15,7 +15,7 @@ pytest.importorskip("dolfinx")
 
 from dolfinx import jit
 
-from dolfinx_joints.common import files
+from dolfinx_joints.mesh.distribution import killed_compilations
 
 pytestmark = pytest.mark.mpi
 
@@ -27,8 +27,8 @@ def test_only_killed_compilations_are_removed(comm, new_path, monkeypatch):
         folder.mkdir()
         for name in ("libffcx_killed.c", "libffcx_whole.c", "libffcx_whole.c.cached"):
             (folder / name).touch()
-            os.utime(folder / name, times=(0, time.time() - 2.0 * files._LONGEST))
-    files.remove_killed_compilations(comm)
+            os.utime(folder / name, times=(0, time.time() - 2.0 * killed_compilations._LONGEST))
+    killed_compilations.remove_killed_compilations(comm)
     assert sorted(path.name for path in folder.iterdir()) == [
         "libffcx_whole.c",
         "libffcx_whole.c.cached",
@@ -39,7 +39,7 @@ def test_files_that_are_compiled_are_waited_for():
     compiler = [sys.executable, "-c", "import time; time.sleep(60)", "libffcx_abc.c"]
     with subprocess.Popen(compiler) as process:
         try:
-            assert files._patience("libffcx_abc", 5.0) == float("inf")
-            assert files._patience("libffcx_def", 5.0) <= files._LONGEST
+            assert killed_compilations._patience("libffcx_abc", 5.0) == float("inf")
+            assert killed_compilations._patience("libffcx_def", 5.0) <= killed_compilations._LONGEST
         finally:
             process.kill()

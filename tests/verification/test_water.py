@@ -357,5 +357,5 @@ def test_refusals(wall, read, wall_file):
         WestergaardMass(group="x_min", level=5.0, depth=lambda x: -x[:, 2]).matrix(wall)
     # 4 x 1 x 3 cells: a plane across them has 3 facets, each with a cell on both sides.
     whole, within = read(wall_file(), joints=[]), HydrostaticPressure(group="joint_1", level=5.0)
-    with pytest.raises(MeshError, match="^3 facets of 'joint_1' lie inside the body; water acts"):
+    with pytest.raises(MeshError, match="^3 facets of 'joint_1' lie inside the body; loads"):
         model_of(whole, loads=[within]).system()

@@ -19,6 +19,7 @@ from typing import Any
 
 import basix
 import numpy as np
+from numpy.typing import NDArray
 
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import Floats, Ints, facet_slots
@@ -65,7 +66,9 @@ class WettedFacets:
         nodes: Local nodes of the displacement on each facet, shape (facets, nodes).
     """
 
-    def __init__(self, space: Any, jointed: JointedMesh, facets: Ints, level: float) -> None:
+    def __init__(
+        self, space: Any, jointed: JointedMesh, facets: NDArray[Any], level: float
+    ) -> None:
         """Cut the facets into pieces."""
         mesh, self._shape, self._level = jointed.mesh, jointed.shape, level
         self._gdim = mesh.geometry.dim

@@ -105,7 +105,7 @@ def _read_model(model: Any, source: str, names: Names) -> RawMesh:
     used = np.flatnonzero(place == 0)
     place[used] = np.arange(len(used))
     nodes, in_cells = place[nodes], place[tags] >= 0
-    x = np.empty((len(used), 3))
+    x: NDArray[np.float64] = np.empty((len(used), 3))
     x[place[tags[in_cells]]] = coordinates.reshape(-1, 3)[in_cells]
     facets = {
         name: _facets(model, dim, entities, name, used)

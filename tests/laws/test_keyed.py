@@ -60,6 +60,21 @@ def test_local_solution_of_keys():
     np.testing.assert_allclose(answer.traction, MPA * np.array([[-0.5, 2.0, 0.0]]), rtol=1e-12)
 
 
+@pytest.mark.parametrize("compliance", [0.0, 1e-12])
+def test_the_work_of_keys_over_a_step_is_what_they_store(compliance):
+    """Traction times slip is the change of the energy: the traction is that of the mean slip."""
+    law = KeyedJoint(normal_stiffness=K_N, shear_stiffness=K_S)
+    state = law.backward_euler(
+        UM * np.array([[-1.0, 2.0, 1.0]]), JointState.at_rest(np.zeros((1, 3)))
+    )
+    trial = UM * np.array([[-3.0, 7.0, -2.0]])
+    answer = law.condensed_discrete_gradient(trial, np.full((1, 2), compliance), state.state)
+    np.testing.assert_allclose(answer.state.gap, trial - compliance * answer.traction, rtol=1e-12)
+    work = np.sum(answer.traction * (answer.state.gap - state.state.gap))
+    stored = law.stored_energy(answer.state)[0] - law.stored_energy(state.state)[0]
+    assert work == pytest.approx(stored, rel=1e-12)
+
+
 def test_dashpots_rest_in_statics():
     law = ViscousJoint(law=FRICTION, normal_viscosity=1e9, shear_viscosity=1e9)
     path = [[-1, 0.1, 0], [-2, 0.3, 0.1], [1, 0, 0], [-1, 0, 0]]

@@ -7,6 +7,8 @@ Expected: the same with the two numbers (x, z) given by hand, and the mass times
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -30,6 +32,7 @@ from dolfinx_joints import (
     synthetic_motion,
 )
 from dolfinx_joints.loads.ground_motion import in_axes
+from dolfinx_joints.loads.wave_levels import warn_of_sides
 from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = pytest.mark.mpi
@@ -117,6 +120,19 @@ def test_waves_of_a_plane_model(block):
     ends[0].axpy(-1.0, ends[1])
     assert ends[1].norm() > 0.0
     assert ends[0].norm() == 0.0
+
+
+@pytest.mark.parametrize(("slope", "warned"), [(0.45, False), (0.55, True)])
+def test_dashpots_at_the_sides_of_rock(comm, slope, warned):
+    """The bottom ends where the horizontal part of a normal exceeds half of the vertical one."""
+    mesh = create_rectangle(comm, [[0.0, 0.0], [2.0, 3.0]], [2, 3], CellType.quadrilateral)
+    bottom = locate_entities_boundary(mesh, 1, lambda x: x[1] < 1e-9)
+    mesh.geometry.x[:, 1] += slope * mesh.geometry.x[:, 0]
+    rock = split_mesh(mesh, groups={"bottom": bottom})
+    model = Model(rock, material=SOLID, supports=[ViscousBoundary(group="bottom")])
+    with warnings.catch_warnings(action="ignore"):
+        texts = warn_of_sides(model)
+    assert bool(comm.bcast(texts)) == warned
 
 
 def test_motions_with_too_little(block):

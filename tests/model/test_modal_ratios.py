@@ -20,6 +20,7 @@ pytest.importorskip("slepc4py")
 
 from mpi4py import MPI
 
+from dolfinx.mesh import CellType, create_rectangle, locate_entities_boundary
 from shaken_wall import BASE, CONCRETE, LAW, shaking
 
 import dolfinx_joints as dj
@@ -64,6 +65,25 @@ def test_every_mode_has_its_ratio_as_asked(wall):
     np.testing.assert_allclose(dj.modal_damping(system, found).ratios[:4], RATIOS, rtol=1e-9)
     expected = dj.modal_damping(rest, found).ratios[4:]
     np.testing.assert_allclose(dj.modal_damping(system, found).ratios[4:], expected, rtol=1e-6)
+
+
+def test_ratios_come_on_top_of_viscous_boundaries(comm):
+    """They are those of the body; what waves take out through a boundary is added."""
+    mesh = create_rectangle(comm, [[0.0, 0.0], [4.0, 8.0]], [4, 8], CellType.quadrilateral)
+    places = {"base": lambda x: x[1] < 1e-9, "patch": lambda x: (x[0] < 1e-9) & (x[1] < 1.1)}
+    groups = {name: locate_entities_boundary(mesh, 1, where) for name, where in places.items()}
+    supports = [BASE, dj.ViscousBoundary(group="patch")]
+    block = dj.split_mesh(mesh, groups=groups)
+
+    def system_with(damping):
+        return dj.Model(block, material=CONCRETE, supports=supports, damping=damping).system()
+
+    alone = system_with(None)
+    boundary = dj.modal_damping(alone, dj.modes(alone, 4)).ratios
+    assert min(boundary) > 1e-3
+    system = system_with(dj.ModalRatios(ratio=RATIOS, modes=4, beyond=BEYOND))
+    found = dj.modal_damping(system, dj.modes(system, 4)).ratios
+    np.testing.assert_allclose(found, boundary + RATIOS, rtol=1e-9)
 
 
 @pytest.mark.parametrize("exact", [0, 4])

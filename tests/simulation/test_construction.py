@@ -205,6 +205,7 @@ def test_joints_left_open(comm, wall):
     gap = grouted.joints.state.gap[:, 0]
     np.testing.assert_allclose(gap[first], 1e-5 * 8.0 * 4.0, rtol=1e-6)
     np.testing.assert_array_equal(gap[~first], 2e-5)
+    np.testing.assert_array_equal(grouted.joints.traction, 0.0)  # nothing across what is open
     later = run.grout().joints.state.gap  # the rest, another day
     assert largest(comm, later) == 0.0
 

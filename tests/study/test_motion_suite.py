@@ -101,6 +101,11 @@ def test_a_run_gives_what_it_gives_alone(comm, simulation, new_path, compliance,
         on_root(comm, look)
 
 
+def test_a_suite_names_its_motions(simulation, new_path):
+    suite = MotionSuite(new_path("named"), simulation(), motions(0.5, 1.0, 2.0), points=POINTS)
+    assert "3: x0.5, x1, x2" in repr(suite)
+
+
 def test_an_interrupted_suite_goes_on(comm, simulation, new_path, monkeypatch):
     given, chosen, folder = simulation(), motions(0.3, 1.0, 1.5), new_path("suite")
     whole = MotionSuite(new_path("whole"), given, chosen, points=POINTS)

@@ -28,7 +28,7 @@ from dolfinx_joints import (
     steady_temperature,
     transient_temperatures,
 )
-from dolfinx_joints.loads.temperature.fields import YEAR
+from dolfinx_joints.loads.temperature.fields import FREQUENCY, YEAR
 
 pytestmark = pytest.mark.mpi
 
@@ -135,14 +135,11 @@ def test_seasons_through_a_joint(slabs):
     )
     for load, ends in zip(loads[:2], ((9.0, 15.0), (10.0, 0.0)), strict=True):
         field, space = load.value, scalar(jointed)
-        f = fem.Function(space)
-        points = space.element.interpolation_points
-        points = points() if callable(points) else points
-        f.interpolate(fem.Expression(field + 0.0, points, comm=jointed.mesh.comm))
-        x, side = nodes(f)
+        found = at_nodes(field, like := fem.Function(space))
+        x, side = nodes(like)
         steady = through(50.0)(x, side)  # from 4 to 16
         expected = ends[0] + (steady - 4.0) / 12.0 * (ends[1] - ends[0])
-        np.testing.assert_allclose(f.x.array, expected, atol=2e-3)
+        np.testing.assert_allclose(found, expected, atol=2e-3)
 
 
 def scalar(jointed):
@@ -200,3 +197,69 @@ def test_refusals(slabs):
     ):
         with pytest.raises(error, match=text):
             transient_temperatures(jointed, FACES, **{**good, **options})
+
+
+def season_in_two_slabs(x, side, h):
+    """Complex temperature of two slabs, 10 cos(w t) at x = 0 and 0 at 2 L; see the test."""
+    p = np.sqrt(1j * FREQUENCY * CAPACITY / K)
+    c, s = np.cosh(p * LENGTH), np.sinh(p * LENGTH)
+    # Unknowns: T_1 = a cosh(p x) + b sinh(p x), T_2 = d sinh(p (2 L - x)), with a = 10;
+    # k T_1' = k T_2' = h (T_2 - T_1) at x = L.
+    matrix = np.array([[K * p * c + h * s, -h * s], [h * s, -K * p * c - h * s]])
+    b, d = np.linalg.solve(matrix, [-10.0 * (K * p * s + h * c), -10.0 * h * c])
+    first = 10.0 * np.cosh(p * x) + b * np.sinh(p * x)
+    return np.where(side < 0.0, first, d * np.sinh(p * (2.0 * LENGTH - x)))
+
+
+def test_a_season_in_two_slabs(slabs):
+    """Waves exp(+-p x) with p^2 = i w rho c / k in each slab, and the flux h times the jump."""
+    jointed, h = slabs(16, 2), 2.0
+    loads = seasonal_temperatures(
+        jointed,
+        {"x_min": AnnualWave(mean=0.0, amplitude=10.0, warmest_day=0.0), "x_max": 0.0},
+        reference=0.0,
+        expansion=1e-5,
+        diffusivity=K / CAPACITY,
+        day=0.0,
+        conductivity=K,
+        joints={"joint_1": JointConductance(closed=h)},
+    )
+    swing = transient_temperatures(jointed, {}, times=[1.0], initial=0.0)[0]
+    exact = season_in_two_slabs(*nodes(swing), h)
+    for load, part in zip(loads[1:], (exact.real, -exact.imag), strict=True):
+        np.testing.assert_allclose(at_nodes(load.value, swing), part, atol=1e-4)
+
+
+def test_a_season_step_by_step(slabs):
+    """From a day of the season on, faces that swing keep it: of second order in the step."""
+    jointed, h = slabs(16, 2), 2.0
+    air = AnnualWave(mean=0.0, amplitude=10.0, warmest_day=0.0)
+    start = transient_temperatures(jointed, {}, times=[1.0], initial=0.0)[0]
+    exact, end = season_in_two_slabs(*nodes(start), h), 0.5 * YEAR
+    start.x.array[:] = exact.real
+    errors = []
+    for steps in (6, 12, 24):
+        field = transient_temperatures(
+            jointed,
+            {"x_min": air, "x_max": 0.0},
+            times=np.linspace(0.0, end, steps + 1)[1:],
+            initial=start,
+            conductivity=K,
+            heat_capacity=CAPACITY,
+            joints={"joint_1": JointConductance(closed=h)},
+            day=0.0,
+        )[-1]
+        off = np.abs(field.x.array - (exact * np.exp(1j * FREQUENCY * end)).real)
+        errors.append(max(jointed.mesh.comm.allgather(float(off.max(initial=0.0)))))
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.3)
+    assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.3)
+
+
+def at_nodes(value, like):
+    """Values of a UFL scalar at the nodes of a field."""
+    space = like.function_space
+    points = space.element.interpolation_points
+    points = points() if callable(points) else points
+    field = fem.Function(space)
+    field.interpolate(fem.Expression(value + 0.0, points, comm=space.mesh.comm))
+    return field.x.array

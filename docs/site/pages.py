@@ -66,7 +66,7 @@ MODULES = (
 # Pages of the guide that use what a wing holds.
 GUIDES = {
     "body": ("loads", "foundation", "modes"),
-    "common": ("errors",),
+    "common": ("errors", "install"),
     "export": ("export",),
     "joints": ("joints", "own_solver"),
     "laws": ("joints",),

@@ -216,12 +216,13 @@ def test_nodes_outside_take_the_nearest_point(comm, wall, new_path):
 def test_too_little_memory_is_told(wall):
     """Of a factor that did not fit all temperatures would be infinite."""
     options = PETSc.Options()
-    options["mat_mumps_icntl_14"] = -99  # per cent of the memory that the factor needs
+    name = "dolfinx_joints_temperature_mat_mumps_icntl_14"
+    options[name] = -99  # per cent of the memory that the factor needs
     try:
         with pytest.raises(JointsError, match="does not fit into memory"):
             steady_temperature(wall(), dict.fromkeys(FACES, 9.0))
     finally:
-        options.delValue("mat_mumps_icntl_14")
+        options.delValue(name)
 
 
 @pytest.mark.parametrize(

@@ -224,7 +224,8 @@ def factored(matrix: PETSc.Mat) -> PETSc.KSP:
     if ksp.getPC().getFailedReason() == PETSc.PC.FailedReason.FACTOR_OUTMEMORY:
         raise JointsError(
             "The factor of the matrix of temperatures does not fit into memory, or into what MUMPS "
-            "sets aside: take a coarser mesh, more memory, or a larger mat_mumps_icntl_14."
+            "sets aside: take a coarser mesh, more memory, or a larger "
+            "dolfinx_joints_temperature_mat_mumps_icntl_14 in PETSC_OPTIONS."
         )
     return ksp
 

@@ -304,10 +304,10 @@ def table(found: Mapping[str, Line]) -> str:
     """Return the time that each kind takes for 1 %, then all runs, as tables in Markdown."""
     head = "".join(f" {name} |" for name in QUANTITIES.values())
     rule = "|---" * len(QUANTITIES)
-    seconds = found[DEFAULT].time_for(GOAL, "crest")
+    seconds, goal = found[DEFAULT].time_for(GOAL, "crest"), f"{100 * GOAL:g} %"
     rows = [
-        f"Default scheme: {seconds:.1f} s for an error of {100 * GOAL:g} % of the crest.\n",
-        f"| processor time [s] for {100 * GOAL:g} % of |{head}",
+        f"Default scheme: {seconds:.1f} s for an error of the step of {goal} at the crest.\n",
+        f"| processor time [s] for an error of the step of {goal} |{head}",
         f"|---{rule}|",
     ]
     for name, line in found.items():
@@ -343,7 +343,7 @@ def draw(found: Mapping[str, Line], path: Path, quantities: tuple[str, ...]) -> 
         ax.axhline(100.0 * GOAL, color="0.4", linewidth=4.0, alpha=0.4)
         needed = found[DEFAULT].time_for(GOAL, quantity)
         if math.isfinite(needed):
-            text = f"default scheme: {100 * GOAL:g} % in {needed:.1f} s"
+            text = f"time step, default scheme: {100 * GOAL:g} % in {needed:.1f} s"
             ax.text(0.98, 100.0 * GOAL, text, transform=ax.get_yaxis_transform(), ha="right")
         ax.set(title=QUANTITIES[quantity], xlabel="processor time, set-up included [s]")
         ax.xaxis.set_major_formatter("{x:g}")

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,6 +21,10 @@ from dolfinx_joints.mesh.distribution.mesh_checks import check_cells, warn_of_un
 from dolfinx_joints.mesh.distribution.partition import glued, partitioner_across
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh, mesh_tags
+
+# Meshes on one rank. A mesh that is made inside a call that fails would be freed while the
+# exception propagates, and mpi4py cannot free a communicator then: a SystemError hides the message.
+_kept: list[tuple[weakref.ref[JointedMesh], Any]] = []
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +108,15 @@ def create_jointed(comm: Any, share: PreparedMesh) -> JointedMesh:
         _facet_groups=share.facet_groups,
     )
     warn_of_untied(jointed)
+    if comm.size == 1:
+        _keep(jointed)
     return jointed
+
+
+def _keep(jointed: JointedMesh) -> None:
+    """Keep the mesh alive until the next one is made, and let go of those of no `JointedMesh`."""
+    _kept[:] = [(reference, mesh) for reference, mesh in _kept if reference() is not None]
+    _kept.append((weakref.ref(jointed), jointed.mesh))
 
 
 def facets_of_cells(mesh: Any, shape: CellShape) -> NDArray[np.int32]:

@@ -69,6 +69,7 @@ def read_columns(
     unit, names = _unit(text, keys, unit), _names(text, keys, columns)
     record = text.path.stem
     if names == ["wrapped"]:
+        _refuse_counted_lines(text, first)
         dt = _step(text, keys, dt, [], first)
         return [component(text, text.values(first), dt=dt, unit=unit, record=record)]
     rows = text.rows(first, len(names))
@@ -90,6 +91,19 @@ def read_columns(
         for place, name in enumerate(names)
         if name not in ("time", "skip")
     ]
+
+
+def _refuse_counted_lines(text: RecordText, first: int) -> None:
+    """Raise an error if lines of a wrapped series begin with times or with their number."""
+    lines = range(first, len(text.lines) + 1)
+    starts = [float(words[0]) for words in map(text.words, lines) if len(words) > 1]
+    steps = np.diff(starts)
+    if len(steps) > 2 and steps[0] > 0.0 and np.ptp(steps) <= 1e-6 * steps[0]:
+        text.fail(
+            first,
+            "lines begin with numbers that rise by equal steps, as times or line numbers do; "
+            "columns='wrapped' takes all numbers for samples, so remove them.",
+        )
 
 
 def _first_row(text: RecordText) -> int:

@@ -104,6 +104,10 @@ def test_what_is_missing_or_contradicts_is_an_error(
         ("# unit: g\na,b\n0,1\n1,2\n", "has 2 columns and does not name them; pass columns="),
         ("# unit: g\n# dt: 1\n# columns: skip\n1\n2\n", "'skip' for any other column, got skip"),
         ("# unit: g\n# columns: wrapped\n1 2 3\n4 5\n", "has no column of time; pass dt="),
+        (
+            "# unit: g\n# dt: 0.01\n# columns: wrapped\n0 .2 .3\n1 .1 .4\n2 .1 .2\n3 .1 .2\n",
+            "line 4: lines begin with numbers that rise by equal steps",
+        ),
         ("# unit: g\n0.00\t0,1\n0.01\t0,2\n", "has 3 columns and does not name them"),
         ("# time(sec) N-S(cm/s)\n# unit: g\n0 1\n1 1\n", "line 1: names velocities or displ"),
         ("t (s),up (m)\n0,1\n1,1\n", "line 1: names velocities or displacements"),

@@ -206,7 +206,8 @@ def _check_sides(names: list[str], facets: Ints, number: Ints, count: Ints, x: F
     twice = np.flatnonzero(first[inverse.ravel()] != np.arange(len(facets)))
     if len(twice):
         one, two = names[number[first[inverse.ravel()[twice[0]]]]], names[number[twice[0]]]
-        raise MeshError(f"{len(twice)} facets stand twice in the joints {one!r} and {two!r}.")
+        where = "the joint" if one == two else f"the joints {one!r} and"
+        raise MeshError(f"{len(twice)} of the facets of {where} {two!r} are given twice.")
 
 
 def pair_coincident(

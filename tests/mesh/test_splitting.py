@@ -222,7 +222,7 @@ def test_facet_in_two_joints_is_refused(shape):
     facets = facets_on(shape, cells, x, through)
     with pytest.raises(MeshError) as failure:
         split_cells(shape, cells, x, [("a", facets), ("b", facets[:1, ::-1])])
-    assert str(failure.value) == "1 facets stand twice in the joints 'a' and 'b'."
+    assert str(failure.value) == "1 of the facets of the joints 'a' and 'b' are given twice."
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=name_of)

@@ -35,7 +35,6 @@ from benchmarks import (
     motion_suite,
     opensees_wall,
     per_rank,
-    reduced_bulk,
     reservoir_waves,
     scaling,
     stability,
@@ -255,20 +254,6 @@ def test_without_opensees(capsys, monkeypatch):
     assert opensees_wall.main(["--quick"]) == 0
     (line,) = capsys.readouterr().out.splitlines()
     assert line == "OpenSees is left out (no such module); make bench-peers brings it."
-
-
-@pytest.mark.mpi
-def test_reduced_bulk(capsys):
-    command = ["--mesh", "tiny", "--steps", "6", "--modes", "20", "200", "--tolerance", "0.9"]
-    reduced_bulk.main([*command, "--json"])
-    rows = printed(capsys)
-    if rows is None:
-        return
-    whole, few, more = rows
-    assert whole["opening_error"] == 0.0
-    assert 0.0 < more["opening_error"] < 0.5 * few["opening_error"]
-    assert few["whole_steps"] == more["whole_steps"] == 0
-    assert max(row["ledger"] for row in rows) < 1e-10
 
 
 @pytest.mark.slow

@@ -55,7 +55,7 @@ class LowestModes:
         self.comm: Any = system.mass.comm.tompi4py()
         self.frequencies: Floats = 2.0 * np.pi * found.frequencies
         if not found.shapes:
-            raise too_few("exact_modes", body, count)
+            raise too_few(body, count)
         shapes = _columns(found.shapes)
         shapes[system.constrained] = 0.0
         weighted = _columns([system.mass * _vector(system, shape) for shape in shapes.T])

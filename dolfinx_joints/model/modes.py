@@ -123,8 +123,8 @@ def too_few(system: MatrixSystem, count: int) -> ValueError:
     ends = np.flatnonzero(found[:-1] < (1.0 - SAME_FREQUENCY) * found[1:])
     least = int(ends[0]) + 1 if ends.size else len(found)
     return ValueError(
-        f"exact_modes is {count}; the lowest {least} modes are a group of equal frequencies: {least} at "
-        "least are needed."
+        f"exact_modes is {count}; the lowest {least} modes are a group of equal frequencies: "
+        f"{least} at least are needed."
     )
 
 

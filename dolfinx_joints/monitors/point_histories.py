@@ -85,9 +85,8 @@ class PointHistories:
         The acceleration is the change of velocity since the last record over the time between: the
         mean of the step, which every scheme knows, however many substeps it was cut into.
         """
-        displacement, velocity = (
-            self._probe.read(u) for u in (record.displacement, record.velocity)
-        )
+        displacement = self._probe.read(record.displacement)
+        velocity = self._probe.read(record.velocity)
         acceleration: Floats = np.zeros_like(velocity)
         if self._before is not None:
             time, before = self._before

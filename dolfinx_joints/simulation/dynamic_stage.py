@@ -34,7 +34,6 @@ from dolfinx_joints.simulation.outcome import Outcome
 from dolfinx_joints.simulation.record import Record, StageRecord
 from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
 from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
-from dolfinx_joints.time_integration.midpoint import EnergyConsistent
 from dolfinx_joints.time_integration.scheme import Scheme, StepReport
 from dolfinx_joints.time_integration.states import DynamicState, with_means
 from dolfinx_joints.time_integration.substeps import StepControl, Stepper
@@ -88,7 +87,6 @@ class DynamicRun:
         self.state, self.step, self._steps, self._motion = state, 0, steps, motion
         watch.begin()
         self._free_surface, self._static_part = free_surface, static_part
-        self._dissipates = isinstance(scheme, EnergyConsistent) and scheme.spectral_radius < 1.0
         self._solver, self._conserves = solver, scheme.conserves(solver.system)
         self._ledger = EnergyLedger(solver.system)
         self._ledger.start(state)
@@ -211,7 +209,6 @@ class DynamicRun:
             solve=solve,
             energy=row,
             substeps=substeps,
-            dissipates=self._dissipates,
             wet_joints=tuple(dict.fromkeys(load.joint for load in in_joints)),
             pressure=partial(self._pressure, self.state) if in_joints else None,
         )

@@ -149,8 +149,7 @@ def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) 
         f"energy error {100 * outcome.energy_error:.3g} % of the largest energy{balance}; "
         f"largest local displacement error {100 * outcome.local_error:.3g} % of the largest "
         f"displacement\n{outcome.steps} steps in {counts.accepted} substeps{rejected}; "
-        f"{mean:.2f} Newton iterations per substep, {_solver(outcome, model)}\n"
-        f"{phases}"
+        f"{mean:.2f} Newton iterations per substep, {_solver(outcome, model)}\n{phases}"
     )
 
 

@@ -58,7 +58,6 @@ class Record:
             (3,) at a time [s], [m/s]; None without any. Displacements are absolute then.
         solve: How the solve went, None at step 0 of a dynamic stage.
         energy: Energies.
-        dissipates: Whether the scheme takes energy out of the body, with a line in ``energy``.
         substeps: Substeps that this step was cut into: 1 for a whole step, 0 at the start.
         static_part: Static part of the displacement at a time [s], [m] (collective), see
             `DifferingGround`; None where the ground is the same everywhere.
@@ -83,7 +82,6 @@ class Record:
     solve: SolveReport | None
     energy: EnergyRow
     substeps: int
-    dissipates: bool = False
     free_surface: Callable[[float], NDArray[np.float64]] | None = None
     static_part: Callable[[float], PETSc.Vec] | None = None
     reservoir_force: NDArray[np.float64] | None = None

@@ -141,7 +141,6 @@ CASES = {
     "condensed": ("condensed", dj.EnergyConsistent(), {}),
     "monolithic": ("monolithic", dj.EnergyConsistent(), {}),
     "exact modes": ("condensed", dj.EnergyConsistent(exact_modes=6), {}),
-    "dissipation": ("condensed", dj.EnergyConsistent(spectral_radius=0.8), {}),
     "water": (
         "condensed",
         dj.EnergyConsistent(),

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal
 import annotated_types as at
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.common.errors import ConvergenceError, JointsError, refuses_removed
 from dolfinx_joints.common.files import released
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.parameters import check_kind_of
@@ -263,6 +263,7 @@ class Simulation:
         return self.static
 
     @checked
+    @refuses_removed
     def dynamics(
         self,
         *,

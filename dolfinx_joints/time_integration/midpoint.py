@@ -14,6 +14,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import refuses_removed
 from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Floats, Response, Rule
 from dolfinx_joints.model.exact_modes import ModalStep
 from dolfinx_joints.model.system import MatrixSystem
@@ -71,6 +72,7 @@ class _Midpoint:
         return after, StepReport(dt=dt, solve=solve, work=work, local_error=step.local_error(after))
 
 
+@refuses_removed
 @dataclass(frozen=True, kw_only=True)
 @checked
 class EnergyConsistent(_Midpoint):

@@ -14,4 +14,12 @@ load_in_order()
 
 __version__ = "0.1.0"
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> object:
+    """Return a public name, imported on first use."""
+    from dolfinx_joints.common.errors import refuse_removed_name
+
+    refuse_removed_name(name)
+    return _public(name)

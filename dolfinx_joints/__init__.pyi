@@ -111,7 +111,6 @@ from .time_integration.midpoint import ImplicitContact as ImplicitContact
 from .time_integration.newmark import GeneralizedAlpha as GeneralizedAlpha
 from .time_integration.newmark import HilberHughesTaylor as HilberHughesTaylor
 from .time_integration.newmark import Newmark as Newmark
-from .time_integration.reduced_steps import ReducedBulk as ReducedBulk
 from .time_integration.substeps import StepControl as StepControl
 
 __version__: str

@@ -24,7 +24,6 @@ from benchmarks import (
     brief,
     cluster_model,
     compliances,
-    dissipation,
     error_against_time,
     exact_modes,
     interface_integrals,
@@ -34,7 +33,6 @@ from benchmarks import (
     motion_suite,
     opensees_wall,
     per_rank,
-    reduced_bulk,
     reservoir_waves,
     scaling,
     stability,
@@ -115,21 +113,6 @@ def test_reservoir_waves(capsys):
     assert imbalance < 1e-12
     reservoir_waves.main(["--dam", "dam tiny", "--steps", "3"])
     assert "dam tiny, dry: 636 unknowns" in capsys.readouterr().out
-
-
-def test_dissipation(capsys):
-    # Without exact modes the lowest is damped by 1 - exp(-10 * 2 pi * 0.0556 * 2 pi / 20), 67 %,
-    # and 0.49 off in its phase; with 4 of the cut rods exact only their rest is.
-    dissipation.rods((1e6,), (20,))
-    lines = capsys.readouterr().out.splitlines()[1:]
-    found = {tuple(line.split()[2:4]): np.array(line.split()[4:], float) for line in lines}
-    assert found["0", "1.0"][0] == pytest.approx(0.49, rel=0.02)
-    assert 0.66 < found["0", "0.8"][0] < 0.8
-    assert found["4", "0.8"][0] < 0.04
-    # Of velocities: none without exact modes, with them that of (1 - radius)/2 of one step.
-    assert found["0", "0.8"][1] < 1e-5
-    assert found["4", "0.8"][1] < 1e-2
-    assert max(each[2] for each in found.values()) < 1e-12
 
 
 def test_the_bar_that_strikes_six_times():
@@ -252,20 +235,6 @@ def test_without_opensees(capsys, monkeypatch):
     assert opensees_wall.main(["--quick"]) == 0
     (line,) = capsys.readouterr().out.splitlines()
     assert line == "OpenSees is left out (no such module); make bench-peers brings it."
-
-
-@pytest.mark.mpi
-def test_reduced_bulk(capsys):
-    command = ["--mesh", "tiny", "--steps", "6", "--modes", "20", "200", "--tolerance", "0.9"]
-    reduced_bulk.main([*command, "--json"])
-    rows = printed(capsys)
-    if rows is None:
-        return
-    whole, few, more = rows
-    assert whole["opening_error"] == 0.0
-    assert 0.0 < more["opening_error"] < 0.5 * few["opening_error"]
-    assert few["whole_steps"] == more["whole_steps"] == 0
-    assert max(row["ledger"] for row in rows) < 1e-10
 
 
 @pytest.mark.slow

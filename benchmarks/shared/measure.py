@@ -237,7 +237,7 @@ class StepWatch(Monitor):
             self.shares.append(tuple(n / counts.total for n in shares))
         if len(self.wall) == 1:
             self.factor = petsc_seconds(FACTOR) - self._factored
-        self.crest.append(record.read(self._probe)[0][0] - self._static)
+        self.crest.append(self._probe.read(record.displacement)[0] - self._static)
         self._last = clock.perf_counter(), clock.process_time()
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:

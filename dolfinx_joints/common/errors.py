@@ -6,12 +6,22 @@ import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import partial, wraps
+from typing import Any, TypeVar
 
 from dolfinx_joints.common.parameters import printable
 
 # Modules whose frames are between a user's line and a warning.
 _PASSED = ("dolfinx_joints", "contextlib", "dataclasses", "functools")
+
+# Public names of earlier versions, arguments by class or function, and what to do instead.
+REMOVED_NAMES = {"ReducedBulk": "leave out reduced=, the whole body takes all steps"}
+REMOVED_ARGUMENTS = {
+    "EnergyConsistent": {"spectral_radius": "use HilberHughesTaylor or GeneralizedAlpha"},
+    "dynamics": {"reduced": "leave it out, the whole body takes all steps"},
+}
+
+T = TypeVar("T", bound=Callable[..., Any])
 
 
 def warn(text: str, category: type[Warning] = UserWarning) -> None:
@@ -24,6 +34,32 @@ def warn(text: str, category: type[Warning] = UserWarning) -> None:
     while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in _PASSED:
         level, frame = level + 1, frame.f_back
     warnings.warn(text, category, stacklevel=level)
+
+
+def refuse_removed_name(name: str) -> None:
+    """Raise an AttributeError if a public name was removed."""
+    if name in REMOVED_NAMES:
+        raise AttributeError(f"{name} was removed; {REMOVED_NAMES[name]}.")
+
+
+def refuses_removed(of: T) -> T:
+    """Make a class or function raise a TypeError for its removed arguments.
+
+    The decorator is above ``@dataclass`` and below ``@checked`` of a function.
+    """
+    is_class, removed = isinstance(of, type), REMOVED_ARGUMENTS[of.__name__]
+    call = of.__init__ if is_class else of  # type: ignore[misc]
+
+    @wraps(call)
+    def refuse(*args: Any, **kwargs: Any) -> Any:
+        for name in removed.keys() & kwargs:
+            raise TypeError(f"{name} was removed; {removed[name]}.")
+        return call(*args, **kwargs)
+
+    if not is_class:
+        return refuse  # type: ignore[return-value]
+    of.__init__ = refuse  # type: ignore[misc]
+    return of
 
 
 class JointsError(Exception):

@@ -85,7 +85,7 @@ class Contact:
             self._laws.append(LawPoints(law, np.flatnonzero(np.isin(operator.joint, members))))
         self._variables = max((part.variables for part in self._laws), default=0)
         self.acting: NDArray[np.bool_] = np.ones(len(operator.joint), dtype=bool)
-        self.tied = operator.tied  # also of a reduced operator, whose rows may vanish elsewhere
+        self.tied = operator.tied
         self.initial_gap: Floats = operator.initial_gap.copy()
         places = np.zeros_like(self.initial_gap) if operator.points is None else operator.points
         self.overlaps: dict[str, float] = {}

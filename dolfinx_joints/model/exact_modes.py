@@ -23,8 +23,6 @@ Floats = NDArray[np.float64]
 # Largest omega dt of a mode that is taken: four steps in its period. Errors of bars that strike and
 # of dams hardly change between 1 and 2.
 LARGEST_ANGLE = 1.5
-# Smallest omega dt that is not rounding of zero: what nothing holds no support pushes.
-SMALLEST_ANGLE = 1e-4
 
 
 class LowestModes:
@@ -55,7 +53,7 @@ class LowestModes:
         self.comm: Any = system.mass.comm.tompi4py()
         self.frequencies: Floats = 2.0 * np.pi * found.frequencies
         if not found.shapes:
-            raise too_few("exact_modes", body, count)
+            raise too_few(body, count)
         shapes = _columns(found.shapes)
         shapes[system.constrained] = 0.0
         weighted = _columns([system.mass * _vector(system, shape) for shape in shapes.T])
@@ -69,9 +67,6 @@ class LowestModes:
         self._weighted = np.asfortranarray(weighted @ factor)
         self._at_supports = at_supports @ factor
         vectors = [_vector(system, shape) for shape in self._shapes.T]
-        self._held = np.zeros_like(self._at_supports)
-        if self._moves:
-            self._held = _columns([system.stiffness * v for v in vectors])[self._fixed]
         work = system.mass.createVecRight()
         self.damping = np.array([v.dot(system.damping_force(v, work)) for v in vectors])
         self.loads = np.array([[v.dot(p) for p, _ in system.patterns] for v in vectors])
@@ -118,19 +113,9 @@ class LowestModes:
             return np.zeros(used)
         return summed(self.comm, vector.array_r[self._fixed] @ self._at_supports[:, :used])
 
-    def pushed(self, used: int, vector: PETSc.Vec) -> Floats:
-        """Phi.K u of moving supports alone, shape (used,) (collective)."""
-        if not self._moves:
-            return np.zeros(used)
-        return summed(self.comm, vector.array_r[self._fixed] @ self._held[:, :used])
-
     def add_at_supports(self, amounts: Floats, to: Floats) -> None:
         """Add M phi times amounts to the owned rows of supports."""
         to[self._fixed] += self._at_supports[:, : len(amounts)] @ amounts
-
-    def add_held(self, amounts: Floats, to: Floats) -> None:
-        """Add K phi times amounts to the owned rows of supports."""
-        to[self._fixed] += self._held[:, : len(amounts)] @ amounts
 
     def weighted(self, used: int) -> Floats:
         """M phi at unconstrained dofs, zero elsewhere, shape (local dofs, used)."""
@@ -148,7 +133,6 @@ class ModalStep:
     Attributes:
         modes: The modes.
         used: How many of them the step takes.
-        squares: omega^2, shape (used,), [1/s^2].
         mass: m', shape (used,).
         damping: c', shape (used,), [1/s].
         kick: Change of the modal velocity for a modal force that changes by 1 along the step, with
@@ -159,8 +143,6 @@ class ModalStep:
         """Find them for a rate 2 / dt [1/s]."""
         self.modes, self.used = modes, used
         omega, c = modes.frequencies[:used], modes.damping[:used]
-        self.squares: Floats = omega**2
-        self._moved = omega * 2.0 / rate > SMALLEST_ANGLE
         root = np.sqrt((0.25 * c**2 - omega**2).astype(complex))
         z = np.array([-0.5 * c + root, -0.5 * c - root]) / rate
         small = np.abs(z) < 1e-6
@@ -184,15 +166,9 @@ class ModalStep:
         """Damping that a step adds, c' - c, shape (used,), [1/s]."""
         return self.damping - self.modes.damping[: self.used]
 
-    def change(self, mass: float, damping: float, stiffness: float) -> Floats:
-        """Of the modes' part of mass M + damping C + stiffness K, shape (used,).
-
-        To (2 m'/dt + c')/dt + omega^2/2 with damping = 1/dt, whatever dissipates in the rest.
-        """
-        change: Floats = mass * (self.mass - 1.0) + damping * self.more_damping
-        change += (2.0 * damping**2 - mass) * self.mass
-        change -= (stiffness - 0.5) * self.squares
-        return change
+    def change(self, mass: float, damping: float) -> Floats:
+        """Return the change of the modes' part of mass M + damping C, shape (used,)."""
+        return mass * (self.mass - 1.0) + damping * self.more_damping
 
     def of_supports(self, u: PETSc.Vec) -> Floats:
         """What moving supports add to the change of M u, shape (used,) (collective).
@@ -201,19 +177,6 @@ class ModalStep:
         unconstrained dofs; its mass is S^T M S, so that the kinetic energy is that of the body.
         """
         return (self.root - 1.0) * self.modes.carried(self.used, u)
-
-    def pushed(self, u: PETSc.Vec) -> Floats:
-        """Phi.K u of moving supports alone, shape (used,) (collective)."""
-        return np.where(self._moved, self.modes.pushed(self.used, u), 0.0)
-
-    def from_rest(self, modal: Floats, pushed: Floats) -> Floats:
-        """Modal displacements from where supports that move hold the body at rest, shape (used,).
-
-        Args:
-            modal: Phi.M u.
-            pushed: See there.
-        """
-        return modal + pushed / np.where(self._moved, self.squares, 1.0)
 
 
 def lowest_modes(system: MatrixSystem, count: int) -> LowestModes:

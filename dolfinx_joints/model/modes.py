@@ -113,7 +113,7 @@ def whole_groups(system: MatrixSystem, count: int) -> Modes:
     )
 
 
-def too_few(what: str, system: MatrixSystem, count: int) -> ValueError:
+def too_few(system: MatrixSystem, count: int) -> ValueError:
     """That ``count`` modes are fewer than the lowest ones of equal frequencies (collective)."""
     asked, most = count, _number_of_modes(system)
     found: NDArray[np.float64] = np.empty(0)
@@ -123,8 +123,8 @@ def too_few(what: str, system: MatrixSystem, count: int) -> ValueError:
     ends = np.flatnonzero(found[:-1] < (1.0 - SAME_FREQUENCY) * found[1:])
     least = int(ends[0]) + 1 if ends.size else len(found)
     return ValueError(
-        f"{what} is {count}; the lowest {least} modes are a group of equal frequencies: {least} at "
-        "least are needed."
+        f"exact_modes is {count}; the lowest {least} modes are a group of equal frequencies: "
+        f"{least} at least are needed."
     )
 
 

@@ -36,7 +36,7 @@ Pattern = tuple[PETSc.Vec, Callable[[float], float]]
 class MatrixSystem:
     """M a + C v + K u + B^T w t(B u) = F(time), with some dofs constrained.
 
-    A `Model` makes one from a mesh; a reduced model or a mass on a spring is as good.
+    A `Model` makes one from a mesh; a mass on a spring is as good.
 
     Attributes:
         mass: M [kg].
@@ -241,7 +241,7 @@ class MatrixSystem:
         """Work of each load on a displacement x by the mean of its ends, [J] (collective)."""
         names = self.names_of_patterns
         works = dict.fromkeys(names, 0.0)
-        means = self.mean_factors(start, end)
+        means = 0.5 * (self._factors(start) + self._factors(end))
         for name, mean, (vector, _) in zip(names, means, self.patterns, strict=True):
             if mean:
                 works[name] += float(mean * vector.dot(x))
@@ -252,11 +252,6 @@ class MatrixSystem:
     def load_change(self, start: float, end: float) -> Floats:
         """Change of the factors of the patterns between two times [s], shape (patterns,)."""
         return self._factors(end) - self._factors(start)
-
-    def mean_factors(self, start: float, end: float) -> Floats:
-        """Means of the factors of the patterns at two times [s], shape (patterns,)."""
-        means: Floats = 0.5 * (self._factors(start) + self._factors(end))
-        return means
 
     @property
     def names_of_patterns(self) -> Sequence[str]:

@@ -39,13 +39,12 @@ from dolfinx_joints.simulation.statics.unfinished import unfinished
 Floats = NDArray[np.float64]
 
 
-def further_energies(model: Model, record: Record) -> dict[str, str]:
+def further_energies(model: Model) -> dict[str, str]:
     """Energy lines that not every run has, with what they are."""
     stops = model.contact is not None and model.contact.stops
     lines = (
         ("plastic", model.bulk is not None, "plastic work of the bulk"),
         ("impact", stops, "lost by joint points that strike and do not rebound"),
-        ("dissipation", record.dissipates, "taken out of the body by the spectral radius"),
         ("water", model.coupled, "of waves in the reservoir, pressure and motion"),
         (
             "absorbed",
@@ -65,7 +64,7 @@ def energies(model: Model, record: Record) -> Floats:
             *(getattr(row, term) for term in ENERGY_TERMS),
             *of_joints.T.ravel().tolist(),
             *row.input_by_load.values(),
-            *(getattr(row, term) for term in further_energies(model, record)),
+            *(getattr(row, term) for term in further_energies(model)),
         ]
     )
 

@@ -62,7 +62,7 @@ class PointHistories:
         """
         found: dict[str, Any] = self._motion(record)
         for group in self._supports:
-            found[f"reaction/{group}"] = record.resultant(self._model, group)
+            found[f"reaction/{group}"] = self._model.resultant(record.reaction, group)
         if record.reservoir_force is not None:
             found["reservoir_force"] = record.reservoir_force
         if static is not None:
@@ -85,7 +85,8 @@ class PointHistories:
         The acceleration is the change of velocity since the last record over the time between: the
         mean of the step, which every scheme knows, however many substeps it was cut into.
         """
-        displacement, velocity = record.read(self._probe)
+        displacement = self._probe.read(record.displacement)
+        velocity = self._probe.read(record.velocity)
         acceleration: Floats = np.zeros_like(velocity)
         if self._before is not None:
             time, before = self._before

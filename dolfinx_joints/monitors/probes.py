@@ -195,11 +195,3 @@ class PointProbe:
         for row, node in self._mine:
             values[row, : self._gdim] = blocks[node]
         return summed(self._comm, values)
-
-    def units(self, local: int) -> Floats:
-        """A unit vector for each component of each point, owned rows, shape (local, 3 n)."""
-        columns = np.zeros((local, 3 * len(self.positions)))
-        for row, node in self._mine:
-            for axis in range(self._gdim):
-                columns[self._gdim * node + axis, 3 * row + axis] = 1.0
-        return columns

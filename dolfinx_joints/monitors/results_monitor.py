@@ -186,7 +186,7 @@ class ResultsMonitor(Monitor):
             self._histories.declare(writer, first, relative)
             names = [] if model.operator is None else model.operator.names
             declare_energy(writer, names, first.energy.input_by_load)
-            for term, text in further_energies(model, first).items():
+            for term, text in further_energies(model).items():
                 writer.series("energy", term, (), "J", text)
             declare_states(writer, *self._mesh, status=True)
             self._fields.declare(writer, "states", self._mesh.joints)
@@ -337,7 +337,7 @@ class ResultsMonitor(Monitor):
         joints = () if self._model.operator is None else self._model.operator.names
         names = [f"joints/{joint}/{term}" for joint in joints for term in JOINT_ENERGY_TERMS]
         loads = [f"loads/{name}" for name in record.energy.input_by_load]
-        further = further_energies(self._model, record)
+        further = further_energies(self._model)
         self._writer.order("energy", [*ENERGY_TERMS, *names, *loads, *further])
         if self._extremes is not None:
             self._writer.order("joints", self._extremes.names)

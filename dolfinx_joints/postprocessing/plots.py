@@ -100,7 +100,6 @@ _ENERGY_STYLES = {
     "friction": ("--", RED),
     "plastic": ("--", "#a50f15"),
     "impact": ("--", "#e7298a"),
-    "dissipation": ("-.", "#8c6d00"),
     "numerical": ("-.", "#7b3294"),
     "error": (":", GREY),
 }

@@ -66,9 +66,9 @@ def energies(content: Content) -> Section:
     pieces = [
         table("How well the energies balance", _head("", content), rows),
         paragraph(
-            "The error is stored energy − stored at the start − input + what damping, friction and "
-            "the dissipation of the scheme took; a scheme that balances energies leaves rounding, "
-            "about 1e-14. The local error estimates what one step does wrong.",
+            "The error is stored energy − stored at the start − input + what damping and friction "
+            "took; a scheme that balances energies leaves rounding, about 1e-14. The local error "
+            "estimates what one step does wrong.",
             "note",
         ),
     ]

@@ -34,9 +34,6 @@ from dolfinx_joints.simulation.outcome import Outcome
 from dolfinx_joints.simulation.record import Record, StageRecord
 from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
 from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
-from dolfinx_joints.time_integration.midpoint import EnergyConsistent
-from dolfinx_joints.time_integration.reduced_steps import ReducedSteps
-from dolfinx_joints.time_integration.reduced_values import Expanded
 from dolfinx_joints.time_integration.scheme import Scheme, StepReport
 from dolfinx_joints.time_integration.states import DynamicState, with_means
 from dolfinx_joints.time_integration.substeps import StepControl, Stepper
@@ -90,8 +87,6 @@ class DynamicRun:
         self.state, self.step, self._steps, self._motion = state, 0, steps, motion
         watch.begin()
         self._free_surface, self._static_part = free_surface, static_part
-        self._reduced = scheme if isinstance(scheme, ReducedSteps) else None
-        self._dissipates = isinstance(scheme, EnergyConsistent) and scheme.spectral_radius < 1.0
         self._solver, self._conserves = solver, scheme.conserves(solver.system)
         self._ledger = EnergyLedger(solver.system)
         self._ledger.start(state)
@@ -165,7 +160,7 @@ class DynamicRun:
             if after.joints is not None:
                 self._watch.see(after.joints.state.gap)
             if report.dt < dt and self._stepper.forces_over_steps:
-                self._acting = with_means(self._acting, self._whole(after), report.dt / dt)
+                self._acting = with_means(self._acting, after, report.dt / dt)
             self._substeps += 1
             self._iterations += report.solve.iterations
             self._local_error = max(self._local_error, report.local_error)
@@ -178,8 +173,6 @@ class DynamicRun:
 
     def _distance(self, state: DynamicState) -> float:
         """2-norm over all dofs of the displacement from the start of the stage [m] (collective)."""
-        if self._reduced is not None:
-            return self._reduced.distance(state)
         self._work.waxpy(-1.0, self.origin, state.displacement)
         return self._solver.system.norm(self._work)
 
@@ -193,43 +186,31 @@ class DynamicRun:
         self, step: int, solve: SolveReport | None, row: EnergyRow, substeps: int
     ) -> Record:
         in_joints, coupled = self._solver.system.in_joints, self._solver.system.coupled
+        state = self._acting or self.state
+        vectors = [state.displacement, state.velocity, state.reaction]
+        if coupled is not None:
+            vectors = [coupled.body(vector) for vector in vectors]
+        displacement, velocity, reaction = vectors
         return Record(
             stage="dynamic",
             step=step,
             time=self.state.time,
-            vectors=self._vectors(),
+            displacement=displacement,
+            velocity=velocity,
+            reaction=reaction,
             reservoir_force=None if coupled is None else coupled.force(self.state.velocity),
             reservoir_pressure=None
             if coupled is None
             else partial(coupled.pressures, self.state.velocity),
-            joints=(self._acting or self.state).joints,
+            joints=state.joints,
             motion=self._motion,
             free_surface=self._free_surface,
             static_part=self._static_part,
             solve=solve,
             energy=row,
             substeps=substeps,
-            dissipates=self._dissipates,
             wet_joints=tuple(dict.fromkeys(load.joint for load in in_joints)),
             pressure=partial(self._pressure, self.state) if in_joints else None,
-        )
-
-    def _whole(self, state: DynamicState) -> DynamicState:
-        """State of the whole body (collective)."""
-        return state if self._reduced is None else self._reduced.whole(state)
-
-    def _vectors(self) -> DynamicState | Expanded:
-        """The state of the body."""
-        state, coupled = self._acting or self.state, self._solver.system.coupled
-        if self._reduced is not None and self._acting is None:
-            return self._reduced.shown(state)
-        if coupled is None:
-            return state
-        return replace(
-            state,
-            displacement=coupled.body(state.displacement),
-            velocity=coupled.body(state.velocity),
-            reaction=coupled.body(state.reaction),
         )
 
     @cached_property
@@ -280,7 +261,6 @@ class DynamicRun:
             "laws_without_losses": list(outcome.laws_without_losses),
             "local_error": outcome.local_error,
             "seconds": dict(self._seconds),
-            **({"reduced bulk": asdict(outcome.reduced)} if outcome.reduced else {}),
             **({"warnings": self._warnings} if self._warnings else {}),
             **extra,
         }
@@ -298,7 +278,7 @@ class DynamicRun:
         # A body at rest: both are rounding.
         moved = self._largest > 1e-10 * self._solver.system.norm(self.origin)
         return Outcome(
-            state=self._whole(self.state),
+            state=self.state,
             energy=self._ledger.row,
             energy_error=self._ledger.relative_error,
             imbalance=self._ledger.relative_imbalance if self._conserves else None,
@@ -310,7 +290,6 @@ class DynamicRun:
             backward_euler_laws=self._backward_euler_laws,
             chatter=self._stepper.chatter.joints(),
             laws_without_losses=self._laws_without_losses,
-            reduced=self._reduced.counts if self._reduced else None,
         )
 
 
@@ -338,7 +317,7 @@ def free_surface(
 
 def _doubts(outcome: Outcome) -> list[str]:
     """What makes a run doubtful."""
-    texts, reduced, at_end = [], outcome.reduced, ", ".join(outcome.backward_euler_laws)
+    texts, at_end = [], ", ".join(outcome.backward_euler_laws)
     rough = "scheme and time step; take EnergyConsistent, or a smaller step"
     if at_end:  # of EnergyConsistent
         rough = f"time step, at the end of which {at_end} is asked; take a smaller one"
@@ -357,12 +336,6 @@ def _doubts(outcome: Outcome) -> list[str]:
         texts.append(
             f"A single step errs by an estimated {100 * outcome.local_error:.3g} % of the largest "
             "displacement; take a smaller one."
-        )
-    if reduced is not None and reduced.whole > reduced.reduced:
-        texts.append(
-            f"{reduced.whole} of {reduced.whole + reduced.reduced} steps were taken by the whole "
-            "body and its basis grew by each: reduced gains nothing here; give it more modes or a "
-            "larger tolerance, or leave it out."
         )
     if outcome.chatter:
         worst = max(outcome.chatter, key=lambda name: outcome.chatter[name])

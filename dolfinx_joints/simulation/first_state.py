@@ -22,7 +22,6 @@ from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.exact_steps import scaled
 from dolfinx_joints.time_integration.initial_state import INTERVAL, initial_state
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent
-from dolfinx_joints.time_integration.reduced_steps import ReducedBulk
 from dolfinx_joints.time_integration.scheme import Scheme
 from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import StepControl
@@ -38,7 +37,6 @@ def checked_settings(
     start: DynamicState | None,
     checkpoint: Checkpoints | None,
     resume: bool,
-    reduced: ReducedBulk | None,
 ) -> tuple[Scheme, StepControl]:
     """Scheme and control of a dynamic stage, defaults where none is given; all are checked."""
     scheme = EnergyConsistent() if scheme is None else scheme
@@ -50,13 +48,6 @@ def checked_settings(
     check_kind_of("start", start, known, "the state of an earlier dynamic outcome")
     known = isinstance(checkpoint, Checkpoints | None)
     check_kind_of("checkpoint", checkpoint, known, "a Checkpoints")
-    known = isinstance(reduced, ReducedBulk | None)
-    check_kind_of("reduced", reduced, known, "a ReducedBulk")
-    if reduced is not None and checkpoint is not None:
-        raise ValueError(
-            "reduced is given beside a checkpoint, but its basis is kept in memory alone; leave "
-            "one of them out."
-        )
     if resume and checkpoint is None:
         raise ValueError("resume is True, but no checkpoint is given to go on from.")
     return scheme, control

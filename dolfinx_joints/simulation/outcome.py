@@ -16,7 +16,6 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.static_energy import Jump, StaticEnergy
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.energy import EnergyRow
-from dolfinx_joints.time_integration.reduced_steps import ReducedCounts
 from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import StepCounts
 
@@ -108,7 +107,6 @@ class Outcome(Summarised):
             impulse that such contacts carry.
         laws_without_losses: Kinds of laws that do not state what steps lose in them
             (`LawWithLosses`): ``imbalance`` says nothing of their joints.
-        reduced: Steps taken in a basis and by the whole body, None of runs that are not reduced.
     """
 
     state: DynamicState
@@ -123,7 +121,6 @@ class Outcome(Summarised):
     backward_euler_laws: tuple[str, ...]
     chatter: Mapping[str, float]
     laws_without_losses: tuple[str, ...]
-    reduced: ReducedCounts | None = None
 
     def _summary(self) -> Rows:
         counts, imbalance = self.counts, self.imbalance
@@ -134,7 +131,6 @@ class Outcome(Summarised):
         balance = "" if imbalance is None else f"{100 * imbalance:.2g} % of the same"
         yield "balance of all lines", balance
         yield "local error", f"{100 * self.local_error:.3g} % of the largest displacement"
-        yield "reduced bulk", _reduced(self).removeprefix("reduced bulk: ").rstrip()
         yield "joints that chatter", names(self.chatter)
 
 
@@ -153,20 +149,7 @@ def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) 
         f"energy error {100 * outcome.energy_error:.3g} % of the largest energy{balance}; "
         f"largest local displacement error {100 * outcome.local_error:.3g} % of the largest "
         f"displacement\n{outcome.steps} steps in {counts.accepted} substeps{rejected}; "
-        f"{mean:.2f} Newton iterations per substep, {_solver(outcome, model)}\n"
-        f"{_reduced(outcome)}{phases}"
-    )
-
-
-def _reduced(outcome: Outcome) -> str:
-    """How the reduced bulk did, a line; empty of other runs."""
-    counts = outcome.reduced
-    if counts is None:
-        return ""
-    return (
-        f"reduced bulk: {number(counts.shapes)} shapes of {number(counts.dofs)} dofs, "
-        f"{number(counts.whole)} of {number(counts.whole + counts.reduced)} steps by the whole "
-        f"body, error of the others up to {counts.largest_error:.1e}\n"
+        f"{mean:.2f} Newton iterations per substep, {_solver(outcome, model)}\n{phases}"
     )
 
 

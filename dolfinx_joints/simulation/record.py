@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,6 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.energy import EnergyRow
-from dolfinx_joints.time_integration.reduced_values import Expanded, Points
-from dolfinx_joints.time_integration.states import DynamicState
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,13 +41,6 @@ class StageRecord:
     pressure: NDArray[np.float64] | None
 
 
-class ReadPoints(Points, Protocol):
-    """Points that are read from nodal vectors, too, such as a `PointProbe`."""
-
-    def read(self, u: PETSc.Vec) -> NDArray[np.float64]:
-        """Nodal vectors of the points, shape (points, 3) (collective)."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Record:
     """Step as a monitor sees it.
@@ -58,14 +49,15 @@ class Record:
         stage: ``dynamic``; of static stages monitors see a `StageRecord`.
         step: Number of the step, 0 for the start of the stage.
         time: Time [s].
-        vectors: State of the body that `displacement`, `velocity` and `reaction` are of.
+        displacement: Nodal displacements u [m].
+        velocity: Nodal velocities v [m/s].
+        reaction: Forces of the supports on the body, zero at unconstrained dofs [N].
         joints: Response of the joints, None without joints.
         motion: Acceleration of the ground at a time [s], [m/s^2], None where it rests.
         free_surface: Velocity of the level free surface under the waves of all `FreeField` alone,
             (3,) at a time [s], [m/s]; None without any. Displacements are absolute then.
         solve: How the solve went, None at step 0 of a dynamic stage.
         energy: Energies.
-        dissipates: Whether the scheme takes energy out of the body, with a line in ``energy``.
         substeps: Substeps that this step was cut into: 1 for a whole step, 0 at the start.
         static_part: Static part of the displacement at a time [s], [m] (collective), see
             `DifferingGround`; None where the ground is the same everywhere.
@@ -82,13 +74,14 @@ class Record:
     stage: str
     step: int
     time: float
-    vectors: DynamicState | Expanded
+    displacement: PETSc.Vec
+    velocity: PETSc.Vec
+    reaction: PETSc.Vec
     joints: Response | None
     motion: Callable[[float], Any] | None
     solve: SolveReport | None
     energy: EnergyRow
     substeps: int
-    dissipates: bool = False
     free_surface: Callable[[float], NDArray[np.float64]] | None = None
     static_part: Callable[[float], PETSc.Vec] | None = None
     reservoir_force: NDArray[np.float64] | None = None
@@ -97,36 +90,6 @@ class Record:
     pressure: Callable[[], NDArray[np.float64]] | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     stages: Sequence[StageRecord] = ()
-
-    @property
-    def displacement(self) -> PETSc.Vec:
-        """Nodal displacements u [m] (collective)."""
-        return self.vectors.displacement
-
-    @property
-    def velocity(self) -> PETSc.Vec:
-        """Nodal velocities v [m/s] (collective)."""
-        return self.vectors.velocity
-
-    @property
-    def reaction(self) -> PETSc.Vec:
-        """Forces of the supports on the body, zero at unconstrained dofs [N] (collective)."""
-        return self.vectors.reaction
-
-    def read(self, points: ReadPoints) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Displacements [m] and velocities [m/s] of points, shape (points, 3) each (collective).
-
-        What `displacement` and `velocity` have there, in a reduced run at less cost.
-        """
-        if isinstance(self.vectors, Expanded):
-            return self.vectors.read(points)
-        return points.read(self.displacement), points.read(self.velocity)
-
-    def resultant(self, model: Model, group: str) -> NDArray[np.float64]:
-        """`Model.resultant` of the reactions, in a reduced run at less cost (collective)."""
-        if isinstance(self.vectors, Expanded):
-            return self.vectors.resultant(group, model.nodes(group))
-        return model.resultant(self.reaction, group)
 
     @property
     def ground_acceleration(self) -> NDArray[np.float64]:

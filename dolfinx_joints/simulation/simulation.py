@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal
 import annotated_types as at
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.common.errors import ConvergenceError, JointsError, refuses_removed
 from dolfinx_joints.common.files import released
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.parameters import check_kind_of
@@ -51,7 +51,6 @@ from dolfinx_joints.simulation.statics.unfinished import (
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.shared_bulk import SharedBulk
 from dolfinx_joints.solvers.step_solver import SolverOptions
-from dolfinx_joints.time_integration.reduced_steps import ReducedBulk, ReducedSteps
 from dolfinx_joints.time_integration.scheme import Scheme
 from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import StepControl, ends_of_steps, located
@@ -264,6 +263,7 @@ class Simulation:
         return self.static
 
     @checked
+    @refuses_removed
     def dynamics(
         self,
         *,
@@ -273,7 +273,6 @@ class Simulation:
         loads: Sequence[Load] = (),
         scheme: Scheme | None = None,
         control: StepControl | None = None,
-        reduced: ReducedBulk | None = None,
         velocity: NodalField | None = None,
         displacement: NodalField | None = None,
         start: DynamicState | None = None,
@@ -290,7 +289,6 @@ class Simulation:
             loads: Loads of this stage besides the model's own.
             scheme: Time scheme, `EnergyConsistent` unless given.
             control: When steps are cut; where their solve fails unless given.
-            reduced: Take steps in few shapes of a large body where that misses little.
             velocity: Initial velocity [m/s], zero unless given: a function of the nodes (n, 3)
                 that returns (n, gdim), a UFL expression or DOLFINx function, a vector of the
                 unknowns, or a number for each axis. At supports it must be theirs.
@@ -305,7 +303,7 @@ class Simulation:
             CheckpointError: A checkpoint cannot be written, is missing, damaged or another run's.
             ConvergenceError: A step did not converge however often halved; monitors have the rest.
         """
-        scheme, control = checked_settings(scheme, control, start, checkpoint, resume, reduced)
+        scheme, control = checked_settings(scheme, control, start, checkpoint, resume)
         given = given_fields(self.model, start, velocity=velocity, displacement=displacement)
         (motion, *loads), lost = for_steps([motion, *loads], dt, self.model.jointed.mesh.comm)
         acting, ground = shaken_by(motion, loads), differing_ground(self.model, motion)
@@ -323,7 +321,6 @@ class Simulation:
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
             facts |= {"start at": float(times[0]), "step control": control}
             facts |= {"solver": self.solver, "Newton": self._options}
-            facts |= {"reduced bulk": reduced} if reduced is not None else {}
             facts |= {f"initial {name}": vector for name, vector in given.items()}
             keeper = None
             if checkpoint is not None:
@@ -335,9 +332,6 @@ class Simulation:
             state = saved.state if saved else first_state(solver, dt, self.static, start, given)
             before = self.static, self.stages
             doubts = sudden_loads(self.model, system, state, *before, shaking) if begins else []
-            if reduced is not None:
-                scheme = ReducedSteps(reduced, scheme, solver, state, dt)
-                state = scheme.start
             run = DynamicRun(
                 model=self.model,
                 monitors=self.monitors,

@@ -246,12 +246,11 @@ def _modal_change(system: MatrixSystem, effective: MatrixCoefficients) -> ModalC
     changes, comm = [], system.mass.comm.tompi4py()
     step = effective.modal_step(system)
     if step is not None:
-        more = effective.stiffness - 0.5
         changes.append(
             ModalChange(
                 step.modes.weighted(step.used),
-                step.change(effective.mass, effective.damping, effective.stiffness),
-                lambda x: effective.mass * step.of_supports(x) - more * step.pushed(x),
+                step.change(effective.mass, effective.damping),
+                lambda x: effective.mass * step.of_supports(x),
                 comm,
             )
         )

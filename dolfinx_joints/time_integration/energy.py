@@ -40,12 +40,10 @@ class EnergyRow:
             ``imbalance`` says nothing of these (`Contact.without_losses` names such laws).
         joint_imbalance: The part of ``imbalance`` that arises in each joint: its elastic energy,
             friction and numerical loss less the work of the body on it, shape (number of joints,).
-        error: stored - stored at the start - input + viscous + friction + plastic + impact +
-            dissipation.
+        error: stored - stored at the start - input + viscous + friction + plastic + impact.
         plastic: Plastic work of the bulk.
         absorbed: Part of ``viscous`` that viscous boundaries and bounds of the water took.
         impact: Lost by joint points that strike and do not rebound.
-        dissipation: What a spectral radius below 1 took out of the body, never negative.
         water: Of waves in water, rho |grad phi|^2 / 2 + p^2 / (2 rho c^2); the other lines are
             without it.
     """
@@ -63,7 +61,6 @@ class EnergyRow:
     plastic: float = 0.0
     absorbed: float = 0.0
     impact: float = 0.0
-    dissipation: float = 0.0
     water: float = 0.0
 
     @cached_property
@@ -149,8 +146,7 @@ class EnergyLedger:
         kinetic, strain, water = self._of_state(state)
         stored = kinetic + strain + float(elastic.sum()) + water
         impact = last.impact + float(joints.impact.sum())
-        dissipation = last.dissipation + work.dissipation
-        losses = viscous + float(rubbed.sum()) + plastic + impact + dissipation
+        losses = viscous + float(rubbed.sum()) + plastic + impact
         missing = stored - self._at_start - entered + losses
         return EnergyRow(
             kinetic=kinetic,
@@ -169,13 +165,12 @@ class EnergyLedger:
             plastic=plastic,
             absorbed=last.absorbed + work.absorbed,
             impact=impact,
-            dissipation=dissipation,
             water=water,
         )
 
     def record(self, row: EnergyRow) -> EnergyRow:
         """Account for one accepted step."""
-        losses = row.viscous + row.friction + row.plastic + row.impact + row.dissipation
+        losses = row.viscous + row.friction + row.plastic + row.impact
         self.scale = max(self.scale, row.stored, abs(row.input), losses)
         net = abs(row.input - row.absorbed)
         self.largest = max(self.largest, row.stored, net, losses - row.absorbed)

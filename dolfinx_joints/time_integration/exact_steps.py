@@ -119,12 +119,6 @@ def _inertia(step: ModalStep, x: PETSc.Vec, modal: Floats) -> Floats:
     return change
 
 
-def add_modal_momentum(step: ModalStep, velocity: Floats, momentum: Floats) -> None:
-    """Add S^T M S Phi times modal velocities, shape (used,), to the owned rows of a momentum."""
-    momentum += step.modes.weighed(step.mass * velocity)
-    step.modes.add_at_supports(step.root * velocity, momentum)
-
-
 class LoadKick:
     """Change that loads which grow along a step make to the midpoint rule in exact modes.
 
@@ -144,9 +138,10 @@ class LoadKick:
 
     def add(self, velocity: PETSc.Vec, momentum: PETSc.Vec) -> None:
         """Add the kick to a velocity, and S^T M S times it to a momentum."""
-        kick = self.of_patterns.sum(axis=1)
-        velocity.getArray()[:] += self._step.modes.combined(kick)
-        add_modal_momentum(self._step, kick, momentum.getArray())
+        step, kick = self._step, self.of_patterns.sum(axis=1)
+        velocity.getArray()[:] += step.modes.combined(kick)
+        momentum.getArray()[:] += step.modes.weighed(step.mass * kick)
+        step.modes.add_at_supports(step.root * kick, momentum.getArray())
 
     def work(
         self, x: Floats, velocity: Floats, rate: float, of_supports: Floats

@@ -14,11 +14,7 @@ from dolfinx_joints.time_integration.states import DynamicState
 
 
 def joints_before(
-    system: MatrixSystem,
-    state: DynamicState,
-    turn: PETSc.Vec | None,
-    rate: float,
-    spectral_radius: float,
+    system: MatrixSystem, state: DynamicState, turn: PETSc.Vec | None, rate: float
 ) -> JointState | None:
     """State of the joints, slips for the length of the step, approach where none rebounds.
 
@@ -27,7 +23,6 @@ def joints_before(
         state: Its state.
         turn: v1 - (2 x / dt - v0), None where it is zero [m/s].
         rate: 2 / dt of the step [1/s].
-        spectral_radius: rho of (19d): where nothing rebounds, v1 = 0 is sought.
     """
     if state.joints is None:
         return None
@@ -37,15 +32,13 @@ def joints_before(
     if system.contact is None or not system.contact.stops:
         return joints
     velocity = state.velocity.copy()
-    velocity.scale(spectral_radius)
     if turn is not None:
-        velocity.axpy(-1.0, turn)  # v1 = (1 + rho) x / dt - (rho v0 - turn)
+        velocity.axpy(-1.0, turn)  # where nothing rebounds, 0 = v1 = 2 x / dt - (v0 - turn)
     if len(system.massless):
         # Theirs is that in the middle of the last step.
         late = system.massless
-        velocity.getArray()[late] += spectral_radius * state.acceleration.array[late] / rate
-    of_end = 2.0 / (1.0 + spectral_radius)
-    approach = of_end * 2.0 / rate * system.contact.operator.jump(velocity)[:, 0]
+        velocity.getArray()[late] += state.acceleration.array[late] / rate
+    approach = 2.0 / rate * system.contact.operator.jump(velocity)[:, 0]
     return replace(joints, approach=approach)
 
 

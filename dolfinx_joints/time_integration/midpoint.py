@@ -14,11 +14,12 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import refuses_removed
 from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, Floats, Response, Rule
 from dolfinx_joints.model.exact_modes import ModalStep
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.step_solver import StepSolver
-from dolfinx_joints.time_integration.dissipation import Dissipation, midpoint_coefficients
 from dolfinx_joints.time_integration.exact_steps import (
     LoadKick,
     add_free_vibration,
@@ -46,7 +47,6 @@ class _Midpoint:
 
     rule: ClassVar[Rule] = DISCRETE_GRADIENT
     exact_modes: ClassVar[int] = 0
-    spectral_radius: ClassVar[float] = 1.0
     forces_over_steps: ClassVar[bool] = True
 
     def conserves(self, system: MatrixSystem) -> bool:
@@ -64,7 +64,7 @@ class _Midpoint:
             )
         rule = self.rule.over(dt)
         end = state.time + dt if end is None else end
-        step = _Step(solver.system, state, dt, end, self.exact_modes, self.spectral_radius)
+        step = _Step(solver.system, state, dt, end, self.exact_modes)
         joints, solve = solver.solve(step.effective, step.known, step.x, step.joints, rule)
         products = step.products(joints)
         after = step.state_after(products, joints)
@@ -72,6 +72,7 @@ class _Midpoint:
         return after, StepReport(dt=dt, solve=solve, work=work, local_error=step.local_error(after))
 
 
+@refuses_removed
 @dataclass(frozen=True, kw_only=True)
 @checked
 class EnergyConsistent(_Midpoint):
@@ -85,13 +86,9 @@ class EnergyConsistent(_Midpoint):
     Attributes:
         exact_modes: Number of lowest modes, of the body cut at its joints, whose phase and damping
             are exact; of them a step takes those with omega dt up to 1.5.
-        spectral_radius: Factor by which a step multiplies what vibrates infinitely fast, of all
-            that is not in exact modes: 1 keeps it, 0 takes it out in one step. Below 1 that part is
-            of first order, and the ledger has its loss as ``dissipation``.
     """
 
     exact_modes: Annotated[int, at.Ge(0)] = 0  # type: ignore[misc]
-    spectral_radius: Annotated[float, at.Ge(0), at.Le(1)] = 1.0  # type: ignore[misc]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,42 +113,32 @@ class _Step:
     """
 
     def __init__(
-        self,
-        system: MatrixSystem,
-        state: DynamicState,
-        dt: float,
-        end: float,
-        modes: int,
-        radius: float,
+        self, system: MatrixSystem, state: DynamicState, dt: float, end: float, modes: int
     ) -> None:
-        """Set up the step of length dt [s] from a state to a time [s] (collective).
+        """Set up the step of length dt [s] from a state to a time [s], exact in some modes.
 
-        It is exact in some modes, with a spectral radius at infinity of the rest.
+        (Collective.)
         """
         self._system, self._dt, self._time = system, dt, end
         self._rate = rate = exact_square(2.0 / dt)
         self._before = state = scaled(system, state, modes, rate)
-        self.effective = midpoint_coefficients(rate, radius, modes)
+        self.effective = MatrixCoefficients(
+            mass=0.5 * rate**2, damping=0.5 * rate, stiffness=0.5, exact_modes=modes
+        )
         self._exact = exact = self.effective.modal_step(system)
-        self._dissipation = None
-        if radius < 1.0:
-            self._dissipation = Dissipation(system, state, self.effective, radius, exact)
         self._load = system.load(self._time, state.load.duplicate())
         known = [(0.5, self._load), (0.5, state.load)]
         known += [(rate, state.momentum), (-1.0, state.elastic_force)]
         if state.remainder is not None:
             known.append((-1.0, state.remainder))
         self.known = combination(*known)
-        if self._dissipation is not None:
-            self._dissipation.add_known(self.known)
         self.x = guess(state, (dt, state.velocity))
         fixed = system.constrained
         moved = system.prescribed(self._time) - state.displacement.array[fixed]
         self.x.getArray()[fixed] = moved
-        share = 0.5 * (1.0 - radius)
-        self._turn = _Turn(system, state, self.x, rate, self._time, dt, exact, share)
+        self._turn = _Turn(system, state, self.x, rate, self._time, dt, exact)
         self._turn.add(self._turn.momentum, self.known, -0.5 * rate)
-        self.joints = joints_before(system, state, self._turn.velocity, rate, radius)
+        self.joints = joints_before(system, state, self._turn.velocity, rate)
 
     @cached_property
     def _modal(self) -> Floats:
@@ -173,8 +160,6 @@ class _Step:
         products = Products(system, self.effective, self.known, self.x, joints)
         if exact is not None:
             complete(exact, products, self.effective, self.x, self._modal, system.constrained)
-        if self._dissipation is not None:
-            self._dissipation.complete(products, self.x, self._modal)
         return products
 
     def state_after(self, products: Products, joints: Response | None) -> DynamicState:
@@ -182,8 +167,6 @@ class _Step:
         before, massless = self._before, self._system.massless
         velocity = combination((self._rate, self.x), (-1.0, before.velocity))
         momentum = combination((self._rate, products.mass), (-1.0, before.momentum))
-        if self._dissipation is not None:
-            self._dissipation.damp(velocity, momentum, self._modal)
         self._turn.add(self._turn.velocity, velocity)
         if len(massless):
             # Nothing holds the velocities of these to those before: take the mean of the step.
@@ -217,17 +200,11 @@ class _Step:
                 loads[name] += kicked
         supports = float(products.reaction.dot(self.x))
         supports += self._turn.work(before.momentum, after.momentum)
-        lost = 0.0
-        if self._dissipation is not None:
-            ends = after.velocity, after.momentum
-            lost, more = self._dissipation.works(self.x, self._modal, products, *ends)
-            supports += more
         return StepWork(
             loads=loads,
             supports=supports,
             viscous=products.viscous,
             absorbed=products.absorbed,
-            dissipation=lost,
             joints=joint_works(system, before, after.joints, rule, mean_traction=False),
         )
 
@@ -236,10 +213,7 @@ class _Step:
         change = combination((1.0, after.acceleration), (-1.0, self._before.acceleration))
         if self._exact is not None:
             add_free_vibration(self._exact, self._modal_rates, self._dt, change)
-        error = self._system.norm(change) * self._dt**2 / 12.0
-        if self._dissipation is not None:
-            error += self._system.norm(self._dissipation.displaced(after.acceleration, self._dt))
-        return error
+        return self._system.norm(change) * self._dt**2 / 12.0
 
 
 class _Turn:
@@ -262,9 +236,8 @@ class _Turn:
         time: float,
         dt: float,
         exact: ModalStep | None,
-        share: float,
     ) -> None:
-        """Find the change, ``share`` being that of `Dissipation` (collective)."""
+        """Find the change (collective)."""
         self.velocity: PETSc.Vec | None = None
         self.momentum: PETSc.Vec | None = None
         self._fixed = system.constrained
@@ -277,8 +250,7 @@ class _Turn:
         self.velocity.set(0.0)
         self.momentum.set(0.0)
         if rates is not None:
-            before, moved = state.velocity.array[self._fixed], x.array[self._fixed]
-            by_rule = rate * moved - before - share * (rate * moved - 2.0 * before)
+            by_rule = rate * x.array[self._fixed] - state.velocity.array[self._fixed]
             self.velocity.getArray()[self._fixed] = rates[0] - by_rule
             system.mass.mult(self.velocity, self.momentum)
             if exact is not None:

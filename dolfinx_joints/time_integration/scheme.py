@@ -25,7 +25,6 @@ class StepWork:
         viscous: Against the damping, absorption apart [J].
         absorbed: Against the dashpots that take waves out, of rock and water [J].
         joints: Of the body on each joint, and what of it is lost [J].
-        dissipation: What the scheme takes out of the body by its spectral radius [J].
     """
 
     loads: Mapping[str, float]
@@ -33,7 +32,6 @@ class StepWork:
     viscous: float
     joints: JointWorks
     absorbed: float = 0.0
-    dissipation: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

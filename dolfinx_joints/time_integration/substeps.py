@@ -19,7 +19,6 @@ from dolfinx_joints.joints.chatter import Chatter
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
-from dolfinx_joints.time_integration.reduced_steps import ReducedSteps
 from dolfinx_joints.time_integration.scheme import Scheme, StepReport
 from dolfinx_joints.time_integration.states import DynamicState
 
@@ -211,8 +210,6 @@ class Stepper:
 
         In a body that moves far with little strain it is a difference of large forces.
         """
-        if isinstance(self._scheme, ReducedSteps):  # its states are coordinates, not u
-            return 0.0
         size = self._solver.system.stiffness.getDiagonal()
         way = after.displacement - before.displacement
         for factor in (after.displacement, way):

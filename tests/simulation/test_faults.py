@@ -676,7 +676,7 @@ def test_a_monitor_that_fails_at_the_end_leaves_the_others_theirs():
     bad = SimpleNamespace(finish=fail)
     good = SimpleNamespace(finish=lambda status, summary: finished.append(status))
     run._started, run._seconds, run._warnings = [bad, good], {}, []
-    run.outcome = MagicMock(return_value=MagicMock(counts=StepCounts(), reduced=None))
+    run.outcome = MagicMock(return_value=MagicMock(counts=StepCounts()))
     with pytest.raises(OSError, match="no room"):
         run._finish("complete", {})
     assert finished == ["complete"]

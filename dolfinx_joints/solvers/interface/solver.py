@@ -129,7 +129,7 @@ class InterfaceSolver:
     ) -> tuple[Response | None, SolveReport]:
         """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
         assert state is not None
-        condensed = self.condensed(effective, rule)
+        condensed: Condensed = self._condensed((effective, 1.0 / rule.weight))
         factored, condensed.used = not condensed.used, True
         condensed.matrix.solve_linear(b, x, self._unconstrained)
         if condensed.static:
@@ -230,11 +230,6 @@ class InterfaceSolver:
         sizes = [np.abs(each).max(initial=0.0) for each in (moved, self._last[1])]
         most, largest = of_ranks(self._contact.operator.comm, np.array(sizes)).max(axis=0)
         return bool(most <= SETTLED * largest)
-
-    def condensed(self, effective: MatrixCoefficients, rule: Rule) -> Condensed:
-        """The bulk of some coefficients and its compliance at the joints (collective)."""
-        found: Condensed = self._condensed((effective, 1.0 / rule.weight))
-        return found
 
     def state_dict(self) -> dict[str, Any]:
         """State that the next steps start from: matrices, forces of the last step and before.

@@ -4,9 +4,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -66,31 +63,3 @@ def test_nodes_in_another_order_are_refused(comm):
 def test_what_does_not_fit_is_refused(comm, changes, sentence):
     with pytest.raises(ValueError, match=f"^{sentence}"):
         mesh_from_arrays(comm, **{**SQUARES, **changes})
-
-
-IN_A_CALL = """
-from mpi4py import MPI
-import dolfinx_joints as dj
-
-X = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
-
-def mesh():
-    return dj.mesh_from_arrays(MPI.COMM_SELF, cell="quadrilateral", x=X, cells=[[0, 1, 2, 3]])
-
-for _ in range(2):
-    try:
-        dj.Model(mesh(), wrong=1)
-    except TypeError as error:
-        print(error)
-print(len(mesh().mesh.geometry.x), "nodes")
-"""
-
-
-def test_a_mesh_made_inside_a_call_that_fails():
-    """The message of the failure is shown, and the next mesh can be made."""
-    command = [sys.executable, "-c", IN_A_CALL]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    first, second, last = done.stdout.splitlines()
-    assert first == second
-    assert "unexpected keyword argument 'wrong'" in first
-    assert last == "4 nodes"

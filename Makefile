@@ -113,7 +113,7 @@ test: ## Run the tests but the slow ones on 1 rank; those of the parts also on 2
 test-2: ## Run verification, studies and benchmarks of any rank count on 2 ranks
 	$(MPIRUN) -n 2 $(MPI_PYTEST) $(WHOLE)
 
-# In two processes: Open MPI was seen to wait for ever after some thousand communicators.
+# In two processes: in one, Open MPI was seen to wait for ever near the end.
 test-3: ## Run the tests of any rank count on 3 ranks
 	$(MPIRUN) -n 3 $(MPI_PYTEST) tests $(WHOLE:%=--ignore=%)
 	$(MPIRUN) -n 3 $(MPI_PYTEST) $(WHOLE)

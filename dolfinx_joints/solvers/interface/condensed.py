@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import (
     EffectiveMatrix,
@@ -67,7 +68,10 @@ class Condensed:
         self._body = EffectiveMatrix.of(system, effective, linear=options.linear)
         self.loose = self.static and not _is_regular(self._body, unconstrained_dofs(system))
         if self.loose:
-            self._body.destroy()
+            # Not destroyed but dropped: a rank that still refers to the failed factor would leave
+            # the others waiting in MUMPS for ever.
+            del self._body
+            free_petsc_garbage(self._contact.operator.comm)
 
     @cached_property
     def springs(self) -> JointSprings | None:

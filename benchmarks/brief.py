@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What is where: each feature with its files, its test and a number.
+"""Make the README's table of features: the files, the test and a measured number of each.
 
 Prints the table of the README; ``--write`` puts it there.
 """

@@ -137,7 +137,7 @@ def test_fewest_steps_for_an_error():
 
 
 def test_the_table_of_the_readme():
-    """Its files exist, and numbers that it takes from pages stand there."""
+    """The files and tests in the table exist, and so do the numbers that it reads from pages."""
     for row in brief.ROWS:
         assert all((brief.PROJECT / file).is_file() for file in row.files.split()), row.files
         assert row.test.startswith("make ") or (brief.PROJECT / row.test).is_file(), row.test

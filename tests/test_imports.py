@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What ``import dolfinx_joints`` costs, gives and needs; pyproject.toml says who imports whom.
+"""Tests of imports: time and public names of ``import dolfinx_joints``, modules that runs load.
 
 Scenes of `benchmarks.lean` are runs to the first step; docs/design.md has the counts of modules.
 """

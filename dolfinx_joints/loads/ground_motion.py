@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -16,7 +15,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.constants import LARGE_LOSS
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import PlausibilityWarning
+from dolfinx_joints.common.errors import PlausibilityWarning, warn
 from dolfinx_joints.common.parameters import (
     finite,
     numbers_of,
@@ -134,7 +133,7 @@ def for_steps(given: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], li
 
     found = [resolved(each) for each in given]
     for text in texts if comm.rank == 0 else ():
-        warnings.warn(text, PlausibilityWarning, stacklevel=4)
+        warn(text, PlausibilityWarning)
     return found, texts
 
 

@@ -8,7 +8,6 @@ from north, seen from above.
 """
 
 import os
-import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import PlausibilityWarning, RecordError
+from dolfinx_joints.common.errors import PlausibilityWarning, RecordError, warn
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.motions.columns import is_columns, read_columns, states_unit
 from dolfinx_joints.motions.formats import FORMATS, at2_record
@@ -226,7 +225,7 @@ def _warn_of(motion: Motion, parts: list[Component]) -> None:
         doubts.append(f"its samples are {motion.dt:g} s apart, more than {LONGEST_STEP} s")
     if doubts:
         text = f"Check the units of the record {shown(motion.name)}: {'; '.join(doubts)}."
-        warnings.warn(text, PlausibilityWarning, stacklevel=4)
+        warn(text, PlausibilityWarning)
 
 
 def _assembled(parts: list[Component], title: str) -> tuple[Motion, float | None]:

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Files with one writer (a lock on ``PATH.lock``), written whole, or left by killed compilations.
+"""Files with one writer (a lock on ``PATH.lock``), and files written whole.
 
 The system drops a lock when its process ends.
 """

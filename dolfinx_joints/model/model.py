@@ -32,7 +32,6 @@ from dolfinx_joints.loads.body_and_face_loads import FormLoad
 from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, Load, load_names
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
-from dolfinx_joints.mesh.distribution.killed_compilations import remove_killed_compilations
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_joints, check_tied
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
@@ -134,7 +133,6 @@ class Model(Summarised):
         check_kind_of("reservoir", reservoir, known, "a ReservoirWaves or a MeshedReservoir")
         acting = [*loads, *added_mass, *([] if reservoir is None else [reservoir])]
         self.doubts = warn_of_what_no_dam_has(jointed, by_group, joints, acting)
-        remove_killed_compilations(jointed.mesh.comm)
         self.jointed, self.gdim = jointed, jointed.mesh.geometry.dim
         self.loads, self.supports, self.added_mass = list(loads), list(supports), list(added_mass)
         self._degree, self._symmetric = degree or jointed.shape.degree, symmetric

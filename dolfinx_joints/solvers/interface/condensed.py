@@ -68,8 +68,8 @@ class Condensed:
         self._body = EffectiveMatrix.of(system, effective, linear=options.linear)
         self.loose = self.static and not _is_regular(self._body, unconstrained_dofs(system))
         if self.loose:
-            # Not destroyed but dropped: a rank that still refers to the failed factor would leave
-            # the others waiting in MUMPS for ever.
+            # Do not destroy the failed factor, leave it to PETSc's collector: every rank must take
+            # part in the destruction, and on three ranks two were seen to wait for the third.
             del self._body
             free_petsc_garbage(self._contact.operator.comm)
 

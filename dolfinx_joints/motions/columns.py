@@ -46,8 +46,8 @@ _STEP_TOLERANCE = 0.02  # part of a step by which a rounded time may miss its pl
 
 def is_columns(text: RecordText) -> bool:
     """Return True if numbers follow the comments, or a line of as many names."""
-    first = _first_row(text)
-    return first <= len(text.lines) and bool(_NUMBER_FIRST.match(text.lines[first - 1]))
+    first = _first_row(text)  # a wrong cell there is an error of its line
+    return any(map(_NUMBER_FIRST.match, text.lines[first - 1 : first + 1]))
 
 
 def states_unit(text: RecordText) -> bool:
@@ -111,8 +111,8 @@ def _first_row(text: RecordText) -> int:
     number = 1
     while number <= len(text.lines) and text.lines[number - 1].lstrip()[:1] in ("#", "%", ""):
         number += 1
-    names, below = (*text.lines[number - 1 : number + 1], "", "")[:2]
-    if _NUMBER_FIRST.match(names) or not _NUMBER_FIRST.match(below):
+    names, below, next_row = (*text.lines[number - 1 : number + 2], "", "", "")[:3]
+    if _NUMBER_FIRST.match(names) or not any(map(_NUMBER_FIRST.match, (below, next_row))):
         return number
     columns = len(text.words(number + 1)), len(_parts(below))  # with decimal commas the second
     return number + (len(_parts(names)) in columns)
@@ -192,6 +192,12 @@ def _names(text: RecordText, keys: Keys, user: Sequence[str | float] | str | Non
     user = user.split() if isinstance(user, str) else user
     given = None if user is None else [str(name).lower() for name in user]
     names: list[str] | None = _agreed(text, keys, "columns", here, given)
+    if names is not None and "names" in keys:
+        number, above = keys["names"]
+        for name, mine in zip(above.lower().split(), names, strict=False):
+            agrees = name == "?" or direction_named(mine) == direction_named(name)
+            if mine not in (name, "skip") and not agrees:
+                text.fail(number, f"names a column {shown(name)}, but {shown(mine)} was given.")
     if names is None:
         width = len(text.words(_first_row(text)))
         names = ["time", "?"][-width:] if width < 3 else ["?"] * width

@@ -286,8 +286,8 @@ def synthetic_motion(
     low, high = band
     if not 1.0 / duration <= low < high <= 0.5 / dt:
         raise RecordError(
-            f"band must rise within {1.0 / duration:.4g} Hz (1/duration, {duration:g} s) and "
-            f"{0.5 / dt:.4g} Hz (0.5/dt), got {shown(band)}."
+            f"band must rise from {1.0 / duration:.4g} Hz (1/duration) or more to at most "
+            f"{0.5 / dt:.4g} Hz (0.5/dt), got {shown(band)}: change band, duration or dt."
         )
     time = np.arange(round(duration / dt) + 1) * dt
     frequency = np.arange(np.ceil(low * duration), np.floor(high * duration) + 1) / duration

@@ -292,8 +292,8 @@ def _filler(values: NDArray[np.float64], unknown: float | None) -> int | None:
     size, steps = np.abs(values), np.abs(np.diff(values))
     powers = 10.0 ** np.floor(np.log10(np.where(size > 0.0, size, 1.0)))
     sizes, counts = np.unique(size[size > 0.0], return_counts=True)
-    for value in np.unique(size[size > 9.98 * powers]):
-        if not re.fullmatch("0*9{3,}", f"{value:.9g}".replace(".", "")):
+    for value in np.unique(size[size > 9.89 * powers]):
+        if not re.fullmatch("0*9{2,}", f"{value:.9g}".replace(".", "")):
             continue
         same = size == value
         if same.sum() > max(2, counts[sizes != value].max(initial=0)):  # the most frequent number

@@ -77,6 +77,8 @@ def test_rounded_times_are_taken_as_equal_steps(tmp_path: Path) -> None:
         ("# unit: g\n", {"columns": ["N", "E"]}, "has no column of time; pass dt="),
         ("# unit: g\n", {"columns": ["time", "H1"]}, "columns must be 'time' once at most and"),
         ("# unit: g\n", {"columns": ["N"], "dt": 1.0}, "line 2: 2 values where the columns are 1"),
+        ("# unit: g\ntime N\n", {"columns": "time E"}, "line 2: names a column 'n', but 'e' was"),
+        ("# unit: g\ntime N\n", {"columns": "N time"}, "names a column 'time', but 'n' was given"),
         (
             "# unit: g\n# columns: time N\n",
             {"columns": ["time", "E"]},
@@ -98,7 +100,8 @@ def test_what_is_missing_or_contradicts_is_an_error(
     ("text", "message"),
     [
         ("# unit: g\n", "is in no known format"),
-        ("# unit: g\ntime,a\ns,g\n0,1\n1,2\n", "in no known format (K-NET, COSMOS, SMC, ESM/ITAC"),
+        ("# unit: g\ntime,a\ns,g\nx,y\n0,1\n1,2\n", "in no known format (K-NET, COSMOS, SMC"),
+        ("# unit: g\ntime,a\ns,g\n0,1\n1,2\n", "line 3: 's' is not a finite number"),
         ("# unit: g\ntime,vel\n0,1\n1,2\n", "line 2: must name times [s] and accelerations, got"),
         ("# unit: g\ntime (ms),a\n0,1\n1,2\n", "line 2: must name times [s] and accelerations"),
         ("# unit: g\na,b\n0,1\n1,2\n", "has 2 columns and does not name them; pass columns="),
@@ -113,6 +116,7 @@ def test_what_is_missing_or_contradicts_is_an_error(
         ("t (s),up (m)\n0,1\n1,1\n", "line 1: names velocities or displacements"),
         ("# Units of cm/s\n# unit: g\n0 1\n1 1\n", "line 1: names velocities or displacements"),
         ("# unit: g\n0.0 1.0\n", "line 2: the file has 1 row of numbers; a record has 2"),
+        ("# unit: gal\n0 1\n1 2\n2 -99\n3 1\n4 2\n", "line 4: -99 stands for a missing sample"),
         ("# unit: g\n0.0 1.0\n0.1 2.0 3.0\n", "line 3: 3 values where the columns are 2"),
         ("# unit: g\n0.0 1.0\n0.1 2.0\n0.3 2.0\n", "line 3: the times must rise by equal steps"),
         ("# unit: g\n0,1\n1,2\n3,2\n", "line 3: the times must rise"),  # no decimal commas

@@ -17,7 +17,7 @@ from petsc4py import PETSc
 from dolfinx_joints.body.supports import components_of
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.loads.column import Column
-from dolfinx_joints.loads.ground_motion import in_axes
+from dolfinx_joints.loads.ground_motion import IncidentWave, in_axes
 from dolfinx_joints.loads.load import TimeFactor, always
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.loads.rock import Layer, layers_along
@@ -35,8 +35,8 @@ from dolfinx_joints.motions.motion import Motion
 SAMPLES = 80.0
 
 
-def incident_wave(outcrop: Motion) -> Callable[[float], Floats]:
-    """The rising wave of a motion recorded on an outcrop, half of its velocity.
+def incident_wave(outcrop: Motion) -> IncidentWave:
+    """Return the rising wave of a motion recorded on an outcrop, half of its velocity.
 
     At a free surface the wave that arrives and the one that leaves add up to twice the first.
 
@@ -45,13 +45,10 @@ def incident_wave(outcrop: Motion) -> Callable[[float], Floats]:
 
     Returns:
         Velocity of the rising wave at a time [s], shape (3,), [m/s]; zero before the record, and
-        after it what the record ends with, so correct its baseline.
+        after it what the record ends with, so correct its baseline. `dynamics` removes the
+        frequencies that its steps do not resolve, as from a motion of the ground.
     """
-    from scipy.interpolate import make_interp_spline
-
-    acceleration = make_interp_spline(outcrop.time, outcrop.acceleration, k=1)
-    velocity, end = acceleration.antiderivative(), outcrop.duration
-    return lambda time: 0.5 * velocity(min(max(time, 0.0), end))
+    return IncidentWave(outcrop)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Any
+from functools import cached_property, lru_cache
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,6 +108,25 @@ def velocity_of(
     return velocity
 
 
+@dataclass(frozen=True)
+class IncidentWave:
+    """Velocity of the rising wave of a motion recorded on an outcrop, see `incident_wave`."""
+
+    outcrop: Motion
+
+    def __call__(self, time: float) -> NDArray[np.float64]:
+        """Return the velocity at a time [s], shape (3,), [m/s]."""
+        return np.asarray(0.5 * self._velocity(min(max(time, 0.0), self.outcrop.duration)))
+
+    @cached_property
+    def _velocity(self) -> Callable[[float], NDArray[np.float64]]:
+        """Integral of the acceleration, which is linear between samples."""
+        from scipy.interpolate import make_interp_spline
+
+        spline = make_interp_spline(self.outcrop.time, self.outcrop.acceleration, k=1)
+        return cast("Callable[[float], NDArray[np.float64]]", spline.antiderivative())
+
+
 def for_steps(given: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], list[str]]:
     """Return motions and loads with `Motion.for_steps` of each `Motion`; warn of large losses."""
     texts = []
@@ -119,6 +138,8 @@ def for_steps(given: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], li
             changed = {name: resolved(motion) for name, motion in each.named.items()}
             one = changed[each.motions.name] if isinstance(each.motions, Motion) else changed
             return each if changed == each.named else replace(each, motions=one)
+        if isinstance(wave := getattr(each, "incident", None), IncidentWave):
+            return replace(each, incident=IncidentWave(resolved(wave.outcrop)))
         if not isinstance(each, Motion):
             return each
         found = each.for_steps(dt)

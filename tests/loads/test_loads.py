@@ -8,6 +8,8 @@ Expected: the same with the two numbers (x, z) given by hand, and the mass times
 from __future__ import annotations
 
 import warnings
+from contextlib import nullcontext
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -31,7 +33,7 @@ from dolfinx_joints import (
     split_mesh,
     synthetic_motion,
 )
-from dolfinx_joints.loads.ground_motion import in_axes
+from dolfinx_joints.loads.ground_motion import for_steps, in_axes
 from dolfinx_joints.loads.wave_levels import warn_of_sides
 from dolfinx_joints.simulation.monitor import Monitor
 
@@ -106,6 +108,23 @@ def test_long_steps_read_no_high_frequency_as_a_low_one(block, recwarn, door, dt
         assert model.jointed.mesh.comm.rank or "'motion' is removed, 1e+02 % of the" in texts[0]
     else:
         assert (sizes[0], texts) == (sizes[1], [])
+
+
+def test_rising_waves_lose_what_long_steps_do_not_resolve(comm):
+    time = np.arange(401) / 400
+    low, high = (np.sin(2 * np.pi * f * time) * np.sin(np.pi * time) ** 2 for f in (5.0, 98.0))
+    outcrop = Motion(acceleration=np.outer(low + high, [1.0, 0.0, 0.0]), dt=1 / 400)
+    field = FreeField(groups=["base"], incident=incident_wave(outcrop), surface=1.0)
+    with (
+        pytest.warns(PlausibilityWarning, match="49 % of the") if comm.rank == 0 else nullcontext()
+    ):
+        ((found,), _) = for_steps([field], 0.01, comm)
+    slow = incident_wave(replace(outcrop, acceleration=np.outer(low, [1.0, 0.0, 0.0])))
+    # Filtered are 8e-4 of the acceleration at 98 Hz, see test_motion.py: of its velocity as much.
+    for t in (0.2, 0.5, 0.53):
+        assert found.incident(t)[0] == pytest.approx(slow(t)[0], abs=1e-6)
+        assert abs(field.incident(t)[0] - slow(t)[0]) < 1.0 / (2 * np.pi * 98.0)
+    assert for_steps([field], 1 / 400, comm)[0][0].incident.outcrop is outcrop
 
 
 def test_waves_of_a_plane_model(block):

@@ -191,7 +191,7 @@ def test_the_synthetic_motion_is_the_same_everywhere() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"band": (8.0, 2.0)}, "band must rise within"),
+        ({"band": (8.0, 2.0)}, "band must rise from"),
         ({"band": (1.0, 200.0)}, r"and 100 Hz \(0.5/dt\), got \(1.0, 200.0\)"),
     ],
 )

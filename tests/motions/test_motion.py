@@ -192,7 +192,7 @@ def test_the_synthetic_motion_is_the_same_everywhere() -> None:
     ("options", "message"),
     [
         ({"band": (8.0, 2.0)}, "band must rise from"),
-        ({"band": (1.0, 200.0)}, r"and 100 Hz \(0.5/dt\), got \(1.0, 200.0\)"),
+        ({"band": (1.0, 200.0)}, r"at most 100 Hz \(0.5/dt\), got \(1.0, 200.0\)"),
     ],
 )
 def test_wrong_synthetic_motions_are_errors(options: dict[str, Any], message: str) -> None:

@@ -57,6 +57,7 @@ RANGES = {
     "gravity": Range(1.0, 9.81, 30.0, "m/s^2"),
     "sound_speed": Range(300.0, 1440.0, 6000.0, "m/s", {"km/s": 1e3}),
 }
+GROUT_PRESSURE = Range(1e3, 5e5, 3e7, "Pa", {"MPa": 1e6, "bar": 1e5, "kPa": 1e3})
 EXTENT = Range(0.01, 100.0, 2e4, "m", {"mm": 1e-3, "cm": 1e-2})
 
 
@@ -107,6 +108,12 @@ def warn_of_overlaps(comm: Any, overlaps: Mapping[str, float]) -> list[str]:
     for text in texts:
         warn(text, PlausibilityWarning)
     return texts
+
+
+def warn_of_grout(comm: Any, pressure: float) -> None:
+    """Warn of a pressure that no grout has [Pa], on rank 0."""
+    for text in _doubts("grout: pressure", pressure, GROUT_PRESSURE) if comm.rank == 0 else ():
+        warn(text, PlausibilityWarning)
 
 
 def _parameters(given: Any) -> Iterator[tuple[str, Any]]:

@@ -127,8 +127,8 @@ def doors(comm, put, new_path):
 FLAT = [[0, 0], [1, 0], [2, 0], [0, 0], [1, 1], [2, 1]]  # a cell of which two nodes coincide
 CROWDED = [*X[:5], [1.5, 0.5]]  # three cells at the edge from 1 to 4
 FAULTS = {
-    "stand twice": (X, [CELLS[0], CELLS[1], CELLS[2], CELLS[0]]),
-    "have no volume": (FLAT, CELLS),
+    "have all vertices of another": (X, [CELLS[0], CELLS[1], CELLS[2], CELLS[0]]),
+    "have no area": (FLAT, CELLS),
     "belongs to more than two": (CROWDED, [[0, 1, 4], [0, 4, 3], [1, 2, 4], [1, 4, 5]]),
 }
 
@@ -139,7 +139,7 @@ READERS = ["arrays", "msh", "xdmf", "split"]
 @pytest.mark.parametrize(
     ("door", "fault"),
     # DOLFINx makes no mesh of the other faults, so that `split_mesh` never gets one.
-    [*product(READERS, FAULTS), ("dolfinx", "have no volume")],
+    [*product(READERS, FAULTS), ("dolfinx", "have no area")],
 )
 def test_wrong_cells_are_refused_with_their_place(doors, door, fault):
     with pytest.raises(MeshError, match=rf"[123] cells .*{fault}.* is cell \d around \(.*\)\.$"):

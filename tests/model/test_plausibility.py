@@ -26,6 +26,7 @@ from dolfinx_joints import (
     ViscousJoint,
     mesh_from_arrays,
 )
+from dolfinx_joints.model.plausibility import warn_of_grout
 
 pytestmark = pytest.mark.mpi
 
@@ -195,3 +196,14 @@ def test_warnings_are_seen_in_a_script(comm):
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     assert "UserWarning: seen" in done.stderr
+
+
+def test_grout_pressures_in_other_units(comm):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warn_of_grout(comm, 0.0)
+        warn_of_grout(comm, 5e5)
+        assert caught == []
+        warn_of_grout(comm, 0.5)
+    expected = "grout: pressure is 0.5 Pa; usual is 1000 to 3e+07 Pa; is it in MPa?"
+    assert [str(each.message) for each in caught] == [expected] * (comm.rank == 0)

@@ -29,7 +29,7 @@ TOUCHING = 1e-6  # of a facet's size: facets that are nearer touch
 
 
 def check_cells(comm: Any, shape: CellShape, cells: Ints, x: Floats) -> None:
-    """Check that cells have a volume and stand once, and facets belong to two cells (collective).
+    """Check that cells have a volume and occur once, and facets belong to two cells (collective).
 
     Args:
         comm: Communicator of the mesh.
@@ -55,10 +55,11 @@ def check_cells(comm: Any, shape: CellShape, cells: Ints, x: Floats) -> None:
     jacobian = _jacobians(shape, x)
     volume, size = np.abs(np.linalg.det(jacobian)), np.abs(jacobian).max(axis=(1, 2))
     flat = volume <= NO_VOLUME * size**shape.dim
-    refuse(np.flatnonzero(flat), "have no volume: move their nodes, or remove the cells")
+    extent = "volume" if shape.dim == 3 else "area"
+    refuse(np.flatnonzero(flat), f"have no {extent}: move their nodes, or remove the cells")
     mixed = _mixed(cells[:, : int(local.max()) + 1])
     twice = _repeated(comm, mixed.sum(axis=1), 1)
-    refuse(twice, "stand twice in the mesh: keep one of each (in Gmsh, of a copied volume)")
+    refuse(twice, "have all vertices of another cell: keep one of each (copied volumes in Gmsh)")
     crowded = _repeated(comm, mixed[:, local].sum(axis=2).ravel(), 2) // len(local)
     refuse(np.unique(crowded), "have a facet that belongs to more than two cells: they overlap")
 

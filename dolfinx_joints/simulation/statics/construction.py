@@ -18,6 +18,7 @@ from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, Response, Status
 from dolfinx_joints.loads.load import FollowsJoints, load_names
 from dolfinx_joints.model.model import Model
+from dolfinx_joints.model.plausibility import warn_of_grout
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.statics.ledger import with_stored
 from dolfinx_joints.simulation.statics.unfinished import (
@@ -100,6 +101,7 @@ def grouted(
         raise ValueError(
             f"gap is {gap:g} m and pressure {pressure:g} Pa; grout under pressure leaves no gap."
         )
+    warn_of_grout(model.jointed.mesh.comm, pressure)
     chosen = (before.inactive or model.jointed.joint_names) if names is None else names
     stage, missing = unfinished(model, before.inactive, before.absent), before.missing
     here, inactive = points_of(model, chosen) & ~stage.uncast, points_of(model, before.inactive)

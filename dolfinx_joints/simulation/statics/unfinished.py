@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import JointsError, MeshError
+from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.joints.contact import no_such_joint
 from dolfinx_joints.laws.law import Floats, Response
 from dolfinx_joints.loads.load import JointLoad, Load
@@ -120,6 +121,8 @@ class _Blocks:
                     "a whole, cut off by joints."
                 )
             self.absent[np.flatnonzero(inside)] = True
+        if self.absent.all():
+            raise MeshError(f"No block is left: absent={shown(list(absent))} are all of the body.")
         minus, plus = self.of_pair.T
         self.beside_absent: Rows = self.absent[minus] | self.absent[plus]
 

@@ -54,6 +54,14 @@ def test_links_lead_somewhere(text):
             assert anchor in anchors(file.read_text("utf-8")), f"{link}{anchor}"
 
 
+def test_every_check_of_the_table_has_its_test():
+    table = (PROJECT / "docs" / "guide" / "errors.md").read_text("utf-8")
+    rows = re.findall(r"^\|.*\| `(\w+/test_\w+\.py)::(\w+)` \|$", table, flags=re.M)
+    assert len(rows) == table.count(".py::") > 20
+    for file, name in rows:
+        assert f"def {name}(" in (PROJECT / "tests" / file).read_text("utf-8"), name
+
+
 def test_every_text_is_in_the_menu(pages):
     assert set(TEXTS) - set(pages.texts()) == {PROJECT / "README.md"}
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
 from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import NDArray
@@ -75,24 +77,61 @@ def warn_of_untied(jointed: JointedMesh) -> None:
     x = mesh.geometry.x[geometry_nodes(mesh)[cell], : shape.dim]
     vertices = shape.facet_vertices[facet][:, shape.facet_cycle, None]
     corners = np.take_along_axis(x, vertices, axis=1)
-    found = mesh.comm.gather((corners, x[:, : int(shape.facet_vertices.max()) + 1].mean(axis=1)))
-    if found is None:
-        return
-    centres = _touching(*(np.concatenate(each) for each in zip(*found, strict=True)))
-    if len(centres):
+    inner = x[:, : int(shape.facet_vertices.max()) + 1].mean(axis=1)
+    touching = _touching(*_with_neighbours(mesh.comm, corners, inner))
+    found = mesh.comm.gather((len(touching), sorted(touching.tolist())[:1]))
+    if found is not None and (count := sum(number for number, _ in found)):
+        first = min(place for _, places in found for place in places)
         warn(
-            f"{len(centres)} boundary facets touch others, the first around {_place(centres[:1])}: "
+            f"{count} boundary facets touch others, the first around {_place(np.array([first]))}: "
             "the parts of the body are not connected there and can pass through each other. Mesh "
             "them conforming (in Gmsh occ.fragment), or name the faces of a joint NAME- and NAME+."
         )
 
 
-def _touching(x: Floats, inner: Floats) -> Floats:
-    """Return the centres of facets that lie on another facet with the opposite normal.
+def _with_neighbours(
+    comm: Any, x: Floats, inner: Floats
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Return the facets of some cubes of space, those that reach into them included (collective).
+
+    The cubes are dealt to the ranks by their hash, so that no rank holds the whole surface.
+
+    Args:
+        comm: Communicator.
+        x: Vertices of the facets of this rank, shape (n, vertices, gdim), [m].
+        inner: A point in the cell of each, shape (n, gdim), [m].
+
+    Returns:
+        The same of the facets that this rank compares, and True for those centred in its cubes.
+    """
+    centres, (_, vertices, gdim) = x.mean(axis=1), x.shape
+    size = np.linalg.norm(x - centres[:, None], axis=2).max(axis=1)
+    width = 2.0 * comm.allreduce(float(size.max(initial=0.0)), MPI.MAX) or 1.0
+    # A facet is narrower than a cube: its own and the next one along each axis hold it.
+    cube = np.floor((centres - size[:, None]) / width).astype(np.int64)
+    steps = np.stack(np.meshgrid(*[[0, 1]] * gdim), axis=-1).reshape(-1, gdim)
+    ranks = _rank_of(comm, cube[:, None] + steps)
+    facet, rank = np.unique(np.argwhere(ranks[..., None] == np.arange(comm.size))[:, ::2], axis=0).T
+    rows = np.hstack([x.reshape(len(x), -1), inner])[facet]
+    rows = sent_to(comm, rank, rows)
+    x, inner = rows[:, :-gdim].reshape(-1, vertices, gdim), rows[:, -gdim:]
+    own = _rank_of(comm, np.floor(x.mean(axis=1) / width).astype(np.int64)) == comm.rank
+    return x, inner, own
+
+
+def _rank_of(comm: Any, cube: Ints) -> Ints:
+    """Return the rank of each cube, given by whole coordinates along the last axis."""
+    key = (_mixed(cube) * np.arange(1, 2 * cube.shape[-1], 2, dtype=np.uint64)).sum(axis=-1)
+    return (key % np.uint64(comm.size)).astype(np.int64)
+
+
+def _touching(x: Floats, inner: Floats, own: NDArray[np.bool_]) -> Floats:
+    """Return the centres of own facets that lie on another facet with the opposite normal.
 
     Args:
         x: Vertices of boundary facets in cyclic order, shape (n, vertices, gdim), [m].
         inner: A point in the cell of each, shape (n, gdim), [m].
+        own: True for own facets, shape (n,).
     """
     if not len(x):
         return inner
@@ -112,7 +151,7 @@ def _touching(x: Floats, inner: Floats) -> Floats:
         start, end = x[wide, k], x[wide, (k + 1) % x.shape[1]]
         sides = (np.cross(end - start, c - start) for c in (centres[wide], centres[point]))
         on &= np.einsum("ij,ij->i", *sides) > 0
-    return centres[np.unique(point[on])]
+    return centres[np.unique(point[on & own[point]])]
 
 
 def _jacobians(shape: CellShape, x: Floats) -> Floats:

@@ -112,7 +112,7 @@ def _with_neighbours(
     steps = np.stack(np.meshgrid(*[[0, 1]] * gdim), axis=-1).reshape(-1, gdim)
     ranks = _rank_of(comm, cube[:, None] + steps)
     facet, rank = np.unique(np.argwhere(ranks[..., None] == np.arange(comm.size))[:, ::2], axis=0).T
-    rows = np.hstack([x.reshape(len(x), -1), inner])[facet]
+    rows = np.hstack([x.reshape(len(x), vertices * gdim), inner])[facet]
     rows = sent_to(comm, rank, rows)
     x, inner = rows[:, :-gdim].reshape(-1, vertices, gdim), rows[:, -gdim:]
     own = _rank_of(comm, np.floor(x.mean(axis=1) / width).astype(np.int64)) == comm.rank

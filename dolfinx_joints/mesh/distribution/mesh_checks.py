@@ -79,7 +79,9 @@ def warn_of_untied(jointed: JointedMesh) -> None:
     corners = np.take_along_axis(x, vertices, axis=1)
     inner = x[:, : int(shape.facet_vertices.max()) + 1].mean(axis=1)
     touching = _touching(*_with_neighbours(mesh.comm, corners, inner))
-    found = mesh.comm.gather((len(touching), sorted(map(tuple, touching))[:1]))
+    found = mesh.comm.gather(
+        (len(touching), sorted(tuple(map(float, row)) for row in touching)[:1])
+    )
     if found is not None and (count := sum(number for number, _ in found)):
         first = min(place for _, places in found for place in places)
         warn(

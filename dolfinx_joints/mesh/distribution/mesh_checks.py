@@ -106,6 +106,8 @@ def _with_neighbours(
     Returns:
         The same of the facets that this rank compares, and True for those centred in its cubes.
     """
+    if comm.size == 1:
+        return x, inner, np.ones(len(x), dtype=bool)
     centres, (_, vertices, gdim) = x.mean(axis=1), x.shape
     size = np.linalg.norm(x - centres[:, None], axis=2).max(axis=1)
     width = 2.0 * comm.allreduce(float(size.max(initial=0.0)), MPI.MAX) or 1.0

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from declared import declare_states
 
 from dolfinx_joints.export.csv_files import write_csv
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.joints.resultants import joint_resultants, resultant_measures
-from dolfinx_joints.results.layout import declare_states
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 

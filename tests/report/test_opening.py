@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from declared import declare_states
 from test_report import Page
 from written_runs import (
     ENVELOPE_NAMES,
@@ -24,7 +25,6 @@ from dolfinx_joints import report
 from dolfinx_joints.postprocessing import measures, peaks
 from dolfinx_joints.postprocessing.joints.resultants import JointGeometry
 from dolfinx_joints.report import parameter_sections, static_section
-from dolfinx_joints.results.layout import declare_states
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from declared import declare_energy
 from reading_back import Tables, curves, lines, low_passed
 from written_runs import WEIGHT, write_distinct, write_run, write_stages
 
@@ -27,8 +28,8 @@ from dolfinx_joints.postprocessing.joints.resultants import joint_resultants
 from dolfinx_joints.report import body_sections
 from dolfinx_joints.report.page import Drawings, Html
 from dolfinx_joints.report.runs import Content, Run
-from dolfinx_joints.results.layout import declare_energy
-from dolfinx_joints.results.reader import ENERGY_TERMS, Results
+from dolfinx_joints.results.quantities import ENERGY_TERMS
+from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 
 pytest.importorskip("matplotlib")

@@ -14,12 +14,13 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from declared import declare_energy, declare_histories, declare_states
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError, ResultsError
 from dolfinx_joints.export.tables import tables_of
-from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
 from dolfinx_joints.results.overview import describe
-from dolfinx_joints.results.reader import ENERGY_TERMS, VERSION, Results
+from dolfinx_joints.results.quantities import ENERGY_TERMS
+from dolfinx_joints.results.reader import VERSION, Results
 from dolfinx_joints.results.writer import ResultsWriter
 
 

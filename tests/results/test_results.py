@@ -119,13 +119,14 @@ def test_a_growing_file_can_be_read(tmp_path: Path) -> None:
 
 def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
     code = (
-        "import os, signal, sys; sys.path.insert(0, sys.argv[2]); import test_results as t\n"
+        "import os, signal, sys; sys.path[:0] = sys.argv[2:]; import test_results as t\n"
         "from pathlib import Path\n"
         "writer = t.writer_of(Path(sys.argv[1]), flush_interval=1e9)\n"
         "t.append_rows(writer, 0, 600)\n"
         "os.kill(os.getpid(), signal.SIGKILL)"
     )
-    command = [sys.executable, "-c", code, str(tmp_path / "r.h5"), os.path.dirname(__file__)]
+    here = Path(__file__).parent
+    command = [sys.executable, "-c", code, str(tmp_path / "r.h5"), str(here), str(here.parent)]
     assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
     with Results(tmp_path / "r.h5") as results:
         assert results.status == "running"

@@ -206,11 +206,12 @@ def _peaks(results: Results) -> Table:
 
 def _joints(results: Results) -> Table:
     """Extremes by joint."""
-    header = ["joint", *(f"{row.name} [{row.unit}]" for row in TABLE["measures"])]
+    columns = (*TABLE["measures"], *TABLE["resultant_measures"])
+    header = ["joint", *(f"{row.name} [{row.unit}]" for row in columns)]
     rows, forces = [], resultant_measures(results)
     for joint, measures in joint_measures(results).items():
         both = measures | forces[joint]
-        rows.append([joint, *(both[row.name] for row in TABLE["measures"])])
+        rows.append([joint, *(both[row.name] for row in columns)])
     return Table(header, rows)
 
 

@@ -57,6 +57,7 @@ from dolfinx_joints.results.resolved import resolved_frequencies as resolved_fre
 Floats = NDArray[np.floating[Any]]
 NotNegative = Annotated[float, at.Ge(0.0), at.Unit("s")]
 
+JOINT_MEASURES = tuple(row.name for row in TABLE["measures"])
 OPEN, SLIDING, FRICTIONLESS = 0, 2, 3  # values of `laws.law.Status`, as files hold them
 
 
@@ -317,7 +318,7 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
         kinds = [open_points(gap, traction), unknown, unknown]
     for name, which in zip(("open", "sliding", "frictionless"), kinds, strict=True):
         found[f"share_{name}"] = float((which @ shares).mean())
-    return {row.name: found[row.name] for row in TABLE["measures"] if row.name in found}
+    return {name: found[name] for name in JOINT_MEASURES}
 
 
 def joint_shares(*runs: Results) -> list[Quantity]:

@@ -230,7 +230,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("pressure_max", "Pa", "largest pressure", "MPa"),
         Q("water_force", "N", "force of water in it", "MN"),
     ),
-    # Of `joint_measures` and `resultant_measures`, not in files; more follow from "joints".
+    # Of `joint_measures`, not in files; more follow from "joints".
     "measures": (
         Q("opening_static", "m", "static opening", "mm"),
         Q("opening_residual", "m", "residual opening", "mm"),
@@ -239,6 +239,9 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("share_sliding", "-", "sliding", "%"),
         Q("share_frictionless", "-", "closed without friction", "%"),
         Q("share_broken", "-", "bonds broken at the end", "%"),
+    ),
+    # Of `resultant_measures`, not in files.
+    "resultant_measures": (
         Q("safety_min", "-"),
         Q("safety_time", "s"),
         Q("normal_force_max", "N"),

@@ -297,6 +297,8 @@ def test_joint_measures(tmp_path: Path) -> None:
             "slip_residual": 2e-3,
             "pressure_max": 8e6,
             "pressure_time": 1.0,
+            "mean_pressure_max": 2e6 * (2.0 + 4.0 * 5.0) / 8.0,
+            "mean_pressure_time": 1.0,
             "share_open": 6 / (5 * 8),
             "share_sliding": 9 / (5 * 8),
             "share_frictionless": 0.0,

@@ -165,7 +165,7 @@ def test_a_file_without_stages_shows_its_first_record(tmp_path):
     row = dict(zip(head, found, strict=False))
     assert row["largest pressure [MPa]"] == "0.1"
     assert row["area under pressure [%]"] == "50"
-    assert row["normal force [MN], pressure > 0"] == "0.2"
+    assert row["normal force, pressure > 0 [MN]"] == "0.2"
 
 
 @pytest.mark.parametrize("left_out", [[], ["winter"]])

@@ -123,15 +123,16 @@ def test_cells_of_joints_are_measures(tmp_path: Path) -> None:
         for joint, found in measures.joint_measures(run).items():
             for words, name in {
                 "static opening": "opening_static",
-                "largest opening": "opening_max",
+                "largest opening [": "opening_max",
                 "residual opening": "opening_residual",
-                "widest at": "opening_time",
+                "largest opening at": "opening_time",
                 "largest slip [": "slip_max",
                 "residual slip": "slip_residual",
-                "slip at": "slip_time",
+                "largest slip at": "slip_time",
                 "open [": "share_open",
                 "sliding [": "share_sliding",
-                "largest pressure": "pressure_max",
+                "largest pressure [": "pressure_max",
+                "largest mean pressure [": "mean_pressure_max",
                 "bonds broken": "share_broken",
             }.items():
                 shown(motion.value(joint, words), found[name])
@@ -261,7 +262,8 @@ def test_curves_are_those_of_the_file(two: tuple[str, dict[str, Results]]) -> No
             same(line, run.time("energy"), run.series("energy", term))
     for (joint, panel), found in curves(html, "joint-histories").items():
         extremes = measures.joint_extremes(runs["a"], joint)
-        same(found, extremes.time, getattr(extremes, ("opening", "slip", "safety")[panel]))
+        series = ("opening", "slip", "pressure", "mean_pressure", "safety")
+        same(found, extremes.time, extremes.values[series[panel]])
     names = ("iterations", "joint_open", "joint_stick", "joint_slip")
     for (label, panel), found in curves(html, "iterations-plot").items():
         run = runs[label]

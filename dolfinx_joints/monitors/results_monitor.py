@@ -126,16 +126,17 @@ class ResultsMonitor(Monitor):
         there = self._stages or 0
         with handing_out(self._comm, self._mesh, self._directions, rows):
             if self._comm.rank == 0:
-                with self._static_writer(model, stages, rows) as writer:
+                with self._static_writer(model, stages) as writer:
+                    if not there:
+                        none = {"name": stage_bytes("none"), "load_time": 0.0}
+                        self._begin(writer, {"statics": rows[0] if rows else none})
                     for number, row in enumerate(rows, start=there + 1):
                         writer.append("statics", number, row)
                     writer.finish(*ending)
         self._shown, self._stages = stages[-1] if stages else self._shown, there + len(rows)
 
-    def _static_writer(
-        self, model: Model, stages: Sequence[StageRecord], rows: Sequence[dict[str, Any]]
-    ) -> ResultsWriter:
-        """Writer of a file of static stages alone, on rank 0; ``rows`` are their values."""
+    def _static_writer(self, model: Model, stages: Sequence[StageRecord]) -> ResultsWriter:
+        """Writer of a file of static stages alone, on rank 0."""
         made_by = manifest(model, {}, self._mesh_sha256, stages, self._resolved)
         made_by["static_stages"] = self._acting = self._acting | made_by["static_stages"]
         facts = {"manifest": made_by, "stage": "static", **self._facts(model)}
@@ -144,10 +145,7 @@ class ResultsMonitor(Monitor):
         aside = None if holds_statics_alone(self._path) else self._aside
         self._moved_aside = self.overwrite and aside is not None and self._path.exists()
         again = self.overwrite or self._stages == 0
-        writer = ResultsWriter(self._path, facts, overwrite=again, aside=aside)
-        none = {"name": stage_bytes("none"), "load_time": 0.0}
-        self._begin(writer, {"statics": rows[0] if rows else none})
-        return writer
+        return ResultsWriter(self._path, facts, overwrite=again, aside=aside)
 
     def _begin(self, writer: ResultsWriter, values: Mapping[str, Mapping[str, Any]]) -> None:
         """Write what does not change, and declare streams from values of a record, on rank 0."""

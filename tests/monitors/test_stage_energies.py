@@ -306,6 +306,8 @@ def test_a_body_without_joints(comm, new_path):
         assert stages[0].energy.strain == pytest.approx(exact, rel=1e-9)
         assert stages[0].energy.loads["Gravity"] == pytest.approx(exact, rel=1e-9)
         check_tables(path, path.with_suffix(".tables"), stages)
-        shown_energies(path, path.with_suffix(".html"), stages, ["work of Gravity", "strain energy"])
+        shown_energies(
+            path, path.with_suffix(".html"), stages, ["work of Gravity", "strain energy"]
+        )
 
     on_root(comm, look)

@@ -219,7 +219,7 @@ def _of_rows(rows: Iterable[Quantity], values: Mapping[str, Any], time: Floats) 
     """A table over time of the rows with a label."""
     columns: list[tuple[str, str, Any]] = [("time", "s", time)]
     for row in rows:
-        if row.label:
+        if row.label and row.key in values:
             one = row.label, row.unit, values[row.key]
             columns += _parts(*one) if one[2].ndim > 1 else [one]
     return _columns(columns)

@@ -306,10 +306,10 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
             results.series("states", f"joints/{joint}/broken", -1) @ shares
         )
     extremes = joint_extremes(results, joint)
-    for row in JOINT_SERIES:
-        largest = extremes.values[row.key]
-        found[f"{row.key}_max"] = float(largest.max())
-        found[f"{row.key}_time"] = float(extremes.time[np.argmax(largest)])
+    for key in extremes.values.keys() & {row.key for row in JOINT_SERIES}:
+        largest = extremes.values[key]
+        found[f"{key}_max"] = float(largest.max())
+        found[f"{key}_time"] = float(extremes.time[np.argmax(largest)])
     if f"joints/{joint}/status" in results.streams["states"]:
         status = results.series("states", f"joints/{joint}/status")
         kinds = [status == kind for kind in (OPEN, SLIDING, FRICTIONLESS)]
@@ -318,7 +318,7 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
         kinds = [open_points(gap, traction), unknown, unknown]
     for name, which in zip(("open", "sliding", "frictionless"), kinds, strict=True):
         found[f"share_{name}"] = float((which @ shares).mean())
-    return {name: found[name] for name in JOINT_MEASURES}
+    return {name: found.get(name, np.nan) for name in JOINT_MEASURES}  # older files hold fewer
 
 
 def joint_shares(*runs: Results) -> list[Quantity]:

@@ -54,6 +54,7 @@ from dolfinx_joints.postprocessing.frames import (
     ground_name,
     has_ground_motion,
 )
+from dolfinx_joints.postprocessing.joints.extremes import drawn_series
 from dolfinx_joints.postprocessing.joints.maps import TIED_STYLE, draw_map
 from dolfinx_joints.postprocessing.joints.maps import joint_maps as joint_maps
 from dolfinx_joints.postprocessing.joints.panels import joint_panels as joint_panels
@@ -80,7 +81,7 @@ from dolfinx_joints.results.arguments import (
     chosen_state,
 )
 from dolfinx_joints.results.joint_points import free_areas
-from dolfinx_joints.results.quantities import JOINT_SERIES, row_of, rows_below
+from dolfinx_joints.results.quantities import row_of
 from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
@@ -334,7 +335,7 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
     if not results.joints:
         raise ResultsError(f"{results.path} has no joints to draw.")
     every = {joint: joint_extremes(results, joint) for joint in results.joints}
-    rows = [*JOINT_SERIES, *rows_below("joints", "*/safety")]
+    rows = drawn_series(every.values())
     drawn = figure or new_figure(figsize=(6.3, 2.1 * len(rows)), layout="compressed")
     panels: list[Axes] = list(drawn.subplots(len(rows), sharex=True))
     for ax, row in zip(panels, rows, strict=True):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.postprocessing import measures, plots
-from dolfinx_joints.postprocessing.joints.extremes import joint_extremes
+from dolfinx_joints.postprocessing.joints.extremes import drawn_series, joint_extremes
 from dolfinx_joints.report.page import (
     Curve,
     Html,
@@ -22,7 +22,7 @@ from dolfinx_joints.report.page import (
 )
 from dolfinx_joints.report.runs import Content, Run, largest_moment, nothing
 from dolfinx_joints.results.joint_points import joint_area
-from dolfinx_joints.results.quantities import JOINT_SERIES, TABLE, rows_below
+from dolfinx_joints.results.quantities import TABLE
 
 # File, quantity and words of each map after a static stage.
 _OF_STAGE: tuple[tuple[str, Any, str], ...] = (
@@ -83,10 +83,10 @@ def _area(run: Run) -> Html:
 
 def _histories(content: Content, run: Run) -> Html:
     """Series of each joint over time, the safety last."""
-    rows = [*JOINT_SERIES, *rows_below("joints", "*/safety")]
+    every = {joint: joint_extremes(run.results, joint) for joint in run.results.joints}
+    rows = drawn_series(every.values())
     curves: list[list[Curve]] = [[] for _ in rows]
-    for joint in run.results.joints:
-        found = joint_extremes(run.results, joint)
+    for joint, found in every.items():
         for panel, row in zip(curves, rows, strict=True):
             values = row.factor * found.values[row.key]
             panel.append((joint, found.time, np.where(np.isinf(values), np.nan, values)))

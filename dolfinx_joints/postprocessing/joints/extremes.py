@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.results.joint_points import free_areas, gaps, tied_points
-from dolfinx_joints.results.quantities import JointPoints, at_points, rows_by
+from dolfinx_joints.results.quantities import (
+    JOINT_SERIES,
+    TABLE,
+    JointPoints,
+    Quantity,
+    at_points,
+    rows_below,
+    rows_by,
+)
 from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[np.floating[Any]]
@@ -42,7 +50,7 @@ class JointExtremes:
 
     Attributes:
         time: Times, shape (records,), [s].
-        values: By the names of the stream ``joints``; NaN for what an older file does not hold.
+        values: By the names of the stream ``joints``; an older file may hold fewer.
     """
 
     time: Floats
@@ -160,15 +168,18 @@ def state_points(
     return JointPoints(gap, gap[..., 1:] - gap[:1, :, 1:], traction, cohesion * intact)
 
 
+def drawn_series(joints: Iterable[JointExtremes]) -> list[Quantity]:
+    """Rows that are drawn over time and that all these joints have, the safety last."""
+    every, rows = list(joints), (*JOINT_SERIES, *rows_below("joints", "*/safety"))
+    return [row for row in rows if all(row.key in one.values for one in every)]
+
+
 def _series(results: Results, joint: str, rows: slice) -> dict[str, Floats]:
-    """Series of the stream ``joints`` by name: NaN if an older file has none, zero without bond."""
-    found, known = {}, results.streams["joints"]
-    for row in rows_by("largest", "place", "integral", "mean"):
-        shape = (rows.stop, 3) if row.by == "place" else (rows.stop,)
-        found[row.key] = np.full(shape, 0.0 if row.rare else np.nan)
-        if f"{joint}/{row.key}" in known:
-            found[row.key] = results.series("joints", f"{joint}/{row.key}", rows)
-    return found
+    """Series of the stream ``joints`` by name, without those that an older file does not hold."""
+    known = results.streams["joints"]
+    keys = [row.key for row in TABLE["joints"] if f"{joint}/{row.key}" in known]
+    found = {key: results.series("joints", f"{joint}/{key}", rows) for key in keys}
+    return {"bond": np.zeros_like(found["compression"]), **found}
 
 
 def _of_points(results: Results, points: JointPoints, joint: str) -> dict[str, Floats]:

@@ -11,7 +11,7 @@ import numpy as np
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing.axes import decorate, new_figure
-from dolfinx_joints.postprocessing.joints.extremes import joint_extremes
+from dolfinx_joints.postprocessing.joints.extremes import drawn_series, joint_extremes
 from dolfinx_joints.postprocessing.palette import BLUE
 from dolfinx_joints.results.arguments import check_results
 from dolfinx_joints.results.quantities import JOINT_SERIES
@@ -36,13 +36,15 @@ def joint_panels(results: Results, quantity: JointQuantity = "opening") -> Figur
     check_results(results)
     if not results.joints:
         raise ResultsError(f"{results.path} has no joints to draw.")
-    series = next(row for row in JOINT_SERIES if row.key == quantity)
+    every = {joint: joint_extremes(results, joint) for joint in results.joints}
+    series = next((row for row in drawn_series(every.values()) if row.key == quantity), None)
+    if series is None:
+        raise ResultsError(f"{results.path} holds no {quantity} of its joints; run again.")
     rows = -(-len(results.joints) // _COLUMNS)
     columns = min(_COLUMNS, len(results.joints))
     figure = new_figure(figsize=(1.9 * columns + 0.5, 1.25 * rows + 0.5), layout="compressed")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for ax, joint in zip(panels, results.joints, strict=False):
-        found = joint_extremes(results, joint)
+    for ax, (joint, found) in zip(panels, every.items(), strict=False):
         values = series.factor * found.values[quantity]
         ax.fill_between(found.time, values, color=BLUE, alpha=0.25, linewidth=0.0)
         ax.plot(found.time, values, color=BLUE, linewidth=0.8)

@@ -57,36 +57,16 @@ def tables_of(results: Results, only: str | None = None) -> dict[str, Table]:
         ResultsError: The file holds nothing for that table.
     """
     check_results(results)
-    makers = _makers(results)
+    streams = {name for name in results.streams if results.rows(name)}
+    streams |= {"modes"} if "modes/frequency" in results.statics else set()
+    makers = {
+        name: make
+        for name, (stream, of_joints, make) in TABLES.items()
+        if stream in streams and (results.joints or not of_joints)
+    }
     if only is not None and only not in makers:
         raise ResultsError(f"{results.path} has no table {only!r}; it has {listing(makers)}.")
     return {name: make(results) for name, make in makers.items() if only in (None, name)}
-
-
-def _makers(results: Results) -> dict[str, Callable[[Results], Table]]:
-    """What makes each table for which the file holds something."""
-    streams = {name for name in results.streams if results.rows(name)}
-    found: dict[str, Callable[[Results], Table]] = {}
-    if "statics" in streams:
-        found["stages"] = _stages
-        if results.joints:
-            found["stage_joints"] = _stage_joints
-    if "histories" in streams:
-        found["histories"] = _histories
-        found["peaks"] = _peaks
-    if "energy" in streams:
-        found["energy"] = partial(_plain, stream="energy")
-    if "states" in streams and results.joints:
-        found["joints"] = _joints
-        found["joint_extremes"] = _joint_extremes
-        found["resultants"] = _resultants
-    if "resultants" in streams:
-        found["blocks"] = _blocks
-    if "envelopes" in streams:
-        found["envelopes"] = _envelopes
-    if "modes/frequency" in results.statics:
-        found["modes"] = _modes
-    return found
 
 
 def _columns(columns: Iterable[tuple[str, str, Any]]) -> Table:
@@ -282,3 +262,19 @@ def _modes(results: Results) -> Table:
         where = f"modes/{name}"
         columns += _parts(name.replace("_", " "), results.unit(where), results.static(where))
     return _columns(columns)
+
+
+# Stream of which each table is made, whether it needs joints, and what makes it.
+TABLES: dict[str, tuple[str, bool, Callable[[Results], Table]]] = {
+    "stages": ("statics", False, _stages),
+    "stage_joints": ("statics", True, _stage_joints),
+    "histories": ("histories", False, _histories),
+    "peaks": ("histories", False, _peaks),
+    "energy": ("energy", False, partial(_plain, stream="energy")),
+    "joints": ("states", True, _joints),
+    "joint_extremes": ("states", True, _joint_extremes),
+    "resultants": ("states", True, _resultants),
+    "blocks": ("resultants", False, _blocks),
+    "envelopes": ("envelopes", False, _envelopes),
+    "modes": ("modes", False, _modes),
+}

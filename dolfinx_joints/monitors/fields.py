@@ -19,7 +19,7 @@ from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.probes import PointProbe
-from dolfinx_joints.monitors.resultants import PointExtras
+from dolfinx_joints.monitors.resultants import broken, broken_joints
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes
 from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES
 from dolfinx_joints.results.layout import stage_bytes
@@ -66,11 +66,9 @@ class Fields:
         self, model: Model, nodes: NodeNumbering, rows: JointRows | None, wet: Sequence[str]
     ) -> None:
         """Find the joints with water or a bond."""
-        self._nodes, self._rows = nodes, rows
-        self._extras = None
-        if model.contact is not None:
-            self._extras = PointExtras(model.contact, wet)
-            self._shown_status = model.contact.shown_status
+        self._nodes, self._rows, self._contact = nodes, rows, model.contact
+        bonded = () if model.contact is None else broken_joints(model.contact)
+        self._only: dict[str, Sequence[str]] = {"pressure": wet, "broken": bonded}
 
     def of_joints(
         self, joints: Response | None, pressure: Callable[[], Floats] | None
@@ -81,16 +79,20 @@ class Fields:
             joints: Response of the joints.
             pressure: Gives that of the water at the local joint points, (n,), [Pa].
         """
-        if self._rows is None or self._extras is None or joints is None:
+        if self._rows is None or self._contact is None or joints is None:
             return {}
         found: dict[str, NDArray[Any]] = {"gap": joints.state.gap, "traction": joints.traction}
-        found["status"] = self._shown_status(joints.status)
-        found |= self._extras.values(joints, pressure)
+        found["status"] = self._contact.shown_status(joints.status)
+        if self._only["pressure"]:
+            dry = np.zeros(len(joints.traction))
+            found["pressure"] = dry if pressure is None else pressure()
+        if self._only["broken"]:
+            found["broken"] = broken(self._contact, joints)
         return {what: self._rows(values) for what, values in found.items()}
 
     def concerned(self, what: str, joint: str) -> bool:
         """Whether a joint has values of this kind."""
-        return self._extras is None or joint in self._extras.joints.get(what, (joint,))
+        return joint in self._only.get(what, (joint,))
 
     def values(
         self, u: PETSc.Vec, joints: Response | None, pressure: Callable[[], Floats] | None

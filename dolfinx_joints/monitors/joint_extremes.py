@@ -66,15 +66,14 @@ class JointExtremesStream:
         here = np.maximum(at_points(_LARGEST, points), 0.0)
         here[self._tied] = 0.0
         own = np.zeros((len(operator.names), len(_LARGEST) + len(_SUMS) + len(_MEANS)))
-        largest, sums = np.split(own, [len(_LARGEST)], axis=1)
+        count = len(_LARGEST)
         if len(here):
-            largest[self._here] = np.maximum.reduceat(here[self._order], self._starts)
+            own[self._here, :count] = np.maximum.reduceat(here[self._order], self._starts)
         integrands = at_points((*_SUMS, *_MEANS), points) * self._forces.areas[:, None]
-        for column, each in zip(sums.T, integrands.T, strict=True):
+        for column, each in zip(own[:, count:].T, integrands.T, strict=True):
             column[:] = np.bincount(operator.joint, each, len(operator.names))
         every = of_ranks(operator.comm, own)
-        largest, sums = np.split(every, [len(_LARGEST)], axis=2)
-        largest, sums = largest.max(axis=0), sums.sum(axis=0)
+        largest, sums = every[..., :count].max(axis=0), every[..., count:].sum(axis=0)
         sums[:, len(_SUMS) :] /= self._forces.free_area[:, None]
         places = self._places(here[:, _PLACED], largest[:, _PLACED])
         rows = np.concatenate([largest, places.reshape(len(places), -1), sums], axis=1)

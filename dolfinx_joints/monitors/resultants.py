@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -271,39 +270,4 @@ class ResultantsStream:
         if pressure is not None:
             sums = self._blocks(self._joints.water_forces(pressure))
             found |= {"blocks/water_force": sums[:, :3], "blocks/water_moment": sums[:, 3:]}
-        return found
-
-
-class PointExtras:
-    """Values of joint points in states besides gap, traction and status: water and broken bonds.
-
-    Args:
-        contact: The joints.
-        wet: Names of the joints with water.
-
-    Attributes:
-        joints: Names of the joints concerned, by kind of value.
-    """
-
-    def __init__(self, contact: Contact, wet: Sequence[str]) -> None:
-        """Find the joints concerned."""
-        self._contact = contact
-        self.joints = {"pressure": wet, "broken": broken_joints(contact)}
-
-    def values(
-        self, joints: Response, pressure: Callable[[], Floats] | None
-    ) -> dict[str, NDArray[Any]]:
-        """Values of the local points by kind; only those needed (collective).
-
-        Args:
-            joints: Response of the joints.
-            pressure: Gives that of the water at the local points, (n,), [Pa]; None where all is
-                dry.
-        """
-        found: dict[str, NDArray[Any]] = {}
-        if self.joints["pressure"]:
-            dry = np.zeros(len(joints.traction))
-            found["pressure"] = dry if pressure is None else pressure()
-        if self.joints["broken"]:
-            found["broken"] = broken(self._contact, joints)
         return found

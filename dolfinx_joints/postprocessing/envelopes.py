@@ -29,12 +29,8 @@ ENVELOPE_NAMES: tuple[str, ...] = get_args(EnvelopeName)
 
 # Series of the stream ``statics`` in which the extremes of a static stage are found.
 STAGE_STRESSES = {
-    "principal_max": "stress/principal_max",
-    "principal_min": "stress/principal_min",
-    "arch_max": "stress/arch",
-    "arch_min": "stress/arch",
-    "cantilever_max": "stress/cantilever",
-    "cantilever_min": "stress/cantilever",
+    name: f"stress/{name if name.startswith('principal') else name.split('_')[0]}"
+    for name in ENVELOPE_NAMES
 }
 
 _STEEP = 0.9  # of |n_z|: facets within 26 degrees of the horizontal have no arch direction

@@ -342,7 +342,7 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
         worst: dict[float, tuple[str, Floats, Floats]] = {}
         least = row.key == "safety"
         for joint, found in every.items():
-            values = row.factor * found.values[row.key]
+            values: Floats = row.factor * found.values[row.key]
             ax.plot(found.time, values, color="0.75", linewidth=0.7)
             known = values[np.isfinite(values)]
             if known.size:

@@ -65,13 +65,13 @@ class JointExtremesStream:
         operator, points = self._operator, self._forces.points(joints, self._gap)
         here = np.maximum(at_points(_LARGEST, points), 0.0)
         here[self._tied] = 0.0
-        own = np.zeros((len(operator.names), len(_LARGEST) + len(_SUMS) + len(_MEANS)))
-        count = len(_LARGEST)
+        names, count = operator.names, len(_LARGEST)
+        own = np.zeros((len(names), count + len(_SUMS) + len(_MEANS)))
         if len(here):
             own[self._here, :count] = np.maximum.reduceat(here[self._order], self._starts)
         integrands = at_points((*_SUMS, *_MEANS), points) * self._forces.areas[:, None]
-        for column, each in zip(own[:, count:].T, integrands.T, strict=True):
-            column[:] = np.bincount(operator.joint, each, len(operator.names))
+        for column, each in enumerate(integrands.T, start=count):
+            own[:, column] = np.bincount(operator.joint, each, len(names))
         every = of_ranks(operator.comm, own)
         largest, sums = every[..., :count].max(axis=0), every[..., count:].sum(axis=0)
         sums[:, len(_SUMS) :] /= self._forces.free_area[:, None]

@@ -340,12 +340,13 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
     panels: list[Axes] = list(drawn.subplots(len(rows), sharex=True))
     for ax, row in zip(panels, rows, strict=True):
         worst: dict[float, tuple[str, Floats, Floats]] = {}
-        least = row.key == "safety"
+        least, lowest = row.key == "safety", 0.0
         for joint, found in every.items():
             values: Floats = row.factor * found.values[row.key]
             ax.plot(found.time, values, color="0.75", linewidth=0.7)
             known = values[np.isfinite(values)]
             if known.size:
+                lowest = min(lowest, float(known.min()))
                 extreme = known.min() if least else known.max()
                 worst.setdefault(float(extreme), (joint, found.time, values))
         if worst:
@@ -358,7 +359,7 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
             legend(ax, "above")
         decorate(ax, "time [s]" if least else "", row.heading.replace(" [", "\n["))
         ax.margins(x=0.0)
-        ax.set_ylim(bottom=min(0.0, ax.dataLim.ymin))
+        ax.set_ylim(bottom=lowest)
     panels[-1].axhline(1.0, color=RED, linewidth=0.8, linestyle="--")
     highest = max(10.0, 1.5 * min(worst, default=0.0))  # ``worst`` is of the last, the safety
     panels[-1].set_ylim(0.0, min(highest, max(2.0, panels[-1].get_ylim()[1])))

@@ -54,7 +54,7 @@ def joint_panels(results: Results, quantity: JointQuantity = "opening") -> Figur
         )
         ax.tick_params(labelsize="x-small")
         ax.margins(x=0.0)
-    panels[0].set_ylim(bottom=min(0.0, panels[0].dataLim.ymin))
+    panels[0].set_ylim(bottom=min(0.0, *(ax.dataLim.ymin for ax in panels[: len(every)])))
     for ax in panels[len(results.joints) :]:
         ax.set_visible(False)
     for ax in panels[max(0, len(results.joints) - columns) : len(results.joints)]:

@@ -250,8 +250,7 @@ class ResultsMonitor(Monitor):
             self._extremes = JointExtremesStream(model, first.joints.state.gap)
         self._resultants: ResultantsStream | None = None
         if self.resultants and self._rows is not None:
-            wet = first.wet_joints
-            self._resultants = ResultantsStream(model, self._nodes, self._rows, wet)
+            self._resultants = ResultantsStream(model, self._nodes, self._rows, first.wet_joints)
         self._histories = PointHistories(model, self._probe)
         if self.static_part and first.static_part is None:
             raise JointsError(

@@ -290,15 +290,7 @@ def at_points(rows: Iterable[Quantity], points: JointPoints) -> Floats:
 ENERGY_TERMS = tuple(row.name for row in rows_below("energy") if not row.rare)
 # Series of a joint over time that are drawn, and the largest value of each with its time.
 JOINT_SERIES = tuple(row for row in rows_by("largest", "mean") if row.label)
-TABLE["measures"] = (
-    *(
-        each
-        for row in JOINT_SERIES
-        for words in [f"largest {row.label.removeprefix('largest ')}"]
-        for each in (
-            replace(row, name=f"{row.key}_max", label=words),
-            Q(f"{row.key}_time", "s", f"{words} at"),
-        )
-    ),
-    *TABLE["measures"],
-)
+for _row in reversed(JOINT_SERIES):
+    _words = f"largest {_row.label.removeprefix('largest ')}"
+    _largest = replace(_row, name=f"{_row.key}_max", label=_words)
+    TABLE["measures"] = (_largest, Q(f"{_row.key}_time", "s", f"{_words} at"), *TABLE["measures"])

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import Browser, chromium
+from declared import declare_histories, declare_states
 from written_runs import NODES, SHARES, write_envelopes, write_run, write_stages, write_tip
 
 from dolfinx_joints import report
@@ -23,7 +24,6 @@ from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.report import opening, run_sections, runs, writing
 from dolfinx_joints.report import page as report_page
-from dolfinx_joints.results.layout import declare_histories, declare_states
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 

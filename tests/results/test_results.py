@@ -14,12 +14,13 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from declared import declare_energy, declare_histories, declare_states
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError, ResultsError
 from dolfinx_joints.export.tables import tables_of
-from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
 from dolfinx_joints.results.overview import describe
-from dolfinx_joints.results.reader import ENERGY_TERMS, VERSION, Results
+from dolfinx_joints.results.quantities import ENERGY_TERMS
+from dolfinx_joints.results.reader import VERSION, Results
 from dolfinx_joints.results.writer import ResultsWriter
 
 
@@ -118,13 +119,14 @@ def test_a_growing_file_can_be_read(tmp_path: Path) -> None:
 
 def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
     code = (
-        "import os, signal, sys; sys.path.insert(0, sys.argv[2]); import test_results as t\n"
+        "import os, signal, sys; sys.path[:0] = sys.argv[2:]; import test_results as t\n"
         "from pathlib import Path\n"
         "writer = t.writer_of(Path(sys.argv[1]), flush_interval=1e9)\n"
         "t.append_rows(writer, 0, 600)\n"
         "os.kill(os.getpid(), signal.SIGKILL)"
     )
-    command = [sys.executable, "-c", code, str(tmp_path / "r.h5"), os.path.dirname(__file__)]
+    here = Path(__file__).parent
+    command = [sys.executable, "-c", code, str(tmp_path / "r.h5"), str(here), str(here.parent)]
     assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
     with Results(tmp_path / "r.h5") as results:
         assert results.status == "running"

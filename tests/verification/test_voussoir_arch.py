@@ -293,8 +293,8 @@ def test_least_friction_of_a_thick_arch(voussoirs):
     assert limit_friction(voussoirs, 0.6) == pytest.approx(expected, abs=1e-9)
 
 
-# Rule of the joint points, mesh, number of voussoirs. An even number has a joint at the crown, an odd
-# one a block; either occurs with both rules, so each mesh is tried with one number.
+# Rule of the joint points, mesh, number of voussoirs. An even number has a joint at the crown, an
+# odd one a block; either occurs with both rules, so each mesh is tried with one number.
 CASES = [
     ("nodal", {"divisions": (2, 3, 1)}, 9),
     ("nodal", {"divisions": (1, 2, 1), "cell": "tet"}, 10),

@@ -59,7 +59,9 @@ def test_forms_are_the_operator(shape, scene):
 
     count = len(B.areas)
     traction, tangent = rng.normal(size=(count, 3)), rng.normal(size=(count, 3, 3))
-    assert relative(*(o.force(traction, vector.duplicate()).getArray() for o in (forms, B))) <= 1e-13
+    assert (
+        relative(*(o.force(traction, vector.duplicate()).getArray() for o in (forms, B))) <= 1e-13
+    )
     free = vector.duplicate()
     free.set(1.0)
     by_form, by_matrix = (o.tangent_matrix(free).assemble(tangent) for o in (forms, B))

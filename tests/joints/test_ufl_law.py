@@ -19,10 +19,6 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 import ufl
-from dolfinx import fem
-from dolfinx.mesh import create_unit_interval
-from shaken_wall import DT, STEPS, shaking, wall
-
 from cohesive import (
     COHESIVE,
     K_S,
@@ -35,6 +31,10 @@ from cohesive import (
     left_over,
     random_steps,
 )
+from dolfinx import fem
+from dolfinx.mesh import create_unit_interval
+from shaken_wall import DT, STEPS, shaking, wall
+
 from dolfinx_joints import (
     Elastic,
     EnergyConsistent,

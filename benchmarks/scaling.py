@@ -11,11 +11,9 @@ Beside the time of a step are those of one back-substitution with the bulk and o
 iteration on the joints, medians over the steps but the first; of several ranks the slowest counts.
 Growth is the exponent p of time ~ n^p, fitted over the series.
 
-``--ranks 1 2`` runs the program under mpirun once for each number of ranks and prints what becomes
-of each phase; efficiency is the time on the first number of ranks over that on another, per rank.
-One rank uses CHOLMOD where PETSc has it, several use MUMPS: that is part of the comparison, unless
-``--linear mumps`` has all of them use it. What waits for memory is compared with the bandwidth of a
-triad, a = b + s c, on as many ranks.
+One rank uses CHOLMOD where PETSc has it, several use MUMPS, unless ``--linear mumps`` has one rank
+use it too. What waits for memory is compared with the bandwidth of a triad, a = b + s c, on as many
+ranks.
 """
 
 from __future__ import annotations
@@ -23,11 +21,9 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, get_args
 
 from mpi4py import MPI
@@ -207,55 +203,6 @@ def print_series(name: str, found: dict[str, Any]) -> None:
     print_disturbance(rows.values())
 
 
-def compare_ranks(options: argparse.Namespace, arguments: list[str]) -> dict[str, Any]:
-    """Run under mpirun for each number of ranks, and print the efficiencies."""
-    by_ranks = {}
-    for ranks in options.ranks:
-        command = ["mpirun", "--map-by", ":OVERSUBSCRIBE", "-n", str(ranks), sys.executable]
-        command += [str(Path(__file__).resolve()), *arguments, "--json"]
-        print(f"== {ranks} rank(s)", flush=True)
-        done = subprocess.run(command, env=dict(os.environ), stdout=subprocess.PIPE, text=True)
-        if done.returncode:
-            raise SystemExit(f"scaling: the run on {ranks} ranks failed.")
-        *shown, last = done.stdout.rstrip("\n").split("\n")
-        print("\n".join(shown), flush=True)
-        by_ranks[ranks] = json.loads(last)
-    first, *others = options.ranks
-    found: dict[str, Any] = {str(ranks): rows for ranks, rows in by_ranks.items()}
-    for ranks in others:
-        found[f"efficiency {first} to {ranks}"] = efficiencies(
-            by_ranks[first], by_ranks[ranks], ranks / first
-        )
-        print_efficiencies(found[f"efficiency {first} to {ranks}"], first, ranks)
-    return found
-
-
-def efficiencies(
-    few: dict[str, Any], many: dict[str, Any], times: float
-) -> dict[str, dict[str, float]]:
-    """Time on few ranks over ``times`` that on many, for every case and phase."""
-    found = {}
-    for series in few:
-        for name, row in few[series]["cases"].items():
-            a, b = numbers(row), numbers(many[series]["cases"][name])
-            found[name] = {key: a[key] / (times * b[key]) for key in a if a[key] > 0 < b[key]}
-            more = many[series]["cases"][name]["bandwidth"] / row["bandwidth"]
-            found[name]["triad"] = more / times
-    return found
-
-
-def print_efficiencies(found: dict[str, dict[str, float]], first: int, ranks: int) -> None:
-    """A column for each case."""
-    print(
-        f"\nEfficiency of {ranks} ranks against {first}: 100 % is {ranks / first:g} times as fast\n"
-    )
-    print(f"{'':24}" + "".join(f"{name:>14}" for name in found))
-    for label in (*SETUP, *STEPS, "triad"):
-        shares = [row.get(label) for row in found.values()]
-        texts = ["-" if share is None else f"{100 * share:.0f} %" for share in shares]
-        print(f"{label:24}" + "".join(f"{text:>14}" for text in texts))
-
-
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     """Options of the command line."""
     parser = Parser(description=__doc__.splitlines()[0])
@@ -268,38 +215,19 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--cases", nargs="+", choices=CASES, help="some of the walls alone")
     parser.add_argument("--linear", choices=get_args(LinearSolver), default="auto")
     parser.add_argument("--compliance", choices=get_args(ComplianceKind), default="auto")
-    parser.add_argument(
-        "--ranks", nargs="+", type=at_least(1), help="run under mpirun, compare the ranks"
-    )
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     return parser.parse_args(arguments)
-
-
-def without_ranks(options: argparse.Namespace) -> list[str]:
-    """The command line of a run under mpirun."""
-    flags = [f"--{name}" for name in ("large", "quick") if getattr(options, name)]
-    flags += [
-        "--linear",
-        options.linear,
-        "--compliance",
-        options.compliance,
-        *(["--cases", *options.cases] if options.cases else []),
-    ]
-    return ["--series", *options.series, "--steps", str(options.steps), *flags]
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Print tables, or one JSON object as the last line."""
     options = parse_arguments(sys.argv[1:] if arguments is None else arguments)
-    if options.ranks:
-        found = compare_ranks(options, without_ranks(options))
-    else:
-        found = run(options)
-        if MPI.COMM_WORLD.rank == 0:
-            for name in found:
-                print_series(name, found[name])
-    if options.json and MPI.COMM_WORLD.rank == 0:
-        print(json.dumps(found))
+    found = run(options)
+    if MPI.COMM_WORLD.rank == 0:
+        for name in found:
+            print_series(name, found[name])
+        if options.json:
+            print(json.dumps(found))
 
 
 if __name__ == "__main__":

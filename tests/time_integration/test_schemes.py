@@ -35,10 +35,10 @@ def vector(system, values):
     return v
 
 
-def march(system, dt, steps, *, scheme=None, kind="auto", newton=None, u0=None, v0=None):
+def march(system, dt, steps, *, scheme=None, kind="auto", u0=None, v0=None):
     """All states of a run with equal steps."""
     scheme = scheme or Newmark()
-    solver = make_solver(system, newton, kind, scheme.rule)
+    solver = make_solver(system, None, kind, scheme.rule)
     states = [
         initial_state(
             solver,

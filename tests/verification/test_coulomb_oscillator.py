@@ -161,7 +161,7 @@ Run = namedtuple("Run", "time displacement friction_work path energy_error")
 
 
 @cache
-def march(angle_deg, *, steps_per_period=1000, direction_deg=0.0, k_s=K_S, solver="condensed"):
+def march(angle_deg, *, steps_per_period=1000, direction_deg=0.0, k_s=K_S):
     """Release at rest in a direction of the dofs, friction axes turned by an angle [degrees]."""
     c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
     system = MatrixSystem.from_arrays(
@@ -183,7 +183,7 @@ def march(angle_deg, *, steps_per_period=1000, direction_deg=0.0, k_s=K_S, solve
     # Friction is there from the start: the mass is about to move back, against ``towards``.
     against = -gap[:, 1:] / np.linalg.norm(gap[:, 1:])
     slip = (1.0 - 1e-12) * MU * NORMAL_FORCE / k_s * against
-    step_solver = make_solver(system, SolverOptions(relative_tolerance=1e-12), solver)
+    step_solver = make_solver(system, SolverOptions(relative_tolerance=1e-12), "condensed")
     state = initial_state(
         step_solver, displacement=u, joints=JointState(gap=gap, elastic_slip=slip)
     )

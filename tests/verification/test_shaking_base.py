@@ -301,9 +301,7 @@ class History(Monitor):
 
 
 @cache
-def shake(
-    ratio, *, steps=200, k_s=STIFF, cell="hex", direction_deg=0.0, solver="auto", newton=None
-):
+def shake(ratio, *, steps=200, k_s=STIFF, cell="hex", direction_deg=0.0):
     """Self weight, then the ground shakes along a direction of the plane.
 
     Args:
@@ -312,8 +310,6 @@ def shake(
         k_s: Shear stiffness of the joint [Pa/m].
         cell: ``hex`` or ``tet``.
         direction_deg: Direction of the ground's motion from x.
-        solver: ``condensed`` or ``monolithic``.
-        newton: Its options.
 
     Returns:
         The history, slip along and across that direction, and the outcome.
@@ -337,7 +333,7 @@ def shake(
         a = exact.amplitude * math.sin(exact.frequency * time)
         return a * c, a * s, 0.0
 
-    simulation = Simulation(model, monitors=[history], solver=solver, options=newton)
+    simulation = Simulation(model, monitors=[history])
     simulation.statics()
     dt = PERIOD / steps
     outcome = simulation.dynamics(dt=dt, steps=CYCLES * steps, motion=ground)

@@ -107,11 +107,11 @@ def ground(time):
     return -EXACT.pulse * (0.5 if abs(left) < 1e-9 else float(left > 0.0)), 0.0, 0.0
 
 
-def shake(cell, dt, solver="auto", scale=1.0):
+def shake(cell, dt, scale=1.0):
     """Self weight, then the pulse."""
     history = History()
     block = model(cell, LEVEL_MU, (0.0, 0.0, -LEVEL_GRAVITY), scale)
-    simulation = Simulation(block, monitors=[history], solver=solver)
+    simulation = Simulation(block, monitors=[history])
     simulation.statics()
     return history, simulation.dynamics(dt=dt, steps=round(1.2 / dt), motion=ground)
 

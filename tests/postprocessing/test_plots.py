@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from written_runs import SHARES
 
+from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.errors import JointsError, ResultsError
 from dolfinx_joints.postprocessing import plots
 from dolfinx_joints.postprocessing.joints import surface as joint_surface
@@ -104,6 +105,21 @@ def results(run_path: Path) -> Results:
     return Results(run_path)
 
 
+def test_history_is_in_millimetres_with_its_reference(results: Results, tmp_path: Path) -> None:
+    reference = Results(write_run(tmp_path / "linear.h5", amplitude=0.01))
+    ax = plots.history(results, "crest", "x", reference=reference)
+    assert ax.get_xlabel() == "time [s]"
+    assert ax.get_ylabel() == "displacement x [mm]"
+    assert ax.get_title(loc="left") == "crest: displacement x, relative to the ground"
+    behind, own = ax.get_lines()
+    assert [line.get_label() for line in (behind, own)] == ["linear", "run"]  # names of files
+    assert np.max(own.get_ydata()) == pytest.approx(19.0)
+    assert np.max(behind.get_ydata()) == pytest.approx(9.0)
+    assert ax.get_xlim() == pytest.approx((0.0, 3.995))
+    assert ax.get_legend() is not None
+    assert plots.history(results, 0, "z").get_legend() is None
+
+
 @pytest.mark.parametrize("draw", [plots.history, plots.fourier])
 def test_titles_are_whole_and_in_front_of_nothing(draw: Any, results: Results) -> None:
     ax = draw(results, "crest", "x", reference=results)
@@ -117,6 +133,20 @@ def test_titles_are_whole_and_in_front_of_nothing(draw: Any, results: Results) -
     assert 0.0 < place.x0 < place.x1 < ax.figure.bbox.x1
     assert place.y1 < ax.figure.bbox.y1
     assert not place.overlaps(ax.get_legend().get_window_extent())
+
+
+def test_fourier_amplitude_has_its_peak_at_the_sine(results: Results) -> None:
+    ax = plots.fourier(results, "crest", "x")
+    (line,) = ax.get_lines()
+    frequency, amplitude = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
+    assert frequency[np.argmax(amplitude)] == pytest.approx(FREQUENCY)
+    # A T / 2 = 0.02 m x 4 s / 2 = 40e-3 m s; the static -1 mm does not show at 0 Hz.
+    assert amplitude.max() == pytest.approx(40.0)
+    assert amplitude[0] < 1e-10
+    assert "peak at 5.00 Hz" in str(line.get_label())
+    assert ax.get_ylabel() == "amplitude of x [mm s]"
+    assert ax.get_xlim() == (0.0, 15.0)
+    assert frequency.max() <= 15.0
 
 
 def test_fourier_of_unequal_steps(tmp_path: Path) -> None:
@@ -157,6 +187,34 @@ def test_runs_are_called_by_what_they_are(results: Results, tmp_path: Path) -> N
     other = Results(write_run(tmp_path / "other.h5"))
     assert labels(results, other) == ["other", "run"]
     assert labels(results, same) == ["run, reference", "run"]
+
+
+def test_response_spectra(tmp_path: Path) -> None:
+    # A step of 0.1 g throws an undamped oscillator to twice its static deflection. The point moves
+    # with the ground as far as its acceleration is concerned, but for the first half step.
+    with ResultsWriter(tmp_path / "run.h5", {"point_names": ["crest"]}) as writer:
+        declare_histories(writer, [[0.0, 0.0, 8.0]], accelerations=True)
+        writer.start()
+        for t in 0.005 * np.arange(801):
+            values = {"displacement": np.zeros((1, 3)), "acceleration": np.zeros((1, 3))}
+            values["ground_acceleration"] = [0.1 * STANDARD_GRAVITY, 0, 0]
+            shares = dict.fromkeys(SHARES, 0)
+            writer.append("histories", t, values | shares | {"iterations": 1})
+    run = Results(tmp_path / "run.h5")
+    options = {"damping_ratio": 0.0, "periods": [0.5, 1.0], "reference": run}
+    options["labels"] = ("with joints", "linear")
+    ax = plots.response_spectra(run, "crest", "x", **options)
+    lines = {str(line.get_label()): np.asarray(line.get_ydata()) for line in ax.get_lines()}
+    assert list(lines) == ["linear", "with joints", "ground"]
+    for values in lines.values():
+        np.testing.assert_allclose(values, 0.2, rtol=1e-3)
+    assert ax.get_xlabel() == "period [s]"
+    assert ax.get_ylabel() == "pseudo-acceleration x [g]"
+    assert (
+        ax.get_title(loc="left") == "crest: response spectra in x, 0% damping, low-passed at 25 Hz"
+    )
+    ax = plots.response_spectra(run, "crest", "x", damping_ratio=0.075, periods=[0.5])
+    assert "7.5% damping" in ax.get_title(loc="left")
 
 
 @pytest.mark.parametrize("quantity", ["normal", "tangential", "ratio"])

@@ -33,6 +33,7 @@ from benchmarks.shared.problems import (
     MIDPOINT,
     ON_WALL,
     SCHEMES,
+    BouncingBar,
     bar,
     errors,
     lumped_mass,
@@ -68,6 +69,50 @@ def mean_velocity(problem, found):
 
 
 # ---------------------------------------------------------------- exact solutions
+
+
+def test_bouncing_bar_has_the_stated_values():
+    assert BOUNCING.wave_speed == pytest.approx(30.0)
+    assert BOUNCING.impact_time == pytest.approx(1.0)
+    assert BOUNCING.release_time == pytest.approx(5 / 3)
+    assert BOUNCING.period == pytest.approx(16 / 3)
+    times = np.array([0.99, 1.01, 1.2, 1.66, 1.67, 3.66, 3.67, 4.0, 4.33, 4.34])
+    inside = np.array([0, 1, 1, 1, 0, 0, 1, 1, 1, 0])
+    # In the second contact all runs backwards: t' counts from its end at 13/3.
+    since = np.where(times < 3, times - 1.0, 13 / 3 - times)
+    assert BOUNCING.force(times) == pytest.approx(inside * (300.0 + 300.0 * since))
+    # h0 - g (s - 1)^2 / 2 - 2 g L^2 / (3 c^2) + sum, s = t - 5/3: at s = 1/3 the wave is turned
+    # over, 5 - 20/9 - 20/27 - 10/27 = 5/3.
+    assert BOUNCING.displacement(2.0, 0.0) == pytest.approx(5 / 3, abs=1e-12)
+    # At s = 5/6, c s = 25 and P(25) = P(5) = -25/3: 5 - 5/36 - 20/27 - 5/54 = 145/36.
+    assert BOUNCING.displacement(2.5, 0.0) == pytest.approx(145 / 36, abs=1e-12)
+
+
+def test_bar_on_the_wall_has_the_stated_values():
+    assert ON_WALL.wave_speed == pytest.approx(5000.0)
+    assert ON_WALL.impact_time == pytest.approx(2e-5)
+    assert ON_WALL.release_time == pytest.approx(1e-4)
+    times = np.array([1.9e-5, 2.1e-5, 6e-5, 9.9e-5, 1.01e-4])
+    assert ON_WALL.force(times) == pytest.approx([0.0, 4e9, 4e9, 4e9, 0.0])
+    x = np.linspace(0.0, ON_WALL.length, 11)
+    assert ON_WALL.velocity([1e-5, 1.2e-4], x) == pytest.approx(
+        np.repeat([[-100.0], [100.0]], 11, axis=1)
+    )
+    assert ON_WALL.displacement(1.2e-4, x) == pytest.approx(np.full((1, 11), 2e-3))
+
+
+def test_flight_is_the_cosine_series():
+    """The sum of 4 g / (c^2 lambda^2) cos(lambda x) cos(c lambda s): terms of n above N sum to
+    less than 4 g L^2 / (c^2 pi^2 N) = 1.1e-5 m at N = 4e4.
+    """
+    x, n = np.linspace(0.0, 10.0, 5), np.arange(1, 40001)
+    waves = n * np.pi / 10.0
+    for s in (0.0, 0.21, 1.0, 1.9):
+        mean = 5.0 - 5.0 * (s - 1.0) ** 2 - 2.0 * 10.0 * 100.0 / (3.0 * 900.0)
+        terms = 40.0 / (900.0 * waves**2) * np.cos(30.0 * waves * s)
+        series = mean + np.cos(np.outer(x, waves)) @ terms
+        exact = BOUNCING.displacement(5 / 3 + s, x)[0]
+        assert np.abs(series - exact).max() < 1.2e-5
 
 
 @pytest.mark.parametrize("name", BARS)
@@ -111,6 +156,11 @@ def test_exact_solution_is_continuous_and_balances(name):
     energy += 0.5 * exact.young * exact.length * (strain**2).mean(axis=1)
     # Fronts are smeared over one interval of 1000, where strain and velocity are half as large.
     assert energy == pytest.approx(np.full(len(t), energy[0]), rel=2e-3)
+
+
+def test_exact_solution_refuses_what_it_cannot_do():
+    with pytest.raises(ValueError, match="whole number"):
+        BouncingBar(length=10.0, young=800.0, density=1.0, height=5.0, gravity=10.0)
 
 
 # ---------------------------------------------------------------- runs

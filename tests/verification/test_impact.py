@@ -5,6 +5,7 @@
 The steps and the march are those of the demo, which is run here as well.
 """
 
+import math
 import os
 import runpy
 from pathlib import Path
@@ -54,6 +55,16 @@ def test_exact_solution_has_the_stated_values(gap):
         assert getattr(oscillator(gap), name) == pytest.approx(value, rel=2e-5)
 
 
+def test_exact_solution_without_a_gap_by_hand():
+    problem = oscillator(0.0)
+    w = math.sqrt((1e4 + 1e6) / 100.0)
+    assert problem.contact_duration == pytest.approx(math.pi / w, rel=1e-13)
+    assert problem.max_force == pytest.approx(1e6 / w, rel=1e-13)
+    assert problem.impulse == pytest.approx(2e6 / w**2, rel=1e-13)
+    assert problem.period == pytest.approx(math.pi / 10.0 + math.pi / w, rel=1e-13)
+    assert problem.period < problem.free_period
+
+
 @pytest.mark.parametrize("gap", [0.0, 0.03, 0.09])
 def test_exact_solution_against_numerical_integration(gap):
     problem = oscillator(gap)
@@ -73,6 +84,15 @@ def test_exact_solution_against_numerical_integration(gap):
         rate, (0.0, 0.8 * problem.period), (0.0, 1.0, 0.0), rtol=1e-11, atol=1e-13, max_step=1e-3
     )
     assert one.y[2, -1] == pytest.approx(problem.impulse, rel=1e-8)
+
+
+def test_exact_solution_keeps_its_energy_and_repeats():
+    problem = oscillator(0.03)
+    t = np.linspace(0.0, 2.0, 20001)
+    u, v = problem.displacement(t), problem.velocity(t)
+    energy = 50.0 * v**2 + 5e3 * u**2 + 0.5e6 * np.maximum(u - 0.03, 0.0) ** 2
+    assert np.abs(energy / problem.energy - 1.0).max() < 1e-12
+    assert problem.displacement(t + problem.period) == pytest.approx(u, abs=1e-12)
 
 
 def test_a_gap_that_never_closes_is_an_error():

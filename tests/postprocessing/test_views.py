@@ -192,11 +192,6 @@ def test_without_anything_to_draw_with_there_is_one_message(
         views.mesh(results)
 
 
-def test_a_library_that_is_not_there_is_not_loadable() -> None:
-    assert not rendering._is_loadable("libno-such-library.so.1")
-    assert rendering._is_loadable("libc.so.6")
-
-
 @pytest.mark.parametrize("module", ["plots", "views"])
 def test_importing_loads_nothing_heavy(module: str) -> None:
     heavy = ("matplotlib", "pyvista", "vtkmodules", "dolfinx")

@@ -258,13 +258,6 @@ def test_names_times_and_summaries_are_checked(tmp_path: Path) -> None:
         writer.finish("complete", {})
 
 
-def test_a_folder_in_the_place_of_the_file_is_kept(tmp_path: Path) -> None:
-    (tmp_path / "r.h5").mkdir()
-    with pytest.raises(ResultsError, match=r"r\.h5 cannot be created: "):
-        ResultsWriter(tmp_path / "r.h5", {}, overwrite=True)
-    assert [path.name for path in tmp_path.iterdir()] == ["r.h5"]
-
-
 @pytest.mark.parametrize(
     "read",
     [
@@ -285,16 +278,6 @@ def test_a_closed_file_says_so(tmp_path: Path, read: Callable[[Results], Any]) -
     results.close()
     with pytest.raises(ResultsError, match=r"r\.h5 is closed\.$"):
         read(results)
-
-
-def test_closing_twice_is_closing_once(tmp_path: Path) -> None:
-    writer = writer_of(tmp_path / "r.h5")
-    writer.finish("complete", {})
-    writer.close()
-    with ResultsWriter(tmp_path / "other.h5", {}):
-        writer.close()
-    with Results(tmp_path / "r.h5") as results:
-        assert results.status == "complete"
 
 
 def test_foreign_files_are_errors(tmp_path: Path) -> None:
@@ -364,13 +347,6 @@ def test_the_agreed_layout_and_its_description(tmp_path: Path) -> None:
     assert "complete" in table.splitlines()[0]
     assert "stream energy: 1 record, 0.5 to 0.5 s" in table
     assert "joints/joint_1/traction" in table
-
-
-def test_points_without_names_are_numbered(tmp_path: Path) -> None:
-    with ResultsWriter(tmp_path / "r.h5", {}) as writer:
-        declare_histories(writer, [[0.0, 0.0, 1.0]])
-    with Results(tmp_path / "r.h5") as results:
-        assert results.point_names == ["point 0"]
 
 
 def test_a_convergence_error_says_what_it_knows() -> None:

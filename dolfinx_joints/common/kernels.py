@@ -15,9 +15,11 @@ import hashlib
 import logging
 import os
 import pickle
+import secrets
 import sys
 from collections.abc import Iterator
 from functools import partial
+from itertools import count
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from types import CellType, CodeType, EllipsisType, FunctionType, ModuleType, NoneType
@@ -28,6 +30,7 @@ import numba
 import numpy as np
 from numba import types
 from numba.core import config, event, sigutils
+from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
@@ -231,10 +234,12 @@ class _Cache(NullCache):  # type: ignore[misc]
         """Return the compiled loop for arguments of these types, None if there is none."""
         target_context.refresh()
         try:
-            data = self._path(sig).read_bytes()
+            parts = pickle.loads(self._path(sig).read_bytes())
         except (OSError, RuntimeError, UnknownValueError):  # RuntimeError: no home
             return None
-        result = CompileResult._rebuild(target_context, *pickle.loads(data))
+        except (EOFError, pickle.UnpicklingError):  # cut short by a crash of the system
+            return None
+        result = CompileResult._rebuild(target_context, *parts)
         arguments, _ = sigutils.normalize_signature(sig)
         return result._replace(signature=result.signature.replace(args=arguments))
 
@@ -279,6 +284,18 @@ def njit(function: Any = None, *, cache: bool = False, **options: Any) -> Any:
         loop._cache = _Cache(loop)
     return loop
 
+
+def _number_functions() -> None:
+    """Begin numba's numbers of functions, part of their symbols, where no other process does.
+
+    Functions of one name that two processes have compiled, as closures have, would otherwise be
+    taken for each other in a third that links both.
+    """
+    FunctionIdentity._unique_ids = count(secrets.randbits(62))
+
+
+_number_functions()
+os.register_at_fork(after_in_child=_number_functions)
 
 # For functions that only other loops call: they need no way in from Python, which takes long to
 # compile.

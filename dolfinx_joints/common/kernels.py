@@ -19,6 +19,7 @@ import secrets
 import sys
 from collections.abc import Iterator
 from functools import partial
+from inspect import CO_GENERATOR, CO_VARARGS, CO_VARKEYWORDS
 from itertools import count
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -192,9 +193,10 @@ def instructions(code: CodeType) -> str:
             if isinstance(value, frozenset):  # whose order is not that of the next run
                 value = sorted(value, key=repr)
             constants.append(instructions(value) if isinstance(value, CodeType) else value)
-    counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
+    counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount
+    flags = code.co_flags & (CO_VARARGS | CO_VARKEYWORDS | CO_GENERATOR)
     names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
-    return repr((constants, counts, names, code.co_code, code.co_exceptiontable))
+    return repr((constants, counts, flags, names, code.co_code, code.co_exceptiontable))
 
 
 def globals_read(code: CodeType) -> Iterator[str]:

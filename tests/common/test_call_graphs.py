@@ -245,7 +245,8 @@ for path in sorted(root.rglob("*.py")):
             if isinstance(value, Dispatcher):
                 graph = CallGraph()
                 graph.add(value)
-                found[value.py_func.__name__] = hashlib.sha256(repr(graph.facts).encode()).hexdigest()
+                facts = repr(graph.facts).encode()
+                found[value.py_func.__name__] = hashlib.sha256(facts).hexdigest()
 print(json.dumps(found))
 """
 LAWS = {"backward_euler_points", "discrete_gradient_points"}

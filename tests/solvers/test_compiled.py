@@ -29,7 +29,6 @@ from dolfinx_joints import (
 )
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.simulation.monitor import Monitor
-from dolfinx_joints.solvers import line_search
 from dolfinx_joints.solvers.interface import corrections
 from dolfinx_joints.solvers.interface.compiled import deflation, krylov, products, ranks, steps
 from dolfinx_joints.solvers.interface.compiled.steps import CompiledSteps

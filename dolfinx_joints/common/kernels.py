@@ -45,7 +45,7 @@ _PLAIN = (bool, int, float, complex, str, bytes, NoneType, EllipsisType, range)
 _NAMED = (types.Array, types.Boolean, types.NoneType, types.Number, types.UnicodeType)
 # Code of these changes with the versions in the key only.
 _VERSIONED = {*sys.stdlib_module_names, "llvmlite", "numba", "numpy"}
-_FOLDERS = tuple(str(Path(each.__file__).parent) for each in (os, llvmlite, numba, np))
+_FOLDERS = tuple(str(Path(str(each.__file__)).parent) for each in (os, llvmlite, numba, np))
 _VERSIONS = (sys.version, numba.__version__, llvmlite.__version__, np.__version__)
 
 
@@ -114,7 +114,7 @@ class CallGraph:
             self._function(value)
         elif isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields"):
             self._fact(value.__module__, value.__qualname__, value._fields)
-            self.add(value._field_defaults)
+            self.add(vars(value)["_field_defaults"])
         elif isinstance(value, type) and issubclass(value, BaseException):
             self._fact(value.__module__, value.__qualname__)  # raised by its name
         elif _is_versioned(value):

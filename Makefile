@@ -159,7 +159,7 @@ MUTANTS_TESTS = $(addprefix tests/,laws joints time_integration solvers simulati
 	model/test_model.py model/test_mass_redistribution.py \
 	$(patsubst %,verification/test_%.py,law_paths sliding_block bouncing_bar bar_on_wall \
 	plasticity loose_blocks shaking_base))
-IN_COPY = cd build/mutants && NUMBA_CACHE_DIR=build/kernels \
+IN_COPY = cd build/mutants && \
 	PYTHONPATH="tests:$(TOOLS)/$(MUTANTS_TOOL)$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON)
 COSMIC_RAY = $(IN_COPY) -m cosmic_ray.cli
 mutants: ## Do tests notice small faults in laws, joints, schemes, solvers? MUTANTS=320 of them
@@ -168,7 +168,6 @@ mutants: ## Do tests notice small faults in laws, joints, schemes, solvers? MUTA
 	git clone -q --shared . build/mutants
 	mkdir -p build/mutants/build/original
 	cp -rL build/mutants/dolfinx_joints build/mutants/build/original
-	find -L build/mutants/dolfinx_joints -name '*.py' -exec touch -d @0 {} +
 	-$(IN_COPY) -m coverage run --source=dolfinx_joints -m pytest -q -p mutants \
 		-p no:cacheprovider -m "not slow" $(MUTANTS_TESTS)
 	$(COSMIC_RAY) init tests/mutants.toml build/session

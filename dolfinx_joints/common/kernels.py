@@ -229,7 +229,7 @@ class _Cache(NullCache):  # type: ignore[misc]
     @property
     def cache_path(self) -> str:
         """The folder."""
-        root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        root = config.CACHE_DIR or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
         return str(Path(root) / "dolfinx_joints" / "loops")
 
     def load_overload(self, sig: Any, target_context: Any) -> CompileResult | None:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from numba.core import config
 
 pytest.importorskip("mpi4py")
 
@@ -141,7 +142,7 @@ EDITS = {
 def run(folder, cache, *command, package=None):
     """Output of Python in a folder, with this package or a copy of it."""
     paths = [str(package or PACKAGE.parent), os.environ.get("PYTHONPATH")]
-    home = {"PYTHONPATH": os.pathsep.join(filter(None, paths)), "XDG_CACHE_HOME": str(cache)}
+    home = {"PYTHONPATH": os.pathsep.join(filter(None, paths)), "NUMBA_CACHE_DIR": str(cache)}
     command = [sys.executable, *command]
     env = os.environ | home
     done = subprocess.run(command, env=env, cwd=folder, capture_output=True, text=True, check=True)
@@ -201,7 +202,7 @@ def test_closures_of_several_processes_are_told_apart(tmp_path):
 
 
 def test_what_cannot_be_described_is_not_kept(tmp_path, monkeypatch, caplog):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
     caplog.set_level(logging.INFO, "dolfinx_joints")
 
     @numba.vectorize

@@ -370,3 +370,9 @@ def multiply_part(split: Any, kept: Kept, values: Singles, out: Singles) -> None
 @overload(multiply_part, strict=False)
 def _(split: Any, kept: Any, values: Any, out: Any) -> Any:
     return _dense_part if split.instance_class is Dense else _low_rank_part
+
+
+@njit(cache=True, no_cfunc_wrapper=True)
+def multiply_whole(split: Any, values: Floats, out: Floats) -> None:
+    """Write S times values to ``out``, for calls from Python (collective)."""
+    multiply(split, values, out)

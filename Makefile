@@ -45,8 +45,6 @@ COVERAGE_NEEDS := 'coverage==7.*'
 SITE_TOOL := site-2
 SITE_NEEDS := 'sphinx==8.2.*' 'myst-parser==4.0.*' 'furo==2025.12.*' 'sphinx-mathjax-offline==0.0.2' \
 	'jupytext==1.19.*' 'nbclient==0.11.*' 'ipykernel==7.*'
-STUDIES_TOOL := studies-1
-STUDIES_NEEDS := 'dask[distributed]==2026.*' 'submitit==1.5.*'
 PEERS_TOOL := peers-1
 PEERS_NEEDS := 'openseespy==3.8.*'
 MUTANTS_TOOL := mutants-2
@@ -73,7 +71,7 @@ endef
 # $(call with_tool,FOLDER): $(PYTHON) that also finds the packages of a tool.
 with_tool = PYTHONPATH="$(TOOLS)/$(1)$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON)
 
-.PHONY: help demo paper studies validate test test-2 test-3 test-rounding test-0.11 verify coverage mutants bench bench-forms bench-studies bench-peers lint dist docs clean
+.PHONY: help demo paper studies validate test test-2 test-3 test-rounding test-0.11 verify coverage mutants bench bench-peers lint dist docs clean
 .DEFAULT_GOAL := help
 
 help: ## Show this list
@@ -161,7 +159,7 @@ MUTANTS_TESTS = $(addprefix tests/,laws joints time_integration solvers simulati
 	model/test_model.py model/test_mass_redistribution.py \
 	$(patsubst %,verification/test_%.py,law_paths sliding_block bouncing_bar bar_on_wall \
 	plasticity loose_blocks shaking_base))
-IN_COPY = cd build/mutants && NUMBA_CACHE_DIR=build/kernels \
+IN_COPY = cd build/mutants && \
 	PYTHONPATH="tests:$(TOOLS)/$(MUTANTS_TOOL)$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON)
 COSMIC_RAY = $(IN_COPY) -m cosmic_ray.cli
 mutants: ## Do tests notice small faults in laws, joints, schemes, solvers? MUTANTS=320 of them
@@ -170,7 +168,6 @@ mutants: ## Do tests notice small faults in laws, joints, schemes, solvers? MUTA
 	git clone -q --shared . build/mutants
 	mkdir -p build/mutants/build/original
 	cp -rL build/mutants/dolfinx_joints build/mutants/build/original
-	find -L build/mutants/dolfinx_joints -name '*.py' -exec touch -d @0 {} +
 	-$(IN_COPY) -m coverage run --source=dolfinx_joints -m pytest -q -p mutants \
 		-p no:cacheprovider -m "not slow" $(MUTANTS_TESTS)
 	$(COSMIC_RAY) init tests/mutants.toml build/session
@@ -183,16 +180,6 @@ mutants: ## Do tests notice small faults in laws, joints, schemes, solvers? MUTA
 
 bench: ## Run a part of each benchmark; all of them with BENCH_ARGS=
 	@for script in $(BENCHMARKS); do echo "== $$script"; $(PYTHON) "$$script" $(BENCH_ARGS); done
-
-bench-forms: ## Joint integrals against the operator on 1, 2, 3 ranks, with both versions of DOLFINx
-	@for version in 0.9 0.11; do for ranks in 1 2 3; do \
-		./with-dolfinx --dolfinx $$version timeout --foreground $(MPI_SECONDS) \
-			mpirun -n $$ranks python3 benchmarks/interface_integrals.py --parts operator; \
-	done; done
-
-bench-studies: ## A study on processes, MPI ranks, dask and submitit, each also killed and resumed
-	@$(call install_tool,$(STUDIES_TOOL),$(STUDIES_NEEDS))
-	$(call with_tool,$(STUDIES_TOOL)) -m benchmarks.study_engines
 
 bench-peers: ## The jointed wall also in OpenSees: motion and time per step side by side
 	@$(call install_tool,$(PEERS_TOOL),$(PEERS_NEEDS))

@@ -34,20 +34,16 @@ from typing import Any
 
 from mpi4py import MPI
 
-import numpy as np
-
 import dolfinx_joints as dj
 from benchmarks.shared.measure import (
     Phases,
     StepWatch,
     free_memory,
     load_average,
-    petsc_sent,
     slowest,
 )
 from benchmarks.shared.scenes import TIME_STEP, wall, wall_file
 from dolfinx_joints.common.command_line import Parser, at_least
-from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.simulation.record import Record
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 from dolfinx_joints.solvers.multigrid.tangent import TangentMultigrid
@@ -73,7 +69,6 @@ class IterationWatch(StepWatch):
 
     Attributes:
         counts: Iterations of each of its solves, a list for each step.
-        sent: Messages and bytes that PETSc had sent from this rank after each step.
     """
 
     def __init__(self, scene: Any, solves: list[int]) -> None:
@@ -81,13 +76,11 @@ class IterationWatch(StepWatch):
         super().__init__(scene)
         self._solves = solves
         self.counts: list[list[int]] = []
-        self.sent: list[tuple[float, float]] = []
 
     def record(self, record: Record) -> None:
         """Take what was solved since the last step."""
         super().record(record)
         self.counts.append(self._solves.copy())
-        self.sent.append(petsc_sent())
         self._solves.clear()
 
 
@@ -138,8 +131,6 @@ def measure(kind: str, body: Wall, mesh: Path, options: argparse.Namespace) -> d
         )
     first, *others = watch.wall
     totals = [sum(step) for step in watch.counts[1:]]
-    sent = np.subtract(watch.sent[-1], watch.sent[0]) / len(others)
-    messages, size = of_ranks(MPI.COMM_WORLD, sent).mean(axis=0)
     return {
         "kind": kind,
         "ranks": MPI.COMM_WORLD.size,
@@ -156,8 +147,6 @@ def measure(kind: str, body: Wall, mesh: Path, options: argparse.Namespace) -> d
         "newton": [watch.iterations[0], statistics.mean(watch.iterations[1:])],
         "opened": max((share[0] for share in watch.shares), default=0.0),
         "ledger": end.imbalance,
-        "messages": messages,
-        "bytes": size,
         "setup_s": phases.seconds["set-up"],
         "peak_mb": max(phases.peaks_mb.values()),
     }

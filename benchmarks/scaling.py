@@ -7,16 +7,13 @@ Two series of the jointed wall: refined with fewer and fewer joints, so that the
 points stays near one thousand (except with ``--large``, where a single joint has 2800), and one
 mesh cut by more and more joints. Each case runs tied and with joints.
 
-The time of a jointed step is split into back-substitutions (solves with the bulk), products with
-the sparse matrices (M, C, K, B), the joint law, the joint solver besides these, and the rest of the
-step. These are means over the steps but the first, so that on one rank they add up; of several
-ranks each is that of the slowest. Growth is the exponent p of time ~ n^p, fitted over the series.
+Beside the time of a step are those of one back-substitution with the bulk and of the compiled
+iteration on the joints, medians over the steps but the first; of several ranks the slowest counts.
+Growth is the exponent p of time ~ n^p, fitted over the series.
 
-``--ranks 1 2`` runs the program under mpirun once for each number of ranks and prints what becomes
-of each phase; efficiency is the time on the first number of ranks over that on another, per rank.
-One rank uses CHOLMOD where PETSc has it, several use MUMPS: that is part of the comparison, unless
-``--linear mumps`` has all of them use it. What waits for memory is compared with the bandwidth of a
-triad, a = b + s c, on as many ranks.
+One rank uses CHOLMOD where PETSc has it, several use MUMPS, unless ``--linear mumps`` has one rank
+use it too. What waits for memory is compared with the bandwidth of a triad, a = b + s c, on as many
+ranks.
 """
 
 from __future__ import annotations
@@ -24,11 +21,9 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, get_args
 
 from mpi4py import MPI
@@ -37,10 +32,10 @@ import numpy as np
 
 import dolfinx_joints as dj
 from benchmarks.shared.measure import bandwidth, load_average, march, print_disturbance
-from benchmarks.shared.parts import PARTS, Clocks, SplitWatch
 from benchmarks.shared.scenes import Scene, wall
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.solvers.effective_matrix import LinearSolver
+from dolfinx_joints.solvers.step_solver import ComplianceKind
 
 SETUP = ("mesh", "assembly", "statics", "factor", "compliance")
 STEPS = {
@@ -48,6 +43,8 @@ STEPS = {
     "jointed": "joints_ms",
     "linear, processor": "linear_cpu_ms",
     "jointed, processor": "joints_cpu_ms",
+    "one back-substitution": "solve_ms",
+    "iteration on the joints": "iteration_ms",
 }
 
 
@@ -79,7 +76,10 @@ SERIES: Series = {
 }
 LARGE: Series = {
     "dofs": {"1M dofs": Case(divisions=(116, 23, 116), joints=1)},
-    "points": {"10k points": Case(divisions=(56, 8, 40), joints=27)},
+    "points": {
+        "7k points": Case(divisions=(40, 8, 40), joints=19),
+        "10k points": Case(divisions=(56, 8, 40), joints=27),
+    },
 }
 QUICK: Series = {
     "dofs": {
@@ -97,15 +97,13 @@ CASES = [name for table in (SERIES, LARGE, QUICK) for cases in table.values() fo
 # ---------------------------------------------------------------- cases
 
 
-def measure(name: str, case: Case, steps: int, linear_solver: LinearSolver) -> dict[str, Any]:
+def measure(name: str, case: Case, options: argparse.Namespace) -> dict[str, Any]:
     """A case, tied and with joints (collective)."""
-    options = dj.SolverOptions(linear=linear_solver)
-    scene, clocks = case.scene(name), Clocks()
-    watch = SplitWatch(scene, clocks)
+    scene, steps = case.scene(name), options.steps
+    given = dj.SolverOptions(linear=options.linear, compliance=options.compliance)
     with scene.mesh_file() as mesh:
-        linear = march(scene, mesh, steps, law=None, options=options)
-        with clocks.watching():
-            joints = march(scene, mesh, steps, law=scene.law(), options=options, watch=watch)
+        linear = march(scene, mesh, steps, law=None, options=given)
+        joints = march(scene, mesh, steps, law=scene.law(), options=given)
     return {
         "dofs": joints.dofs,
         "joint_points": joints.points,
@@ -122,8 +120,8 @@ def measure(name: str, case: Case, steps: int, linear_solver: LinearSolver) -> d
         "ratio_cpu": joints.step_cpu_ms / linear.step_cpu_ms,
         "linear_cpu_ms": linear.step_cpu_ms,
         "joints_cpu_ms": joints.step_cpu_ms,
-        "joints_mean_ms": joints.mean_ms,
-        "parts_ms": watch.parts_ms(),
+        "solve_ms": joints.solve_ms,
+        "iteration_ms": joints.iteration_ms,
         "setup_s": joints.seconds,
         "linear_setup_s": linear.seconds,
         "peak_mb": joints.peak_mb,
@@ -136,7 +134,6 @@ def numbers(row: dict[str, Any]) -> dict[str, float]:
     return {
         **row["setup_s"],
         **{name: row[key] for name, key in STEPS.items()},
-        **row["parts_ms"],
     }
 
 
@@ -160,7 +157,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         if options.large:
             cases |= LARGE[series]
         rows = {
-            name: measure(name, case, options.steps, options.linear)
+            name: measure(name, case, options)
             for name, case in cases.items()
             if options.cases is None or name in options.cases
         }
@@ -195,7 +192,6 @@ def print_series(name: str, found: dict[str, Any]) -> None:
     for title, labels in (
         ("set-up [s]", SETUP),
         ("step, median [ms]", tuple(STEPS)),
-        ("of the jointed one, mean [ms]", PARTS),
     ):
         print(title)
         for label in labels:
@@ -207,90 +203,31 @@ def print_series(name: str, found: dict[str, Any]) -> None:
     print_disturbance(rows.values())
 
 
-def compare_ranks(options: argparse.Namespace, arguments: list[str]) -> dict[str, Any]:
-    """Run under mpirun for each number of ranks, and print the efficiencies."""
-    by_ranks = {}
-    for ranks in options.ranks:
-        command = ["mpirun", "--map-by", ":OVERSUBSCRIBE", "-n", str(ranks), sys.executable]
-        command += [str(Path(__file__).resolve()), *arguments, "--json"]
-        print(f"== {ranks} rank(s)", flush=True)
-        done = subprocess.run(command, env=dict(os.environ), stdout=subprocess.PIPE, text=True)
-        if done.returncode:
-            raise SystemExit(f"scaling: the run on {ranks} ranks failed.")
-        *shown, last = done.stdout.rstrip("\n").split("\n")
-        print("\n".join(shown), flush=True)
-        by_ranks[ranks] = json.loads(last)
-    first, *others = options.ranks
-    found: dict[str, Any] = {str(ranks): rows for ranks, rows in by_ranks.items()}
-    for ranks in others:
-        found[f"efficiency {first} to {ranks}"] = efficiencies(
-            by_ranks[first], by_ranks[ranks], ranks / first
-        )
-        print_efficiencies(found[f"efficiency {first} to {ranks}"], first, ranks)
-    return found
-
-
-def efficiencies(
-    few: dict[str, Any], many: dict[str, Any], times: float
-) -> dict[str, dict[str, float]]:
-    """Time on few ranks over ``times`` that on many, for every case and phase."""
-    found = {}
-    for series in few:
-        for name, row in few[series]["cases"].items():
-            a, b = numbers(row), numbers(many[series]["cases"][name])
-            found[name] = {key: a[key] / (times * b[key]) for key in a if a[key] > 0 < b[key]}
-            more = many[series]["cases"][name]["bandwidth"] / row["bandwidth"]
-            found[name]["triad"] = more / times
-    return found
-
-
-def print_efficiencies(found: dict[str, dict[str, float]], first: int, ranks: int) -> None:
-    """A column for each case."""
-    print(
-        f"\nEfficiency of {ranks} ranks against {first}: 100 % is {ranks / first:g} times as fast\n"
-    )
-    print(f"{'':24}" + "".join(f"{name:>14}" for name in found))
-    for label in (*SETUP, *STEPS, *PARTS, "triad"):
-        shares = [row.get(label) for row in found.values()]
-        texts = ["-" if share is None else f"{100 * share:.0f} %" for share in shares]
-        print(f"{label:24}" + "".join(f"{text:>14}" for text in texts))
-
-
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     """Options of the command line."""
     parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--series", nargs="+", default=list(SERIES), choices=list(SERIES))
     parser.add_argument("--steps", type=at_least(1), default=30)
-    parser.add_argument("--large", action="store_true", help="also 1M dofs and 10k joint points")
+    parser.add_argument(
+        "--large", action="store_true", help="also 1M dofs, 7k and 10k joint points"
+    )
     parser.add_argument("--quick", action="store_true", help="tiny walls")
     parser.add_argument("--cases", nargs="+", choices=CASES, help="some of the walls alone")
     parser.add_argument("--linear", choices=get_args(LinearSolver), default="auto")
-    parser.add_argument(
-        "--ranks", nargs="+", type=at_least(1), help="run under mpirun, compare the ranks"
-    )
+    parser.add_argument("--compliance", choices=get_args(ComplianceKind), default="auto")
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     return parser.parse_args(arguments)
-
-
-def without_ranks(options: argparse.Namespace) -> list[str]:
-    """The command line of a run under mpirun."""
-    flags = [f"--{name}" for name in ("large", "quick") if getattr(options, name)]
-    flags += ["--linear", options.linear, *(["--cases", *options.cases] if options.cases else [])]
-    return ["--series", *options.series, "--steps", str(options.steps), *flags]
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Print tables, or one JSON object as the last line."""
     options = parse_arguments(sys.argv[1:] if arguments is None else arguments)
-    if options.ranks:
-        found = compare_ranks(options, without_ranks(options))
-    else:
-        found = run(options)
-        if MPI.COMM_WORLD.rank == 0:
-            for name in found:
-                print_series(name, found[name])
-    if options.json and MPI.COMM_WORLD.rank == 0:
-        print(json.dumps(found))
+    found = run(options)
+    if MPI.COMM_WORLD.rank == 0:
+        for name in found:
+            print_series(name, found[name])
+        if options.json:
+            print(json.dumps(found))
 
 
 if __name__ == "__main__":

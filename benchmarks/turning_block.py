@@ -100,11 +100,9 @@ def block(amplitude: float, bias: float, stiffness: float) -> Problem:
     )
 
 
-def error(
-    motion: tuple[float, float], stiffness: float, steps: int, solver: str = "auto"
-) -> tuple[float, int, float]:
+def error(motion: tuple[float, float], stiffness: float, steps: int) -> tuple[float, int, float]:
     """Largest error of the slip over its range, steps solved in a cycle, and the ledger."""
-    run = march(block(*motion, stiffness), dj.EnergyConsistent(), 1.0 / steps, solver=solver)
+    run = march(block(*motion, stiffness), dj.EnergyConsistent(), 1.0 / steps)
     exact = exact_slip(*motion, run.time)
     off = float(np.abs(run.displacement[:, 0] - exact).max() / np.ptp(exact))
     return off, round(run.solves / CYCLES), run.ledger or 0.0

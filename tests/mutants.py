@@ -10,14 +10,11 @@ from __future__ import annotations
 
 import ast
 import json
-import os
 import random
-import shutil
 import subprocess
 import sys
 from collections import defaultdict
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 REACH = Path("build/reach.json")  # {"seconds": {test: s}, "lines": {file: {line: [tests]}}}
 ORIGINAL = Path("build/original")  # the package without a fault
@@ -115,19 +112,10 @@ def is_compiled(file: str) -> bool:
 
 
 def test() -> int:
-    """Run the tests that reach the fault; kernels that it may be part of are compiled anew."""
-    file, line = changed()
-    tests = reaching(file, line)
-    for path in Path("dolfinx_joints").rglob("*.py"):
-        if str(path) != file:
-            os.utime(path, (0, 0))  # as it was when the kernels were compiled
-    with TemporaryDirectory() as folder:
-        cache = Path(folder) / "kernels"
-        if not is_compiled(file):
-            shutil.copytree("build/kernels", cache)
-        command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
-        environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
-        return subprocess.run(command, env=environment, check=False).returncode if tests else 0
+    """Run the tests that reach the fault; loops that it is part of are compiled anew."""
+    tests = reaching(*changed())
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
+    return subprocess.run(command, check=False).returncode if tests else 0
 
 
 if __name__ == "__main__":

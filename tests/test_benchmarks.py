@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Small runs of the benchmarks: that they run, print what they promise and can fail.
+"""Small runs of the benchmarks: each once in its smallest form, its numbers read back.
 
 Expected: facts of the meshes counted by hand, and bounds that the programs assert themselves.
 """
@@ -8,7 +8,6 @@ Expected: facts of the meshes counted by hand, and bounds that the programs asse
 import json
 import math
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,30 +17,19 @@ pytest.importorskip("gmsh")
 
 from mpi4py import MPI
 
-import dolfinx_joints as dj
 from benchmarks import (
-    agreement,
     brief,
-    cluster_model,
-    compliances,
     error_against_time,
     exact_modes,
-    interface_integrals,
     jointed_wall,
-    large,
     large_bodies,
-    motion_suite,
     opensees_wall,
-    per_rank,
     reservoir_waves,
     scaling,
     stability,
+    work_precision,
 )
-from benchmarks.shared.parts import PARTS, Clocks
 from benchmarks.shared.scenes import wall
-from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
-from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 
 PROMISED = {"dofs", "joint_points", "steps", "linear_ms", "joints_ms", "ratio", "newton_mean"}
 PROMISED |= {"ledger", "peak_mb", "linear_cpu_ms", "joints_cpu_ms", "newton_max"}
@@ -73,28 +61,34 @@ def test_jointed_wall(capsys):
         assert 0.0 < row["joints_iteration_ms"] < row["joints_ms"]
 
 
-def test_medians_over_repeats():
-    row = jointed_wall.measure(wall("tiny"), 3, repeat=3)
-    assert row["repeats"] == 3
-    assert row["ratio_range"][0] < row["ratio"] < row["ratio_range"][1]
+@pytest.mark.mpi
+def test_scaling(capsys):
+    scaling.main(["--quick", "--steps", "3", "--series", "points", "--json"])
+    found = printed(capsys)
+    if found is None:
+        return
+    few, many = found["points"]["cases"].values()
+    # A joint of 2 x 8 cells doubles 3 x 9 nodes; there are one and three of them.
+    assert (few["joint_points"], many["joint_points"]) == (27, 81)
+    for row in (few, many):
+        assert 0.0 < row["solve_ms"] < row["joints_ms"]
+    exponent = found["points"]["growth"]["jointed"]
+    assert many["joints_ms"] / few["joints_ms"] == pytest.approx(3.0**exponent)
 
 
-def test_steps_over_those_of_the_supernodal_factor(capsys):
-    rows = jointed_wall.main(["--quick", "--steps", "4", "--supernodal"])
-    lines = capsys.readouterr().out.rstrip().split("\n")[-2:]
-    for line, run in zip(lines, ("linear", "joints"), strict=True):
-        row = {name.removeprefix(run): value for name, value in rows["tiny"].items()}
-        step, solve = row["_supernodal_ms"], row["_supernodal_solve_ms"]
-        shown = [float(number) for number in line.split()[2:]]
-        found = [step, solve, step / solve, row["_ms"] / solve]
-        assert shown == pytest.approx(found, abs=5.1e-3)
-
-
-def test_the_tied_peaks_are_checked(monkeypatch):
-    monkeypatch.setattr(jointed_wall, "TIED_STEPS", 3)
-    wrong = replace(wall("tiny"), tied_peaks_mm=(1.0, 1.0, 1.0))
-    with pytest.raises(AssertionError):
-        jointed_wall.measure(wrong, 3)
+@pytest.mark.mpi
+@pytest.mark.slow
+def test_large_bodies(capsys):
+    assert large_bodies.main(["--quick", "--solver", "monolithic", "--json"]) == 0
+    rows = printed(capsys)
+    if rows is None:
+        return
+    # 8 x 2 x 8 and 12 x 3 x 12 cells; the joint doubles 3 x 9 and 4 x 13 nodes.
+    dofs = [3 * 9 * 3 * 9, 3 * (9 + 1) * 3 * 9, 3 * 13 * 4 * 13, 3 * (13 + 1) * 4 * 13]
+    assert [row["dofs"] for row in rows] == dofs
+    assert all(row["iterations"] >= row["solves"] >= 1.0 for row in rows)
+    tied, *_ = rows
+    assert not large_bodies.passed([tied, {**tied, "iterations": 1.3 * tied["iterations"]}])
 
 
 def test_exact_modes(capsys):
@@ -104,15 +98,6 @@ def test_exact_modes(capsys):
     assert ledger < 1e-12
     exact_modes.main(["--cost", "tiny", "--modes", "5", "--steps", "3"])
     assert "tiny, 972 dofs" in capsys.readouterr().out
-
-
-def test_reservoir_waves(capsys):
-    # 5 depths of a bottom that absorbs, in the time of six waves along them: 3 % at the most.
-    error, _, imbalance = reservoir_waves.force("stream", 0.75, 5.0, 0.0, "radiating", 1600)
-    assert error < 0.04
-    assert imbalance < 1e-12
-    reservoir_waves.main(["--dam", "dam tiny", "--steps", "3"])
-    assert "dam tiny, dry: 636 unknowns" in capsys.readouterr().out
 
 
 def test_the_bar_that_strikes_six_times():
@@ -136,16 +121,6 @@ def test_fewest_steps_for_an_error():
     assert exact_modes.steps_for(0.01, steps, [0.1, 0.05, 0.025, 0.0125]) == math.inf
 
 
-def test_the_table_of_the_readme():
-    """The files and tests in the table exist, and so do the numbers that it reads from pages."""
-    for row in brief.ROWS:
-        assert all((brief.PROJECT / file).is_file() for file in row.files.split()), row.files
-        assert row.test.startswith("make ") or (brief.PROJECT / row.test).is_file(), row.test
-        assert f"| {row.feature} | [" in (brief.PROJECT / "README.md").read_text("utf-8")
-    pages = [row for row in brief.ROWS if row.test.endswith(".md")]
-    assert all(re.search(r"\d", row.number()) for row in pages)
-
-
 def test_error_against_time(tmp_path):
     """Central differences, another method in other code, give the motion of the default scheme."""
     runs = error_against_time.Runs(0.04, 1, tmp_path)
@@ -159,6 +134,26 @@ def test_error_against_time(tmp_path):
     assert coarse["crest"] > 5.0 * off["crest"]
     # Found again, not run again.
     assert runs.take("central differences", 1.0, 12.0)["cpu"] == explicit["cpu"]
+
+
+def test_work_precision(capsys, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["", "--quick", "--only", "impact_1e0", "--json"])
+    work_precision.main()
+    found = printed(capsys)
+    assert found["ec_failed"] == 0
+    assert found["ledger_max"] < 1e-12
+    few, many = (row for row in found["problems"]["impact_1e0"][:2])
+    # Ten times the steps: a hundredth of the error of a scheme of second order.
+    assert few["error_displacement"] / many["error_displacement"] == pytest.approx(100.0, rel=0.3)
+
+
+def test_reservoir_waves(capsys):
+    # 5 depths of a bottom that absorbs, in the time of six waves along them: 3 % at the most.
+    error, _, imbalance = reservoir_waves.force("stream", 0.75, 5.0, 0.0, "radiating", 1600)
+    assert error < 0.04
+    assert imbalance < 1e-12
+    reservoir_waves.main(["--dam", "dam tiny", "--steps", "3"])
+    assert "dam tiny, dry: 636 unknowns" in capsys.readouterr().out
 
 
 def test_stability(capsys, monkeypatch):
@@ -177,13 +172,6 @@ def test_stability(capsys, monkeypatch):
     assert max(found[name]["imbalance"] for name in ("gap", "wall", "mass")) < 1e-11
 
 
-def test_a_run_that_fails_is_shown(capsys):
-    # Blocks 5 um thick in steps of 1 ms: M / dt^2 is 1e-12 of K, below what the factor resolves.
-    line = stability.measure("flat", [stability.Case(aspect=1e5)])
-    assert line == {"row": "flat", "runs": 1, "failed": 1, "imbalance": None}
-    assert "singular" in capsys.readouterr().err
-
-
 def test_the_page_of_stability_has_all_rows():
     page = (stability.DOCS / "stability.md").read_text(encoding="utf-8")
     rows = page.split(stability.MARKS[0])[1].split(stability.MARKS[1])[0].strip().splitlines()[2:]
@@ -191,12 +179,14 @@ def test_the_page_of_stability_has_all_rows():
     assert shown == [(name, len(cases)) for name, cases in stability.ROWS.items()]
 
 
-def test_motion_suite(capsys):
-    motion_suite.main(["--quick", "--json"])
-    (row,) = printed(capsys)
-    assert (row["motions"], row["steps"]) == (3, 20)
-    assert row["ratio"] == pytest.approx(row["together_s"] / row["alone_s"])
-    assert row["difference"] < 1e-9
+def test_the_table_of_the_readme():
+    """The files and tests in the table exist, and so do the numbers that it reads from pages."""
+    for row in brief.ROWS:
+        assert all((brief.PROJECT / file).is_file() for file in row.files.split()), row.files
+        assert row.test.startswith("make ") or (brief.PROJECT / row.test).is_file(), row.test
+        assert f"| {row.feature} | [" in (brief.PROJECT / "README.md").read_text("utf-8")
+    pages = [row for row in brief.ROWS if row.test.endswith(".md")]
+    assert all(re.search(r"\d", row.number()) for row in pages)
 
 
 def test_the_wall_for_opensees():
@@ -228,176 +218,3 @@ def test_opensees_wall(capsys):
     linear, jointed, _ = printed(capsys)
     assert linear["static_difference"] < 1e-9
     assert jointed["static_difference"] < 1e-6
-
-
-def test_without_opensees(capsys, monkeypatch):
-    monkeypatch.setattr(opensees_wall, "missing", lambda: "no such module")
-    assert opensees_wall.main(["--quick"]) == 0
-    (line,) = capsys.readouterr().out.splitlines()
-    assert line == "OpenSees is left out (no such module); make bench-peers brings it."
-
-
-@pytest.mark.slow
-def test_compliances(capsys):
-    assert (
-        compliances.main(["--quick", "--kinds", "dense", "compressed", "matrix-free", "--json"])
-        == 0
-    )
-    rows = printed(capsys)
-    assert [row["kind"] for row in rows] == ["dense", "compressed", "matrix-free"]
-    for row in rows:
-        # 16 x 4 x 16 cells, 7 joints; the nodes of the clamped base count as well.
-        assert row["unknowns"] == 3 * 7 * 5 * 17
-        assert row["dense_mb"] == 8 * row["unknowns"] ** 2 / 2**20
-        assert row["ledger"] < 1e-9
-    dense, compressed, free = (row["kept_mb"] for row in rows)
-    assert dense == rows[0]["dense_mb"]
-    assert 0.0 < compressed < dense
-    assert free == 0.0
-
-
-@pytest.mark.slow
-def test_compliances_that_differ_are_shown(monkeypatch, capsys):
-    monkeypatch.setattr(compliances, "LARGEST_DIFFERENCE", -1.0)
-    assert compliances.main(["--quick", "--kinds", "dense"]) == 1
-
-
-def test_agreement(capsys):
-    status = agreement.main(["--scenes", "tiny", "--steps", "5", "--history", "5", "--json"])
-    assert status == 0
-    found = printed(capsys)
-    assert found["tiny"]["by_step"]["unsolved"] == 0
-    assert 0.0 < found["tiny"]["by_step"]["joint_force"] <= agreement.BOUNDS["steps"]
-    assert 0.0 < found["tiny"]["history"]["displacement"] <= agreement.BOUNDS["histories"]
-
-
-def test_a_disagreement_is_seen(monkeypatch):
-    # A reference that stops at 1e-2 of the forces is not equal to nine digits.
-    monkeypatch.setattr(agreement, "REFERENCE", dj.SolverOptions(relative_tolerance=1e-2))
-    assert agreement.main(["--scenes", "tiny", "--steps", "5", "--history", "5"]) == 1
-
-
-@pytest.mark.mpi
-def test_scaling(capsys):
-    scaling.main(["--quick", "--steps", "3", "--series", "points", "--json"])
-    found = printed(capsys)
-    if found is None:
-        return
-    few, many = found["points"]["cases"].values()
-    # A joint of 2 x 8 cells doubles 3 x 9 nodes; there are one and three of them.
-    assert (few["joint_points"], many["joint_points"]) == (27, 81)
-    for row in (few, many):
-        assert all(row["parts_ms"][part] > 0.0 for part in PARTS)
-        if row["ranks"] == 1:
-            assert sum(row["parts_ms"].values()) == pytest.approx(row["joints_mean_ms"])
-    exponent = found["points"]["growth"]["jointed"]
-    assert many["joints_ms"] / few["joints_ms"] == pytest.approx(3.0**exponent)
-
-
-def test_scaling_leaves_the_package_as_it_was():
-    def methods():
-        return MatrixSystem.multiply, InterfaceSolver.solve, EffectiveMatrix.solver
-
-    before = methods()
-    with Clocks().watching():
-        assert all(a is not b for a, b in zip(methods(), before, strict=True))
-    assert methods() == before
-
-
-@pytest.mark.mpi
-def test_interface_integrals(capsys):
-    assert interface_integrals.main(["--quick", "--parts", "wall", "law", "--json"]) == 0
-    found = printed(capsys)
-    if found is None:
-        return
-    # Newton's method, quadratic where no point changes from one branch of the law to another.
-    *_, before, after, _, _ = found["wall"]["forms"]["residuals"]
-    assert after < 1e2 * before**1.5
-    assert 0.0 < found["law"]["left"] <= interface_integrals.BOUNDS["energy"]
-
-
-def test_forms_that_differ_are_shown(monkeypatch):
-    # Sums in another order differ by rounding.
-    monkeypatch.setattr(interface_integrals, "BOUNDS", {"operator": 0.0})
-    monkeypatch.setattr(interface_integrals, "SHAPES", interface_integrals.SHAPES[:1])
-    assert interface_integrals.main(["--quick", "--parts", "operator"]) == 1
-
-
-def test_efficiency_of_ranks():
-    def run(ms):
-        row = dict.fromkeys(scaling.STEPS.values(), ms)
-        row |= {"setup_s": {"mesh": 1.0, "compliance": 0.0}, "parts_ms": {}, "bandwidth": 1e10}
-        return {"dofs": {"cases": {"a": row}}}
-
-    # 6 ms on one rank and 4 ms on two: 1.5 times as fast on twice as many.
-    found = scaling.efficiencies(run(6.0), run(4.0), 2.0)["a"]
-    assert found["jointed"] == pytest.approx(0.75)
-    assert found["mesh"] == pytest.approx(0.5)
-    assert "compliance" not in found
-
-
-@pytest.mark.slow
-def test_paths_agree_on_ranks():
-    arguments = ["--paths", "--ranks", "1", "2", "--steps", "3", "--divisions", "4", "2", "4"]
-    assert per_rank.main(arguments) == 0
-
-
-def test_constants_of_a_cluster_are_found_again(tmp_path, capsys):
-    # Rows that follow from constants; 100 bytes of (1000 / 8)^(2/3) = 25 to each of 7 neighbours.
-    def row(ranks, dofs, points, newton):
-        seconds = 1e-7 * (20.0 * dofs + 3.0 * newton * points)
-        return {
-            "ranks": ranks,
-            "dofs": dofs,
-            "joint_points": points,
-            "iterations": 20.0,
-            "newton": [0, newton],
-            "step_cpu_s": seconds,
-            "peak_mb": 300.0 + 0.01 * dofs + 0.02 * points,
-            "messages": 7.0 * 20.0 * 5.0,
-            "bytes": 7.0 * 20.0 * 100.0 * 25.0,
-        }
-
-    rows = [row(1, 1000, 0, 1), row(1, 1000, 100, 8), row(1, 3000, 50, 4), row(8, 1000, 0, 1)]
-    file = tmp_path / "rows.txt"
-    file.write_text("a table\n" + json.dumps(rows))
-    one_rank_a_node = ["--node-ranks", "1", "--node-bandwidth", "17e9", "--network", "1e9"]
-    body = ["--dofs", "8e6", "--points", "1e5", "--newton", "10", "--latency", "1e-5"]
-    cluster_model.main([str(file), "--ranks", "8", *one_rank_a_node, *body])
-    *_, printed_row = capsys.readouterr().out.splitlines()
-    ranks, linear, waiting, _, jointed, *_, held, _ = printed_row.split()
-    # 20 iterations of 1e6 dofs a rank; 7 * 5 messages and 3 of a sum; 7 * 100 bytes of 1e6^(2/3).
-    wire = 20 * (38 * 1e-5 + 7 * 100 * 1e4 / 1e9)
-    assert float(linear) == pytest.approx(2.0 + wire, abs=1e-3)
-    assert float(waiting) == pytest.approx(100 * wire / (2.0 + wire), abs=1)
-    # 50 iterations, and 10 corrections of 1e5 points.
-    expected = 2.5 * (2.0 + wire) + 3e-7 * 10 * 1e5 / 8
-    assert float(jointed) == pytest.approx(expected, abs=2e-3)
-    assert (int(ranks), int(held)) == (8, round(300 + (8e4 + 2e3) / 8))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("linear", ["iterative", "direct"])
-def test_large(capsys, linear):
-    assert large.main(["--quick", "--linear", linear, "--json"]) == 0
-    tied, split = printed(capsys)
-    # 16 x 4 x 16 cells; the joint doubles its 5 x 17 nodes.
-    assert tied["dofs"] == 3 * 17 * 5 * 17
-    assert split["dofs"] == tied["dofs"] + 3 * 5 * 17
-    assert split["opened"] > 0.0
-    assert not large.passed({**split, "opened": 0.0})
-
-
-@pytest.mark.mpi
-@pytest.mark.slow
-def test_large_bodies(capsys):
-    assert large_bodies.main(["--quick", "--solver", "monolithic", "--json"]) == 0
-    rows = printed(capsys)
-    if rows is None:
-        return
-    # 8 x 2 x 8 and 12 x 3 x 12 cells; the joint doubles 3 x 9 and 4 x 13 nodes.
-    dofs = [3 * 9 * 3 * 9, 3 * (9 + 1) * 3 * 9, 3 * 13 * 4 * 13, 3 * (13 + 1) * 4 * 13]
-    assert [row["dofs"] for row in rows] == dofs
-    assert all(row["iterations"] >= row["solves"] >= 1.0 for row in rows)
-    tied, *_ = rows
-    assert not large_bodies.passed([tied, {**tied, "iterations": 1.3 * tied["iterations"]}])

@@ -8,18 +8,14 @@ names (``make docs``).
 
 from __future__ import annotations
 
-import base64
 import importlib
-import io
 import os
 import re
 from pathlib import Path
 from urllib.parse import unquote
 
-import numpy as np
 import pytest
 from browser import Browser, chromium
-from PIL import Image
 
 import dolfinx_joints
 
@@ -79,49 +75,6 @@ def test_every_task_of_the_guide_is_linked_from_the_reference(pages):
     guide = {path.stem for path in (PROJECT / "docs" / "guide").glob("*.md")}
     linked = set(re.findall(r"\(\.\./guide/(\w+)\.md\)", reference))
     assert linked == guide - {"index", "other_codes"}
-
-
-def test_a_card_shows_the_picture_title_and_first_sentence_of_a_demo(pages, tmp_path):
-    pixels = np.full((300, 600, 3), [200, 30, 30], dtype=np.uint8)
-    (tmp_path / "05_law").mkdir()
-    Image.fromarray(pixels).save(tmp_path / "05_law" / "tractions.png")
-    page = (
-        "# A law\n\n```python\nx = 1\n```\n\nThe joints get [a law](law.md) of `UFL`. It holds.\n"
-    )
-    made = pages.gallery({"05_law": page}, tmp_path)
-    assert '<a href="05_law.html">' in made
-    assert "<b>A law</b><span>The joints get a law of UFL.</span>" in made
-    data = re.search(r"data:image/jpeg;base64,([^\"]+)", made)[1]
-    with Image.open(io.BytesIO(base64.b64decode(data))) as small:
-        assert small.size == (640, 400)
-        np.testing.assert_allclose(small.getpixel((320, 200)), [200, 30, 30], atol=3)
-
-
-def test_a_demo_becomes_a_page(pages, tmp_path):
-    script = tmp_path / "demo.py"
-    script.write_text(
-        "#!/usr/bin/env python3\n# %% [markdown]\n# # Title\n#\n# Text $a\\,b$.\n\n# %%\nx = 1\n\n"
-        "# a comment\nprint(x)\n\n# %% [markdown]\n# # Verification\n\n# %%\nassert x\n"
-    )
-    run = tmp_path / "run"
-    (run / "output").mkdir(parents=True)
-    (run / "printed.txt").write_text("1\n")
-    (run / "output" / "two_lines.png").write_bytes(b"picture")
-    page = pages.demo_page(script, run, tmp_path / "pages" / "demo")
-    assert page == (
-        "# Title\n\nText $a\\,b$.\n\n```python\nx = 1\n\n# a comment\nprint(x)\n```\n\n"
-        "## Verification\n\n```python\nassert x\n```\n\n## What it prints\n\n```text\n1\n```\n\n"
-        "## Figures\n\n![two lines](demo/two_lines.png)\n"
-    )
-    assert (tmp_path / "pages" / "demo" / "two_lines.png").read_bytes() == b"picture"
-
-
-def test_links_to_demos_and_the_readme_lead_to_pages(pages):
-    text = "[a](../demos/03_ambiesta.py) [b](../README.md#results) [c](design.md#contracts) [d](x)"
-    found = pages.with_page_links(text, PROJECT / "docs" / "studies.md")
-    assert found == (
-        "[a](../demos/03_ambiesta.md) [b](../index.md#results) [c](design.md#contracts) [d](x)"
-    )
 
 
 def test_links_of_the_site_lead_to_anchors():

@@ -8,23 +8,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
-from dolfinx_joints.results.layout import (
-    JOINT_SHARES,
-    declare_body,
+from declared import (
+    SHARES,
     declare_energy,
+    declare_envelopes,
     declare_histories,
-    declare_points,
     declare_states,
     declare_static_stages,
-    stage_bytes,
 )
-from dolfinx_joints.results.reader import ENERGY_TERMS
+
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
+from dolfinx_joints.results.layout import declare_body, declare_points, stage_bytes
+from dolfinx_joints.results.quantities import ENERGY_TERMS
 from dolfinx_joints.results.writer import ResultsWriter
 
 STEP = 0.01
-SHARES = tuple(f"joint_{name}" for name in JOINT_SHARES)
 AMPLITUDE = {"linear": (1.0, 1.0, 1.0), "joints": (1.3, 0.4, 1.3)}  # as the paper's largest peaks
 SURFACE_ACCELERATION = 0.5  # m/s^2
 
@@ -71,8 +69,7 @@ def write_run(
     along = np.array([SURFACE_ACCELERATION if waves else 0.0, 0.0, 0.0])
     closing = {"steps": rows - 1, "energy_error": 1.25e-14, "seconds": {"time steps": 2.5}}
     with ResultsWriter(path, metadata | (facts or {})) as writer:
-        frame = {"relative": not waves, "free_surface": waves}
-        declare_histories(writer, [[1.0, 0.0, 2.0]], accelerations=True, **frame)
+        declare_histories(writer, [[1.0, 0.0, 2.0]], accelerations=True, free_surface=waves)
         joints = {"joint_1": JOINT} if name == "joints" else {}
         declare_energy(writer, list(joints), ["FreeField"] if waves else [])
         if waves:

@@ -6,10 +6,8 @@ from __future__ import annotations
 
 import ctypes
 import gc
-import json
 import os
 import statistics
-import subprocess
 import sys
 import time as clock
 from collections.abc import Iterable, Iterator, Sequence
@@ -61,16 +59,6 @@ def _logged(names: Sequence[str]) -> list[dict[str, Any]]:
     if not PETSc.Log.isActive():
         PETSc.Log.begin()
     return [PETSc.Log.Event(name).getPerfInfo() for name in names]
-
-
-def petsc_sent() -> tuple[float, float]:
-    """Messages that PETSc sent from this rank so far, a sum over ranks as one, and bytes."""
-    library = ctypes.CDLL(None)
-    *calls, single, many = (
-        ctypes.c_double.in_dll(library, f"petsc_{name}").value
-        for name in ("isend_ct", "send_ct", "allreduce_ct", "isend_len", "send_len")
-    )
-    return sum(calls), single + many
 
 
 @contextmanager
@@ -362,19 +350,3 @@ def _facts(outcome: Outcome) -> dict[str, Any]:
         "ledger": outcome.imbalance,
         "energy_error": outcome.energy_error,
     }
-
-
-def run_alone(program: str, *arguments: str) -> dict[str, Any]:
-    """The only row of a benchmark that runs in a process of its own, so that memory is its own.
-
-    Raises:
-        SystemExit: It failed.
-    """
-    command = [sys.executable, "-m", f"benchmarks.{program}", *arguments, "--json"]
-    root = Path(__file__).resolve().parents[2]
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, cwd=root)
-    lines = done.stdout.rstrip("\n").split("\n")
-    if not lines[-1].startswith("["):
-        raise SystemExit(f"{program}: the run {' '.join(arguments)} failed.")
-    found: dict[str, Any] = json.loads(lines[-1])[0]
-    return found

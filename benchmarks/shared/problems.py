@@ -140,7 +140,6 @@ def march(
     scheme: Scheme,
     dt: float,
     control: dj.StepControl | None = None,
-    solver: str = "auto",
 ) -> Run:
     """March a problem to its end in steps of dt [s], cut where ``control`` says.
 
@@ -149,7 +148,7 @@ def march(
     """
     operator = problem.system.contact.operator
     began = clock.process_time()
-    stepper_solver = make_solver(problem.system, None, solver, scheme.rule)
+    stepper_solver = make_solver(problem.system, rule=scheme.rule)
     state = first_state(problem, stepper_solver)
     ledger = EnergyLedger(problem.system)
     first = given = ledger.start(state).stored

@@ -40,8 +40,6 @@ MENU = {
     ],
 }
 NOTEBOOKS = ("00_first_steps", "08_results")  # demos whose cells show what they give
-# Files beside the pages that pages link to.
-FILES = ("CITATION.cff", "COPYING", "COPYING.LESSER")
 # Modules that users import by name, as the guide does; each is on the page of its wing.
 MODULES = (
     "exact",
@@ -113,9 +111,10 @@ def gather(target: Path, runs: Path) -> None:
     shutil.copytree(PROJECT / "docs" / "images", target / "docs" / "images")
     for source in [PROJECT / "README.md", *texts()]:
         name = str(source.relative_to(PROJECT)).replace("README", "index")
-        _write(target / name, with_page_links(source.read_text("utf-8"), source))
-    for name in FILES:
-        shutil.copy(PROJECT / name, target / name)
+        text = source.read_text("utf-8")
+        _write(target / name, with_page_links(text, source))
+        for file in linked_files(text, source):
+            _write(target / file.relative_to(PROJECT), file.read_text("utf-8"))
     from notebooks import notebook_page  # its packages are there where the site is built
 
     pages = {}
@@ -143,6 +142,13 @@ def texts() -> list[Path]:
     found = [PROJECT / name for group in MENU.values() for name in group]
     found = [file for file in found if file.is_file()]
     return found + [page for file in found if file.name == "index.md" for page in listed(file)]
+
+
+def linked_files(text: str, source: Path) -> list[Path]:
+    """Return the files that a text links to and that are no pages or images, as modules."""
+    found = {(source.parent / match[1]).resolve() for match in LINK.finditer(text) if match[1]}
+    others = {file for file in found if file.is_file() and file.suffix not in (".md", ".png")}
+    return sorted(others - set(demos()))
 
 
 def listed(index: Path) -> list[Path]:

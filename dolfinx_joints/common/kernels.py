@@ -1,94 +1,307 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Compiled loops whose machine code is kept by content: every copy of a version shares it.
+"""Compiled loops whose machine code is kept on disk, by all that it is made of.
 
-numba keeps machine code beside the source of a loop, where a new clone or installation has none,
-and makes it anew when that file changes, but not when a function or constant that it takes in from
-another file does. Here it is kept in the user's cache folder, by the content of all these files.
+numba keeps machine code by the date of one file: a function or constant of another file may change
+without a new compilation. Here the key is the `CallGraph` of a loop, read from the functions in
+memory, so that an edit recompiles the loops that reach it and no others.
 """
 
 from __future__ import annotations
 
+import builtins
+import dis
 import hashlib
 import logging
 import os
-import re
-from functools import cache
+import pickle
+import secrets
+import sys
+from collections.abc import Iterator
+from functools import partial
+from inspect import CO_GENERATOR, CO_VARARGS, CO_VARKEYWORDS
+from itertools import count
 from pathlib import Path
-from typing import Any, Self
+from tempfile import NamedTemporaryFile
+from types import CellType, CodeType, EllipsisType, FunctionType, ModuleType, NoneType
+from typing import Any
 
-from numba import config
-from numba import njit as njit
-from numba.core import event
+import llvmlite
+import numba
+import numpy as np
+from numba import types
+from numba.core import config, event, sigutils
+from numba.core.bytecode import FunctionIdentity
+from numba.core.caching import NullCache
+from numba.core.compiler import CompileResult
+from numba.core.dispatcher import Dispatcher
+from numba.core.registry import cpu_target
+from numba.core.serialize import dumps
 
 from dolfinx_joints.common.progress import LOGGER
 
-# For functions that only other loops call: they need no way in from Python, which takes long to
-# compile, and are kept with the loops.
-part = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
-
-_PACKAGE = Path(__file__).resolve().parents[1]
-_OTHERS = ("UserProvidedCacheLocator", "InTreeCacheLocator", "UserWideCacheLocator")
-
-
-def sources() -> list[Path]:
-    """Files with loops, and those that they import from: constants are compiled in."""
-    found = set()
-    for path in _PACKAGE.rglob("*.py"):
-        text = path.read_text(encoding="utf-8")
-        if "common.kernels import" in text or "numba" in text:
-            names = re.findall(r"^from dolfinx_joints\.([\w.]+) import", text, re.MULTILINE)
-            found |= {path, *(_PACKAGE / f"{name.replace('.', '/')}.py" for name in names)}
-    return sorted(path for path in found if path.is_file())
+_PLAIN = (bool, int, float, complex, str, bytes, NoneType, EllipsisType, range)
+# Types of arguments whose name is all that compiled code depends on.
+_NAMED = (types.Array, types.Boolean, types.NoneType, types.Number, types.UnicodeType)
+# Code of these changes with the versions in the key only.
+_VERSIONED = {*sys.stdlib_module_names, "llvmlite", "numba", "numpy"}
+_FOLDERS = tuple(str(Path(str(each.__file__)).parent) for each in (os, llvmlite, numba, np))
+_VERSIONS = (sys.version, numba.__version__, llvmlite.__version__, np.__version__)
 
 
-@cache
-def _folder() -> Path:
-    """Where the machine code of these sources is kept."""
-    content = hashlib.sha256()
-    for path in sources():
-        content.update(path.relative_to(_PACKAGE).as_posix().encode() + path.read_bytes())
-    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return root / "dolfinx_joints" / "loops" / content.hexdigest()[:16]
+class UnknownValueError(Exception):
+    """A loop reaches a value whose changes would not be seen."""
 
 
-class Locator:
-    """Tells numba where the loops of this package are kept (``NUMBA_CACHE_LOCATOR_CLASSES``)."""
+class CallGraph:
+    """All that machine code is made of: functions, constants, fields of named tuples.
 
-    def __init__(self, line: int) -> None:
-        """Note the line on which a loop begins."""
-        self._line = line
+    Attributes:
+        facts: Texts in the order in which the values are reached. They are equal in two processes
+            if and only if the code is.
+    """
 
-    @classmethod
-    def from_function(cls, function: Any, file: str) -> Self | None:
-        """A locator for a loop of this package, None for others or where nothing can be kept."""
-        if _PACKAGE not in Path(file).resolve().parents:
-            return None
+    def __init__(self) -> None:
+        """Begin without values."""
+        self.facts: list[str] = []
+        # The values as well, so that no other takes their address.
+        self._numbers: dict[int, tuple[int, Any]] = {}
+
+    def add(self, value: Any) -> None:
+        """Add a value and all that it reaches.
+
+        Raises:
+            UnknownValueError: The value is of a kind that is not described here.
+        """
+        if isinstance(value, _PLAIN):
+            self._fact(type(value).__name__, value)
+        elif isinstance(value, np.ndarray | np.generic) and not value.dtype.hasobject:
+            layout = value.flags.c_contiguous, value.flags.f_contiguous, value.flags.aligned
+            content = hashlib.sha256(value.tobytes()).hexdigest()
+            self._fact("array", value.dtype, value.shape, layout, content)
+        elif isinstance(value, tuple | list):
+            self._tuple(value)
+        elif isinstance(value, dict):
+            self._tuple([each for key in sorted(value) for each in (key, value[key])])
+        elif isinstance(value, set | frozenset):
+            self._tuple(sorted(value, key=repr))
+        elif id(value) in self._numbers:
+            self._fact("as", self._numbers[id(value)][0])
+        else:
+            self._numbers[id(value)] = len(self._numbers), value
+            self._look_into(value)
+
+    def _fact(self, *parts: Any) -> None:
+        self.facts.append(repr(parts))
+
+    def _tuple(self, values: Any) -> None:
+        self._fact(type(values).__name__, len(values))
+        if isinstance(values, tuple) and type(values) is not tuple:
+            self.add(type(values))
+        for each in values:
+            self.add(each)
+
+    def _look_into(self, value: Any) -> None:
+        if isinstance(value, Dispatcher):
+            self._fact("compiled")
+            self.add(value.targetoptions)
+            self.add(value.py_func)
+        elif isinstance(value, types.Type):
+            self._type(value)
+        elif isinstance(value, ModuleType):
+            self._fact("module", value.__name__)
+        elif isinstance(value, FunctionType):
+            self._function(value)
+        elif isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields"):
+            self._fact(value.__module__, value.__qualname__, value._fields)
+            self.add(vars(value)["_field_defaults"])
+        elif isinstance(value, type) and issubclass(value, BaseException):
+            self._fact(value.__module__, value.__qualname__)  # raised by its name
+        elif _is_versioned(value):
+            self._fact(value.__module__, value.__qualname__)
+        elif isinstance(value, np.ufunc) and getattr(np, value.__name__, None) is value:
+            self._fact("numpy", value.__name__)
+        else:
+            raise UnknownValueError(f"{value!r} ({type(value).__qualname__})")
+
+    def _type(self, kind: types.Type) -> None:
+        """Add the type of an argument, or a function of a library."""
+        self._fact(type(kind).__name__, str(kind) if isinstance(kind, _NAMED) else "")
+        if isinstance(kind, types.BaseTuple):
+            self.add(getattr(kind, "instance_class", None))
+            for each in kind:
+                self.add(each)
+        elif isinstance(kind, types.Dispatcher):
+            self.add(kind.dispatcher)
+        elif isinstance(kind, types.ExternalFunction):
+            self._fact(kind.symbol, str(kind.sig))
+        elif isinstance(kind, types.Function):
+            self.add(kind.typing_key)
+        elif isinstance(kind, types.Literal):
+            self.add(kind.literal_value)
+        elif isinstance(kind, types.Omitted):
+            self.add(kind.value)
+        elif not isinstance(kind, _NAMED):
+            raise UnknownValueError(f"an argument of the type {kind}")
+
+    def _function(self, function: FunctionType) -> None:
+        """Add code, values that it reads from outside, defaults, overloads for compiled callers."""
+        self._fact(function.__module__, function.__qualname__)
+        code, outside = function.__code__, function.__globals__
+        if _is_versioned(function) and code.co_filename.startswith((*_FOLDERS, "<frozen ")):
+            return
+        self._fact(instructions(code))
+        for name in dict.fromkeys(globals_read(code)):
+            self._fact(name, name in outside or hasattr(builtins, name))
+            if name in outside:
+                self._variable(outside[name], code)
+        self.add([cell_content(cell) for cell in function.__closure__ or ()])
+        self.add([function.__defaults__, function.__kwdefaults__])
+        typing = cpu_target.typing_context
+        typing.refresh()
+        for template in getattr(typing._lookup_global(function), "templates", ()):
+            self.add([template._overload_func, template._jit_options])
+
+    def _variable(self, value: Any, code: CodeType) -> None:
+        """Add a variable; of a module what a function with this code may read from it."""
+        self.add(value)
+        if isinstance(value, ModuleType) and not _is_versioned_module(value):
+            for name in code.co_names:
+                if hasattr(value, name):
+                    self._fact(name)
+                    self._variable(getattr(value, name), code)
+
+
+def _is_versioned(value: Any) -> bool:
+    """Return True for a function or class of a module of `_VERSIONED`."""
+    module = getattr(value, "__module__", None) or ""
+    return module.split(".")[0] in _VERSIONED and hasattr(value, "__qualname__")
+
+
+def _is_versioned_module(module: ModuleType) -> bool:
+    """Return True for a module of `_VERSIONED` unless a user's file has its name."""
+    file = getattr(module, "__file__", None) or _FOLDERS[0]  # none: built in
+    return module.__name__.split(".")[0] in _VERSIONED and file.startswith(_FOLDERS)
+
+
+def instructions(code: CodeType) -> str:
+    """Return what a function does, as a text: without comments, docstrings and line numbers."""
+    constants = []
+    for each in dis.get_instructions(code):
+        if each.opcode in dis.hasconst:
+            value = each.argval
+            if isinstance(value, frozenset):  # whose order is not that of the next run
+                value = sorted(value, key=repr)
+            constants.append(instructions(value) if isinstance(value, CodeType) else value)
+    counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount
+    flags = code.co_flags & (CO_VARARGS | CO_VARKEYWORDS | CO_GENERATOR)
+    names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
+    return repr((constants, counts, flags, names, code.co_code, code.co_exceptiontable))
+
+
+def globals_read(code: CodeType) -> Iterator[str]:
+    """Yield names of the global variables that a function and those inside it read."""
+    yield from (i.argval for i in dis.get_instructions(code) if i.opname == "LOAD_GLOBAL")
+    for each in code.co_consts:
+        if isinstance(each, CodeType):
+            yield from globals_read(each)
+
+
+def cell_content(cell: CellType) -> Any:
+    """Return the value of a variable of an enclosing function, None if not yet set."""
+    try:
+        return cell.cell_contents
+    except ValueError:
+        return None
+
+
+class _Cache(NullCache):  # type: ignore[misc]
+    """Machine code of a loop, one file for each key.
+
+    Args:
+        loop: The loop.
+    """
+
+    def __init__(self, loop: Dispatcher) -> None:
+        """Begin with nothing read."""
+        self._loop = loop
+
+    @property
+    def cache_path(self) -> str:
+        """The folder."""
+        root = config.CACHE_DIR or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        return str(Path(root) / "dolfinx_joints" / "loops")
+
+    def load_overload(self, sig: Any, target_context: Any) -> CompileResult | None:
+        """Return the compiled loop for arguments of these types, None if there is none."""
+        target_context.refresh()
         try:
-            _folder().mkdir(parents=True, exist_ok=True)
-        except (OSError, RuntimeError):  # no home, or a full disk
+            parts = pickle.loads(self._path(sig).read_bytes())
+        except (OSError, RuntimeError, UnknownValueError):  # RuntimeError: no home
             return None
-        return cls(function.__code__.co_firstlineno) if os.access(_folder(), os.W_OK) else None
+        except (EOFError, pickle.UnpicklingError):  # cut short by a crash of the system
+            return None
+        result = CompileResult._rebuild(target_context, *parts)
+        arguments, _ = sigutils.normalize_signature(sig)
+        return result._replace(signature=result.signature.replace(args=arguments))
 
-    def ensure_cache_path(self) -> None:
-        """Make the folder."""
-        _folder().mkdir(parents=True, exist_ok=True)
+    def save_overload(self, sig: Any, result: CompileResult) -> None:
+        """Keep a compiled loop, unless it has addresses of this process or unknown values."""
+        if result.library.has_dynamic_globals:
+            return
+        try:
+            path = self._path(sig)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
+                file.write(dumps(result._reduce()))
+            os.replace(file.name, path)  # whole or not at all
+        except UnknownValueError as unknown:
+            LOGGER.info("%s is compiled in each run: it uses %s", self._loop, unknown)
+        except (OSError, RuntimeError):  # no home, or a full disk
+            pass
 
-    def get_cache_path(self) -> str:
-        """Return the folder."""
-        return str(_folder())
-
-    def get_source_stamp(self) -> str:
-        """Return what code must agree in; the folder is named by it."""
-        return _folder().name
-
-    def get_disambiguator(self) -> str:
-        """Return what tells loops of one name apart."""
-        return str(self._line)
+    def _path(self, sig: Any) -> Path:
+        """File for arguments of these types."""
+        graph = CallGraph()
+        graph.add([self._loop, *sigutils.normalize_signature(sig)])
+        machine = cpu_target.target_context.codegen().magic_tuple()
+        settings = config.OPT, config.BOUNDSCHECK, config.DEBUGINFO_DEFAULT
+        content = repr((_VERSIONS, machine, settings, graph.facts)).encode()
+        name = self._loop.py_func.__qualname__.rpartition(".")[2]
+        return Path(self.cache_path) / f"{name}-{hashlib.sha256(content).hexdigest()[:32]}.nbc"
 
 
-if not getattr(config, "CACHE_LOCATOR_CLASSES", ""):  # not set by the user; none before numba 0.62
-    config.CACHE_LOCATOR_CLASSES = ",".join([f"{__name__}.{Locator.__name__}", *_OTHERS])
+def njit(function: Any = None, *, cache: bool = False, **options: Any) -> Any:
+    """Compile a function as `numba.njit` does.
+
+    Args:
+        function: The function; without it a decorator is returned.
+        cache: Whether to keep the machine code in the user's cache folder.
+        **options: As those of numba.
+    """
+    if function is None:
+        return partial(njit, cache=cache, **options)
+    loop = numba.njit(**options)(function)
+    if cache:
+        loop._cache = _Cache(loop)
+    return loop
+
+
+def _number_functions() -> None:
+    """Begin numba's numbers of functions, part of their symbols, where no other process does.
+
+    Functions of one name that two processes have compiled, as closures have, would otherwise be
+    taken for each other in a third that links both.
+    """
+    FunctionIdentity._unique_ids = count(secrets.randbits(62))
+
+
+_number_functions()
+os.register_at_fork(after_in_child=_number_functions)
+
+# For functions that only other loops call: they need no way in from Python, which takes long to
+# compile.
+part = njit(cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 class _Told(event.Listener):  # type: ignore[misc]
@@ -101,7 +314,7 @@ class _Told(event.Listener):  # type: ignore[misc]
         module = event.data["dispatcher"].py_func.__module__ or ""  # none where code was executed
         ours = module.startswith("dolfinx_joints.")
         if ours and not self.told and LOGGER.isEnabledFor(logging.INFO):
-            LOGGER.info("compiling loops, once for this version: up to a minute")
+            LOGGER.info("compiling loops that are new or have changed: up to a minute")
             self.told = True
 
     def on_end(self, event: Any) -> None:

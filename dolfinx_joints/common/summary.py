@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import html
+from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from typing import Any
 
@@ -14,16 +15,16 @@ _MOST_NAMES = 12
 Rows = Iterable[tuple[str, object]]
 
 
-class Summarised:
+class Summarised(ABC):
     """An object whose representation is its name and a row per fact.
 
     Nothing is computed for it that several ranks would have to compute together: any rank may show
     an object by itself.
     """
 
+    @abstractmethod
     def _summary(self) -> Rows:
-        """Facts by name; rows without a value are left out."""
-        raise NotImplementedError
+        """Return facts by name; rows without a value are left out."""
 
     def _shown(self) -> list[tuple[str, str]]:
         rows = [(name, value) for name, value in self._summary() if value not in ("", None)]

@@ -8,25 +8,15 @@ from typing import TYPE_CHECKING, Literal
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.export.optional import imported
-from dolfinx_joints.export.tables import tables_of
+from dolfinx_joints.export.tables import TABLES, tables_of
 from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-TableName = Literal[
-    "stages",
-    "stage_joints",
-    "histories",
-    "peaks",
-    "energy",
-    "joints",
-    "joint_extremes",
-    "resultants",
-    "blocks",
-    "envelopes",
-    "modes",
-]
+    TableName = str
+else:
+    TableName = Literal[tuple(TABLES)]
 
 
 @checked

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,6 +20,7 @@ from dolfinx_joints.postprocessing.joints.surface import (
 )
 from dolfinx_joints.results.arguments import rows_of_groups
 from dolfinx_joints.results.joint_points import Statics, tied_points
+from dolfinx_joints.results.quantities import JointPoints, at_points, rows_below, rows_by
 from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[np.float64]
@@ -27,7 +28,6 @@ Ints = NDArray[np.int64]
 Array = Any  # NumPy's, or `Dealt`
 
 POLYGON, VERTEX = 7, 1  # VTK's numbers
-UNITS = {"gap": "m", "traction": "Pa", "status": "-", "pressure": "Pa", "broken": "-"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,16 +201,33 @@ def joined(grids: Mapping[str, Grid]) -> Grid:
     )
 
 
-def joint_values(values: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+def joint_values(
+    values: Mapping[str, NDArray[Any]],
+    cell_data: Mapping[str, NDArray[Any]],
+    count: int = 1,
+    added: Callable[[Floats], Floats] = np.asarray,
+) -> dict[str, Any]:
     """Values of joint points under the names that files and grids show, with units.
 
-    The gap is also shown as what people look for, opening and tangential gap.
+    The gap is also shown as what people look for, opening and tangential gap. Means over a joint
+    are the same at all its points.
 
     Args:
         values: By the names of the stream ``states``, such as ``gap``, shape (n, ...).
+        cell_data: Data of the grid of these points.
+        count: Number of joints in the grid.
+        added: Adds up sums over the parts of the grid.
     """
-    found = {f"{name} [{UNITS[name]}]": each for name, each in values.items()}
-    gap = values["gap"]
+    units = {row.key: row.unit for row in rows_below("states", "joints/*/")}
+    found: dict[str, Any] = {f"{name} [{units[name]}]": each for name, each in values.items()}
+    gap, rows = values["gap"], rows_by("mean")
+    joint = cell_data.get("joint [-]", np.zeros(len(gap), dtype=np.int64))
+    areas = np.where(cell_data["tied [-]"] == 0, cell_data["area [m^2]"], 0.0)
+    points = JointPoints(gap, gap[:, 1:], values["traction"], np.zeros(len(gap)))
+    columns = [areas, *(areas * each for each in at_points(rows, points).T)]
+    total, *sums = added(np.stack([np.bincount(joint, each, count) for each in columns]))
+    means = zip(rows, sums, strict=True)
+    found |= {f"{row.label} [{row.unit}]": (each / total)[joint] for row, each in means}
     return found | {
         "opening [m]": np.maximum(gap[:, 0], 0.0),
         "tangential gap [m]": np.hypot(gap[:, 1], gap[:, 2]),

@@ -13,7 +13,7 @@ import numpy as np
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.export.grids import body_grid, joined, joint_grid, joint_values
+from dolfinx_joints.export.grids import Grid, body_grid, joined, joint_grid, joint_values
 from dolfinx_joints.export.vtk_files import VtkFile, check_free, vtk_path
 from dolfinx_joints.results.arguments import StageStates
 from dolfinx_joints.results.reader import Results
@@ -30,8 +30,8 @@ def write_vtk(
     joints, a polygon for each joint point, with ``displacement [m]``, the mean of both faces,
     ``gap [m]`` and ``traction [Pa]`` in local axes (n, s1, s2), ``opening [m]``, ``tangential gap
     [m]``, ``status [-]`` (0 open, 1 sticking, 2 sliding, 3 closed without friction, 4 tied),
-    ``tied [-]`` and what else was recorded. Both have all times. Static stages are in
-    ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the
+    ``tied [-]``, ``mean pressure [Pa]`` of each joint and what else was recorded. Both have all
+    times. Static stages are in ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the
     stage's number as time.
 
     Args:
@@ -76,7 +76,7 @@ def _write(results: Results, path: Path) -> None:
         for number, time in enumerate(times):
             record = {name: results.series("states", name, number) for name in names}
             moved = grid.motion @ results.series("states", "displacement", number)
-            values = values_of_all(record, results.joints)
+            values = values_of_all(record, results.joints, grid)
             file.append(time, {"displacement [m]": moved}, values)
 
 
@@ -85,20 +85,21 @@ def joints_path(path: Path) -> Path:
     return path.with_name(f"{path.stem}_joints{path.suffix}")
 
 
-def values_of(results: Results, joint: str, number: int) -> dict[str, Any]:
-    """Values of a joint's points at a record of ``states``, by name with unit."""
+def values_of(results: Results, joint: str, number: int, grid: Grid) -> dict[str, Any]:
+    """Values of a joint's points, a grid, at a record of ``states``, by name with unit."""
     start = f"joints/{joint}/"
     names = [n for n in results.streams["states"] if n.startswith(start)]
     values = {n.removeprefix(start): results.series("states", n, number) for n in names}
-    return joint_values(values)
+    return joint_values(values, grid.cell_data)
 
 
-def values_of_all(record: Mapping[str, Any], joints: Sequence[str]) -> dict[str, Any]:
+def values_of_all(record: Mapping[str, Any], joints: Sequence[str], grid: Grid) -> dict[str, Any]:
     """Values of the points of all joints by name with unit, one joint after the other.
 
     Args:
         record: Values of a record of ``states`` by their names in the file.
         joints: Names of the joints; what only some of them have is NaN in the others.
+        grid: Grid of all joints.
     """
     known = {name.split("/", 2)[2]: each for name, each in record.items() if "/" in name}
     parts: dict[str, list[Any]] = {what: [] for what in known}
@@ -106,4 +107,5 @@ def values_of_all(record: Mapping[str, Any], joints: Sequence[str]) -> dict[str,
         count = len(record[f"joints/{joint}/gap"])
         for what in known:
             parts[what].append(record.get(f"joints/{joint}/{what}", np.full(count, np.nan)))
-    return joint_values({what: np.concatenate(each) for what, each in parts.items()})
+    values = {what: np.concatenate(each) for what, each in parts.items()}
+    return joint_values(values, grid.cell_data, len(joints))

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 from dolfinx_joints.postprocessing.joints.resultants import (
-    RESULTANT_MEASURES,
     block_resultants,
     joint_resultants,
     resultant_measures,
 )
 from dolfinx_joints.postprocessing.measures import (
-    JOINT_MEASURES,
     common_band,
     joint_extremes,
     joint_measures,
@@ -34,7 +32,7 @@ from dolfinx_joints.postprocessing.peaks import (
 )
 from dolfinx_joints.postprocessing.static_stages import StageEnergy, static_stages
 from dolfinx_joints.results.arguments import COMPONENTS, check_results
-from dolfinx_joints.results.layout import STAGE_JOINT_ENERGIES
+from dolfinx_joints.results.quantities import TABLE, Quantity, row_of, rows_below
 from dolfinx_joints.results.reader import Results, listing
 
 Floats = NDArray[Any]
@@ -59,36 +57,16 @@ def tables_of(results: Results, only: str | None = None) -> dict[str, Table]:
         ResultsError: The file holds nothing for that table.
     """
     check_results(results)
-    makers = _makers(results)
+    streams = {name for name in results.streams if results.rows(name)}
+    streams |= {"modes"} if "modes/frequency" in results.statics else set()
+    makers = {
+        name: make
+        for name, (stream, of_joints, make) in TABLES.items()
+        if stream in streams and (results.joints or not of_joints)
+    }
     if only is not None and only not in makers:
         raise ResultsError(f"{results.path} has no table {only!r}; it has {listing(makers)}.")
     return {name: make(results) for name, make in makers.items() if only in (None, name)}
-
-
-def _makers(results: Results) -> dict[str, Callable[[Results], Table]]:
-    """What makes each table for which the file holds something."""
-    streams = {name for name in results.streams if results.rows(name)}
-    found: dict[str, Callable[[Results], Table]] = {}
-    if "statics" in streams:
-        found["stages"] = _stages
-        if results.joints:
-            found["stage_joints"] = _stage_joints
-    if "histories" in streams:
-        found["histories"] = _histories
-        found["peaks"] = _peaks
-    if "energy" in streams:
-        found["energy"] = partial(_plain, stream="energy")
-    if "states" in streams and results.joints:
-        found["joints"] = _joints
-        found["joint_extremes"] = _joint_extremes
-        found["resultants"] = _resultants
-    if "resultants" in streams:
-        found["blocks"] = _blocks
-    if "envelopes" in streams:
-        found["envelopes"] = _envelopes
-    if "modes/frequency" in results.statics:
-        found["modes"] = _modes
-    return found
 
 
 def _columns(columns: Iterable[tuple[str, str, Any]]) -> Table:
@@ -144,35 +122,25 @@ def _stage_energies(energies: Sequence[StageEnergy]) -> list[tuple[str, str, Any
     columns: list[tuple[str, str, Any]] = [
         (f"work of {name}", "J", [energy.loads[name] for energy in energies]) for name in names
     ]
-    words = {
-        "supports": "work of supports",
-        "strain": "strain energy",
-        "plastic": "plastic work",
-        "water_released": "energy released with water",
-        "error": "error of the energies",
-        "scale": "largest energy",
-        "jump_count": "jumps",
-        "jump_energy": "energy released by jumps",
-    }
-    for name, text in words.items() if energies else ():
-        unit = "-" if name == "jump_count" else "J"
-        columns.append((text, unit, [getattr(energy, name) for energy in energies]))
+    plain, jumps = rows_below("statics", "energy/"), rows_below("statics", "jump")
+    for row in (*plain, *jumps) if energies else ():
+        name = "jump_count" if row.name == "jumps" else row.key
+        columns.append((row.label, row.unit, [getattr(energy, name) for energy in energies]))
     return columns
 
 
 def _stage_joints(results: Results) -> Table:
     """Joints by static stage."""
-    units = {"normal_force": "N", "shear_force": "N", "sliding_safety": "-", "contact": "-"}
-    units |= {"opening_max": "m", "slip_max": "m", "pressure_max": "Pa", "water_force": "N"}
-    header = ["stage", "joint", *(f"{what} [{unit}]" for what, unit in units.items())]
+    columns = TABLE["stage_joints"]
+    header = ["stage", "joint", *(f"{row.name} [{row.unit}]" for row in columns)]
     rows, stages = [], static_stages(results)
     for stage in stages:
         for name, joint in stage.joints.items():
             energies = {} if stage.energy is None else stage.energy.joints[name]
-            values = (getattr(joint, what) for what in units)
+            values = (getattr(joint, row.name) for row in columns)
             rows.append([stage.name, name, *values, *energies.values()])
     if stages[0].energy is not None:
-        header += [f"{term} [J]" for term in STAGE_JOINT_ENERGIES]
+        header += [f"{row.key} [J]" for row in rows_below("statics", "energy/joints/*/")]
     return Table(header, rows)
 
 
@@ -206,9 +174,8 @@ def _peaks(results: Results) -> Table:
             what = f"absolute acceleration of {point} up to {common_band(results):.3g} Hz"
             found.append((what, "m/s^2", acceleration_peak(results, [point])))
     for joint in results.joints if "states" in results.streams else ():
-        units = {"opening": "m", "slip": "m", "safety": "-"}
-        peaks = joint_peaks(results, joint)
-        found += [(f"{name} of {joint}", units[name], peak) for name, peak in peaks.items()]
+        for name, peak in joint_peaks(results, joint).items():
+            found.append((f"{name} of {joint}", row_of("joints", f"{joint}/{name}")[0].unit, peak))
     header = ["peak", "value", "unit", "time [s]", "component", "x [m]", "y [m]", "z [m]"]
     rows = [
         [what, peak.value, unit, peak.time, peak.name[-1:], *map(float, peak.place)]
@@ -219,80 +186,59 @@ def _peaks(results: Results) -> Table:
 
 def _joints(results: Results) -> Table:
     """Extremes by joint."""
-    units = {"opening": "m", "slip": "m", "pressure": "Pa", "share": "-"}
-    units |= {"safety": "-", "normal": "N", "shear": "N", "contact": "-", "flatness": "-"}
-    names = (*JOINT_MEASURES, *RESULTANT_MEASURES)
-    header = ["joint"]
-    for name in names:
-        unit = "s" if name.endswith("_time") else units[name.split("_")[0]]
-        header.append(f"{name} [{unit}]")
+    columns = (*TABLE["measures"], *TABLE["resultant_measures"])
+    header = ["joint", *(f"{row.name} [{row.unit}]" for row in columns)]
     rows, forces = [], resultant_measures(results)
     for joint, measures in joint_measures(results).items():
         both = measures | forces[joint]
-        rows.append([joint, *(both[name] for name in names)])
+        rows.append([joint, *(both[row.name] for row in columns)])
     return Table(header, rows)
+
+
+def _of_rows(rows: Iterable[Quantity], values: Mapping[str, Any], time: Floats) -> Table:
+    """A table over time of the rows with a label."""
+    columns: list[tuple[str, str, Any]] = [("time", "s", time)]
+    for row in rows:
+        if row.label and row.key in values:
+            one = row.label, row.unit, values[row.key]
+            columns += _parts(*one) if one[2].ndim > 1 else [one]
+    return _columns(columns)
 
 
 def _resultants(results: Results) -> Table:
     """Resultants of each joint at each record."""
-    parts = {}
+    parts, rows = {}, rows_below("resultants", "joints/*/")
     for joint in results.joints:
         one = joint_resultants(results, joint)
         assert one.time is not None
-        columns: list[tuple[str, str, Any]] = [("time", "s", one.time)]
-        columns += _parts("effective force", "N", one.force)
-        columns += _parts("moment about the centroid", "N m", one.moment)
-        columns += _parts("total force", "N", one.total_force)
-        columns += _parts("total moment about the centroid", "N m", one.total_moment)
-        columns.append(("normal force", "N", one.normal_force))
-        columns += _parts("shear force", "N", one.shear)
-        columns.append(("shear force", "N", one.shear_force))
-        columns.append(("sliding safety", "-", one.sliding_safety))
-        columns.append(("sliding safety of the resultants", "-", one.plane_safety))
-        columns.append(("share of area under pressure", "-", one.contact))
-        columns += _parts("normal force acts at", "m", one.line_of_action)
-        columns.append(("flatness", "-", np.full(len(one.time), one.geometry.flatness)))
-        parts[joint] = _columns(columns)
-    return _by_joint(parts)
+        values = {row.key: getattr(one, row.key) for row in rows if row.key != "flatness"}
+        values["flatness"] = np.full(len(one.time), one.geometry.flatness)
+        parts[joint] = _of_rows(rows, values, one.time)
+    return _by("joint", parts)
 
 
 def _joint_extremes(results: Results) -> Table:
-    """Largest opening, slip and pressure of each joint and its safety at each record."""
-    parts = {}
-    for joint in results.joints:
-        one = joint_extremes(results, joint)
-        columns: list[tuple[str, str, Any]] = [("time", "s", one.time)]
-        columns.append(("largest opening", "m", one.opening))
-        columns += _parts("largest opening at", "m", one.opening_at)
-        columns.append(("largest slip", "m", one.slip))
-        columns += _parts("largest slip at", "m", one.slip_at)
-        columns.append(("largest pressure", "Pa", one.pressure))
-        columns.append(("sliding safety", "-", one.safety))
-        parts[joint] = _columns(columns)
-    return _by_joint(parts)
-
-
-def _by_joint(parts: dict[str, Table]) -> Table:
-    """Tables of joints, alike, as one whose first column names the joint."""
-    header = ["joint", *next(iter(parts.values())).header]
-    return Table(header, [[joint, *row] for joint, part in parts.items() for row in part.rows])
+    """Extremes, mean pressure and safety of each joint at each record."""
+    extremes = {joint: joint_extremes(results, joint) for joint in results.joints}
+    rows = rows_below("joints", "*/")
+    return _by("joint", {n: _of_rows(rows, one.values, one.time) for n, one in extremes.items()})
 
 
 def _blocks(results: Results) -> Table:
     """Forces of the joints on each block at each record."""
-    found = block_resultants(results)
-    parts = []
+    found, parts, rows = block_resultants(results), {}, rows_below("resultants", "blocks/")
     for i in range(len(found.mass)):
-        columns: list[tuple[str, str, Any]] = [("time", "s", found.time)]
-        columns += _parts("effective force", "N", found.force[:, i])
-        columns += _parts("total force", "N", found.total_force[:, i])
-        columns += _parts("total moment about the centre", "N m", found.total_moment[:, i])
-        count = len(found.time)
-        columns.append(("mass", "kg", np.full(count, found.mass[i])))
-        columns += _parts("centre", "m", np.tile(found.centre[i], (count, 1)))
-        parts.append(_columns(columns))
-    rows = [[i, *row] for i, part in enumerate(parts) for row in part.rows]
-    return Table(["block", *parts[0].header], rows)
+        each = {row.key: getattr(found, row.key) for row in rows if row.label}
+        for name in ("mass", "centre"):
+            each[name] = np.repeat(each[name][None], len(found.time), axis=0)
+        parts[i] = _of_rows(rows, {key: value[:, i] for key, value in each.items()}, found.time)
+    return _by("block", parts)
+
+
+def _by(what: str, parts: Mapping[Any, Table]) -> Table:
+    """Tables of joints or blocks, alike, as one whose first column names them."""
+    header = [what, *next(iter(parts.values())).header]
+    return Table(header, [[name, *row] for name, part in parts.items() for row in part.rows])
 
 
 def _envelopes(results: Results) -> Table:
@@ -316,3 +262,19 @@ def _modes(results: Results) -> Table:
         where = f"modes/{name}"
         columns += _parts(name.replace("_", " "), results.unit(where), results.static(where))
     return _columns(columns)
+
+
+# Stream of which each table is made, whether it needs joints, and what makes it.
+TABLES: dict[str, tuple[str, bool, Callable[[Results], Table]]] = {
+    "stages": ("statics", False, _stages),
+    "stage_joints": ("statics", True, _stage_joints),
+    "histories": ("histories", False, _histories),
+    "peaks": ("histories", False, _peaks),
+    "energy": ("energy", False, partial(_plain, stream="energy")),
+    "joints": ("states", True, _joints),
+    "joint_extremes": ("states", True, _joint_extremes),
+    "resultants": ("states", True, _resultants),
+    "blocks": ("resultants", False, _blocks),
+    "envelopes": ("envelopes", False, _envelopes),
+    "modes": ("modes", False, _modes),
+}

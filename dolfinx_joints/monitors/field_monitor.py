@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -18,7 +19,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError, warn
 from dolfinx_joints.common.files import FileLock, released
-from dolfinx_joints.common.mpi import RowsAt, across, blocks_of, dealt, handing_out
+from dolfinx_joints.common.mpi import RowsAt, across, blocks_of, dealt, handing_out, summed
 from dolfinx_joints.export.grids import (
     Grid,
     StaticArrays,
@@ -134,7 +135,7 @@ class FieldMonitor(Monitor):
         if model.operator is not None:
             self._rows = JointRows(model.operator)
             joints = joint_grid_of_rank(model, self._nodes, self._rows)
-            self._motion, self._moved = joints.grid.motion, joints.nodes
+            self._joints, self._moved = joints.grid, joints.nodes
             first = int(blocks_of(self._comm, len(joints.grid.points))[self._comm.rank])
             self._grids[JOINTS] = grid_across(self._comm, joints.grid, first)
         if model.coupled is not None:
@@ -204,8 +205,13 @@ class FieldMonitor(Monitor):
             )
         }
         if self._rows is not None:
-            moved = self._motion @ self._moved(rows)
-            found = joint_values(self._of_joints(joints, pressure))
+            moved = self._joints.motion @ self._moved(rows)
+            found = joint_values(
+                self._of_joints(joints, pressure),
+                self._joints.cell_data,
+                len(self._rows.names),
+                partial(summed, self._comm),
+            )
             parts = {what: across(self._comm, each) for what, each in found.items()}
             values[JOINTS] = ({name: across(self._comm, moved)}, parts)
         return values

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,18 +19,11 @@ from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.probes import PointProbe
-from dolfinx_joints.monitors.resultants import PointExtras
+from dolfinx_joints.monitors.resultants import broken, broken_joints
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes
-from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES, declare_stage_stresses
-from dolfinx_joints.results.layout import (
-    STAGE_ENERGIES,
-    STAGE_JOINT_ENERGIES,
-    declare_static_energies,
-    declare_static_stages,
-    stage_bytes,
-)
-from dolfinx_joints.results.reader import ENERGY_TERMS, JOINT_ENERGY_TERMS
-from dolfinx_joints.results.writer import ResultsWriter
+from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES
+from dolfinx_joints.results.layout import stage_bytes
+from dolfinx_joints.results.quantities import ENERGY_TERMS, rows_below
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import Record, StageRecord
 from dolfinx_joints.simulation.statics.stage_start import CONSTRUCTION
@@ -39,34 +32,24 @@ from dolfinx_joints.simulation.statics.unfinished import unfinished
 Floats = NDArray[np.float64]
 
 
-def further_energies(model: Model) -> dict[str, str]:
-    """Energy lines that not every run has, with what they are."""
-    stops = model.contact is not None and model.contact.stops
-    lines = (
-        ("plastic", model.bulk is not None, "plastic work of the bulk"),
-        ("impact", stops, "lost by joint points that strike and do not rebound"),
-        ("water", model.coupled, "of waves in the reservoir, pressure and motion"),
-        (
-            "absorbed",
-            model.absorbing or model.coupled,
-            "part of viscous energy taken at boundaries",
-        ),
-    )
-    return {name: text for name, there, text in lines if there}
+def energy_terms(model: Model) -> list[str]:
+    """Energies of the whole model that its runs have, in the order of the table."""
+    contact, has = model.contact, dict.fromkeys(ENERGY_TERMS, True)
+    has |= {"plastic": model.bulk is not None, "impact": contact is not None and contact.stops}
+    has |= {"water": model.coupled is not None}
+    has |= {"absorbed": bool(model.absorbing) or model.coupled is not None}
+    return [row.name for row in rows_below("energy") if has.get(row.name)]
 
 
-def energies(model: Model, record: Record) -> Floats:
-    """Numbers of the stream ``energy``, in the order that `ResultsMonitor` declares."""
+def energies(model: Model, record: Record) -> dict[str, float]:
+    """Values of the stream ``energy``, always in the same order."""
     row = record.energy
-    of_joints = np.array([getattr(row, f"joint_{term}") for term in JOINT_ENERGY_TERMS])
-    return np.array(
-        [
-            *(getattr(row, term) for term in ENERGY_TERMS),
-            *of_joints.T.ravel().tolist(),
-            *row.input_by_load.values(),
-            *(getattr(row, term) for term in further_energies(model)),
-        ]
-    )
+    found = {term: getattr(row, term) for term in energy_terms(model)}
+    joints = () if model.operator is None else model.operator.names
+    for each in rows_below("energy", "joints/*/"):
+        names = [each.name.replace("*", joint) for joint in joints]
+        found |= zip(names, getattr(row, f"joint_{each.key}").tolist(), strict=True)
+    return found | {f"loads/{load}": work for load, work in row.input_by_load.items()}
 
 
 class Fields:
@@ -83,16 +66,9 @@ class Fields:
         self, model: Model, nodes: NodeNumbering, rows: JointRows | None, wet: Sequence[str]
     ) -> None:
         """Find the joints with water or a bond."""
-        self._nodes, self._rows = nodes, rows
-        self._extras = None
-        if model.contact is not None:
-            self._extras = PointExtras(model.contact, wet)
-            self._shown_status = model.contact.shown_status
-
-    def declare(self, writer: ResultsWriter, stream: str, joints: Mapping[str, Any]) -> None:
-        """Declare what not every run has, from the arrays of `JointRows.statics`; on the writer."""
-        if self._extras is not None:
-            self._extras.declare(writer, stream, joints)
+        self._nodes, self._rows, self._contact = nodes, rows, model.contact
+        bonded = () if model.contact is None else broken_joints(model.contact)
+        self._only: dict[str, Sequence[str]] = {"pressure": wet, "broken": bonded}
 
     def of_joints(
         self, joints: Response | None, pressure: Callable[[], Floats] | None
@@ -103,16 +79,20 @@ class Fields:
             joints: Response of the joints.
             pressure: Gives that of the water at the local joint points, (n,), [Pa].
         """
-        if self._rows is None or self._extras is None or joints is None:
+        if self._rows is None or self._contact is None or joints is None:
             return {}
         found: dict[str, NDArray[Any]] = {"gap": joints.state.gap, "traction": joints.traction}
-        found["status"] = self._shown_status(joints.status)
-        found |= self._extras.values(joints, pressure)
+        found["status"] = self._contact.shown_status(joints.status)
+        if self._only["pressure"]:
+            dry = np.zeros(len(joints.traction))
+            found["pressure"] = dry if pressure is None else pressure()
+        if self._only["broken"]:
+            found["broken"] = broken(self._contact, joints)
         return {what: self._rows(values) for what, values in found.items()}
 
     def concerned(self, what: str, joint: str) -> bool:
         """Whether a joint has values of this kind."""
-        return self._extras is None or joint in self._extras.joints.get(what, (joint,))
+        return joint in self._only.get(what, (joint,))
 
     def values(
         self, u: PETSc.Vec, joints: Response | None, pressure: Callable[[], Floats] | None
@@ -159,18 +139,6 @@ class StageFields:
         self._joints = () if model.operator is None else tuple(model.operator.names)
         self._loads = (*load_names(model.loads), "grout", CONSTRUCTION)
 
-    def declare(self, writer: ResultsWriter, joints: Mapping[str, Any]) -> None:
-        """Declare the stream, from the arrays of `JointRows.statics`; on the rank that writes."""
-        nodes = self._nodes.across(self._nodes.positions)
-        declare_static_stages(writer, self._probe.positions, nodes, joints)
-        self._fields.declare(writer, "statics", joints)
-        declare_static_energies(writer, self._joints, self._loads)
-        for group in self._held():
-            text = f"force of the support {group} on the body"
-            writer.series("statics", f"reaction/{group}", (self._model.gdim,), "N", text)
-        if self._envelopes is not None:
-            declare_stage_stresses(writer, self._envelopes.directions[0])
-
     def _held(self) -> tuple[str, ...]:
         """Supports; viscous boundaries hold the body in static stages."""
         model = self._model
@@ -195,10 +163,10 @@ class StageFields:
     def _energies(self, state: StaticState) -> dict[str, float]:
         """Energies [J] and jumps of a stage; loads that never acted have no work."""
         energy = state.energy
-        found = {term: getattr(energy, term) for term in STAGE_ENERGIES}
-        for term in STAGE_JOINT_ENERGIES:
-            values = zip(self._joints, getattr(energy, f"joint_{term}"), strict=True)
-            found |= {f"joints/{joint}/{term}": float(value) for joint, value in values}
+        found = {row.key: getattr(energy, row.key) for row in rows_below("statics", "energy/")}
+        for row in rows_below("statics", "energy/joints/*/"):
+            values = zip(self._joints, getattr(energy, f"joint_{row.key}"), strict=True)
+            found |= {f"joints/{joint}/{row.key}": float(value) for joint, value in values}
         works = dict.fromkeys(self._loads, 0.0) | dict(energy.input_by_load)
         found |= {f"loads/{load}": work for load, work in works.items()}
         jumps = {"jumps": len(state.jumps), "jump_energy": sum(j.energy for j in state.jumps)}

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Extremes of each joint, and what its safety against sliding is made of, at every step."""
+"""Extremes and means of each joint, and what its safety is made of, at every step."""
 
 from __future__ import annotations
 
@@ -15,21 +15,14 @@ from dolfinx_joints.laws.law import Response
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.resultants import JointForces, broken_joints
 from dolfinx_joints.postprocessing.joints.extremes import ALIKE
-from dolfinx_joints.results.writer import ResultsWriter
+from dolfinx_joints.results.quantities import at_points, rows_by
 
 Floats = NDArray[np.floating[Any]]
 
-_PLACE = "where the {} is the largest, NaN where it is zero to rounding"
-_SERIES = {
-    "opening": ((), "m", "largest opening of the points"),
-    "slip": ((), "m", "largest slip of the points"),
-    "pressure": ((), "Pa", "largest pressure of the points"),
-    "opening_at": ((3,), "m", _PLACE.format("opening")),
-    "slip_at": ((3,), "m", _PLACE.format("slip")),
-    "compression": ((), "N", "integral of the pressure, of tension too where a bond holds"),
-    "shear_sum": ((), "N", "integral of the magnitude of the shear traction"),
-    "bond": ((), "N", "cohesion times the area whose bond is intact"),
-}
+# Rows of the table in the order of their numbers, and columns of the values whose places are known.
+_LARGEST, _PLACES = rows_by("largest"), rows_by("place")
+_SUMS, _MEANS = rows_by("integral"), rows_by("mean")
+_PLACED = [[row.key for row in _LARGEST].index(row.key.removesuffix("_at")) for row in _PLACES]
 
 
 class JointExtremesStream:
@@ -38,6 +31,9 @@ class JointExtremesStream:
     Args:
         model: The model, with joints.
         gap: Gaps of the local points from which slip counts, shape (n, 3), [m].
+
+    Attributes:
+        shapes: Arrays of the shapes of the series by name, in the order of the numbers.
     """
 
     def __init__(self, model: Model, gap: Floats) -> None:
@@ -45,10 +41,17 @@ class JointExtremesStream:
         assert model.operator is not None
         assert model.contact is not None
         self._operator, self._gap = model.operator, gap.copy()
-        self._tied = model.contact.tied
-        self._forces, self._bonded = JointForces(model), broken_joints(model.contact)
-        self._recorded = np.ones((len(model.operator.names), 12), dtype=bool)
-        self._recorded[:, -1] = [name in self._bonded for name in model.operator.names]
+        self._tied, self._forces = model.contact.tied, JointForces(model)
+        rows, bonded = (*_LARGEST, *_PLACES, *_SUMS, *_MEANS), broken_joints(model.contact)
+        there = [[not r.rare or joint in bonded for r in rows] for joint in model.operator.names]
+        sizes = [3 if row.by == "place" else 1 for row in rows]
+        self._recorded = np.repeat(there, sizes, axis=1)
+        self.shapes = {
+            row.name.replace("*", joint): np.empty(3 if row.by == "place" else ())
+            for joint, each in zip(model.operator.names, there, strict=True)
+            for row, is_there in zip(rows, each, strict=True)
+            if is_there
+        }
         self._order = np.argsort(model.operator.joint, kind="stable")
         self._here, self._starts = np.unique(model.operator.joint[self._order], return_index=True)
         # Ways below the rounding of coordinates are zero, though a sum left 1e-35 m of some.
@@ -57,38 +60,24 @@ class JointExtremesStream:
         least, most = of_ranks(model.operator.comm, ends).min(axis=0)
         self._least = np.finfo(np.float64).eps * float(-most - least)
 
-    def declare(self, writer: ResultsWriter) -> None:
-        """Declare the stream; on the rank that writes."""
-        for joint in self._operator.names:
-            for name, (shape, unit, text) in _SERIES.items():
-                if name != "bond" or joint in self._bonded:
-                    writer.series("joints", f"{joint}/{name}", shape, unit, text)
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the numbers that `values` gives."""
-        pairs = [(joint, name) for joint in self._operator.names for name in _SERIES]
-        return [f"{j}/{name}" for j, name in pairs if name != "bond" or j in self._bonded]
-
     def values(self, joints: Response) -> Floats:
-        """Numbers of a step in the order of `names` (collective)."""
-        operator, gap = self._operator, joints.state.gap
-        here = np.empty((len(gap), 3))
-        np.maximum(gap[:, 0], 0.0, out=here[:, 0])
-        slip = gap[:, 1:] - self._gap[:, 1:]
-        np.sqrt(np.einsum("ij,ij->i", slip, slip), out=here[:, 1])
-        np.maximum(-joints.traction[:, 0], 0.0, out=here[:, 2])
+        """Numbers of a step in the order of `shapes` (collective)."""
+        operator, points = self._operator, self._forces.points(joints, self._gap)
+        here = np.maximum(at_points(_LARGEST, points), 0.0)
         here[self._tied] = 0.0
-        own = np.zeros((2, len(operator.names), 3))
+        names, count = operator.names, len(_LARGEST)
+        own = np.zeros((len(names), count + len(_SUMS) + len(_MEANS)))
         if len(here):
-            own[0, self._here] = np.maximum.reduceat(here[self._order], self._starts)
-        for column, force in zip(own[1].T, self._forces.sliding(joints).T, strict=True):
-            column[:] = np.bincount(operator.joint, force, len(operator.names))
+            own[self._here, :count] = np.maximum.reduceat(here[self._order], self._starts)
+        integrands = at_points((*_SUMS, *_MEANS), points) * self._forces.areas[:, None]
+        for column, each in enumerate(integrands.T, start=count):
+            own[:, column] = np.bincount(operator.joint, each, len(names))
         every = of_ranks(operator.comm, own)
-        largest, sums = every[:, 0].max(axis=0), every[:, 1].sum(axis=0)
-        places = self._places(here[:, :2], largest[:, :2])
-        rows = np.concatenate([largest, places.reshape(-1, 6), sums], axis=1)
-        return rows[self._recorded]
+        largest, sums = every[..., :count].max(axis=0), every[..., count:].sum(axis=0)
+        sums[:, len(_SUMS) :] /= self._forces.free_area[:, None]
+        places = self._places(here[:, _PLACED], largest[:, _PLACED])
+        rows = np.concatenate([largest, places.reshape(len(places), -1), sums], axis=1)
+        return np.asarray(rows[self._recorded])
 
     def _places(self, here: Floats, largest: Floats) -> Floats:
         """Where values (n, m) of the points are the largest of their joint, (joints, m, 3)."""

@@ -13,8 +13,6 @@ from petsc4py import PETSc
 
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.probes import PointProbe
-from dolfinx_joints.results.layout import declare_histories
-from dolfinx_joints.results.writer import ResultsWriter
 from dolfinx_joints.simulation.record import Record
 
 Floats = NDArray[np.floating[Any]]
@@ -28,30 +26,13 @@ class PointHistories:
     Args:
         model: The model.
         probe: Reads nodal vectors at the points.
-        static_part: Whether static parts of the displacement are given.
     """
 
-    def __init__(self, model: Model, probe: PointProbe, static_part: bool) -> None:
+    def __init__(self, model: Model, probe: PointProbe) -> None:
         """Begin without a record."""
-        self._model, self._probe, self._static = model, probe, static_part
+        self._model, self._probe = model, probe
         self._supports = (*model.constraints.groups, *model.constraints.points)
         self._before: tuple[float, Floats] | None = None
-
-    def declare(self, writer: ResultsWriter, first: Record, relative: bool) -> None:
-        """Declare the stream; on the writer."""
-        positions, gdim = self._probe.positions, self._model.gdim
-        waves = first.free_surface is not None
-        declare_histories(
-            writer, positions, accelerations=True, relative=relative, free_surface=waves
-        )
-        for group in self._supports:
-            text = f"force of the support {group} on the body"
-            writer.series("histories", f"reaction/{group}", (gdim,), "N", text)
-        if first.reservoir_force is not None:
-            text = "force of the reservoir's waves on its face"
-            writer.series("histories", "reservoir_force", (gdim,), "N", text)
-        if self._static:
-            declare_static_part(writer, "histories", positions.shape)
 
     def values(self, record: Record, static: PETSc.Vec | None) -> dict[str, Any]:
         """Values of a record by name (collective).
@@ -96,9 +77,3 @@ class PointHistories:
         if record.free_surface is not None:
             ground = {"free_surface_velocity": record.free_surface(record.time)}
         return {"displacement": displacement, "acceleration": acceleration, **ground}
-
-
-def declare_static_part(writer: ResultsWriter, stream: str, shape: tuple[int, ...]) -> None:
-    """Declare static displacements, of shape (n, 3), in a stream."""
-    text = "static part of the displacement, of the motion of the supports alone"
-    writer.series(stream, STATIC_PART, shape, "m", text)

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,12 +17,12 @@ from dolfinx_joints.mesh.blocks import block_of_nodes, blocks_of_pairs
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.joint_rows import JointRows
-from dolfinx_joints.postprocessing.joints.extremes import compression_and_shear
 from dolfinx_joints.postprocessing.joints.resultants import (
     JointGeometry,
     JointResultants,
     forces_of,
 )
+from dolfinx_joints.results.quantities import JointPoints
 from dolfinx_joints.results.writer import ResultsWriter
 from dolfinx_joints.simulation.record import Record
 
@@ -77,6 +76,8 @@ class JointForces:
     Attributes:
         names: Names of the joints.
         geometry: Centroid, mean normal, area and flatness of each joint.
+        areas: Areas of the local points, zero at tied ones, shape (n,), [m^2].
+        free_area: Sum of the areas over each joint, shape (joints,), [m^2].
     """
 
     def __init__(self, model: Model) -> None:
@@ -90,7 +91,7 @@ class JointForces:
         geometry = [areas, areas * model.operator.points, areas * normals, free[:, None]]
         sums = self._sums(np.hstack(geometry))
         self.geometry = [JointGeometry.from_sums(row[0], row[1:4], row[4:7]) for row in sums]
-        self._areas, self._free_area = free, sums[:, 7]  # tied points transmit nothing
+        self.areas, self.free_area = free, sums[:, 7]  # tied points transmit nothing
         self._centroids = np.array([g.centroid for g in self.geometry])
         self._laws = strengths(model.contact)
         bonded = broken_joints(model.contact)
@@ -108,9 +109,11 @@ class JointForces:
             pressure: Pressure of the water at the local joint points, shape (n,), [Pa]; without it
                 the part of the water is left out.
         """
-        contact = (joints.traction[:, 0] < 0.0) * self._areas
+        contact = (joints.traction[:, 0] < 0.0) * self.areas
         parts = [self.about_centroids(self.forces(joints.traction)), contact[:, None]]
-        parts.append(self.sliding(joints))
+        points = self.points(joints, joints.state.gap)
+        sliding = [points.compression, points.shear, points.cohesion]
+        parts.append(np.column_stack(sliding) * self.areas[:, None])
         if pressure is not None:
             parts.append(self.about_centroids(self.water_forces(pressure)))
         sums = self._sums(np.hstack(parts))
@@ -125,7 +128,7 @@ class JointForces:
                 geometry=geometry,
                 force=row[0:3],
                 moment=row[3:6],
-                contact=row[6] / self._free_area[i],
+                contact=row[6] / self.free_area[i],
                 compression=row[7],
                 shear_sum=row[8],
                 bond=row[9],
@@ -136,24 +139,19 @@ class JointForces:
 
     def forces(self, traction: Floats) -> Floats:
         """Forces of the local points on the + side, shape (n, 3), [N]."""
-        return forces_of(self._operator.frames, self._areas, traction)
+        return forces_of(self._operator.frames, self.areas, traction)
 
     def water_forces(self, pressure: Floats) -> Floats:
         """The same of the water, of a pressure of shape (n,) [Pa]."""
-        normal: Floats = self._operator.frames[:, 0] * (self._areas * pressure)[:, None]
+        normal: Floats = self._operator.frames[:, 0] * (self.areas * pressure)[:, None]
         return normal
 
-    def sliding(self, joints: Response) -> Floats:
-        """What safety against sliding adds up at the local points, shape (n, 3), [N].
-
-        Columns: pressure, tension too where a bond holds; magnitude of the shear; cohesion of an
-        intact bond; each times the area.
-        """
-        cohesion = self._cohesion
+    def points(self, joints: Response, start: Floats) -> JointPoints:
+        """State of the local points, slip counted from gaps ``start``, shape (n, 3), [m]."""
+        cohesion, gap = self._cohesion, joints.state.gap
         if self._bonds:
             cohesion = cohesion * (1 - broken(self._contact, joints))
-        forces = [*compression_and_shear(joints.traction, cohesion > 0.0), cohesion]
-        return np.column_stack(forces) * self._areas[:, None]
+        return JointPoints(gap, gap[:, 1:] - start[:, 1:], joints.traction, cohesion)
 
     def about_centroids(self, force: Floats) -> Floats:
         """Forces (n, 3) and their moments about the centroids of their joints, shape (n, 6)."""
@@ -249,7 +247,7 @@ class ResultantsStream:
         self._wet = wet
 
     def declare(self, writer: ResultsWriter) -> None:
-        """Declare the stream and write the blocks; on rank 0, while others hand out `sides`."""
+        """Write the blocks; on rank 0, while others hand out `sides`."""
         blocks = self._blocks
         writer.static("blocks/mass", blocks.mass, "kg", "mass of each block")
         text = "centre of mass of each block, without mass the mean of its nodes"
@@ -257,18 +255,6 @@ class ResultantsStream:
         for name, sides in self.sides.items():
             text = "blocks on the - and + side of each point"
             writer.static(f"joints/{name}/blocks", sides, "-", text)
-            about = "about its centroid, global axes"
-            _declare(writer, f"joints/{name}", (3,), f"on the + side of {name}", about)
-            if name in self._wet:
-                what = f"of the water in {name} on its + side"
-                _declare(writer, f"joints/{name}", (3,), what, about, water=True)
-            text = "share of the area under pressure"
-            writer.series("resultants", f"joints/{name}/contact", (), "-", text)
-        shape, about = (len(blocks.mass), 3), "about its centre, global axes"
-        _declare(writer, "blocks", shape, "of the joints on each block", about)
-        if self._wet:
-            what = "of the water in joints on each block"
-            _declare(writer, "blocks", shape, what, about, water=True)
 
     def values(self, record: Record) -> dict[str, Any]:
         """Values of a step (collective)."""
@@ -284,67 +270,4 @@ class ResultantsStream:
         if pressure is not None:
             sums = self._blocks(self._joints.water_forces(pressure))
             found |= {"blocks/water_force": sums[:, :3], "blocks/water_moment": sums[:, 3:]}
-        return found
-
-
-def _declare(
-    writer: ResultsWriter,
-    where: str,
-    shape: tuple[int, ...],
-    what: str,
-    about: str,
-    *,
-    water: bool = False,
-) -> None:
-    """Declare a force and a moment."""
-    prefix = "water_" if water else ""
-    text = f"force {what}" if water else f"effective force {what}"
-    writer.series("resultants", f"{where}/{prefix}force", shape, "N", text)
-    writer.series("resultants", f"{where}/{prefix}moment", shape, "N m", f"moment {what}, {about}")
-
-
-class PointExtras:
-    """Values of joint points in states besides gap, traction and status: water and broken bonds.
-
-    Args:
-        contact: The joints.
-        wet: Names of the joints with water.
-
-    Attributes:
-        joints: Names of the joints concerned, by kind of value.
-    """
-
-    def __init__(self, contact: Contact, wet: Sequence[str]) -> None:
-        """Find the joints concerned."""
-        self._contact = contact
-        self.joints = {"pressure": wet, "broken": broken_joints(contact)}
-
-    def declare(self, writer: ResultsWriter, stream: str, joints: Mapping[str, Any]) -> None:
-        """Declare the series, from the arrays of `joint_statics`; on the rank that writes."""
-        kinds: dict[str, tuple[str, str, Any]] = {
-            "pressure": ("Pa", "pressure of the water, positive where it opens", np.float64),
-            "broken": ("-", "1 where the bond is gone", np.int8),
-        }
-        for what, names in self.joints.items():
-            unit, text, dtype = kinds[what]
-            for name in names:
-                shape, where = np.shape(joints[name]["areas"]), f"joints/{name}/{what}"
-                writer.series(stream, where, shape, unit, text, dtype=dtype)
-
-    def values(
-        self, joints: Response, pressure: Callable[[], Floats] | None
-    ) -> dict[str, NDArray[Any]]:
-        """Values of the local points by kind; only those needed (collective).
-
-        Args:
-            joints: Response of the joints.
-            pressure: Gives that of the water at the local points, (n,), [Pa]; None where all is
-                dry.
-        """
-        found: dict[str, NDArray[Any]] = {}
-        if self.joints["pressure"]:
-            dry = np.zeros(len(joints.traction))
-            found["pressure"] = dry if pressure is None else pressure()
-        if self.joints["broken"]:
-            found["broken"] = broken(self._contact, joints)
         return found

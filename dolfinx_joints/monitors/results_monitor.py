@@ -22,35 +22,18 @@ from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.resolution import resolution
 from dolfinx_joints.monitors.body_cells import body_mesh
-from dolfinx_joints.monitors.fields import Fields, StageFields, energies, further_energies
+from dolfinx_joints.monitors.fields import Fields, StageFields, energies
 from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
 from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.manifest import manifest
-from dolfinx_joints.monitors.point_histories import (
-    STATIC_PART,
-    PointHistories,
-    declare_static_part,
-)
-from dolfinx_joints.monitors.probes import (
-    PointProbe,
-    Probe,
-    checked_points,
-)
+from dolfinx_joints.monitors.point_histories import STATIC_PART, PointHistories
+from dolfinx_joints.monitors.probes import PointProbe, Probe, checked_points
 from dolfinx_joints.monitors.resultants import ResultantsStream, strengths
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes, check_has_envelopes
-from dolfinx_joints.postprocessing.envelopes import (
-    ENVELOPE_NAMES,
-    declare_directions,
-    declare_envelopes,
-)
-from dolfinx_joints.results.layout import (
-    JOINT_SHARES,
-    declare_body,
-    declare_energy,
-    declare_points,
-    declare_states,
-)
-from dolfinx_joints.results.reader import ABSOLUTE, ENERGY_TERMS, JOINT_ENERGY_TERMS, RELATIVE
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_directions
+from dolfinx_joints.results.layout import declare, declare_body, declare_points, stage_bytes
+from dolfinx_joints.results.quantities import rows_below
+from dolfinx_joints.results.reader import ABSOLUTE, RELATIVE
 from dolfinx_joints.results.writer import ResultsWriter, check_storable, holds_statics_alone
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record, StageRecord
@@ -144,6 +127,9 @@ class ResultsMonitor(Monitor):
         with handing_out(self._comm, self._mesh, self._directions, rows):
             if self._comm.rank == 0:
                 with self._static_writer(model, stages) as writer:
+                    if not there:
+                        none = {"name": stage_bytes("none"), "load_time": 0.0}
+                        self._begin(writer, {"statics": rows[0] if rows else none})
                     for number, row in enumerate(rows, start=there + 1):
                         writer.append("statics", number, row)
                     writer.finish(*ending)
@@ -154,18 +140,22 @@ class ResultsMonitor(Monitor):
         made_by = manifest(model, {}, self._mesh_sha256, stages, self._resolved)
         made_by["static_stages"] = self._acting = self._acting | made_by["static_stages"]
         facts = {"manifest": made_by, "stage": "static", **self._facts(model)}
-        if self._stages is not None:
+        if self._stages:
             return ResultsWriter.resume(self._path, {"statics": self._stages}, facts)
         aside = None if holds_statics_alone(self._path) else self._aside
         self._moved_aside = self.overwrite and aside is not None and self._path.exists()
-        writer = ResultsWriter(self._path, facts, overwrite=self.overwrite, aside=aside)
+        again = self.overwrite or self._stages == 0
+        return ResultsWriter(self._path, facts, overwrite=again, aside=aside)
+
+    def _begin(self, writer: ResultsWriter, values: Mapping[str, Mapping[str, Any]]) -> None:
+        """Write what does not change, and declare streams from values of a record, on rank 0."""
         declare_points(writer, self._probe.positions)
         declare_body(writer, *self._mesh)
-        self._stage_fields.declare(writer, self._mesh.joints)
         if self._directions is not None:
             declare_directions(writer, *self._directions)
+        for stream, of_stream in values.items():
+            declare(writer, stream, of_stream)
         writer.start()
-        return writer
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Create the file and write the mesh and the first record (collective)."""
@@ -173,6 +163,14 @@ class ResultsMonitor(Monitor):
         relative = self._relative(first)
         facts = {"stage": stage, "steps": steps, **self._facts(model)}
         facts["displacements"] = RELATIVE if relative else ABSOLUTE
+        values = self._values(first)
+        stages = [self._stage_fields.values(one) for one in first.stages]
+        named = values | {"energy": energies(model, first)}
+        named |= {"statics": stages[0]} if stages else {}
+        if self._extremes is not None:
+            named["joints"] = self._extremes.shapes
+        if self._directions is not None:
+            named["envelopes"] = dict.fromkeys(ENVELOPE_NAMES, self._directions[0])
 
         def create() -> None:
             facts["manifest"] = manifest(
@@ -183,24 +181,9 @@ class ResultsMonitor(Monitor):
             self._writer = writer = ResultsWriter(self._path, facts, overwrite=replaces)
             if self._moved_aside:
                 self._aside.unlink(missing_ok=True)
-            self._histories.declare(writer, first, relative)
-            names = [] if model.operator is None else model.operator.names
-            declare_energy(writer, names, first.energy.input_by_load)
-            for term, text in further_energies(model).items():
-                writer.series("energy", term, (), "J", text)
-            declare_states(writer, *self._mesh, status=True)
-            self._fields.declare(writer, "states", self._mesh.joints)
-            if self.static_part:
-                declare_static_part(writer, "states", np.shape(self._mesh.nodes))
-            if first.stages:
-                self._stage_fields.declare(writer, self._mesh.joints)
-            if self._extremes is not None:
-                self._extremes.declare(writer)
             if self._resultants is not None:
                 self._resultants.declare(writer)
-            if self._directions is not None:
-                declare_envelopes(writer, *self._directions)
-            writer.start()
+            self._begin(writer, named)
             self._order(first)
 
         try:
@@ -208,9 +191,9 @@ class ResultsMonitor(Monitor):
             with handing_out(self._comm, self._mesh, self._directions, sides):
                 if self._comm.rank == 0:
                     create()
-            for number, one in enumerate(first.stages, start=1):
-                self._append("statics", number, self._stage_fields.values(one))
-            self.record(first)
+            for number, one in enumerate(stages, start=1):
+                self._append("statics", number, one)
+            self._write(first, values)
         except BaseException as error:
             if self._writer is not None:
                 self._writer.__exit__(type(error), error, None)
@@ -267,9 +250,8 @@ class ResultsMonitor(Monitor):
             self._extremes = JointExtremesStream(model, first.joints.state.gap)
         self._resultants: ResultantsStream | None = None
         if self.resultants and self._rows is not None:
-            wet = first.wet_joints
-            self._resultants = ResultantsStream(model, self._nodes, self._rows, wet)
-        self._histories = PointHistories(model, self._probe, self.static_part)
+            self._resultants = ResultantsStream(model, self._nodes, self._rows, first.wet_joints)
+        self._histories = PointHistories(model, self._probe)
         if self.static_part and first.static_part is None:
             raise JointsError(
                 "static_part=True records what a DifferingMotion of the supports does; the ground "
@@ -334,49 +316,55 @@ class ResultsMonitor(Monitor):
     def _order(self, record: Record) -> None:
         """Tell the writer in which order numbers come that a step has many of, on rank 0."""
         assert self._writer is not None
-        joints = () if self._model.operator is None else self._model.operator.names
-        names = [f"joints/{joint}/{term}" for joint in joints for term in JOINT_ENERGY_TERMS]
-        loads = [f"loads/{name}" for name in record.energy.input_by_load]
-        further = further_energies(self._model)
-        self._writer.order("energy", [*ENERGY_TERMS, *names, *loads, *further])
+        self._writer.order("energy", list(energies(self._model, record)))
         if self._extremes is not None:
-            self._writer.order("joints", self._extremes.names)
+            self._writer.order("joints", list(self._extremes.shapes))
 
     def record(self, record: Record) -> None:
         """Append a step (collective)."""
+        self._write(record, self._values(record))
+
+    def _write(self, record: Record, values: Mapping[str, Any]) -> None:
+        """Append the values of a step (collective)."""
+        for stream, of_stream in values.items():
+            self._append(stream, record.time, of_stream)
+        if self._envelopes is not None:
+            self._envelopes.see(record.displacement, record.time)
+        self._time = record.time
+
+    def _values(self, record: Record) -> dict[str, Any]:
+        """Values of a step by stream, numbers in the order of `_order` or by name (collective)."""
         counts = record.solve.counts if record.solve else None
         contact = self._model.contact
         if counts is None and contact is not None and record.joints is not None:
             counts = contact.counts(record.joints.status)
         total = max(counts.total, 1) if counts else 1
         shares = {
-            f"joint_{name}": getattr(counts, name) / total if counts else 0.0
-            for name in JOINT_SHARES
+            row.name: getattr(counts, row.name.removeprefix("joint_")) / total if counts else 0.0
+            for row in rows_below("histories", "joint_")
         }
         iterations = record.solve.iterations if record.solve else 0
         static = self._static_part(record)
         history = self._histories.values(record, static) | shares | {"iterations": iterations}
-        self._append("histories", record.time, history)
-        self._append("energy", record.time, energies(self._model, record))
+        found: dict[str, Any] = {"histories": history}
+        found["energy"] = np.array(list(energies(self._model, record).values()))
         if self._extremes is not None and record.joints is not None:
-            self._append("joints", record.time, self._extremes.values(record.joints))
+            found["joints"] = self._extremes.values(record.joints)
         if self._resultants is not None:
-            self._append("resultants", record.time, self._resultants.values(record))
+            found["resultants"] = self._resultants.values(record)
         if record.step % self.every == 0:
             values = self._fields.values(record.displacement, record.joints, record.pressure)
             if static is not None:
                 values[STATIC_PART] = self._nodes.across(self._nodes.dealt(static))
-            self._append("states", record.time, values)
-        if self._envelopes is not None:
-            self._envelopes.see(record.displacement, record.time)
-        self._time = record.time
+            found["states"] = values
+        return found
 
     def _relative(self, first: Record) -> bool:
         """Whether displacements are relative to the ground: it is given, or nothing moves it."""
         still = first.free_surface is None and not self._model.constraints.moves
         return first.motion is not None or still
 
-    def _append(self, stream: str, time: float, values: dict[str, Any] | Floats) -> None:
+    def _append(self, stream: str, time: float, values: Mapping[str, Any] | Floats) -> None:
         """Write on rank 0; what goes wrong there stops every rank."""
         with handing_out(self._comm, values):
             if self._writer is not None:

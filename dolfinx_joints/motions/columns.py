@@ -194,10 +194,10 @@ def _names(text: RecordText, keys: Keys, user: Sequence[str | float] | str | Non
     names: list[str] | None = _agreed(text, keys, "columns", here, given)
     if names is not None and "names" in keys:
         number, above = keys["names"]
-        for name, mine in zip(above.lower().split(), names, strict=False):
+        for name, mine in zip(above.split(), names, strict=False):
             agrees = name == "?" or direction_named(mine) == direction_named(name)
-            if mine not in (name, "skip") and not agrees:
-                text.fail(number, f"names a column {shown(name)}, but {shown(mine)} was given.")
+            if mine not in (name.lower(), "skip") and not agrees:
+                text.fail(number, f"names a column {shown(name)}, but columns= has {shown(mine)}.")
     if names is None:
         width = len(text.words(_first_row(text)))
         names = ["time", "?"][-width:] if width < 3 else ["?"] * width

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.results.arguments import check_results
-from dolfinx_joints.results.reader import ENERGY_TERMS, Results
+from dolfinx_joints.results.quantities import rows_below
+from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[np.float64]
 
@@ -21,18 +22,14 @@ _ROUNDING = 1e-12  # of the larger of what waves bring and take
 def energy_lines(results: Results) -> dict[str, Floats]:
     """Lines of the ledger at every step, by name, each of shape (records,), [J].
 
-    Those of ``ENERGY_TERMS``, ``water``, ``plastic`` and ``impact`` where the run has them. With
-    viscous boundaries or waves in a reservoir there is ``waves`` as well, what has come in through
-    them less what has gone out (`through_boundaries`), and ``input`` and ``viscous`` are those of
-    all else: the two parts of ``waves`` may be a thousand times larger than anything that deforms
-    the body.
+    Those of the whole model that the run has. With viscous boundaries or waves in a reservoir
+    there is ``waves`` as well, what has come in through them less what has gone out
+    (`through_boundaries`), and ``input`` and ``viscous`` are those of all else: the two parts of
+    ``waves`` may be a thousand times larger than anything that deforms the body.
     """
     check_results(results)
-    lines = {term: results.series("energy", term) for term in ENERGY_TERMS}
-    for term in ("water", "plastic", "impact"):
-        if term in results.streams["energy"]:
-            lines[term] = results.series("energy", term)
-    lines["error"] = lines.pop("error")
+    known = [row.name for row in rows_below("energy") if row.name in results.streams["energy"]]
+    lines = {term: results.series("energy", term) for term in known if term != "absorbed"}
     through = through_boundaries(results)
     if through is not None:
         brought, taken = through

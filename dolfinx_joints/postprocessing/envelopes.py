@@ -29,12 +29,8 @@ ENVELOPE_NAMES: tuple[str, ...] = get_args(EnvelopeName)
 
 # Series of the stream ``statics`` in which the extremes of a static stage are found.
 STAGE_STRESSES = {
-    "principal_max": "stress/principal_max",
-    "principal_min": "stress/principal_min",
-    "arch_max": "stress/arch",
-    "arch_min": "stress/arch",
-    "cantilever_max": "stress/cantilever",
-    "cantilever_min": "stress/cantilever",
+    name: f"stress/{name if name.startswith('principal') else name.split('_')[0]}"
+    for name in ENVELOPE_NAMES
 }
 
 _STEEP = 0.9  # of |n_z|: facets within 26 degrees of the horizontal have no arch direction
@@ -134,37 +130,11 @@ class Envelopes:
         self._largest, self._smallest = both[:, 0].copy(), both[:, 1].copy()
 
 
-def declare_envelopes(writer: ResultsWriter, nodes: Array, arch: Array, cantilever: Array) -> None:
-    """Declare the stream ``envelopes``, one record at the end of a run.
-
-    Nodes, shape (n,), are numbers in ``mesh/nodes``; directions, shape (n, 3), may be NaN.
-    """
-    declare_directions(writer, nodes, arch, cantilever)
-    shape = np.shape(nodes)
-    for name in ENVELOPE_NAMES:
-        quantity, end = name.split("_")
-        along = f"stress along the {quantity} direction"
-        what = "principal stress" if quantity == "principal" else along
-        text = f"{'largest' if end == 'max' else 'smallest'} {what} over the run"
-        writer.series("envelopes", name, shape, "Pa", text)
-
-
 def declare_directions(writer: ResultsWriter, nodes: Array, arch: Array, cantilever: Array) -> None:
-    """Write nodes and directions; arguments as in `declare_envelopes`."""
+    """Write nodes of envelopes, numbers in ``mesh/nodes``, (n,), and directions, (n, 3), or NaN."""
     writer.static("envelopes/nodes", nodes, "-", "nodes at which stresses are recorded")
     writer.static("envelopes/arch", arch, "-", "horizontal direction in the surface")
     writer.static("envelopes/cantilever", cantilever, "-", "steepest direction in the surface")
-
-
-def declare_stage_stresses(writer: ResultsWriter, nodes: Array) -> None:
-    """Declare the stresses of the stream ``statics`` at the nodes of the envelopes, (n,)."""
-    for series in dict.fromkeys(STAGE_STRESSES.values()):
-        what = series.removeprefix("stress/")
-        along = f"stress along the {what} direction"
-        names = {"principal_max": "largest principal stress"}
-        names["principal_min"] = "smallest principal stress"
-        text = f"{names.get(what, along)} at the end of the stage"
-        writer.series("statics", series, np.shape(nodes), "Pa", text)
 
 
 def stage_stresses(stress: Floats, arch: Floats, cantilever: Floats) -> Floats:

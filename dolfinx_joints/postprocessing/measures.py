@@ -48,6 +48,7 @@ from dolfinx_joints.results.arguments import (
     check_results,
 )
 from dolfinx_joints.results.joint_points import free_areas, gaps
+from dolfinx_joints.results.quantities import JOINT_SERIES, TABLE, Quantity, rows_below
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.resolved import Resolved as Resolved
 from dolfinx_joints.results.resolved import beyond
@@ -56,23 +57,8 @@ from dolfinx_joints.results.resolved import resolved_frequencies as resolved_fre
 Floats = NDArray[np.floating[Any]]
 NotNegative = Annotated[float, at.Ge(0.0), at.Unit("s")]
 
+JOINT_MEASURES = tuple(row.name for row in TABLE["measures"])
 OPEN, SLIDING, FRICTIONLESS = 0, 2, 3  # values of `laws.law.Status`, as files hold them
-
-JOINT_MEASURES = (
-    "opening_max",
-    "opening_time",
-    "opening_static",
-    "opening_residual",
-    "slip_max",
-    "slip_time",
-    "slip_residual",
-    "pressure_max",
-    "pressure_time",
-    "share_open",
-    "share_sliding",
-    "share_frictionless",
-    "share_broken",
-)
 
 
 class FourierPeaks(NamedTuple):
@@ -279,7 +265,7 @@ def joint_measures(results: Results, *, tail: NotNegative = 1.0) -> dict[str, di
     By joint, of every step as in :func:`joint_extremes`:
 
     - ``opening_max``, ``slip_max`` [m] and ``pressure_max`` [Pa], the largest of any point at any
-      time, with their times ``opening_time``, ``slip_time`` and ``pressure_time`` [s];
+      time, and ``mean_pressure_max`` [Pa], with their times ``opening_time``, ... [s];
 
     and over the records of the stream ``states``, opening and slip as in :func:`joint_history`:
 
@@ -320,10 +306,10 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
             results.series("states", f"joints/{joint}/broken", -1) @ shares
         )
     extremes = joint_extremes(results, joint)
-    for name in ("opening", "slip", "pressure"):
-        largest = getattr(extremes, name)
-        found[f"{name}_max"] = float(largest.max())
-        found[f"{name}_time"] = float(extremes.time[np.argmax(largest)])
+    for key in extremes.values.keys() & {row.key for row in JOINT_SERIES}:
+        largest = extremes.values[key]
+        found[f"{key}_max"] = float(largest.max())
+        found[f"{key}_time"] = float(extremes.time[np.argmax(largest)])
     if f"joints/{joint}/status" in results.streams["states"]:
         status = results.series("states", f"joints/{joint}/status")
         kinds = [status == kind for kind in (OPEN, SLIDING, FRICTIONLESS)]
@@ -332,14 +318,15 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
         kinds = [open_points(gap, traction), unknown, unknown]
     for name, which in zip(("open", "sliding", "frictionless"), kinds, strict=True):
         found[f"share_{name}"] = float((which @ shares).mean())
-    return {name: found[name] for name in JOINT_MEASURES}
+    return {name: found.get(name, np.nan) for name in JOINT_MEASURES}  # older files hold fewer
 
 
-def some_frictionless(results: Results) -> bool:
-    """Return True if points are closed without friction at any step; older files hold none."""
-    name = "joint_frictionless"
-    known = name in results.streams.get("histories", [])
-    return known and bool(results.series("histories", name).any())
+def joint_shares(*runs: Results) -> list[Quantity]:
+    """Return the rows of shares of joint points, without frictionless ones if no run has any."""
+    name, shares = "joint_frictionless", rows_below("histories", "joint_")
+    having = (run for run in runs if name in run.streams.get("histories", []))
+    free = any(run.series("histories", name).any() for run in having)
+    return [row for row in shares if free or row.name != name]
 
 
 def has_bonds(results: Results, joint: str) -> bool:

@@ -54,12 +54,12 @@ from dolfinx_joints.postprocessing.frames import (
     ground_name,
     has_ground_motion,
 )
+from dolfinx_joints.postprocessing.joints.extremes import drawn_series
 from dolfinx_joints.postprocessing.joints.maps import TIED_STYLE, draw_map
 from dolfinx_joints.postprocessing.joints.maps import joint_maps as joint_maps
 from dolfinx_joints.postprocessing.joints.panels import joint_panels as joint_panels
 from dolfinx_joints.postprocessing.joints.surface import (
     LABELS,
-    STATES,
     JointSurface,
     Quantity,
     map_value,
@@ -70,10 +70,10 @@ from dolfinx_joints.postprocessing.measures import (
     common_band,
     displacement_history,
     joint_extremes,
+    joint_shares,
     resolved_frequencies,
-    some_frictionless,
 )
-from dolfinx_joints.postprocessing.palette import BLUE, GREEN, GREY, ORANGE, RED, colour_limits
+from dolfinx_joints.postprocessing.palette import BLUE, RED, colour_limits
 from dolfinx_joints.results.arguments import (
     COMPONENTS,
     Component,
@@ -81,6 +81,7 @@ from dolfinx_joints.results.arguments import (
     chosen_state,
 )
 from dolfinx_joints.results.joint_points import free_areas
+from dolfinx_joints.results.quantities import row_of
 from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
@@ -88,21 +89,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 Floats = NDArray[np.floating[Any]]
-
-_ENERGY_STYLES = {
-    "kinetic": ("-", "#56b4e9"),
-    "strain": ("-", BLUE),
-    "joint": ("-", GREEN),
-    "water": ("-", "#1b9e9e"),
-    "input": ("-", "black"),
-    WAVES: ("-", "#a65628"),
-    "viscous": ("--", ORANGE),
-    "friction": ("--", RED),
-    "plastic": ("--", "#a50f15"),
-    "impact": ("--", "#e7298a"),
-    "numerical": ("-.", "#7b3294"),
-    "error": (":", GREY),
-}
 
 
 @checked
@@ -295,7 +281,7 @@ def energies(results: Results, *, ax: Axes | None = None) -> Axes:
     largest = max(float(np.abs(values).max(initial=0.0)) for values in terms.values())
     factor, unit = energy_unit(largest)
     for term, values in terms.items():
-        style, colour = _ENERGY_STYLES[term]
+        style, colour = row_of("energy", term)[0].style
         label, through = term, waves_at_end(results)
         if term == WAVES and through is not None:
             joule, fitting = energy_unit(max(map(abs, through)))
@@ -319,12 +305,10 @@ def joint_states(results: Results, *, ax: Axes | None = None) -> Axes:
     check_results(results)
     time = results.time("histories")
     ax = ax or new_axes()
-    lines = [("open", "black", "open"), ("slip", RED, "sliding")]
-    if some_frictionless(results):
-        lines.append(("frictionless", STATES["closed without friction"], "closed without friction"))
-    for state, colour, label in lines:
-        share = 100.0 * results.series("histories", f"joint_{state}")
-        ax.plot(time, share, color=colour, linewidth=1.0, label=label)
+    for row in joint_shares(results):
+        if row.name != "joint_stick":  # what is left
+            share = row.factor * results.series("histories", row.name)
+            ax.plot(time, share, color=row.style[1], linewidth=1.0, label=row.label)
     decorate(ax, "time [s]", "share of joint points [%]")
     entitle(ax, "state of the joints")
     ax.set_ylim(bottom=0.0)
@@ -340,42 +324,45 @@ def energy_unit(largest: float) -> tuple[float, str]:
 
 
 def joint_histories(results: Results, *, figure: Figure | SubFigure | None = None) -> list[Axes]:
-    """Largest opening and slip of each joint [mm] and its safety against sliding, against time.
+    """Series of each joint against time: largest opening, slip and pressure, mean pressure, safety.
 
     One panel per quantity, on a new figure unless one is given. All joints are drawn, the one with
-    the largest opening or slip or the smallest safety in colour; the legend says when and how
-    much. A joint slides at a safety of 1, dashed; what is above 10, or 1.5 times the smallest if
-    that is more, is not shown.
+    the largest value or the smallest safety in colour; the legend says when and how much. A joint
+    slides at a safety of 1, dashed; what is above 10, or 1.5 times the smallest if that is more, is
+    not shown.
     """
     check_results(results)
     if not results.joints:
         raise ResultsError(f"{results.path} has no joints to draw.")
     every = {joint: joint_extremes(results, joint) for joint in results.joints}
-    drawn = figure or new_figure(figsize=(6.3, 6.4), layout="compressed")
-    panels: list[Axes] = list(drawn.subplots(3, sharex=True))
-    units = {"opening": "mm", "slip": "mm", "safety": "-"}
-    for ax, (what, unit) in zip(panels, units.items(), strict=True):
+    rows = drawn_series(every.values())
+    drawn = figure or new_figure(figsize=(6.3, 2.1 * len(rows)), layout="compressed")
+    panels: list[Axes] = list(drawn.subplots(len(rows), sharex=True))
+    for ax, row in zip(panels, rows, strict=True):
         worst: dict[float, tuple[str, Floats, Floats]] = {}
+        least, lowest = row.key == "safety", 0.0
         for joint, found in every.items():
-            values = getattr(found, what) * (1e3 if unit == "mm" else 1.0)
+            values: Floats = row.factor * found.values[row.key]
             ax.plot(found.time, values, color="0.75", linewidth=0.7)
             known = values[np.isfinite(values)]
             if known.size:
-                extreme = known.min() if what == "safety" else known.max()
+                lowest = min(lowest, float(known.min()))
+                extreme = known.min() if least else known.max()
                 worst.setdefault(float(extreme), (joint, found.time, values))
         if worst:
-            extreme = min(worst) if what == "safety" else max(worst)
+            extreme = min(worst) if least else max(worst)
             joint, time, values = worst[extreme]
             when = time[np.argmax(values == extreme)]
-            label = f"{joint}: {extreme:.3g}{' mm' if unit == 'mm' else ''} at {when:.6g} s"
+            unit = f" {row.shown}" if row.shown else ""
+            label = f"{joint}: {extreme:.3g}{unit} at {when:.6g} s"
             ax.plot(time, values, color=BLUE, linewidth=1.1, label=label)
             legend(ax, "above")
-        decorate(ax, "time [s]" if what == "safety" else "", f"{what} [{unit}]")
+        decorate(ax, "time [s]" if least else "", row.heading.replace(" [", "\n["))
         ax.margins(x=0.0)
-        ax.set_ylim(bottom=0.0)
-    panels[2].axhline(1.0, color=RED, linewidth=0.8, linestyle="--")
+        ax.set_ylim(bottom=lowest)
+    panels[-1].axhline(1.0, color=RED, linewidth=0.8, linestyle="--")
     highest = max(10.0, 1.5 * min(worst, default=0.0))  # ``worst`` is of the last, the safety
-    panels[2].set_ylim(0.0, min(highest, max(2.0, panels[2].get_ylim()[1])))
+    panels[-1].set_ylim(0.0, min(highest, max(2.0, panels[-1].get_ylim()[1])))
     return panels
 
 

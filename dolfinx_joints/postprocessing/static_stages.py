@@ -15,7 +15,8 @@ from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES, extreme_of
 from dolfinx_joints.postprocessing.joints.resultants import JointResultants, stage_resultants
 from dolfinx_joints.results.arguments import check_results
 from dolfinx_joints.results.joint_points import gaps, tied_points
-from dolfinx_joints.results.layout import JUMP, STAGE_ENERGIES, STAGE_JOINT_ENERGIES
+from dolfinx_joints.results.layout import JUMP
+from dolfinx_joints.results.quantities import rows_below
 from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[np.floating[Any]]
@@ -199,12 +200,13 @@ def _energies(results: Results, count: int) -> Sequence[StageEnergy | None]:
     columns: dict[str, Any] = {
         name: results.series("statics", name, slice(count)).tolist() for name in numbers
     }
+    plain, of_joint = rows_below("statics", "energy/"), rows_below("statics", "energy/joints/*/")
     return [
         StageEnergy(
-            **{term: columns[f"energy/{term}"][i] for term in STAGE_ENERGIES},
+            **{row.key: columns[row.name][i] for row in plain},
             loads={load: columns[start + load][i] for load in loads},
             joints={
-                joint: {t: columns[f"energy/joints/{joint}/{t}"][i] for t in STAGE_JOINT_ENERGIES}
+                joint: {r.key: columns[r.name.replace("*", joint)][i] for r in of_joint}
                 for joint in results.joints
             },
             jump_count=columns["jumps"][i],

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_joints.postprocessing import measures, plots
-from dolfinx_joints.postprocessing.joints.extremes import joint_extremes
+from dolfinx_joints.postprocessing.joints.extremes import drawn_series, joint_extremes
 from dolfinx_joints.report.page import (
     Curve,
     Html,
@@ -22,20 +22,8 @@ from dolfinx_joints.report.page import (
 )
 from dolfinx_joints.report.runs import Content, Run, largest_moment, nothing
 from dolfinx_joints.results.joint_points import joint_area
+from dolfinx_joints.results.quantities import TABLE
 
-# Title, factor and name of each measure of a joint.
-_COLUMNS = (
-    ("static opening [mm]", 1e3, "opening_static"),
-    ("largest opening [mm]", 1e3, "opening_max"),
-    ("residual opening [mm]", 1e3, "opening_residual"),
-    ("widest at [s]", 1.0, "opening_time"),
-    ("largest slip [mm]", 1e3, "slip_max"),
-    ("residual slip [mm]", 1e3, "slip_residual"),
-    ("largest slip at [s]", 1.0, "slip_time"),
-    ("open [%]", 100.0, "share_open"),
-    ("sliding [%]", 100.0, "share_sliding"),
-    ("largest pressure [MPa]", 1e-6, "pressure_max"),
-)
 # File, quantity and words of each map after a static stage.
 _OF_STAGE: tuple[tuple[str, Any, str], ...] = (
     ("normal", "normal", "Normal traction"),
@@ -44,8 +32,6 @@ _OF_STAGE: tuple[tuple[str, Any, str], ...] = (
     ("tangential", "tangential", "Tangential traction"),
     ("state", "state", "State of the points"),
 )
-_FREE = ("closed without friction [%]", 100.0, "share_frictionless")
-_BONDS = ("bonds broken at the end [%]", 100.0, "share_broken")
 _PLANE = "The model is plane: its joints are lines, of which no maps are drawn."
 _SAFEST = 5.0  # end of the axis of safeties, unless the smallest is near it or above
 
@@ -61,12 +47,13 @@ def joints(content: Content) -> Section:
     bonds = any(
         measures.has_bonds(run.results, name) for run in runs for name in run.results.joints
     )
-    free = any(measures.some_frictionless(run.results) for run in runs)
-    columns = (*_COLUMNS[:-1], *[_FREE] * free, _COLUMNS[-1], *[_BONDS] * bonds)
-    head = ["joint", *(title for title, _, _ in columns)]
+    free = len(measures.joint_shares(*(run.results for run in runs))) == 4
+    without = {"share_frictionless": free, "share_broken": bonds}
+    columns = [row for row in TABLE["measures"] if row.label and without.get(row.name, True)]
+    head = ["joint", *(row.heading for row in columns)]
     for run in runs:
         rows = [
-            [name, *(factor * found[key] for _, factor, key in columns)]
+            [name, *(row.factor * found[row.name] for row in columns)]
             for name, found in measures.joint_measures(run.results).items()
         ]
         pieces.append(table(f"Motion of the joints ({run.label})", head, rows))
@@ -95,22 +82,22 @@ def _area(run: Run) -> Html:
 
 
 def _histories(content: Content, run: Run) -> Html:
-    """Largest opening and slip and the safety of each joint over time."""
-    curves: list[list[Curve]] = [[], [], []]
-    for joint in run.results.joints:
-        found = joint_extremes(run.results, joint)
-        finite = np.where(np.isinf(found.safety), np.nan, found.safety)
-        values = (1e3 * found.opening, 1e3 * found.slip, finite)
-        for panel, ordinate in zip(curves, values, strict=True):
-            panel.append((joint, found.time, ordinate))
-    titles = ["opening [mm]", "slip [mm]", "safety [-]"]
+    """Series of each joint over time, the safety last."""
+    every = {joint: joint_extremes(run.results, joint) for joint in run.results.joints}
+    rows = drawn_series(every.values())
+    curves: list[list[Curve]] = [[] for _ in rows]
+    for joint, found in every.items():
+        for panel, row in zip(curves, rows, strict=True):
+            values = row.factor * found.values[row.key]
+            panel.append((joint, found.time, np.where(np.isinf(values), np.nan, values)))
+    titles = [row.heading for row in rows]
     spec = panels(curves, titles, "time [s]", shown=len(run.results.joints))
-    least = min((np.nanmin(v) for _, _, v in curves[2] if np.isfinite(v).any()), default=0.0)
+    least = min((np.nanmin(v) for _, _, v in curves[-1] if np.isfinite(v).any()), default=0.0)
     safest = max(_SAFEST, float(np.ceil(1.5 * least)))
-    spec["layout"]["yaxis3"]["range"] = [0.0, safest]
+    spec["layout"][f"yaxis{len(rows)}"]["range"] = [0.0, safest]
     caption = (
-        f"Largest opening and slip among the points of each joint of {run.label}, and its safety "
-        f"against sliding up to {safest:g}."
+        f"{', '.join(row.label for row in rows).capitalize()} of each joint of {run.label}, the "
+        f"safety up to {safest:g}."
     )
     return content.drawings.plot("joint-histories", spec, caption)
 

@@ -31,7 +31,7 @@ from dolfinx_joints.report.page import (
 )
 from dolfinx_joints.report.runs import Content, Run, components, largest_moment
 from dolfinx_joints.report.static_section import gaps_note, jump_warnings
-from dolfinx_joints.results.reader import ENERGY_TERMS
+from dolfinx_joints.results.quantities import ENERGY_TERMS
 from dolfinx_joints.results.resolved import beyond
 
 JOINT_NOTE = (

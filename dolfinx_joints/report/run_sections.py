@@ -14,7 +14,7 @@ from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.energy_lines import energy_lines, waves_at_end
 from dolfinx_joints.report.page import Cell, Curve, Section, panels, paragraph, plain, table
 from dolfinx_joints.report.runs import Content, nothing
-from dolfinx_joints.results.reader import ENERGY_TERMS
+from dolfinx_joints.results.quantities import ENERGY_TERMS
 
 _COUNTS = {
     "accepted": "substeps that the steps were solved in",
@@ -28,7 +28,6 @@ _ERRORS = {
     "imbalance": "energy that no line accounts for / largest energy",
     "local_error": "largest error of one step / largest displacement",
 }
-_FREE = "joint_frictionless"
 
 
 def cost(content: Content) -> Section:
@@ -100,29 +99,27 @@ def energies(content: Content) -> Section:
 
 def convergence(content: Content) -> Section:
     """Iterations and states of the joints over time."""
-    names: tuple[str, ...] = ("joint_open", "joint_stick", "joint_slip")
-    runs = [run for run in content.runs if run.has("histories", "iterations", *names)]
+    runs = [run for run in content.runs if run.has("histories", "iterations", "joint_open")]
     if not runs:
         return nothing("iterations", "Iterations and joint states", "histories")
-    titles = ["iterations", "open [%]", "sticking [%]", "sliding [%]"]
-    if any(measures.some_frictionless(run.results) for run in runs):
-        names, titles = (*names, _FREE), [*titles, "without friction [%]"]
+    rows = measures.joint_shares(*(run.results for run in runs))
+    titles = ["iterations", *(row.heading for row in rows)]
     curves: list[list[Curve]] = [[] for _ in titles]
     for run in runs:
         time = run.results.time("histories")
         curves[0].append((run.label, time, run.results.series("histories", "iterations")))
-        for panel, name in zip(curves[1:], names if run.results.joints else (), strict=False):
-            if run.has("histories", name):
-                panel.append((run.label, time, 100.0 * run.results.series("histories", name)))
+        for panel, row in zip(curves[1:], rows if run.results.joints else (), strict=False):
+            if run.has("histories", row.name):
+                share = row.factor * run.results.series("histories", row.name)
+                panel.append((run.label, time, share))
     drawn = [(panel, title) for panel, title in zip(curves, titles, strict=True) if panel]
     spec = panels([p for p, _ in drawn], [t for _, t in drawn], "time [s]")
     pictures = []
     if content.main in runs and content.main.results.joints:
         pictures.append(content.save("joint_states", plots.joint_states(content.main.results)))
-    free = ", and are closed without friction" if _FREE in names else ""
+    states = ", ".join(row.label for row in rows)
     caption = (
-        "Iterations of each step, and shares of the joint points that are open, stick, "
-        f"slide{free}. Tied points do not count."
+        f"Iterations of each step, and shares of joint points: {states}. Tied points do not count."
     )
     return Section(
         "iterations",

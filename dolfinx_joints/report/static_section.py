@@ -17,7 +17,7 @@ from dolfinx_joints.postprocessing.rendering import round_scale
 from dolfinx_joints.postprocessing.static_stages import joint_in_state, stage_jumps
 from dolfinx_joints.report.page import Cell, Html, Section, figure, paragraph, table
 from dolfinx_joints.report.runs import Content, Run, nothing
-from dolfinx_joints.results.layout import STAGE_JOINT_ENERGIES
+from dolfinx_joints.results.quantities import TABLE, rows_below
 
 _ENERGIES_NOTE = (
     "Energies count from the unloaded body. Numerical is the energy that joints lose, or gain if "
@@ -28,18 +28,6 @@ _ENERGIES_NOTE = (
 
 # Share of the largest energy below which a value is rounding.
 _ROUNDING = 1e-12
-
-# Title, factor and name of what is shown of a joint.
-_OF_JOINT = (
-    ("largest opening [mm]", 1e3, "opening_max"),
-    ("largest tangential gap [mm]", 1e3, "slip_max"),
-    ("normal force [MN], pressure > 0", 1e-6, "normal_force"),
-    ("shear force [MN]", 1e-6, "shear_force"),
-    ("safety against sliding", 1.0, "sliding_safety"),
-    ("area under pressure [%]", 100.0, "contact"),
-    ("largest pressure [MPa]", 1e-6, "pressure_max"),
-    ("force of water in it [MN]", 1e-6, "water_force"),
-)
 
 
 def statics(content: Content) -> Section:
@@ -131,7 +119,7 @@ def _tables(run: Run, found: Sequence[StaticStage]) -> list[Html]:
             for point, values in stage.displacement.items()
         ]
         joints += [[stage.name]] + [
-            [name, *(factor * float(getattr(joint, key)) for _, factor, key in _OF_JOINT)]
+            [name, *(row.factor * float(getattr(joint, row.name)) for row in TABLE["stage_joints"])]
             for name, joint in stage.joints.items()
         ]
     pieces = []
@@ -139,7 +127,7 @@ def _tables(run: Run, found: Sequence[StaticStage]) -> list[Html]:
         head = ["point", *(f"{component} [mm]" for component in run.components)]
         pieces.append(table(f"Static displacements ({run.label})", head, moved))
     if found[0].joints:
-        head = ["joint", *(title for title, _, _ in _OF_JOINT)]
+        head = ["joint", *(row.heading for row in TABLE["stage_joints"])]
         pieces.append(table(f"Joints in the static stages ({run.label})", head, joints))
         warnings = {name: joint_geometry(run.results, name).warning for name in run.results.joints}
         pieces += [
@@ -172,16 +160,12 @@ def _energies(run: Run, found: Sequence[StaticStage]) -> list[Html]:
 
 def _by_column(energy: StageEnergy) -> dict[str, float]:
     """Energies by the heads of their columns, those of all joints added up, [J]."""
-    joints = {
-        term: sum(of_joint[term] for of_joint in energy.joints.values())
-        for term in STAGE_JOINT_ENERGIES
-    }
     values = {f"work of {load}": work for load, work in energy.loads.items()}
-    values |= {"work of supports": energy.supports, "strain": energy.strain}
-    values |= {"joints, elastic": joints["elastic"], "friction": joints["friction"]}
-    values |= {"numerical": joints["numerical"], "broken bonds": joints["bonds"]}
-    values |= {"plastic": energy.plastic, "released": joints["released"]}
-    values |= {"released with water": energy.water_released}
+    for row in TABLE["statics"]:
+        if row.name.startswith("energy/joints/"):
+            values[row.label] = sum(of_joint[row.key] for of_joint in energy.joints.values())
+        elif row in rows_below("statics", "energy/") and row.key not in ("error", "scale"):
+            values[row.label] = getattr(energy, row.key)
     least = _ROUNDING * energy.scale
     return {name: value if abs(value) > least else 0.0 for name, value in values.items()}
 

@@ -19,7 +19,7 @@ its ``time`` does, hence a row whose time can be read is a whole row.
 
 A file whose status is still "running" belongs to a live run or to one that was killed.
 
-Any name may be declared; `layout` says where those of a simulation are.
+Any name may be declared; those of a simulation are in `quantities` and `layout`.
 """
 
 import json
@@ -40,18 +40,6 @@ from dolfinx_joints.common.summary import Rows, Summarised, names, number
 
 FORMAT = "dolfinx_joints results"
 VERSION = 1
-ENERGY_TERMS = (
-    "kinetic",
-    "strain",
-    "joint",
-    "input",
-    "viscous",
-    "friction",
-    "numerical",
-    "error",
-)
-JOINT_ENERGY_TERMS = ("elastic", "friction", "numerical")
-
 STAGE_NAME_BYTES = 120  # of the name of a static stage
 RELATIVE, ABSOLUTE = "relative to the ground", "absolute"  # displacements, in the metadata
 

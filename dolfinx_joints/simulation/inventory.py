@@ -9,7 +9,6 @@ own, counts as the same.
 
 from __future__ import annotations
 
-import dis
 import functools
 import hashlib
 import sys
@@ -20,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_joints.common.kernels import cell_content, globals_read, instructions
 from dolfinx_joints.common.parameters import LONGEST_SHOWN, shown
 from dolfinx_joints.joints.ufl_law import PotentialJoint, TractionJoint
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
@@ -101,12 +101,14 @@ class Inventory:
         """Code, and the values of variables from outside and defaults."""
         code, known = function.__code__, _installed(function.__module__)
         self.facts[name] = (
-            f"{function.__module__}.{function.__qualname__}" if known else _hash(_code(code))
+            f"{function.__module__}.{function.__qualname__}"
+            if known
+            else _hash(instructions(code).encode())
         )
         outside = dict(zip(code.co_freevars, function.__closure__ or (), strict=True))
-        values = {variable: _content(cell) for variable, cell in outside.items()}
+        values = {variable: cell_content(cell) for variable, cell in outside.items()}
         if not known:
-            used = sorted(set(_globals(code)) & function.__globals__.keys())
+            used = sorted(set(globals_read(code)) & function.__globals__.keys())
             values |= {variable: function.__globals__[variable] for variable in used}
         values |= {"defaults": function.__defaults__} if function.__defaults__ else {}
         values |= function.__kwdefaults__ or {}
@@ -172,32 +174,6 @@ def _parts(state: tuple[Any, ...]) -> Iterator[tuple[str, Any]]:
         yield "items", list(items)
     if pairs is not None:
         yield "items", dict(pairs)
-
-
-def _code(code: types.CodeType) -> bytes:
-    """The instructions of a function and of those inside it, with their constants."""
-    inner = [c for c in code.co_consts if isinstance(c, types.CodeType)]
-    # The order of a set is not that of the next run.
-    constants = [c for c in code.co_consts if not isinstance(c, types.CodeType)]
-    texts = [repr(sorted(c, key=repr) if isinstance(c, frozenset) else c) for c in constants]
-    names = (code.co_names, code.co_varnames, code.co_freevars)
-    own = repr((sys.version_info[:2], texts, names)).encode() + code.co_code
-    return own + b"".join(_code(each) for each in inner)
-
-
-def _globals(code: types.CodeType) -> Iterator[str]:
-    """Names of the global variables that a function and those inside it read."""
-    yield from (i.argval for i in dis.get_instructions(code) if i.opname == "LOAD_GLOBAL")
-    for each in code.co_consts:
-        if isinstance(each, types.CodeType):
-            yield from _globals(each)
-
-
-def _content(cell: types.CellType) -> Any:
-    try:
-        return cell.cell_contents
-    except ValueError:  # not set yet
-        return None
 
 
 @functools.cache

@@ -10,12 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from declared import declare_energy, declare_envelopes, declare_histories, declare_states
 
 from dolfinx_joints import Motion, RecordError, Results, ResultsError, cli
 from dolfinx_joints.export.csv_files import write_csv
-from dolfinx_joints.postprocessing.envelopes import declare_envelopes
 from dolfinx_joints.postprocessing.joints.resultants import block_resultants, joint_resultants
-from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
 from dolfinx_joints.results.overview import overview
 from dolfinx_joints.results.writer import ResultsWriter
 from dolfinx_joints.study.table import write_csv as write_table

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Joint laws in UFL against the same by hand, energy, derivatives, a damage law, and errors.
 
-The cohesive law is that of `benchmarks.shared.cohesive`, to which the body in the impact test adds
+The cohesive law is that of `cohesive`, to which the body in the impact test adds
 k_n <n>^2 / 2 in pressure.
 """
 
@@ -19,11 +19,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 import ufl
-from dolfinx import fem
-from dolfinx.mesh import create_unit_interval
-from shaken_wall import DT, STEPS, shaking, wall
-
-from benchmarks.shared.cohesive import (
+from cohesive import (
     COHESIVE,
     K_S,
     PHI,
@@ -35,6 +31,10 @@ from benchmarks.shared.cohesive import (
     left_over,
     random_steps,
 )
+from dolfinx import fem
+from dolfinx.mesh import create_unit_interval
+from shaken_wall import DT, STEPS, shaking, wall
+
 from dolfinx_joints import (
     Elastic,
     EnergyConsistent,

@@ -42,7 +42,7 @@ from dolfinx_joints.monitors.probes import boundary_facets
 from dolfinx_joints.postprocessing.joints.resultants import joint_resultants
 from dolfinx_joints.postprocessing.measures import joint_extremes, joint_measures
 from dolfinx_joints.results.overview import overview
-from dolfinx_joints.results.reader import ENERGY_TERMS
+from dolfinx_joints.results.quantities import ENERGY_TERMS
 
 pytestmark = pytest.mark.mpi
 
@@ -390,10 +390,14 @@ def test_points_are_checked():
 
 def test_a_file_that_cannot_be_begun_is_closed(comm, wall_file, read, new_path, monkeypatch):
     # What goes wrong on rank 0, after the file is made, is raised on all; the file says so.
-    def fail(*_):
-        raise RuntimeError("no energies today")
+    declare = monitors.declare
 
-    monkeypatch.setattr(monitors, "declare_energy", fail)
+    def fail(writer, stream, values):
+        if stream == "energy":
+            raise RuntimeError("no energies today")
+        declare(writer, stream, values)
+
+    monkeypatch.setattr(monitors, "declare", fail)
     path = new_path("begun.h5")
     with pytest.raises(RuntimeError, match="no energies today"):
         shake(wall(read(wall_file())), [ResultsMonitor(path, points=POINTS)], steps=1)

@@ -84,7 +84,7 @@ def arrays_of_all(comm, model, folder):
             run(model, folder, kill=2)
         run(model, folder, resume=True)
     of_functions(lambda: block_of_nodes(NodeNumbering(model.V)), seen)
-    for name in ("ResultsMonitor.record", "FieldMonitor._append", "save_if_due", "reached"):
+    for name in ("ResultsMonitor._values", "FieldMonitor._append", "save_if_due", "reached"):
         assert any(name in where for where in seen), name
     held = {path: [a.shape] for one in kept for path, a in arrays(one, set(), type(one).__name__)}
     assert len(held) > 100

@@ -171,7 +171,7 @@ def shown_energies(path, out, stages, columns):
     for stage in stages:
         energy, joints = stage.energy, stage.energy.joints.values()
         known = {f"work of {load}": work for load, work in energy.loads.items()}
-        known |= {"work of supports": energy.supports, "strain": energy.strain}
+        known |= {"work of supports": energy.supports, "strain energy": energy.strain}
         for word, term in (("joints, elastic", "elastic"), ("broken bonds", "bonds")):
             known[word] = sum(joint[term] for joint in joints)
         for term in ("friction", "numerical", "released"):
@@ -199,7 +199,7 @@ def test_friction_and_two_loads(comm, new_path):
     def look():
         stages = check_file(path, ["joint_level"], states)
         check_tables(path, path.with_suffix(".tables"), stages)
-        columns = ["work of Gravity", "work of Traction_top", "strain", "joints, elastic"]
+        columns = ["work of Gravity", "work of Traction_top", "strain energy", "joints, elastic"]
         columns += ["friction", "numerical"]
         html = shown_energies(path, path.with_suffix(".html"), stages, columns)
         assert "jumps in the static stage" not in html
@@ -252,7 +252,7 @@ def test_a_jump(comm, new_path):
         stages = check_file(path, ["joint_wall"], states)
         assert [stage.jumps for stage in stages] == [(), (), (words,), (), ()]
         check_tables(path, path.with_suffix(".tables"), stages)
-        columns = ["work of Traction_head", "work of supports", "strain", "joints, elastic"]
+        columns = ["work of Traction_head", "work of supports", "strain energy", "joints, elastic"]
         columns += ["friction", "numerical", "released"]
         html = shown_energies(path, path.with_suffix(".html"), stages, columns)
         stage = "&#x27;pull, t = 1.5 s&#x27;"
@@ -306,6 +306,8 @@ def test_a_body_without_joints(comm, new_path):
         assert stages[0].energy.strain == pytest.approx(exact, rel=1e-9)
         assert stages[0].energy.loads["Gravity"] == pytest.approx(exact, rel=1e-9)
         check_tables(path, path.with_suffix(".tables"), stages)
-        shown_energies(path, path.with_suffix(".html"), stages, ["work of Gravity", "strain"])
+        shown_energies(
+            path, path.with_suffix(".html"), stages, ["work of Gravity", "strain energy"]
+        )
 
     on_root(comm, look)

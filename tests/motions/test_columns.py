@@ -77,8 +77,16 @@ def test_rounded_times_are_taken_as_equal_steps(tmp_path: Path) -> None:
         ("# unit: g\n", {"columns": ["N", "E"]}, "has no column of time; pass dt="),
         ("# unit: g\n", {"columns": ["time", "H1"]}, "columns must be 'time' once at most and"),
         ("# unit: g\n", {"columns": ["N"], "dt": 1.0}, "line 2: 2 values where the columns are 1"),
-        ("# unit: g\ntime N\n", {"columns": "time E"}, "line 2: names a column 'n', but 'e' was"),
-        ("# unit: g\ntime N\n", {"columns": "N time"}, "names a column 'time', but 'n' was given"),
+        (
+            "# unit: g\ntime N\n",
+            {"columns": "time E"},
+            "line 2: names a column 'N', but columns=",
+        ),
+        (
+            "# unit: g\ntime N\n",
+            {"columns": "N time"},
+            "names a column 'time', but columns= has 'n'",
+        ),
         (
             "# unit: g\n# columns: time N\n",
             {"columns": ["time", "E"]},

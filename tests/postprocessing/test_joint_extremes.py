@@ -11,11 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from declared import declare_states
 
+from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.export.csv_files import write_csv
+from dolfinx_joints.export.tables import tables_of
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.joints.resultants import joint_resultants, resultant_measures
-from dolfinx_joints.results.layout import declare_states
+from dolfinx_joints.results.layout import declare
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 
@@ -136,12 +139,41 @@ def test_histories_are_drawn_in_their_units(tmp_path):
         writer.finish("complete", {})
     with Results(tmp_path / "r.h5") as results:
         panels = plots.joint_histories(results)
-    assert [ax.get_ylabel() for ax in panels] == ["opening [mm]", "slip [mm]", "safety [-]"]
+    words = ["largest opening [mm]", "largest slip [mm]", "largest pressure [MPa]"]
+    words += ["mean pressure [MPa]", "sliding safety [-]"]
+    assert [ax.get_ylabel().replace("\n", " ") for ax in panels] == words
     assert panels[-1].get_xlabel() == "time [s]"
-    drawn = [ax.lines[2] for ax in panels]
+    drawn = [panels[number].lines[2] for number in (0, 1, 4)]
     np.testing.assert_allclose(drawn[0].get_ydata(), [0.0, 3.0, 4.0])
     np.testing.assert_allclose(drawn[1].get_ydata(), [0.0, 1.0, 2.0])
     np.testing.assert_allclose(drawn[2].get_ydata(), [10.0, 2.5, 5.0])
     np.testing.assert_allclose(drawn[0].get_xdata(), [0.0, 0.1, 0.2])
     labels = [line.get_label() for line in drawn]
     assert labels == ["b: 4 mm at 0.2 s", "a: 2 mm at 0.2 s", "a: 2.5 at 0.1 s"]
+
+
+def test_an_older_file_may_hold_fewer_series(tmp_path):
+    # The extremes that version 1 of the layout began with; the mean pressure is a later row.
+    keys = ("opening", "slip", "pressure", "compression", "shear_sum")
+    record = {f"base/{key}": 1.0 + number for number, key in enumerate(keys)}
+    record |= {f"base/{name}_at": np.ones(3) for name in ("opening", "slip")}
+    points = np.array([[0.0, 0.0, 0.0]])
+    joint = {"points": points, "frames": np.eye(3)[None], "areas": [1.0], "facet": [0]}
+    state = {"displacement": points, "joints/base/gap": points, "joints/base/traction": points}
+    with ResultsWriter(tmp_path / "old.h5", {}) as writer:
+        declare_states(writer, points, [[0, 0, 0]], {"base": joint})
+        declare(writer, "joints", record)
+        writer.start()
+        writer.append("joints", 0.0, record)
+        writer.append("states", 0.0, state)
+        writer.finish("complete", {})
+    with Results(tmp_path / "old.h5") as results:
+        assert measures.joint_extremes(results, "base").slip == [2.0]
+        found = measures.joint_measures(results)["base"]
+        assert (found["pressure_max"], np.isnan(found["mean_pressure_max"])) == (3.0, True)
+        assert len(plots.joint_histories(results)) == 4
+        header = tables_of(results, "joint_extremes")["joint_extremes"].header
+        assert "largest pressure [Pa]" in header
+        assert "mean pressure [Pa]" not in header
+        with pytest.raises(ResultsError, match="holds no mean_pressure of its joints"):
+            plots.joint_panels(results, "mean_pressure")

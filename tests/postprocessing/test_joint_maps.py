@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from declared import declare_states
 from test_unrolled import FACETS, RADIUS, WIDTH, valley
 from written_runs import JOINT, NODES, SURFACE
 
 from dolfinx_joints.postprocessing import plots
 from dolfinx_joints.postprocessing.palette import signed_colours
-from dolfinx_joints.results.layout import declare_states
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 

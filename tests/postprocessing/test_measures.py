@@ -9,19 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from declared import declare_envelopes, declare_histories, declare_states, declare_static_stages
 from written_runs import SHARES
 
 from dolfinx_joints.common.constants import ACCELERATION_BAND
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.motions.motion import Motion
 from dolfinx_joints.postprocessing import measures
-from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_envelopes
-from dolfinx_joints.results.layout import (
-    declare_histories,
-    declare_states,
-    declare_static_stages,
-    stage_bytes,
-)
+from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
+from dolfinx_joints.results.layout import stage_bytes
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 
@@ -169,7 +165,7 @@ def test_a_band_keeps_the_impulse_of_a_short_step(tmp_path: Path) -> None:
 def test_absolute_motions_without_a_ground_have_none_to_be_relative_to(tmp_path: Path) -> None:
     # As on supports that move: the base by 3 t, the tip by 5 t.
     with ResultsWriter(tmp_path / "r.h5", {"displacements": "absolute"}) as writer:
-        declare_histories(writer, np.zeros((2, 3)), accelerations=True, relative=False)
+        declare_histories(writer, np.zeros((2, 3)), accelerations=True)
         writer.start()
         for time in (0.0, 1.0, 2.0):
             values = dict.fromkeys(("iterations", *SHARES), 0)
@@ -301,6 +297,8 @@ def test_joint_measures(tmp_path: Path) -> None:
             "slip_residual": 2e-3,
             "pressure_max": 8e6,
             "pressure_time": 1.0,
+            "mean_pressure_max": 2e6 * (2.0 + 4.0 * 5.0) / 8.0,
+            "mean_pressure_time": 1.0,
             "share_open": 6 / (5 * 8),
             "share_sliding": 9 / (5 * 8),
             "share_frictionless": 0.0,

@@ -8,6 +8,7 @@ import re
 
 import numpy as np
 import pytest
+from declared import declare_states
 from PIL import Image
 from reading_back import UNITS
 from written_runs import JOINT, NODES, SURFACE, write_run
@@ -16,7 +17,7 @@ from dolfinx_joints import animate, plots, views
 from dolfinx_joints.common.errors import JointsError, ResultsError
 from dolfinx_joints.postprocessing.body import jointed_groups
 from dolfinx_joints.postprocessing.measures import joint_extremes
-from dolfinx_joints.results.layout import Cells, declare_states
+from dolfinx_joints.results.layout import Cells
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 

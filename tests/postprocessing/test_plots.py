@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from declared import declare_energy, declare_histories, declare_states
 from written_runs import SHARES
 
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.errors import JointsError, ResultsError
 from dolfinx_joints.postprocessing import plots
 from dolfinx_joints.postprocessing.joints import surface as joint_surface
-from dolfinx_joints.results.layout import declare_energy, declare_histories, declare_states
-from dolfinx_joints.results.reader import ENERGY_TERMS, Results
+from dolfinx_joints.results.quantities import ENERGY_TERMS
+from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 
 pytest.importorskip("matplotlib")

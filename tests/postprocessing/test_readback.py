@@ -121,6 +121,9 @@ def test_energies_and_states(runs: tuple[Results, Results]) -> None:
         same(share, own.series("histories", name))
 
 
+EXTREMES = ("opening", "slip", "pressure", "mean_pressure", "safety")
+
+
 def test_histories_of_joints(runs: tuple[Results, Results]) -> None:
     """All joints in grey, then the worst, whose legend says how much and when."""
     own, _ = runs
@@ -128,7 +131,7 @@ def test_histories_of_joints(runs: tuple[Results, Results]) -> None:
     time = own.time("states")
     assert "[s]" in panels[-1].get_xlabel()
     extremes = {joint: measures.joint_extremes(own, joint) for joint in own.joints}
-    for ax, what in zip(panels, ("opening", "slip", "safety"), strict=True):
+    for ax, what in zip(panels, EXTREMES, strict=True):
         drawn = [line for line in ax.get_lines() if len(line.get_xdata()) == len(time)]
         values = [si(ax.get_ylabel(), line.get_ydata()) for line in drawn]
         each = {joint: getattr(found, what) for joint, found in extremes.items()}
@@ -137,8 +140,10 @@ def test_histories_of_joints(runs: tuple[Results, Results]) -> None:
             same(line.get_xdata(), time)
             same(found, each[joint])
         label = drawn[-1].get_label()
-        name, value, unit, when = re.fullmatch(r"(\w+): (\S+)( mm)? at (\S+) s", label).groups()
-        factor = 1e-3 if unit else 1.0
+        name, value, unit, when = re.fullmatch(
+            r"(\w+): (\S+)( mm| MPa)? at (\S+) s", label
+        ).groups()
+        factor = {" mm": 1e-3, " MPa": 1e6}.get(unit, 1.0)
         assert name == worst
         assert factor * float(value) == pytest.approx(_extreme(each[worst], what), rel=5e-3)
         at = np.argmin(each[worst]) if what == "safety" else np.argmax(each[worst])
@@ -322,6 +327,8 @@ def test_tables(runs: tuple[Results, Results], tmp_path: Path) -> None:
         if name != "pressure":
             places = np.concatenate([getattr(one, f"{name}_at") for one in each])
             wanted["joint_extremes"] |= by_axis(f"largest {name} at", places)
+    means = np.concatenate([one.mean_pressure for one in each])
+    wanted["joint_extremes"]["mean pressure"] = means
     wanted["joint_extremes"]["sliding safety"] = np.concatenate([one.safety for one in each])
     forces = [joint_resultants(own, joint) for joint in own.joints]
     for name, attribute in {

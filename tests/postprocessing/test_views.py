@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from declared import declare_states
 from test_plots import HEIGHT, ROWS, THICKNESS, block
 from written_runs import WEIGHT, write_stages
 from written_runs import write_run as written_run
@@ -17,7 +18,6 @@ from dolfinx_joints.common.errors import JointsError, ResultsError
 from dolfinx_joints.postprocessing import plots, rendering, views
 from dolfinx_joints.postprocessing.joints.surface import map_colours
 from dolfinx_joints.postprocessing.palette import signed_colours
-from dolfinx_joints.results.layout import declare_states
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 
@@ -190,11 +190,6 @@ def test_without_anything_to_draw_with_there_is_one_message(
     monkeypatch.setattr(sys.modules["vtkmodules"], "__version__", "9.3.0")
     with pytest.raises(JointsError, match="need VTK 9.5 or later, got 9.3"):
         views.mesh(results)
-
-
-def test_a_library_that_is_not_there_is_not_loadable() -> None:
-    assert not rendering._is_loadable("libno-such-library.so.1")
-    assert rendering._is_loadable("libc.so.6")
 
 
 @pytest.mark.parametrize("module", ["plots", "views"])

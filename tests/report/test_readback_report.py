@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from declared import declare_energy
 from reading_back import Tables, curves, lines, low_passed
 from written_runs import WEIGHT, write_distinct, write_run, write_stages
 
@@ -27,8 +28,8 @@ from dolfinx_joints.postprocessing.joints.resultants import joint_resultants
 from dolfinx_joints.report import body_sections
 from dolfinx_joints.report.page import Drawings, Html
 from dolfinx_joints.report.runs import Content, Run
-from dolfinx_joints.results.layout import declare_energy
-from dolfinx_joints.results.reader import ENERGY_TERMS, Results
+from dolfinx_joints.results.quantities import ENERGY_TERMS
+from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 
 pytest.importorskip("matplotlib")
@@ -122,15 +123,16 @@ def test_cells_of_joints_are_measures(tmp_path: Path) -> None:
         for joint, found in measures.joint_measures(run).items():
             for words, name in {
                 "static opening": "opening_static",
-                "largest opening": "opening_max",
+                "largest opening [": "opening_max",
                 "residual opening": "opening_residual",
-                "widest at": "opening_time",
+                "largest opening at": "opening_time",
                 "largest slip [": "slip_max",
                 "residual slip": "slip_residual",
-                "slip at": "slip_time",
+                "largest slip at": "slip_time",
                 "open [": "share_open",
                 "sliding [": "share_sliding",
-                "largest pressure": "pressure_max",
+                "largest pressure [": "pressure_max",
+                "largest mean pressure [": "mean_pressure_max",
                 "bonds broken": "share_broken",
             }.items():
                 shown(motion.value(joint, words), found[name])
@@ -260,7 +262,8 @@ def test_curves_are_those_of_the_file(two: tuple[str, dict[str, Results]]) -> No
             same(line, run.time("energy"), run.series("energy", term))
     for (joint, panel), found in curves(html, "joint-histories").items():
         extremes = measures.joint_extremes(runs["a"], joint)
-        same(found, extremes.time, getattr(extremes, ("opening", "slip", "safety")[panel]))
+        series = ("opening", "slip", "pressure", "mean_pressure", "safety")
+        same(found, extremes.time, extremes.values[series[panel]])
     names = ("iterations", "joint_open", "joint_stick", "joint_slip")
     for (label, panel), found in curves(html, "iterations-plot").items():
         run = runs[label]

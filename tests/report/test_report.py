@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import Browser, chromium
+from declared import declare_histories, declare_states
 from written_runs import NODES, SHARES, write_envelopes, write_run, write_stages, write_tip
 
 from dolfinx_joints import report
@@ -23,7 +24,6 @@ from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.report import opening, run_sections, runs, writing
 from dolfinx_joints.report import page as report_page
-from dolfinx_joints.results.layout import declare_histories, declare_states
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 
@@ -450,18 +450,3 @@ def test_browser_draws_the_report(tmp_path):
         assert browser.errors == []
         own = out.resolve().as_uri()
         assert all(url == own or url.startswith(("data:", "blob:")) for url in browser.requests)
-
-
-@pytest.mark.skipif(chromium() is None, reason="needs chromium")
-def test_browser_sees_errors_and_requests(tmp_path):
-    # The test above can fail: this page asks the net for a picture and throws.
-    page = tmp_path / "bad.html"
-    page.write_text(
-        "<!DOCTYPE html><html data-drawn='0'><body><img src='http://127.0.0.1:9/x.png'>"
-        "<script>throw new Error('thrown')</script></body></html>"
-    )
-    with Browser() as browser:
-        browser.open(page)
-        browser.run("new Promise((done) => setTimeout(done, 300))")
-        assert any("thrown" in message for message in browser.errors)
-        assert "http://127.0.0.1:9/x.png" in browser.requests

@@ -660,25 +660,23 @@ def test_warnings_of_a_run_are_kept(wall, tmp_path):
         assert any("A single step errs" in text for text in results.summary["warnings"])
 
 
-def test_a_monitor_that_fails_at_the_end_leaves_the_others_theirs():
-    from types import SimpleNamespace
-    from unittest.mock import MagicMock
-
-    from dolfinx_joints.simulation.dynamic_stage import DynamicRun
-    from dolfinx_joints.time_integration.substeps import StepCounts
+def test_a_monitor_that_fails_at_the_end_leaves_the_others_theirs(wall):
+    from dolfinx_joints import Monitor, Simulation
 
     finished = []
 
-    def fail(status, summary):
-        raise OSError("no room")
+    class Full(Monitor):
+        def finish(self, status, summary):
+            raise OSError("no room")
 
-    run = DynamicRun.__new__(DynamicRun)
-    bad = SimpleNamespace(finish=fail)
-    good = SimpleNamespace(finish=lambda status, summary: finished.append(status))
-    run._started, run._seconds, run._warnings = [bad, good], {}, []
-    run.outcome = MagicMock(return_value=MagicMock(counts=StepCounts()))
+    class Noting(Monitor):
+        def finish(self, status, summary):
+            finished.append(status)
+
+    run = Simulation(wall(), monitors=[Full(), Noting()])
+    run.statics()
     with pytest.raises(OSError, match="no room"):
-        run._finish("complete", {})
+        run.dynamics(dt=0.01, steps=1, motion=shaking)
     assert finished == ["complete"]
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,10 +27,8 @@ from dolfinx_joints import (
     SolverOptions,
     frictionless,
 )
-from dolfinx_joints.common import kernels
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.simulation.monitor import Monitor
-from dolfinx_joints.solvers import line_search
 from dolfinx_joints.solvers.interface import corrections
 from dolfinx_joints.solvers.interface.compiled import deflation, krylov, products, ranks, steps
 from dolfinx_joints.solvers.interface.compiled.steps import CompiledSteps
@@ -235,9 +232,3 @@ def test_errors_of_mpi_are_raised():
     wrong = ranks.lengths_of(np.full(comm.size, -8))
     with pytest.raises(JointsError, match="MPI has failed"):
         exchange(ranks.ranks_of(comm), numbers, wrong, numbers.copy())
-
-
-def test_machine_code_is_kept_by_all_that_it_is_made_of():
-    """Also by loops that only others call, and by constants of files without loops."""
-    made_of = {Path(module.__file__) for module in (krylov, ranks, line_search)}
-    assert made_of <= set(kernels.sources())

@@ -8,13 +8,8 @@ number for each of at most some hundred terms.
 
 from __future__ import annotations
 
-import os
-import shutil
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -28,7 +23,6 @@ from mpi4py import MPI
 
 from plates import compressed, kernel, plates
 
-import dolfinx_joints
 from dolfinx_joints.laws import discrete_gradient, friction
 from dolfinx_joints.laws.law import JointState
 from dolfinx_joints.laws.return_mapping import Answer, Coulomb, Start, empty_answer
@@ -245,31 +239,3 @@ def test_ends_of_steps(monkeypatch, compliance, normal, shear):
         return solved(friction.backward_euler_points, after, np.array(compliance), start)
 
     check(monkeypatch, friction, work)
-
-
-def test_copies_of_one_version_share_machine_code(tmp_path):
-    """Not those of another version, be it that a function changed which loops take in."""
-    call = (
-        "import numpy as np\n"
-        "from dolfinx_joints.solvers.interface.gmres import _combined as loop\n"
-        "loop(np.ones((1, 2)), np.ones((1, 1)), np.ones(1), 1)\n"
-        "print(sum(loop.stats.cache_hits.values()), sum(loop.stats.cache_misses.values()))\n"
-    )
-    found = []
-    for number, change in enumerate(("", "", "# changed\n")):
-        copy = tmp_path / str(number)
-        shutil.copytree(Path(dolfinx_joints.__file__).parent, copy / "dolfinx_joints")
-        source = copy / "dolfinx_joints" / "laws" / "return_mapping.py"
-        source.write_text(source.read_text() + change)
-        path = os.pathsep.join([str(copy), *filter(None, [os.environ.get("PYTHONPATH")])])
-        home = {"PYTHONPATH": path, "XDG_CACHE_HOME": str(tmp_path / "cache")}
-        run = subprocess.run(
-            [sys.executable, "-c", call],
-            env=os.environ | home,
-            cwd=copy,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        found.append(run.stdout.split())
-    assert found == [["0", "1"], ["1", "0"], ["0", "1"]]

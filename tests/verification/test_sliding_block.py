@@ -107,11 +107,11 @@ def ground(time):
     return -EXACT.pulse * (0.5 if abs(left) < 1e-9 else float(left > 0.0)), 0.0, 0.0
 
 
-def shake(cell, dt, solver="auto", scale=1.0):
+def shake(cell, dt, scale=1.0):
     """Self weight, then the pulse."""
     history = History()
     block = model(cell, LEVEL_MU, (0.0, 0.0, -LEVEL_GRAVITY), scale)
-    simulation = Simulation(block, monitors=[history], solver=solver)
+    simulation = Simulation(block, monitors=[history])
     simulation.statics()
     return history, simulation.dynamics(dt=dt, steps=round(1.2 / dt), motion=ground)
 
@@ -176,8 +176,3 @@ def test_error_of_the_slip_falls_with_the_step():
     assert abs(errors[-1]) < 1e-4 * EXACT.final_slip
     for error, dt in zip(errors, steps, strict=True):
         assert abs(error - expected_error(dt)) < EXACT.yield_acceleration * dt**2 / 8.0
-
-
-def test_both_solvers_agree():
-    condensed, monolithic = (shake("hex", 0.02, solver=s)[0] for s in ("condensed", "monolithic"))
-    assert np.abs(condensed.slip - monolithic.slip).max() < 1e-5 * EXACT.final_slip

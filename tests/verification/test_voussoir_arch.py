@@ -218,7 +218,7 @@ def simulation(
         loads=[dj.Gravity()],
         quadrature=quadrature,
     )
-    return dj.Simulation(model, options=dj.SolverOptions(max_iterations=60))
+    return dj.Simulation(model)
 
 
 def stands(*args, **more):
@@ -263,7 +263,7 @@ def test_continuous_arch():
     assert hinge == pytest.approx(54.5, abs=0.05)
 
 
-@pytest.mark.parametrize("family", [(5, 10, 20, 40), (7, 14, 28, 56), (9, 27, 81), (16, 32, 64)])
+@pytest.mark.parametrize("family", [(5, 10, 20, 40), (9, 27, 81)])
 def test_the_limit_of_n_voussoirs_tends_to_the_continuous_one(family):
     """From below, as fewer joints bound the thrust line, and not farther than 0.6/n^2 from it.
 
@@ -276,7 +276,7 @@ def test_the_limit_of_n_voussoirs_tends_to_the_continuous_one(family):
         assert -1e-9 < continuous - limit < 0.6 / n**2
 
 
-@pytest.mark.parametrize("voussoirs", [8, 9, 15, 16])
+@pytest.mark.parametrize("voussoirs", [8, 9])
 def test_least_friction_of_a_thick_arch(voussoirs):
     """The linear program against the closed form for sliding alone.
 
@@ -293,17 +293,17 @@ def test_least_friction_of_a_thick_arch(voussoirs):
     assert limit_friction(voussoirs, 0.6) == pytest.approx(expected, abs=1e-9)
 
 
+# Rule of the joint points, mesh, number of voussoirs. An even number has a joint at the crown, an
+# odd one a block; either occurs with both rules, so each mesh is tried with one number.
 CASES = [
-    ("nodal", {}),
-    ("nodal", {"divisions": (2, 3, 1)}),
-    ("nodal", {"divisions": (1, 2, 1), "cell": "tet"}),
-    ("nodal", {"divisions": (1, 2, 1), "order": 2}),
-    ("nodal", {"divisions": (1, 2, 1), "width": 1.0}),
-    ("gauss", {}),
-    pytest.param("gauss", {"divisions": (2, 4, 1)}, marks=pytest.mark.mpi),
-    ("gauss", {"divisions": (1, 2, 1), "cell": "tet"}),
-    ("gauss", {"divisions": (1, 2, 1), "order": 2}),
-    ("gauss", {"divisions": (1, 2, 1), "width": 1.0}),
+    ("nodal", {"divisions": (2, 3, 1)}, 9),
+    ("nodal", {"divisions": (1, 2, 1), "cell": "tet"}, 10),
+    ("nodal", {"divisions": (1, 2, 1), "order": 2}, 9),
+    ("nodal", {"divisions": (1, 1, 1), "width": 1.0}, 10),
+    ("gauss", {"cell": "tet"}, 9),
+    pytest.param("gauss", {"divisions": (2, 4, 1)}, 10, marks=pytest.mark.mpi),
+    ("gauss", {"divisions": (1, 2, 1), "order": 2}, 9),
+    ("gauss", {"divisions": (1, 1, 1), "width": 1.0}, 10),
 ]
 
 
@@ -314,8 +314,7 @@ def case_limit(voussoirs, quadrature, divisions=(1, 1, 1), order=1, **_):
     return limit_thickness(voussoirs, chords=chords, effective=1.0 - lost)
 
 
-@pytest.mark.parametrize("voussoirs", [9, 10])
-@pytest.mark.parametrize(("quadrature", "mesh"), CASES)
+@pytest.mark.parametrize(("quadrature", "mesh", "voussoirs"), CASES)
 def test_least_thickness(quadrature, mesh, voussoirs):
     """The computed arch stands 1e-4 above the limit of the linear program and not 1e-4 below it."""
     limit = case_limit(voussoirs, quadrature, **mesh)
@@ -333,11 +332,16 @@ def test_least_thickness_with_gauss_points_by_hand():
     assert limit / math.sqrt(3.0) == pytest.approx(case_limit(9, "nodal"), rel=2e-3)
 
 
-@pytest.mark.parametrize("rigidity", [1.0, 10.0, 1e6])
-@pytest.mark.parametrize("shear", [0.1, 10.0])
-@pytest.mark.parametrize("law", [dj.FrictionNoTension, dj.MohrCoulombJoint])
+@pytest.mark.parametrize(
+    ("law", "shear", "rigidity"),
+    [
+        (dj.FrictionNoTension, 0.1, 1.0),
+        (dj.FrictionNoTension, 10.0, 1e6),
+        (dj.MohrCoulombJoint, 10.0, 1.0),
+    ],
+)
 def test_the_limit_depends_on_no_stiffness(law, shear, rigidity):
-    """Over the ratios k_s/k_n and E/(k_n t); k_n itself only scales the displacements.
+    """At both ends of the ratios k_s/k_n and E/(k_n t); k_n itself only scales the displacements.
 
     A Mohr-Coulomb joint without strength is the same joint, by the monolithic solver alone.
     """
@@ -349,9 +353,9 @@ def test_the_limit_depends_on_no_stiffness(law, shear, rigidity):
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize(("voussoirs", "divisions"), [(9, (1, 1, 1)), (12, (1, 2, 1))])
-def test_arches_of_rigid_joints(voussoirs, divisions):
+def test_arches_of_rigid_joints():
     """The same limit, and equilibrium: Newton's method alone goes round in circles."""
+    voussoirs, divisions = 9, (1, 2, 1)
     limit = limit_thickness(voussoirs, chords=1)
     for thickness in (1.0 + BAND, 1.1):
         more = {"divisions": divisions, "rigidity": 1.0, "law": dj.RigidJoint}
@@ -366,9 +370,9 @@ def test_arches_of_rigid_joints(voussoirs, divisions):
 
 @pytest.mark.parametrize("quadrature", ["nodal", "gauss"])
 @pytest.mark.parametrize("width", [None, pytest.param(1.0, marks=pytest.mark.mpi)])
-@pytest.mark.parametrize("thickness", [0.2, 0.4])
-def test_equilibrium_of_every_voussoir(thickness, width, quadrature):
+def test_equilibrium_of_every_voussoir(width, quadrature):
     """N, V, M of the joints balance the weights to what Newton leaves, and keep in their bounds."""
+    thickness = 0.2
     more = {"divisions": (2, 3, 1), "width": width, "quadrature": quadrature}
     run = simulation(thickness, 10, **more)
     joints = run.statics().joints
@@ -398,7 +402,7 @@ def test_hinges_near_the_limit():
     assert np.abs(others).max() < 0.95
 
 
-@pytest.mark.parametrize(("voussoirs", "thickness"), [(9, 0.12), (9, 0.15), (9, 0.3), (16, 0.4)])
+@pytest.mark.parametrize(("voussoirs", "thickness"), [(9, 0.12), (8, 0.3)])
 def test_least_friction(voussoirs, thickness):
     """Hinges and sliding together at t/R = 0.12, sliding alone at 0.3.
 

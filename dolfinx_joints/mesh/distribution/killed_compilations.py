@@ -24,7 +24,11 @@ def remove_killed_compilations(comm: Any) -> None:
     another process, waits for `_PATIENCE` and fails, in all later runs.
     """
     if comm.rank == 0:
-        for source in Path(get_options()["cache_dir"]).glob("libffcx_*.c"):
+        names = {each.name for each in Path(get_options()["cache_dir"]).glob("libffcx_*")}
+        for name in names:
+            if not name.endswith(".c") or f"{name}.cached" in names:
+                continue
+            source = Path(get_options()["cache_dir"], name)
             with suppress(OSError):  # another process may remove it, or own it
                 while not source.with_suffix(".c.cached").exists():
                     age = time.time() - source.stat().st_mtime

@@ -79,7 +79,9 @@ def warn_of_untied(jointed: JointedMesh) -> None:
     corners = np.take_along_axis(x, vertices, axis=1)
     inner = x[:, : int(shape.facet_vertices.max()) + 1].mean(axis=1)
     touching = _touching(*_with_neighbours(mesh.comm, corners, inner))
-    found = mesh.comm.gather((len(touching), sorted(touching.tolist())[:1]))
+    found = mesh.comm.gather(
+        (len(touching), sorted(tuple(map(float, row)) for row in touching)[:1])
+    )
     if found is not None and (count := sum(number for number, _ in found)):
         first = min(place for _, places in found for place in places)
         warn(
@@ -104,6 +106,8 @@ def _with_neighbours(
     Returns:
         The same of the facets that this rank compares, and True for those centred in its cubes.
     """
+    if comm.size == 1:
+        return x, inner, np.ones(len(x), dtype=bool)
     centres, (_, vertices, gdim) = x.mean(axis=1), x.shape
     size = np.linalg.norm(x - centres[:, None], axis=2).max(axis=1)
     width = 2.0 * comm.allreduce(float(size.max(initial=0.0)), MPI.MAX) or 1.0
@@ -112,7 +116,7 @@ def _with_neighbours(
     steps = np.stack(np.meshgrid(*[[0, 1]] * gdim), axis=-1).reshape(-1, gdim)
     ranks = _rank_of(comm, cube[:, None] + steps)
     facet, rank = np.unique(np.argwhere(ranks[..., None] == np.arange(comm.size))[:, ::2], axis=0).T
-    rows = np.hstack([x.reshape(len(x), -1), inner])[facet]
+    rows = np.hstack([x.reshape(len(x), vertices * gdim), inner])[facet]
     rows = sent_to(comm, rank, rows)
     x, inner = rows[:, :-gdim].reshape(-1, vertices, gdim), rows[:, -gdim:]
     own = _rank_of(comm, np.floor(x.mean(axis=1) / width).astype(np.int64)) == comm.rank

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -14,6 +15,15 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.results.joint_points import free_areas, gaps, tied_points
+from dolfinx_joints.results.quantities import (
+    JOINT_SERIES,
+    TABLE,
+    JointPoints,
+    Quantity,
+    at_points,
+    rows_below,
+    rows_by,
+)
 from dolfinx_joints.results.reader import Results
 
 Floats = NDArray[np.floating[Any]]
@@ -30,27 +40,27 @@ ALIKE = 1.0 - 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class JointExtremes:
-    """Extremes over the points of a joint, and its safety against sliding, over time.
+    """Extremes over the points of a joint, its mean pressure and its safety, over time.
+
+    Every one of ``values`` is an attribute as well: ``opening`` and ``slip``, the largest opening
+    and tangential displacement of the two sides since the first record [m]; ``pressure``, the
+    largest, and ``mean_pressure``, its mean over the area, effective where there is water [Pa];
+    ``safety``, `safety_against_sliding`, all of shape (records,); and ``opening_at`` and
+    ``slip_at``, where these are the largest, shape (records, 3), [m], NaN where all are zero.
 
     Attributes:
         time: Times, shape (records,), [s].
-        opening: Largest opening, the positive part of the normal gap, shape (records,), [m].
-        slip: Largest slip, the tangential displacement of the two sides against each other from
-            the first record, the elastic part included, shape (records,), [m].
-        safety: `safety_against_sliding`, shape (records,).
-        pressure: Largest pressure, effective where there is water, shape (records,), [Pa].
-        opening_at: Where the opening is the largest, shape (records, 3), [m]; NaN where all is
-            closed.
-        slip_at: Where the slip is the largest, likewise.
+        values: By the names of the stream ``joints``; an older file may hold fewer.
     """
 
     time: Floats
-    opening: Floats
-    slip: Floats
-    safety: Floats
-    pressure: Floats
-    opening_at: Floats
-    slip_at: Floats
+    values: Mapping[str, Floats]
+
+    def __getattr__(self, name: str) -> Floats:
+        """Return one of the values."""
+        if name == "values" or name not in self.values:
+            raise AttributeError(f"Extremes of a joint have no {name!r}.")
+        return self.values[name]
 
 
 @checked
@@ -72,11 +82,15 @@ def joint_extremes(
     results.check_joint(joint)
     friction, cohesion = strength_of(results, joint, friction_angle_deg)
     if recorded(results, joint):
-        found = _series(results, joint)
+        rows = slice(results.rows("joints"))  # a run that is still writing adds more
+        time, found = results.time("joints")[rows], _series(results, joint, rows)
     else:
-        found = _from_states(results, joint, cohesion)
-    forces = (found.pop(name) for name in ("compression", "shear_sum", "bond"))
-    return JointExtremes(safety=safety_against_sliding(friction, *forces), **found)
+        rows = slice(results.rows("states"))
+        time = results.time("states")[rows]
+        found = _of_points(results, state_points(results, "states", joint, cohesion, rows), joint)
+    forces = (found[name] for name in ("compression", "shear_sum", "bond"))
+    found["safety"] = safety_against_sliding(friction, *forces)
+    return JointExtremes(time=time, values=found)
 
 
 def safety_against_sliding(
@@ -84,11 +98,12 @@ def safety_against_sliding(
 ) -> Floats:
     """Shear strength of a joint over the shear on it, both added up point by point, shape (...).
 
-    (mu C + c A) / S, with C and S the integrals of `compression_and_shear`. No mean normal enters,
-    so that it holds for curved and closed joints. It is 1 where every point slides and never
-    below: friction lets no point carry more. Where it is 2, the points carry half of what they
-    could; single ones may slide. Where a plane joint is sheared in one direction it is the ratio of
-    the resultants, (mu N + c A) / V; shear that balances itself within the joint lowers it.
+    (mu C + c A) / S, with C and S the integrals of compression and shear of `JointPoints`. No mean
+    normal enters, so that it holds for curved and closed joints. It is 1 where every point slides
+    and never below: friction lets no point carry more. Where it is 2, the points carry half of what
+    they could; single ones may slide. Where a plane joint is sheared in one direction it is the
+    ratio of the resultants, (mu N + c A) / V; shear that balances itself within the joint lowers
+    it.
 
     Infinite without shear; NaN where nothing is transmitted and where mu is not known.
 
@@ -108,23 +123,6 @@ def ratio(strength: Floats, shear: Floats, none: float) -> Floats:
     strength = np.where(strength <= none, 0.0, strength)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(strength / np.where(shear > none, shear, 0.0))
-
-
-def compression_and_shear(
-    traction: Floats, bonded: NDArray[np.bool_] | bool
-) -> tuple[Floats, Floats]:
-    """What friction has to work with and what it has to bear at each point, (..., n), [Pa].
-
-    Compression is -t_n; tension counts where a bond holds, whose strength it lowers, and is zero
-    elsewhere. Shear is the magnitude of the tangential traction.
-
-    Args:
-        traction: Components (n, s1, s2), shape (..., n, 3), [Pa].
-        bonded: Where a bond with cohesion is intact, shape (..., n).
-    """
-    normal = traction[..., 0]
-    compression = np.where(bonded, -normal, np.maximum(-normal, 0.0))
-    return compression, np.linalg.norm(traction[..., 1:], axis=-1)
 
 
 def open_points(gap: Floats, traction: Floats) -> NDArray[np.bool_]:
@@ -155,53 +153,46 @@ def recorded(results: Results, joint: str) -> bool:
     return f"{joint}/opening" in results.streams.get("joints", [])
 
 
-def sliding_series(results: Results, joint: str, rows: slice) -> dict[str, Floats]:
-    """``compression``, ``shear_sum`` and ``bond`` of a joint at every step, (records,), [N]."""
-    known = results.streams["joints"]
-    names = (name for name in ("compression", "shear_sum", "bond") if f"{joint}/{name}" in known)
-    found = {name: results.series("joints", f"{joint}/{name}", rows) for name in names}
-    return {"bond": np.zeros_like(found["compression"]), **found}
-
-
-def sliding_of_states(
+def state_points(
     results: Results, stream: str, joint: str, cohesion: float, rows: slice
-) -> dict[str, Floats]:
-    """The same from the tractions that a stream holds."""
+) -> JointPoints:
+    """State of the points of a joint at records of a stream, shape (records, points, ...)."""
     where = f"joints/{joint}"
-    areas = free_areas(results, joint)
-    traction = results.series(stream, f"{where}/traction", rows)
+    gap, traction = (
+        gaps(results, stream, joint, rows),
+        results.series(stream, f"{where}/traction", rows),
+    )
     intact = np.zeros(traction.shape[:-1], dtype=bool)
     if f"{where}/broken" in results.streams[stream]:
         intact = results.series(stream, f"{where}/broken", rows) == 0
-    compression, shear = compression_and_shear(traction, intact)
-    forces = {"compression": compression, "shear_sum": shear, "bond": cohesion * intact}
-    return {name: each @ areas for name, each in forces.items()}
+    return JointPoints(gap, gap[..., 1:] - gap[:1, :, 1:], traction, cohesion * intact)
 
 
-def _series(results: Results, joint: str) -> dict[str, Floats]:
-    """Series of the stream ``joints``."""
-    rows = slice(results.rows("joints"))  # a run that is still writing adds more
-    names = ("opening", "slip", "pressure", "opening_at", "slip_at")
-    found = {name: results.series("joints", f"{joint}/{name}", rows) for name in names}
-    return found | {"time": results.time("joints")[rows]} | sliding_series(results, joint, rows)
+def drawn_series(joints: Iterable[JointExtremes]) -> list[Quantity]:
+    """Rows that are drawn over time and that all these joints have, the safety last."""
+    every, rows = list(joints), (*JOINT_SERIES, *rows_below("joints", "*/safety"))
+    return [row for row in rows if all(row.key in one.values for one in every)]
 
 
-def _from_states(results: Results, joint: str, cohesion: float) -> dict[str, Floats]:
-    """The same at the stored states."""
-    rows, where = slice(results.rows("states")), f"joints/{joint}"
-    points = results.static(f"{where}/points")
-    gap = gaps(results, "states", joint, rows)
-    pressure = -results.series("states", f"{where}/traction", rows)[..., 0]
-    pressure[:, tied_points(results, joint)] = 0.0
-    opening = np.maximum(gap[..., 0], 0.0)
-    slip = np.linalg.norm(gap[..., 1:] - gap[:1, :, 1:], axis=-1)
-    found = {
-        "time": results.time("states")[rows],
-        "pressure": np.maximum(pressure, 0.0).max(axis=1),
-    }
-    for name, values in (("opening", opening), ("slip", slip)):
-        largest = values.max(axis=1)
-        first = np.argmax(values >= ALIKE * largest[:, None], axis=1)
-        found[name] = largest
-        found[f"{name}_at"] = np.where(largest[:, None] > 0.0, points[first], np.nan)
-    return found | sliding_of_states(results, "states", joint, cohesion, rows)
+def _series(results: Results, joint: str, rows: slice) -> dict[str, Floats]:
+    """Series of the stream ``joints`` by name, without those that an older file does not hold."""
+    known = results.streams["joints"]
+    keys = [row.key for row in TABLE["joints"] if f"{joint}/{row.key}" in known]
+    found = {key: results.series("joints", f"{joint}/{key}", rows) for key in keys}
+    return {"bond": np.zeros_like(found["compression"]), **found}
+
+
+def _of_points(results: Results, points: JointPoints, joint: str) -> dict[str, Floats]:
+    """Return the same from the states of the points."""
+    areas, tied = free_areas(results, joint), tied_points(results, joint)
+    places, found = results.static(f"joints/{joint}/points"), {}
+    for row in rows_by("largest", "integral", "mean"):
+        values = at_points([row], points)[..., 0]
+        if row.by == "largest":
+            here = np.where(tied, 0.0, np.maximum(values, 0.0))
+            largest = found[row.key] = here.max(axis=1)
+            first = np.argmax(here >= ALIKE * largest[:, None], axis=1)
+            found[f"{row.key}_at"] = np.where(largest[:, None] > 0.0, places[first], np.nan)
+        else:
+            found[row.key] = values @ areas / (areas.sum() if row.by == "mean" else 1.0)
+    return found

@@ -11,48 +11,54 @@ import numpy as np
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing.axes import decorate, new_figure
-from dolfinx_joints.postprocessing.joints.extremes import joint_extremes
+from dolfinx_joints.postprocessing.joints.extremes import drawn_series, joint_extremes
 from dolfinx_joints.postprocessing.palette import BLUE
 from dolfinx_joints.results.arguments import check_results
+from dolfinx_joints.results.quantities import JOINT_SERIES
 from dolfinx_joints.results.reader import Results
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-JointQuantity = Literal["opening", "slip", "pressure"]
+    JointQuantity = str
+else:
+    JointQuantity = Literal[tuple(row.key for row in JOINT_SERIES)]
 
-_UNITS = {"opening": (1e3, "mm"), "slip": (1e3, "mm"), "pressure": (1e-6, "MPa")}
 _COLUMNS = 4
 
 
 @checked
 def joint_panels(results: Results, quantity: JointQuantity = "opening") -> Figure:
-    """Largest opening [mm], slip [mm] or pressure [MPa] of each joint against time.
+    """A series of each joint against time: largest opening or slip [mm], a pressure [MPa].
 
     All panels have the same axes; the number in each is the largest value of its joint.
     """
     check_results(results)
     if not results.joints:
         raise ResultsError(f"{results.path} has no joints to draw.")
-    factor, unit = _UNITS[quantity]
+    every = {joint: joint_extremes(results, joint) for joint in results.joints}
+    series = next((row for row in drawn_series(every.values()) if row.key == quantity), None)
+    if series is None:
+        raise ResultsError(f"{results.path} holds no {quantity} of its joints; run again.")
     rows = -(-len(results.joints) // _COLUMNS)
     columns = min(_COLUMNS, len(results.joints))
     figure = new_figure(figsize=(1.9 * columns + 0.5, 1.25 * rows + 0.5), layout="compressed")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for ax, joint in zip(panels, results.joints, strict=False):
-        found = joint_extremes(results, joint)
-        values = factor * getattr(found, quantity)
+    for ax, (joint, found) in zip(panels, every.items(), strict=False):
+        values = series.factor * found.values[quantity]
         ax.fill_between(found.time, values, color=BLUE, alpha=0.25, linewidth=0.0)
         ax.plot(found.time, values, color=BLUE, linewidth=0.8)
         decorate(ax, "", "")
-        ax.set_title(f"{joint}: {np.max(values):.3g} {unit}", fontsize="small", loc="left", pad=3.0)
+        ax.set_title(
+            f"{joint}: {np.max(values):.3g} {series.shown}", fontsize="small", loc="left", pad=3.0
+        )
         ax.tick_params(labelsize="x-small")
         ax.margins(x=0.0)
-    panels[0].set_ylim(bottom=0.0)
+    panels[0].set_ylim(bottom=min(0.0, *(ax.dataLim.ymin for ax in panels[: len(every)])))
     for ax in panels[len(results.joints) :]:
         ax.set_visible(False)
     for ax in panels[max(0, len(results.joints) - columns) : len(results.joints)]:
         ax.tick_params(labelbottom=True)  # also where the place below is empty
     figure.supxlabel("time [s]", fontsize="small")
-    figure.supylabel(f"largest {quantity} [{unit}]", fontsize="small")
+    figure.supylabel(series.heading, fontsize="small")
     return figure

@@ -24,8 +24,7 @@ from dolfinx_joints.postprocessing.joints.extremes import (
     ratio,
     recorded,
     safety_against_sliding,
-    sliding_of_states,
-    sliding_series,
+    state_points,
     strength_of,
 )
 from dolfinx_joints.results.arguments import check_results
@@ -37,15 +36,7 @@ Floats = NDArray[np.floating[Any]]
 # Normals that lie within about 18 degrees of their mean; below, a joint has no plane to speak of.
 NEARLY_PLANE = 0.95
 
-RESULTANT_MEASURES = (
-    "safety_min",
-    "safety_time",
-    "normal_force_max",
-    "normal_force_min",
-    "shear_force_max",
-    "contact_min",
-    "flatness",
-)
+SLIDING = ("compression", "shear_sum", "bond")  # of which the sliding safety is made
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,7 +250,9 @@ def joint_resultants(
         # A run that is still writing adds more.
         stream, rows = "resultants", slice(min(results.rows(s) for s in ("resultants", "joints")))
         names = ("force", "moment", "water_force", "water_moment", "contact")
-        parts = _recorded(results, where, names, rows) | sliding_series(results, joint, rows)
+        parts = _recorded(results, where, names, rows)
+        extremes = joint_extremes(results, joint)
+        parts |= {name: extremes.values[name][rows] for name in SLIDING}
     else:
         stream, rows = "states", slice(results.rows("states"))
         parts = _from_fields(results, stream, joint, arrays, geometry, cohesion, rows)
@@ -324,16 +317,15 @@ def _measures_of(results: Results, joint: str) -> dict[str, float]:
     safety = extremes.safety
     known = np.flatnonzero(~np.isnan(safety))
     least = known[np.argmin(safety[known])] if known.size else None
-    values = (
-        np.nan if least is None else float(safety[least]),
-        np.nan if least is None else float(extremes.time[least]),
-        float(np.max(found.normal_force, initial=-np.inf)),
-        float(np.min(found.normal_force, initial=np.inf)),
-        float(np.max(found.shear_force, initial=-np.inf)),
-        float(np.min(found.contact, initial=np.inf)),
-        found.geometry.flatness,
-    )
-    return dict(zip(RESULTANT_MEASURES, values, strict=True))
+    return {
+        "safety_min": np.nan if least is None else float(safety[least]),
+        "safety_time": np.nan if least is None else float(extremes.time[least]),
+        "normal_force_max": float(np.max(found.normal_force, initial=-np.inf)),
+        "normal_force_min": float(np.min(found.normal_force, initial=np.inf)),
+        "shear_force_max": float(np.max(found.shear_force, initial=-np.inf)),
+        "contact_min": float(np.min(found.contact, initial=np.inf)),
+        "flatness": found.geometry.flatness,
+    }
 
 
 class _Arrays(NamedTuple):
@@ -384,8 +376,9 @@ def _from_fields(
         pressed = np.zeros_like(traction)
         pressed[..., 0] = -results.series(stream, f"{where}/pressure", rows)
         parts |= _moved(arrays, geometry, pressed, "water_")
-    parts |= sliding_of_states(results, stream, joint, cohesion, rows)
-    return parts
+    points = state_points(results, stream, joint, cohesion, rows)
+    each = (points.compression, points.shear, points.cohesion)
+    return parts | {k: v @ arrays.areas for k, v in zip(SLIDING, each, strict=True)}
 
 
 def _moved(

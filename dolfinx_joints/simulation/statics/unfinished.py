@@ -122,7 +122,8 @@ class _Blocks:
                 )
             self.absent[np.flatnonzero(inside)] = True
         if self.absent.all():
-            raise MeshError(f"No block is left: absent={shown(list(absent))} are all of the body.")
+            given = shown(list(absent))
+            raise MeshError(f"absent is {given}, which are all blocks; one at least must be there.")
         minus, plus = self.of_pair.T
         self.beside_absent: Rows = self.absent[minus] | self.absent[plus]
 

@@ -1,0 +1,296 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The table of all quantities of a run: name, unit, words, and how they are computed from points.
+
+Results files, CSV, pandas, reports, figures and ParaView take a quantity from its row. A row with
+``of`` is computed from the joint points; the values of the others come from monitors.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from dolfinx_joints.common.errors import ResultsError
+
+Floats = NDArray[np.floating[Any]]
+
+_FACTORS = {"mm": 1e3, "MPa": 1e-6, "MN": 1e-6, "%": 100.0}
+
+
+class JointPoints(NamedTuple):
+    """State of joint points, from which the rows with ``of`` are computed.
+
+    Attributes:
+        gap: Components (n, s1, s2), shape (..., points, 3), [m].
+        slip: Tangential gap since the first record, shape (..., points, 2), [m].
+        traction: Components (n, s1, s2), shape (..., points, 3), [Pa].
+        cohesion: Cohesion where a bond is intact, zero elsewhere, shape (..., points), [Pa].
+    """
+
+    gap: Floats
+    slip: Floats
+    traction: Floats
+    cohesion: Floats
+
+    @property
+    def pressure(self) -> Floats:
+        """-t_n, positive under compression, shape (..., points), [Pa]."""
+        return np.asarray(-self.traction[..., 0])
+
+    @property
+    def compression(self) -> Floats:
+        """The pressure, tension only where a bond holds, whose strength it lowers, [Pa]."""
+        return np.where(self.cohesion > 0.0, self.pressure, np.maximum(self.pressure, 0.0))
+
+    @property
+    def shear(self) -> Floats:
+        """Size of the tangential traction, shape (..., points), [Pa]."""
+        return _size(self.traction[..., 1:])
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Row of the table.
+
+    Attributes:
+        name: Name in its stream or table; ``*`` stands for a joint, support or load.
+        unit: SI unit of files and tables.
+        label: Words in tables, figures and reports; empty if these do not show the quantity.
+        shown: Unit in figures and reports; ``unit`` if empty.
+        text: Description in the results file, ``{}`` for what ``*`` stands for; ``label`` if empty.
+        style: Line style and colour in figures of several quantities.
+        dtype: Type in the results file.
+        rare: True if only some runs or joints have the quantity.
+        by: How the value of a joint comes from those of its points: the largest, zero if all are
+            negative; its place; the integral over the area, without tied points; or the mean.
+        of: Values of the points, shape (..., points).
+    """
+
+    name: str
+    unit: str
+    label: str = ""
+    shown: str = ""
+    text: str = ""
+    style: tuple[str, str] = ("-", "#444444")
+    dtype: DTypeLike = np.float64
+    rare: bool = False
+    by: Literal["", "largest", "place", "integral", "mean"] = ""
+    of: Callable[[JointPoints], Floats] | None = None
+
+    @property
+    def key(self) -> str:
+        """Last part of the name."""
+        return self.name.rpartition("/")[2]
+
+    @property
+    def factor(self) -> float:
+        """Factor from the unit of files to that of figures and reports."""
+        return _FACTORS.get(self.shown, 1.0)
+
+    @property
+    def heading(self) -> str:
+        """Label with the unit of figures and reports."""
+        return f"{self.label} [{self.shown or self.unit}]"
+
+
+Q = Quantity
+_FRAME = "of monitor points, relative to the ground or absolute as the metadata say"
+_STATIC_PART = Q("static_displacement", "m", text="displacement by the supports' motion alone")
+_REACTION = Q("reaction/*", "N", text="force of the support {} on the body")
+_STATUS = "0 open, 1 sticking, 2 sliding in the step ending here, 3 closed without friction, 4 tied"
+_PRESSED = "integral of the pressure, of tension too where a bond holds"
+_BOND = "cohesion times the area whose bond is intact"
+_STATES = (
+    Q("displacement", "m", text="displacement of the nodes"),
+    _STATIC_PART,
+    Q("joints/*/gap", "m", text="gap (n, s1, s2), open if n > 0"),
+    Q("joints/*/traction", "Pa", text="traction (n, s1, s2), compression if n < 0"),
+    Q("joints/*/status", "-", text=_STATUS, dtype=np.int8),
+    Q("joints/*/pressure", "Pa", text="pressure of the water, positive where it opens"),
+    Q("joints/*/broken", "-", text="1 where the bond is gone", dtype=np.int8),
+)
+TABLE: dict[str, tuple[Quantity, ...]] = {
+    "histories": (
+        Q("displacement", "m", text=f"displacement {_FRAME}"),
+        Q("acceleration", "m/s^2", text=f"mean acceleration of the step ending here {_FRAME}"),
+        _STATIC_PART,
+        Q("free_surface_velocity", "m/s", text="velocity of the free surface by the waves alone"),
+        Q("ground_acceleration", "m/s^2", text="acceleration of the ground at this time"),
+        Q("reservoir_force", "N", text="force of the reservoir's waves on its face"),
+        _REACTION,
+        Q("iterations", "-", "iterations", text="iterations of the step", dtype=np.int64),
+        Q("joint_open", "-", "open", "%", "share of open joint points", ("-", "black")),
+        Q("joint_stick", "-", "sticking", "%", "share of sticking joint points"),
+        Q("joint_slip", "-", "sliding", "%", "share of sliding joint points", ("-", "#b2182b")),
+        Q("joint_frictionless", "-", "closed without friction", "%", style=("-", "#756bb1")),
+    ),
+    "energy": (
+        Q("waves", "J", style=("-", "#a65628"), rare=True),  # of `energy_lines` only
+        Q("kinetic", "J", "kinetic energy", style=("-", "#56b4e9")),
+        Q("strain", "J", "strain energy", style=("-", "#08519c")),
+        Q("joint", "J", "elastic energy of the joints", style=("-", "#238b45")),
+        Q("input", "J", "work of loads and supports", style=("-", "black")),
+        Q("viscous", "J", "work against damping", style=("--", "#e69f00")),
+        Q("friction", "J", "work against friction", style=("--", "#b2182b")),
+        Q("numerical", "J", "numerical loss", style=("-.", "#7b3294")),
+        Q("water", "J", "energy of waves in the reservoir", style=("-", "#1b9e9e"), rare=True),
+        Q("plastic", "J", "plastic work of the bulk", style=("--", "#a50f15"), rare=True),
+        Q("impact", "J", "lost by points that do not rebound", style=("--", "#e7298a"), rare=True),
+        Q("absorbed", "J", text="part of viscous that boundaries take", rare=True),
+        Q("error", "J", "residual", style=(":", "#8c8c8c")),
+        Q("joints/*/elastic", "J", text="elastic energy of {}"),
+        Q("joints/*/friction", "J", text="work against friction in {}"),
+        Q("joints/*/numerical", "J", text="numerical loss in {}"),
+        Q("loads/*", "J", text="work of {}"),
+    ),
+    "states": _STATES,
+    "statics": (
+        Q("name", "-", text="name of the stage, UTF-8 padded with zeros", dtype=np.uint8),
+        Q("load_time", "s", text="time at which the loads are taken"),
+        Q("point_displacement", "m", text="displacement of monitor points"),
+        *_STATES,
+        _REACTION,
+        Q("energy/loads/*", "J", "work of {}"),
+        Q("energy/supports", "J", "work of supports"),
+        Q("energy/strain", "J", "strain energy"),
+        Q("energy/plastic", "J", "plastic work"),
+        Q("energy/joints/*/elastic", "J", "joints, elastic"),
+        Q("energy/joints/*/friction", "J", "friction"),
+        Q("energy/joints/*/numerical", "J", "numerical"),
+        Q("energy/joints/*/bonds", "J", "broken bonds"),
+        Q("energy/joints/*/released", "J", "released", text="released, in friction and numerical"),
+        Q("energy/water_released", "J", "energy released with water"),
+        Q("energy/error", "J", "error of the energies"),
+        Q("energy/scale", "J", "largest energy"),
+        Q("jumps", "-", "jumps", dtype=np.int64),
+        Q("jump_energy", "J", "energy released by jumps"),
+        Q("stress/principal_max", "Pa", text="largest principal stress"),
+        Q("stress/principal_min", "Pa", text="smallest principal stress"),
+        Q("stress/arch", "Pa", text="stress along the arch direction"),
+        Q("stress/cantilever", "Pa", text="stress along the cantilever direction"),
+    ),
+    "joints": (
+        Q("*/opening", "m", "largest opening", "mm", by="largest", of=lambda p: p.gap[..., 0]),
+        Q("*/opening_at", "m", "largest opening at", by="place"),
+        Q("*/slip", "m", "largest slip", "mm", by="largest", of=lambda p: _size(p.slip)),
+        Q("*/slip_at", "m", "largest slip at", by="place"),
+        Q("*/pressure", "Pa", "largest pressure", "MPa", by="largest", of=lambda p: p.pressure),
+        Q("*/mean_pressure", "Pa", "mean pressure", "MPa", by="mean", of=lambda p: p.pressure),
+        Q("*/compression", "N", text=_PRESSED, by="integral", of=lambda p: p.compression),
+        Q("*/shear_sum", "N", text="integral of the shear", by="integral", of=lambda p: p.shear),
+        Q("*/bond", "N", text=_BOND, rare=True, by="integral", of=lambda p: p.cohesion),
+        Q("*/safety", "-", "sliding safety"),  # of `joint_extremes`, from the integrals
+    ),
+    "resultants": (
+        Q("joints/*/force", "N", "effective force", text="effective force on the + side of {}"),
+        Q("joints/*/moment", "N m", "moment about the centroid"),
+        Q("joints/*/water_force", "N", text="force of the water in {} on its + side"),
+        Q("joints/*/water_moment", "N m", text="moment of the water about the centroid"),
+        Q("joints/*/total_force", "N", "total force"),
+        Q("joints/*/total_moment", "N m", "total moment about the centroid"),
+        Q("joints/*/normal_force", "N", "normal force"),
+        Q("joints/*/shear", "N", "shear force"),
+        Q("joints/*/shear_force", "N", "shear force"),
+        Q("joints/*/sliding_safety", "-", "sliding safety"),
+        Q("joints/*/plane_safety", "-", "sliding safety of the resultants"),
+        Q("joints/*/contact", "-", "share of area under pressure"),
+        Q("joints/*/line_of_action", "m", "normal force acts at"),
+        Q("joints/*/flatness", "-", "flatness"),
+        Q("blocks/force", "N", "effective force", text="effective force of the joints"),
+        Q("blocks/moment", "N m", text="moment of the joints about the centre"),
+        Q("blocks/water_force", "N", text="force of the water in joints"),
+        Q("blocks/water_moment", "N m", text="moment of the water about the centre"),
+        Q("blocks/total_force", "N", "total force"),
+        Q("blocks/total_moment", "N m", "total moment about the centre"),
+        Q("blocks/mass", "kg", "mass"),
+        Q("blocks/centre", "m", "centre"),
+    ),
+    "envelopes": (
+        Q("principal_max", "Pa", text="largest principal stress over the run"),
+        Q("principal_min", "Pa", text="smallest principal stress over the run"),
+        Q("arch_max", "Pa", text="largest stress along the arch direction"),
+        Q("arch_min", "Pa", text="smallest stress along the arch direction"),
+        Q("cantilever_max", "Pa", text="largest stress along the cantilever direction"),
+        Q("cantilever_min", "Pa", text="smallest stress along the cantilever direction"),
+    ),
+    # Of `StageJoint`, not in files.
+    "stage_joints": (
+        Q("opening_max", "m", "largest opening", "mm"),
+        Q("slip_max", "m", "largest tangential gap", "mm"),
+        Q("normal_force", "N", "normal force, pressure > 0", "MN"),
+        Q("shear_force", "N", "shear force", "MN"),
+        Q("sliding_safety", "-", "safety against sliding"),
+        Q("contact", "-", "area under pressure", "%"),
+        Q("pressure_max", "Pa", "largest pressure", "MPa"),
+        Q("water_force", "N", "force of water in it", "MN"),
+    ),
+    # Of `joint_measures`, not in files; more follow from "joints".
+    "measures": (
+        Q("opening_static", "m", "static opening", "mm"),
+        Q("opening_residual", "m", "residual opening", "mm"),
+        Q("slip_residual", "m", "residual slip", "mm"),
+        Q("share_open", "-", "open", "%"),
+        Q("share_sliding", "-", "sliding", "%"),
+        Q("share_frictionless", "-", "closed without friction", "%"),
+        Q("share_broken", "-", "bonds broken at the end", "%"),
+    ),
+    # Of `resultant_measures`, not in files.
+    "resultant_measures": (
+        Q("safety_min", "-"),
+        Q("safety_time", "s"),
+        Q("normal_force_max", "N"),
+        Q("normal_force_min", "N"),
+        Q("shear_force_max", "N"),
+        Q("contact_min", "-"),
+        Q("flatness", "-"),
+    ),
+}
+
+
+def _size(vectors: Floats) -> Floats:
+    """Length of vectors, shape (...)."""
+    return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
+
+
+def rows_below(stream: str, start: str = "") -> tuple[Quantity, ...]:
+    """Return the rows of a stream whose names are a start and one more part."""
+    found = (row for row in TABLE[stream] if row.name.startswith(start))
+    return tuple(row for row in found if not set("/*") & set(row.name.removeprefix(start)))
+
+
+def row_of(stream: str, name: str) -> tuple[Quantity, str]:
+    """Return the row of a series, and what ``*`` stands for in its name.
+
+    Raises:
+        ResultsError: The table has no such row.
+    """
+    for row in TABLE.get(stream, ()):
+        match = re.fullmatch(re.escape(row.name).replace(r"\*", "(.+)"), name)
+        if match:
+            return row, "".join(match.groups())
+    raise ResultsError(f"The table of quantities has no row for {name!r} of {stream!r}.")
+
+
+def rows_by(*ways: str) -> tuple[Quantity, ...]:
+    """Return the rows of the stream ``joints`` that come from points in these ways, one by one."""
+    return tuple(row for way in ways for row in TABLE["joints"] if row.by == way)
+
+
+def at_points(rows: Iterable[Quantity], points: JointPoints) -> Floats:
+    """Evaluate rows at joint points, shape (..., points, rows)."""
+    return np.stack([row.of(points) for row in rows if row.of is not None], axis=-1)
+
+
+ENERGY_TERMS = tuple(row.name for row in rows_below("energy") if not row.rare)
+# Series of a joint over time that are drawn, and the largest value of each with its time.
+JOINT_SERIES = tuple(row for row in rows_by("largest", "mean") if row.label)
+for _row in reversed(JOINT_SERIES):
+    _words = f"largest {_row.label.removeprefix('largest ')}"
+    _largest = replace(_row, name=f"{_row.key}_max", label=_words)
+    TABLE["measures"] = (_largest, Q(f"{_row.key}_time", "s", f"{_words} at"), *TABLE["measures"])

@@ -206,7 +206,7 @@ class Condensed:
     def destroy(self) -> None:
         """Free matrices and factor."""
         if isinstance(corrections := self.__dict__.get("corrections"), KrylovCorrections):
-            corrections.destroy()
+            corrections.free()
         if "compliance" in self.__dict__ and self.matrix.rounds is None:
             self.compliance.destroy()
         if not self.loose or "matrix" in self.__dict__:

@@ -82,6 +82,10 @@ class Iteration:
             little = LITTLE * self._enough * (at.largest or at.worst)
             if at.error > max(STALE * at.worst, little):
                 at = self._step.evaluate(at.force, self._corrections.product(at.force))
+            if at.worst and not at.largest:
+                # The laws give no force at all: without any, nothing is left of rounding either.
+                nothing = np.zeros_like(at.force)
+                at = min(at, self._step.evaluate(nothing, nothing), key=lambda each: each.norm)
             size, scale = at.worst, at.largest or at.worst or 1.0
             relative, accepted = self._step.judged(at, scale, self._tolerance)
             if relative <= self._enough or (relative <= accepted and size >= 0.5 * last):

@@ -92,7 +92,7 @@ class KrylovCorrections:
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Restore nothing."""
 
-    def destroy(self) -> None:
+    def free(self) -> None:
         """Free the solver (collective)."""
         for each in (self._solver, self._matrix, self._right, self._found):
             each.destroy()

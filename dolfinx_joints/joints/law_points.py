@@ -92,8 +92,9 @@ class LawPoints:
         self.balances = isinstance(alone, EnergyConsistentLaw | CondensedEnergyConsistentLaw)
         self.accounts = isinstance(alone, LawWithLosses)
         self.brittle = has_bonds(alone)
-        looped = isinstance(law, CompiledLaw) and law.has_loops_alone()
-        self.compiled: CompiledLaw | None = law if looped else None
+        self.compiled: CompiledLaw | None = None
+        if isinstance(law, CompiledLaw) and law.has_loops_alone():
+            self.compiled = law
         self._rigid: RigidJoint | None = law if isinstance(law, RigidJoint) else None
         self.stops = self._rigid is not None and self._rigid.restitution == 0
         self._methods = _methods(law)

@@ -55,7 +55,6 @@ from dolfinx_joints import (
 )
 from dolfinx_joints.simulation import checkpoint_file, fingerprint
 from dolfinx_joints.simulation.inventory import Inventory
-from dolfinx_joints.solvers.interface import solver as interface
 
 
 def content(path):
@@ -162,16 +161,6 @@ def test_continued_run_has_the_same_bits(case, wall_file, read, tmp_path):
     whole, resumed = interrupted(
         lambda: wall(read(wall_file()), law, reservoir=water), tmp_path, kills, **options
     )
-    identical(whole, resumed, tmp_path)
-
-
-def test_sweeps_over_the_joints_go_on_with_the_same_bits(wall_file, read, tmp_path, monkeypatch):
-    # Swept after steps of two iterations or more: whether one is depends on the step before it.
-    monkeypatch.setattr(interface, "HARD", 2)
-    monkeypatch.setattr(interface, "EASY", 2)
-    monkeypatch.setattr(interface, "POOR", 1e-6)
-    make = lambda: wall(read(wall_file()))  # noqa: E731
-    whole, resumed = interrupted(make, tmp_path, (7,), solver="condensed")
     identical(whole, resumed, tmp_path)
 
 

@@ -246,6 +246,7 @@ def _forms_of(compliance: Compliance, comm: Any) -> tuple[Dense | LowRank, Dense
             inner = _columns_of(columns, symmetric, comm, np.float32)
         else:
             assert isinstance(rough, Compressed)
+            assert isinstance(split, RowMatrix | Compressed)
             few = compliance.keeps_rows and split.size <= LARGEST_WHOLE
             inner = _blocks_of(rough, split.columns() if few else None, comm)
         compliance.forms = form, inner

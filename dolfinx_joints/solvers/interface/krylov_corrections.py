@@ -46,9 +46,9 @@ class KrylovCorrections:
     def __init__(self, compliance: Compliance, rigid: bool, comm: Any) -> None:
         """Set up the solver (collective)."""
         self._split = compliance.split
-        exact = isinstance(compliance.split, RowMatrix) or compliance.rough is None
-        self._inner = compliance.split if exact else compliance.rough
-        self._finest = 0.0 if exact else FINEST_COMPRESSED
+        self._inner, self._finest = compliance.split, 0.0
+        if compliance.rough is not None and not isinstance(compliance.split, RowMatrix):
+            self._inner, self._finest = compliance.rough, FINEST_COMPRESSED
         self._diagonal = 1.0 + DAMPING * rigid
         self._every = np.arange(self._split.local)
         sizes = (self._split.local, self._split.size)

@@ -50,6 +50,7 @@ USES = {
     "node_blocks": run,
     "acceleration": run,
     "compliance": run,
+    "corrections": run,
     "ground": moved_apart,
     "modes_st": lambda model: dj.modes(model.system(), 2),
     "frequency": lambda model: dj.frequency_response(

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,9 @@ pytest.importorskip("scipy")
 
 from whole_vectors import all_of, own_part
 
-from dolfinx_joints.solvers.interface.corrections import Correction, Corrections
-from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
+from dolfinx_joints.solvers.compliance.row_matrix import RowMatrix
+from dolfinx_joints.solvers.interface.corrections import CompiledCorrections, Correction
+from dolfinx_joints.solvers.interface.krylov_corrections import KrylovCorrections
 
 POINTS = 40
 
@@ -90,17 +91,47 @@ def right_side(kind: str = "all", seed: int = 5) -> np.ndarray:
 
 
 class WholeCorrections:
-    """Corrections of several ranks that take and give vectors of all points."""
+    """Corrections of several ranks that take and give vectors of all points.
 
-    def __init__(self, split: Any, rough: Any, stuck: np.ndarray | None, comm: Any) -> None:
+    Args:
+        split: S.
+        stuck: T0 of all points for the compiled corrections with W, None for those without.
+        comm: Communicator.
+        krylov: Whether PETSc's GMRES makes the corrections.
+        rough: A rougher S for it.
+        rigid: Whether joints are rigid.
+    """
+
+    def __init__(
+        self,
+        split: Any,
+        stuck: np.ndarray | None,
+        comm: Any,
+        *,
+        krylov: bool = False,
+        rough: Any = None,
+        rigid: bool = False,
+    ) -> None:
         self._comm, self._points = comm, split.local // 3
-        self.of_rank = Corrections(split, rough, None if stuck is None else self._own(stuck), comm)
+        given: Any = SimpleNamespace(
+            split=split,
+            rough=rough,
+            keeps_rows=False,
+            effective=SimpleNamespace(symmetric=True),
+            forms=None,
+        )
+        self.of_rank: CompiledCorrections | KrylovCorrections
+        if krylov:
+            self.of_rank = KrylovCorrections(given, rigid, comm)
+        else:
+            known = None if stuck is None else self._own(stuck)
+            self.of_rank = CompiledCorrections(given, known, comm)
 
     def _own(self, every: np.ndarray) -> np.ndarray:
         return own_part(self._comm, every, self._points)
 
     def solve(self, residual: np.ndarray, tangent: np.ndarray, tolerance: float) -> Correction:
         right = self._own(residual.reshape(-1, 3)).ravel()
-        found = self.of_rank.solve(right, self._own(tangent), tolerance)
+        found = self.of_rank.solve(right, self._own(tangent), 0.0, tolerance, couples=True)
         step, coupled = (all_of(self._comm, part) for part in (found.step, found.coupled))
-        return replace(found, step=step, coupled=coupled)
+        return Correction(step, coupled, found.error)

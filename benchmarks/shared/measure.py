@@ -29,7 +29,7 @@ from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import Outcome
 from dolfinx_joints.simulation.record import Record
 from dolfinx_joints.solvers import node_blocks
-from dolfinx_joints.solvers.interface.compiled.steps import CompiledSteps
+from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 
 FACTOR = (
     *("MatCholFctrSym", "MatCholFctrNum"),
@@ -38,8 +38,8 @@ FACTOR = (
 SINGLE = ("MatSolve", "MatForwardSolve", "MatBackwardSolve")
 BACK_SUBSTITUTION = (*SINGLE, "MatMatSolve")
 ITERATION = "JointIteration"
-CompiledSteps.solve = PETSc.Log.EventDecorator(ITERATION)(  # type: ignore[method-assign]
-    CompiledSteps.solve
+InterfaceSolver._iterate = PETSc.Log.EventDecorator(ITERATION)(  # type: ignore[method-assign]
+    InterfaceSolver._iterate
 )
 
 

@@ -22,8 +22,7 @@ from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.internal_forces import JointInternalForces
 from dolfinx_joints.joints.operator import TangentMatrix
-from dolfinx_joints.joints.status_counts import StatusCounts
-from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
+from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule, StatusCounts
 from dolfinx_joints.materials.bulk_law import BulkLaw, BulkResponse, BulkState, BulkStatus
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh

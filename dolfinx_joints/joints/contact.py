@@ -17,10 +17,10 @@ from dolfinx_joints.common.errors import JointsError, MeshError
 from dolfinx_joints.common.mpi import raised_together, summed
 from dolfinx_joints.common.parameters import check_each, check_kind_of, check_number, shown
 from dolfinx_joints.joints.bonds import Bonds, broken_points
+from dolfinx_joints.joints.condensed_step import ContactStep
 from dolfinx_joints.joints.form_operator import FormOperator
 from dolfinx_joints.joints.law_points import LawPoints, empty_response
 from dolfinx_joints.joints.operator import GapOperator, JointOperator
-from dolfinx_joints.joints.status_counts import StatusCounts
 from dolfinx_joints.laws.inactive import Inactive
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
@@ -31,9 +31,9 @@ from dolfinx_joints.laws.law import (
     Response,
     Rule,
     Status,
+    StatusCounts,
     check_law,
 )
-from dolfinx_joints.laws.return_mapping import Answer, Start
 
 InitialGap = float | Callable[[Floats], Floats]
 
@@ -186,30 +186,15 @@ class Contact:
         with raised_together(self.operator.comm):
             return self._ask(rule, trial_gap, compliance, state)
 
-    def colours(self, count: int) -> list[list[LawPoints]]:
-        """Local points by their number over all ranks modulo ``count``, and by law (collective)."""
-        size = len(self.operator.areas)
-        first = self.operator.comm.exscan(size) or 0
-        colour = (first + np.arange(size)) % count
-        return [[part.among(colour == c) for part in self._laws] for c in range(count)]
+    def condensed_step(self, compliance: Floats, state: JointState, rule: Rule) -> ContactStep:
+        """Return the local points in a step, each on its own compliance, for many trial gaps.
 
-    def condensed_tractions(
-        self,
-        part: list[LawPoints],
-        trial_gap: Floats,
-        compliance: Floats,
-        state: JointState,
-        rule: Rule,
-    ) -> list[tuple[NDArray[np.int64], Floats]]:
-        """Points and tractions of one of the `colours`; see `respond_condensed` (collective)."""
-        answers = []
-        with raised_together(self.operator.comm):
-            for each in part:
-                here = each.points
-                before = each.state_of(state)
-                answer = each.ask(rule, trial_gap[here], compliance[here], before)
-                answers.append((here, answer.traction))
-        return answers
+        Args:
+            compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
+            state: State at the start of the step.
+            rule: How the laws are evaluated.
+        """
+        return ContactStep(self._laws, self.operator.comm, compliance, state, rule)
 
     def _ask(
         self, rule: Rule, gap: Floats, compliance: Floats | None, state: JointState
@@ -225,11 +210,6 @@ class Contact:
         return answer
 
     @property
-    def has_loops(self) -> bool:
-        """Whether the answers of all laws are those of loops."""
-        return all(part.in_loops for part in self._laws)
-
-    @property
     def brittle(self) -> bool:
         """Whether some law has bonds that break for good, on all ranks alike."""
         return any(part.brittle for part in self._laws)
@@ -237,27 +217,6 @@ class Contact:
     def bonds(self, state: JointState) -> Bonds:
         """Bonds that may break in a step from a state."""
         return Bonds(self._laws, self.operator.comm, state)
-
-    def start_of_loops(self, rule: Rule, state: JointState) -> Start:
-        """What the loop of a rule is told of the local points, where all laws have loops."""
-        if len(self._laws) == 1:
-            return self._laws[0].start(rule, state)
-        starts = [part.start(rule, part.state_of(state)) for part in self._laws]
-        history = np.empty((len(state.gap), starts[0].history.shape[1]))
-        laws = np.empty((len(state.gap), starts[0].laws.shape[1]))
-        for part, start in zip(self._laws, starts, strict=True):
-            history[part.points], laws[part.points] = start.history, start.laws
-        return Start(state.gap, history, laws)
-
-    def answered_by_loops(self, rule: Rule, answer: Answer) -> Response:
-        """The answer of a loop as that of the laws."""
-        if len(self._laws) == 1:
-            return self._laws[0].answered(rule, answer)
-        response = empty_response(len(answer.gap), self._variables)
-        for part in self._laws:
-            here = Answer._make(array[part.points] for array in answer)
-            part.put(part.answered(rule, here), response)
-        return response
 
     def not_condensed(self, rule: Rule) -> tuple[str, ...]:
         """Kinds of the laws that the condensed solver cannot ask under a rule."""

@@ -12,8 +12,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import TangentMatrix
-from dolfinx_joints.joints.status_counts import StatusCounts
-from dolfinx_joints.laws.law import JointState, Response, Rule
+from dolfinx_joints.laws.law import JointState, Response, Rule, StatusCounts
 
 Floats = NDArray[np.float64]
 

@@ -35,10 +35,9 @@ from dolfinx_joints.laws.law import (
     has_bonds,
 )
 from dolfinx_joints.laws.losses import losses_of
-from dolfinx_joints.laws.return_mapping import Answer, Start
+from dolfinx_joints.laws.points.compiled_law import CompiledLaw
 
 if TYPE_CHECKING:
-    from dolfinx_joints.laws.friction import CoulombJoint
     from dolfinx_joints.laws.rigid import RigidJoint
 
 # Of the arrays of a response, after the number of points.
@@ -68,7 +67,7 @@ class LawPoints:
         accounts: Whether it states its losses in steps that it answered at their end.
         brittle: Whether it has bonds that break for good.
         stops: Whether its points do not rebound.
-        in_loops: Whether its answers are those of the loops of `CoulombJoint`.
+        compiled: The law if its answers are those of its compiled loops, else None.
 
     Raises:
         ValueError: Its internal variables are not what `LawWithHistory` says.
@@ -76,7 +75,6 @@ class LawPoints:
 
     def __init__(self, law: AnyLaw, points: NDArray[np.int64]) -> None:
         """Find the methods that the rules ask for."""
-        from dolfinx_joints.laws.friction import CoulombJoint
         from dolfinx_joints.laws.rigid import RigidJoint
         from dolfinx_joints.laws.viscous import DashpotStep
 
@@ -94,9 +92,9 @@ class LawPoints:
         self.balances = isinstance(alone, EnergyConsistentLaw | CondensedEnergyConsistentLaw)
         self.accounts = isinstance(alone, LawWithLosses)
         self.brittle = has_bonds(alone)
-        coulomb = law if isinstance(law, CoulombJoint) else None
-        self._coulomb: CoulombJoint | None = coulomb
-        self.in_loops = coulomb is not None and coulomb.in_loops()
+        self.compiled: CompiledLaw | None = None
+        if isinstance(law, CompiledLaw) and law.has_loops_alone():
+            self.compiled = law
         self._rigid: RigidJoint | None = law if isinstance(law, RigidJoint) else None
         self.stops = self._rigid is not None and self._rigid.restitution == 0
         self._methods = _methods(law)
@@ -161,18 +159,6 @@ class LawPoints:
         else:
             response = self._methods[rule.name](gap, state)
         return self._checked(response, len(gap))
-
-    def start(self, rule: Rule, state: JointState) -> Start:
-        """What the loop of a rule is told of its points, of their state."""
-        assert self._coulomb is not None
-        if self.variables < state.internal.shape[1]:
-            state = replace(state, internal=state.internal[:, : self.variables])
-        return self._coulomb.loop_start(rule, state)
-
-    def answered(self, rule: Rule, answer: Answer) -> Response:
-        """The answer of the loop for its points as that of the law."""
-        assert self._coulomb is not None
-        return self._coulomb.loop_response(rule, answer)
 
     def put(self, given: Response, answer: Response) -> None:
         """Write the answer of its points into that of all local points."""

@@ -9,9 +9,9 @@ brackets are those of the equations in docs/theory.
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any, ClassVar
 
 import annotated_types as at
 import numpy as np
@@ -20,11 +20,6 @@ from numba.extending import register_jitable
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
-from dolfinx_joints.laws.discrete_gradient import (
-    discrete_gradient_points,
-    stored_by,
-    whole_step_from,
-)
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     DISCRETE_GRADIENT,
@@ -36,7 +31,13 @@ from dolfinx_joints.laws.law import (
     Rule,
 )
 from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction
-from dolfinx_joints.laws.return_mapping import (
+from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw
+from dolfinx_joints.laws.points.discrete_gradient import (
+    discrete_gradient_points,
+    stored_by,
+    whole_step_from,
+)
+from dolfinx_joints.laws.points.return_mapping import (
     Answer,
     Coulomb,
     Shear,
@@ -48,7 +49,6 @@ from dolfinx_joints.laws.return_mapping import (
     put_traction,
     response_of,
     return_to_limit,
-    solve_points,
     yield_function,
 )
 
@@ -157,51 +157,9 @@ LOOPS = {
 }
 
 
-class CoulombJoint(ABC):
-    """A `CondensedEnergyConsistentLaw` whose answers are those of a loop of `LOOPS`.
-
-    The condensed solver takes the loop into its own compiled iteration, unless a class overrides
-    the methods below that ask it.
-    """
-
-    @abstractmethod
-    def loop_start(self, rule: Rule, state: JointState) -> Start:
-        """What the loop of a rule is told of a state."""
-
-    @abstractmethod
-    def loop_response(self, rule: Rule, answer: Answer) -> Response:
-        """The answer of the loop of a rule as a `Response`."""
-
-    def condensed_backward_euler(
-        self, trial_gap: Floats, compliance: Floats, state: JointState
-    ) -> Response:
-        """Return mapping at the end of a step (21), see `CondensedLaw`."""
-        return self._asked(BACKWARD_EULER, trial_gap, compliance, state)
-
-    def condensed_discrete_gradient(
-        self, trial_gap: Floats, compliance: Floats, state: JointState
-    ) -> Response:
-        """Energy-consistent answer over a whole step (17), see `CondensedLaw`."""
-        return self._asked(DISCRETE_GRADIENT, trial_gap, compliance, state)
-
-    def _asked(
-        self, rule: Rule, trial_gap: Floats, compliance: Floats, state: JointState
-    ) -> Response:
-        start = self.loop_start(rule, state)
-        return self.loop_response(
-            rule, solve_points(LOOPS[rule.name], trial_gap, compliance, start)
-        )
-
-    @classmethod
-    def in_loops(cls) -> bool:
-        """Whether its answers are those of the loops alone."""
-        names = ("condensed_backward_euler", "condensed_discrete_gradient", "_asked")
-        return all(getattr(cls, name) is getattr(CoulombJoint, name) for name in names)
-
-
 @dataclass(frozen=True, kw_only=True)
 @checked
-class FrictionNoTension(CoulombJoint):
+class FrictionNoTension(CompiledEnergyConsistentLaw):
     """No tension, elastic contact, Coulomb friction without dilatancy (paper eqs. 3 to 5).
 
     Open (gap_n > 0): t = 0. Closed: t_n = k_n gap_n, t_s = k_s e with |t_s| <= -t_n tan(alpha);
@@ -222,6 +180,8 @@ class FrictionNoTension(CoulombJoint):
     Raises:
         ValueError: Angle and coefficient are both given, or both missing.
     """
+
+    loops: ClassVar[Mapping[str, Any]] = LOOPS
 
     normal_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
     shear_stiffness: Annotated[float, at.Ge(0), at.Unit("Pa/m")]
@@ -269,8 +229,8 @@ class FrictionNoTension(CoulombJoint):
         law = Coulomb(1.0 / k_n, 1.0 / (k_s or k_n), k_n / (k_s or k_n), mu if k_s else 0.0)
         return whole_step_from(state, stored, law)
 
-    def loop_response(self, rule: Rule, answer: Answer) -> Response:
-        """Elastic slip and, over a whole step, the slips."""
+    def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
+        """Return the answer with elastic slip and, over a whole step, the slips."""
         if rule.name == BACKWARD_EULER.name:
             return response_of(answer, elastic_slip=answer.history)
         root = math.sqrt(self.shear_stiffness) or 1.0

@@ -49,6 +49,22 @@ class Status(IntEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
+class StatusCounts:
+    """Joint points by what they do, as `Status` says, on all ranks."""
+
+    open: int
+    stick: int
+    slip: int
+    frictionless: int = 0
+    tied: int = 0
+
+    @property
+    def total(self) -> int:
+        """Number of points that can open or slide: all but tied ones."""
+        return self.open + self.stick + self.slip + self.frictionless
+
+
+@dataclass(frozen=True, kw_only=True)
 class Rule:
     """How a time scheme asks the laws.
 

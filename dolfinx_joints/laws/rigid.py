@@ -5,24 +5,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import annotated_types as at
 import numpy as np
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
-from dolfinx_joints.laws.discrete_gradient import whole_step_from
-from dolfinx_joints.laws.friction import CoulombJoint
+from dolfinx_joints.laws.friction import LOOPS
 from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, JointState, Losses, Response, Rule
 from dolfinx_joints.laws.losses import losses_on, way_with_friction
-from dolfinx_joints.laws.return_mapping import Answer, Coulomb, Start, response_of
+from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw
+from dolfinx_joints.laws.points.discrete_gradient import whole_step_from
+from dolfinx_joints.laws.points.return_mapping import Answer, Coulomb, Start, response_of
 
 
 @dataclass(frozen=True, kw_only=True)
 @checked
-class RigidJoint(CoulombJoint):
+class RigidJoint(CompiledEnergyConsistentLaw):
     """`FrictionNoTension` with k_n and k_s infinite, their ratio given.
 
     Its tractions follow from the structure alone, so it is a `CondensedLaw` only. With the
@@ -49,6 +51,8 @@ class RigidJoint(CoulombJoint):
     Raises:
         ValueError: Angle and coefficient are both given, or both missing.
     """
+
+    loops: ClassVar[Mapping[str, Any]] = LOOPS
 
     friction_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")] | None = None
     friction_coefficient: Annotated[float, at.Ge(0)] | None = None
@@ -101,8 +105,8 @@ class RigidJoint(CoulombJoint):
         way = state.approach if len(state.approach) else np.zeros(len(state.gap))
         return whole_step_from(state, None, law, np.column_stack([way, state.internal[:, 0]]))
 
-    def loop_response(self, rule: Rule, answer: Answer) -> Response:
-        """The variables at the end."""
+    def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
+        """Return the answer with the variables at the end."""
         if rule.name == BACKWARD_EULER.name:
             internal = np.zeros((len(answer.traction), len(self.internal_variables)))
             if not self.restitution:

@@ -24,8 +24,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import CheckpointError, OtherRunError, warn
 from dolfinx_joints.common.files import FileLock
 from dolfinx_joints.common.mpi import handing_out, on_root, raised_together
-from dolfinx_joints.joints.status_counts import StatusCounts
-from dolfinx_joints.laws.law import JointState, Response
+from dolfinx_joints.laws.law import JointState, Response, StatusCounts
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 from petsc4py import PETSc
 
 from dolfinx_joints.common.summary import Rows, Summarised, names, number
-from dolfinx_joints.joints.status_counts import StatusCounts
-from dolfinx_joints.laws.law import BACKWARD_EULER, Response
+from dolfinx_joints.laws.law import BACKWARD_EULER, Response, StatusCounts
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.static_energy import Jump, StaticEnergy
 from dolfinx_joints.solvers.step_solver import SolveReport

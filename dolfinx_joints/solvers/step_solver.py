@@ -15,8 +15,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.joints.internal_forces import InternalForces
-from dolfinx_joints.joints.status_counts import StatusCounts
-from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
+from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule, StatusCounts
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import LinearSolver, MatrixCoefficients
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The compiled iteration on joint forces against the same in Python."""
+"""Compiled corrections of the joint forces in runs, against those of PETSc's GMRES."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from joint_tangents import POINTS, right_side, scaled_compliance, states, stuck_tangent, tangents
 from shaken_wall import swaying, wall
 
 from dolfinx_joints import (
@@ -30,9 +29,8 @@ from dolfinx_joints import (
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.solvers.interface import corrections
-from dolfinx_joints.solvers.interface.compiled import deflation, krylov, products, ranks, steps
-from dolfinx_joints.solvers.interface.compiled.steps import CompiledSteps
-from dolfinx_joints.solvers.interface.solver import InterfaceSolver
+from dolfinx_joints.solvers.interface.compiled import products, ranks
+from dolfinx_joints.solvers.interface.corrections import CompiledCorrections
 
 STIFF = FrictionNoTension(normal_stiffness=1e13, shear_stiffness=1e13, friction_coefficient=0.3)
 SOFT = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0)
@@ -79,45 +77,38 @@ def march(model: Any, steps: int = 20, **options: Any) -> tuple[np.ndarray, Any]
 @pytest.mark.mpi
 @pytest.mark.parametrize("compliance", COMPLIANCES)
 @pytest.mark.parametrize("laws", LAWS)
-def test_as_in_python(comm, wall_file, read, monkeypatch, laws, compliance):
-    """To the tolerance of the iteration; with and without W, sweeps and deflation."""
+def test_as_with_petsc(comm, wall_file, read, monkeypatch, laws, compliance):
+    """To the tolerance of the iteration; with and without W."""
     if compliance == "auto":  # compressed, beside whole rows of S
-        monkeypatch.setattr("dolfinx_joints.solvers.interface.compliance.LARGEST_DENSE", 10)
+        monkeypatch.setattr("dolfinx_joints.solvers.compliance.compliance.LARGEST_DENSE", 10)
     model = wall(read(wall_file(divisions=(8, 2, 3))), joints=LAWS[laws])
     runs = []
-    in_steps = InterfaceSolver._in_python
-    monkeypatch.setattr(InterfaceSolver, "_in_python", _not_in_steps(in_steps))
-    for hard, tied in ((7, 40.0), (0, 1e30)):
-        monkeypatch.setattr("dolfinx_joints.solvers.interface.solver.HARD", hard)
+    for tied in (40.0, 1e30):
         monkeypatch.setattr(corrections, "OPERATIONS_PER_ENTRY", tied)
         runs.append(march(model, compliance=compliance))
-    monkeypatch.setattr("dolfinx_joints.solvers.interface.solver.HARD", 7)
-    monkeypatch.setattr(corrections, "OPERATIONS_PER_ENTRY", 40.0)
-    monkeypatch.setattr(InterfaceSolver, "_in_python", in_steps)
-    monkeypatch.setattr(CompiledSteps, "serves", lambda *_: False)
-    expected, in_python = march(model, compliance=compliance)
+    monkeypatch.setattr(CompiledCorrections, "serves", lambda *_: False)
+    expected, by_petsc = march(model, compliance=compliance)
     size = np.abs(expected).max(axis=(0, 1))
     for found, outcome in runs:
         assert np.all(np.abs(found - expected).max(axis=(0, 1)) <= 1e-8 * size)
         assert outcome.imbalance <= 1e-10
-        assert outcome.iterations <= 1.2 * in_python.iterations + 10
+        assert outcome.iterations <= 1.2 * by_petsc.iterations + 10
 
 
 @pytest.mark.parametrize("compliance", ["dense", "compressed"])
-def test_with_w_and_sweeps_from_the_first_step(wall_file, read, monkeypatch, compliance):
-    """All parts of the iteration within a few steps of a few points."""
+def test_with_w_from_the_first_step(wall_file, read, monkeypatch, compliance):
+    """All compiled parts within a few steps of a few points."""
     model = wall(read(wall_file(divisions=(4, 1, 1))), joints=SOFT)
-    monkeypatch.setattr("dolfinx_joints.solvers.interface.solver.HARD", 0)
     monkeypatch.setattr(corrections, "OPERATIONS_PER_ENTRY", 1e30)
     found, _ = march(model, steps=3, compliance=compliance)
-    monkeypatch.setattr(CompiledSteps, "serves", lambda *_: False)
+    monkeypatch.setattr(CompiledCorrections, "serves", lambda *_: False)
     expected, _ = march(model, steps=3, compliance=compliance)
     assert np.all(np.abs(found - expected) <= 1e-8 * np.abs(expected).max(axis=(0, 1)))
 
 
 def test_no_index_is_beyond_an_array():
     """Compiled loops read and write there without an error; Python does not."""
-    case = f"{__file__}::{test_with_w_and_sweeps_from_the_first_step.__name__}"
+    case = f"{__file__}::{test_with_w_from_the_first_step.__name__}"
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", case],
         env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
@@ -131,17 +122,20 @@ def test_no_index_is_beyond_an_array():
 def test_points_that_do_not_stick_have_the_room_that_w_needs(wall_file, read, monkeypatch):
     """W may have more entries than S, and then sets of more points are kept whole."""
     made = []
-    solve = CompiledSteps.solve
-    monkeypatch.setattr(
-        CompiledSteps, "solve", lambda self, *given: (made.append(self), solve(self, *given))[1]
-    )
-    monkeypatch.setattr("dolfinx_joints.solvers.interface.compliance.LARGEST_DENSE", 10)
+    solve = CompiledCorrections.solve
+
+    def watched(self: Any, *given: Any, **options: Any) -> Any:
+        made.append(self)
+        return solve(self, *given, **options)
+
+    monkeypatch.setattr(CompiledCorrections, "solve", watched)
+    monkeypatch.setattr("dolfinx_joints.solvers.compliance.compliance.LARGEST_DENSE", 10)
     march(wall(read(wall_file(divisions=(8, 2, 3))), joints=SOFT))
     compiled = made[-1]
     beside = compiled._inner
     tied = beside._replace(entries=1.5 * beside.entries)
-    monkeypatch.setattr(steps, "_blocks_of", lambda *_: tied)
-    monkeypatch.setattr(compiled._corrections, "missed", 1e30)  # W pays
+    monkeypatch.setattr(corrections, "_blocks_of", lambda *_: tied)
+    compiled._memory.missed[0] = 1e30  # W pays
     compiled._tie()
     assert compiled._memory.ties
     changed = compiled._memory.changed
@@ -155,63 +149,8 @@ def test_points_that_do_not_stick_have_the_room_that_w_needs(wall_file, read, mo
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
 
 
-def _not_in_steps(in_python: Any) -> Any:
-    """Python is for statics: a step that comes to it has not been solved by what is tested."""
-
-    def solve(self: Any, step: Any, *arguments: Any) -> Any:
-        assert step.condensed.static
-        return in_python(self, step, *arguments)
-
-    return solve
-
-
-@pytest.mark.parametrize("by_half", [True, False])
-@pytest.mark.parametrize("kind", ["one closed", "mostly open", "mixed", "mostly stuck", "sliding"])
-def test_gmres_with_and_without_deflation(kind, by_half, monkeypatch):
-    """Against dense solves, to what single precision leaves; deflated it takes fewer products."""
-    s, stuck = scaled_compliance(), stuck_tangent(1e3)
-    blocks, r = tangents(states(kind), stuck), right_side("all")
-    # A compliance whose points move together, as those of one body do.
-    together = np.tile(np.linspace(1.0, 2.0, POINTS)[:, None], (1, 3)).ravel()
-    s = s + 3.0 * np.outer(together, together) / len(together)
-    split = steps._columns_of(s, by_half, MPI.COMM_SELF)
-    kept = products.kept_of(POINTS, POINTS, split)
-    points = np.flatnonzero(np.abs(blocks).max(axis=(1, 2)) > 0.0)
-    products.take(split, kept, points, len(points))
-    rows = (3 * points[:, None] + np.arange(3)).ravel()
-    turned = np.zeros((len(s), len(s)))
-    for i, block in enumerate(blocks):
-        turned[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = block
-    matrix = np.eye(len(rows)) + (turned @ s)[np.ix_(rows, rows)]
-    taken = []
-    monkeypatch.setattr(deflation, "VECTORS", 8)
-    for deflated in (None, _Split(s)):
-        space = krylov.space_of(len(s), 100)
-        space.blocks[: len(points)] = blocks[points]
-        found = np.empty(len(rows))
-        of = deflation.deflation_of(deflated, MPI.COMM_SELF)
-        taken.append(_called(krylov.gmres, split, kept, r[rows], 1e-5, space, of, found))
-        left = np.linalg.norm(matrix @ found - r[rows])
-        assert left <= 3e-5 * np.linalg.norm(r[rows])
-    if len(points) < deflation.LEAST_SHARE * POINTS:
-        assert taken[1] == taken[0]
-    else:
-        assert taken[1] < taken[0]
-
-
-class _Split:
-    """S for what finds its eigenvalues."""
-
-    def __init__(self, matrix: np.ndarray) -> None:
-        self._matrix, self.size, self.local = matrix, len(matrix), len(matrix)
-
-    def product(self, values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        return self._matrix @ values
-
-
 def _called(function: Any, *arguments: Any) -> Any:
     """What a compiled function gives that only other compiled ones can call."""
-    from dolfinx_joints.common.kernels import njit
 
     @njit
     def call(*arguments):  # type: ignore[no-untyped-def]

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,8 +24,9 @@ from joint_tangents import (
     tangents,
 )
 
+from dolfinx_joints.solvers.compliance.row_matrix import RowMatrix
 from dolfinx_joints.solvers.interface import corrections
-from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
+from dolfinx_joints.solvers.interface.compiled.corrections import FINEST_SINGLE
 
 pytestmark = pytest.mark.mpi
 
@@ -58,47 +58,44 @@ class Unwanted:
     def local(self) -> int:
         return self.matrix.local
 
-    def cost(self, rows: int) -> float:
-        return float(self.size) ** 2
-
-    def whole(self) -> None:
-        return None
-
     def product(self, values: np.ndarray, rows: np.ndarray) -> np.ndarray:
         return self.matrix.product(values, rows)
 
-    def block(self, rows: np.ndarray) -> Any:
-        raise AssertionError("the block was taken from the fine S")
 
-
-@pytest.fixture(params=["active", "complement"])
+@pytest.fixture(params=["active", "complement", "krylov"])
 def route(request, monkeypatch):
-    """Which of the two sets; the second is made at once where it is allowed."""
-    if request.param == "complement":
-        monkeypatch.setattr(corrections, "OPERATIONS_PER_ENTRY", 1e30)
+    """Which of the two sets, or PETSc's GMRES; the second set is made at once."""
+    monkeypatch.setattr(corrections, "OPERATIONS_PER_ENTRY", 1e30)
     return request.param
 
 
 def solver(comm, s, stuck, route):
     known = stuck if route == "complement" else None
-    return WholeCorrections(row_matrix(s, comm), None, known, comm)
+    return WholeCorrections(row_matrix(s, comm), known, comm, krylov=route == "krylov")
 
 
-def check(found, s, blocks, r, *, error=1e-11):
-    expected = np.linalg.solve(np.eye(len(s)) + whole(blocks) @ s, r)
-    size = max(1.0, float(np.abs(expected).max()))
-    np.testing.assert_allclose(found.step, expected, rtol=0, atol=error * size)
-    np.testing.assert_allclose(found.coupled, s @ found.step, rtol=0, atol=1e-12 * size)
+def check(found, s, blocks, r, route, *, tolerance=0.0):
+    """Compare with (I + T S) d = r and S d; compiled corrections are in single precision.
+
+    The complement's tolerance is relative to W r at its points; |E| and |W| are of the order one.
+    """
+    finest = 1e-12 if route == "krylov" else FINEST_SINGLE
+    left = r - found.step - whole(blocks) @ (s @ found.step)
+    factor = 3.0 if route == "complement" else 1.1
+    assert np.linalg.norm(left) <= factor * max(tolerance, finest) * np.linalg.norm(r)
+    size = np.abs(found.step).max(initial=0.0)
+    error = np.abs(found.coupled - s @ found.step).max()
+    assert error <= found.error + 1e-12 * size
 
 
 @pytest.mark.parametrize("which", ["all", "few"])
 @pytest.mark.parametrize("stiffness", [1e-3, 1.0, 1e6, np.inf])
 @pytest.mark.parametrize("kind", KINDS)
-def test_both_sets_give_the_dense_solution(comm, route, kind, stiffness, which):
+def test_the_dense_solution(comm, route, kind, stiffness, which):
     s, stuck = scaled_compliance(), stuck_tangent(stiffness)
     blocks, r = tangents(states(kind), stuck), right_side(which)
     found = solver(comm, s, stuck, route).solve(r, blocks, EXACT)
-    check(found, s, blocks, r)
+    check(found, s, blocks, r, route)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -108,7 +105,7 @@ def test_frictionless_joints(comm, route, kind):
     stuck[:, 1:] = 0.0
     status = np.minimum(states(kind), 1)
     blocks, r = tangents(status, stuck), right_side()
-    check(solver(comm, s, stuck, route).solve(r, blocks, EXACT), s, blocks, r)
+    check(solver(comm, s, stuck, route).solve(r, blocks, EXACT), s, blocks, r, route)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -121,26 +118,17 @@ def test_dead_directions(comm, route, kind):
     blocks = tangents(states(kind), stuck_tangent(1e3))
     blocks[dead] = 0.0
     blocks.transpose(0, 2, 1)[dead] = 0.0
-    r = right_side()
+    r = np.where(dead.ravel(), 0.0, right_side())
     found = solver(comm, s, stuck, route).solve(r, blocks, EXACT)
-    check(found, s, blocks, r)
-    still = dead.ravel()
-    np.testing.assert_allclose(found.step[still], r[still], rtol=0, atol=1e-12)
+    check(found, s, blocks, r, route)
+    assert not found.step[dead.ravel()].any()
 
 
-def test_points_that_all_stick_need_no_iteration(comm, route):
-    s, stuck = scaled_compliance(), stuck_tangent(1e6)
-    blocks, r = tangents(states("stuck"), stuck), right_side()
-    found = solver(comm, s, stuck, route).solve(r, blocks, EXACT)
-    assert (found.products == 0) == (route == "complement")
-
-
-def test_points_that_are_all_open_need_none_either(comm):
+def test_points_that_are_all_open_are_corrected_exactly(comm):
     s, stuck = scaled_compliance(), stuck_tangent(1e6)
     blocks, r = np.zeros((POINTS, 3, 3)), right_side()
     found = solver(comm, s, stuck, "active").solve(r, blocks, EXACT)
     np.testing.assert_array_equal(found.step, r)
-    assert found.products == 0
 
 
 def test_nothing_to_correct(comm, route):
@@ -162,67 +150,62 @@ def test_what_is_kept_between_solves_does_not_matter(comm, route):
         blocks, r = tangents(status, stuck, seed=turn), right_side(seed=turn)
         if turn % 2:
             r[60:] = 0.0
-        check(one.solve(r, blocks, EXACT), s, blocks, r)
+        check(one.solve(r, blocks, EXACT), s, blocks, r, route)
 
 
-def test_the_complement_is_made_once_it_pays(comm):
+def test_the_complement_is_made_once_it_pays(comm, monkeypatch):
     # All points stick: 15 products of 120^2 each time, against 2.3 x 120^3 operations. The answer
-    # is the same before and after, and the iteration gone.
+    # is the same before and after.
+    made, tied = [], corrections._tied
+    monkeypatch.setattr(corrections, "_tied", lambda *given: (made.append(1), tied(*given))[1])
     s, stuck = scaled_compliance(), stuck_tangent(1e3)
-    one = WholeCorrections(row_matrix(s, comm), None, stuck, comm)
+    one = WholeCorrections(row_matrix(s, comm), stuck, comm)
     blocks, r = tangents(states("stuck"), stuck), right_side()
-    products = []
+    seen = []
     for _ in range(4):
-        found = one.solve(r, blocks, EXACT)
-        check(found, s, blocks, r)
-        products.append(found.products)
-    assert products[-1] == 0
+        check(one.solve(r, blocks, EXACT), s, blocks, r, "complement")
+        seen.append(len(made))
+    assert (seen[0], seen[-1]) == (0, 1)
 
 
 def test_the_complement_is_not_made_for_open_joints(comm, monkeypatch):
     # One point of forty is closed: the small system is far cheaper, however much W would save.
     monkeypatch.setattr(corrections, "OPERATIONS_PER_ENTRY", 1e30)
-    monkeypatch.setattr(corrections, "_Tied", None)
+    monkeypatch.setattr(corrections, "_tied", None)
     s, stuck = scaled_compliance(), stuck_tangent(1e3)
-    one = WholeCorrections(row_matrix(s, comm), None, stuck, comm)
+    one = WholeCorrections(row_matrix(s, comm), stuck, comm)
     blocks, r = tangents(states("one closed"), stuck), right_side("few")
-    check(one.solve(r, blocks, EXACT), s, blocks, r)
+    check(one.solve(r, blocks, EXACT), s, blocks, r, "active")
 
 
-def test_a_rough_matrix_that_costs_more_than_the_exact_one_is_not_asked(comm):
-    s, stuck = scaled_compliance(), stuck_tangent(1e3)
-    blocks, r = tangents(states("mixed"), stuck), right_side()
-    rough = Unwanted(row_matrix(s, comm))
-    found = WholeCorrections(row_matrix(s, comm), rough, None, comm).solve(r, blocks, EXACT)
-    check(found, s, blocks, r)
+@pytest.mark.parametrize("krylov", [True, False])
+def test_rigid_points_that_cannot_move_apart_from_each_other(comm, monkeypatch, krylov):
+    """I + T0 S = G with two rows alike, as where three rigid joints meet: no W, yet an answer.
 
-
-def test_rigid_points_that_cannot_move_apart_from_each_other(comm, monkeypatch):
-    # I + T0 S = G with two rows alike, as where three rigid joints meet: no W, yet an answer to
-    # every right-hand side in its range.
+    It is one to every right-hand side in the range of G, to the damping of 1e-8 and what single
+    precision leaves.
+    """
     monkeypatch.setattr(corrections, "OPERATIONS_PER_ENTRY", 1e30)
     s, stuck = scaled_compliance(), np.ones((POINTS, 3))
     g = s + np.eye(3 * POINTS)
     g[3:6], g[:, 3:6] = g[:3], g[:, :3]
     g[3:6, 3:6] = g[:3, :3]
-    one = WholeCorrections(row_matrix(g - np.eye(3 * POINTS), comm), None, stuck, comm)
+    split = row_matrix(g - np.eye(3 * POINTS), comm)
+    one = WholeCorrections(split, stuck, comm, krylov=krylov, rigid=True)
     blocks, r = tangents(states("stuck"), stuck), g @ right_side()
     for _ in range(3):
         found = one.solve(r, blocks, EXACT)
-        np.testing.assert_allclose(g @ found.step, r, rtol=0, atol=1e-10 * np.abs(r).max())
+        error = 1e-6 if krylov else 1e-4
+        np.testing.assert_allclose(g @ found.step, r, rtol=0, atol=error * np.abs(r).max())
 
 
 @pytest.mark.parametrize("tolerance", [0.03, 1e-4, 1e-8])
 @pytest.mark.parametrize("kind", ["mixed", "sliding"])
 def test_the_residual_is_within_the_tolerance(comm, route, kind, tolerance):
-    # The complement's is relative to W r at its points; |E| and |W| are of the order one here.
     s, stuck = scaled_compliance(), stuck_tangent(1e3)
     blocks, r = tangents(states(kind), stuck), right_side()
     found = solver(comm, s, stuck, route).solve(r, blocks, tolerance)
-    left = r - found.step - whole(blocks) @ (s @ found.step)
-    factor = 1.0 if route == "active" else 3.0
-    assert 0.0 < np.linalg.norm(left) <= factor * tolerance * np.linalg.norm(r)
-    np.testing.assert_allclose(found.coupled, s @ found.step, rtol=0, atol=1e-12)
+    check(found, s, blocks, r, route, tolerance=tolerance)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -237,7 +220,7 @@ def test_a_rough_matrix_inside(comm, kind):
     rough = s + 1e-4 / np.linalg.norm(noise, 2) * noise
     blocks, r = tangents(states(kind), stuck), right_side()
     fine = Unwanted(row_matrix(s, comm))
-    one = WholeCorrections(fine, row_matrix(rough, comm), None, comm)
+    one = WholeCorrections(fine, None, comm, krylov=True, rough=row_matrix(rough, comm))
     found = one.solve(r, blocks, EXACT)
     left = r - found.step - whole(blocks) @ (s @ found.step)
     assert np.linalg.norm(left) <= 1.2e-3 * np.linalg.norm(r)
@@ -251,7 +234,9 @@ def test_corrections_with_a_rough_matrix_converge(comm):
     noise += noise.T
     rough = s + 1e-4 / np.linalg.norm(noise, 2) * noise
     blocks, r = tangents(states("mixed"), stuck), right_side()
-    one = WholeCorrections(Unwanted(row_matrix(s, comm)), row_matrix(rough, comm), None, comm)
+    one = WholeCorrections(
+        Unwanted(row_matrix(s, comm)), None, comm, krylov=True, rough=row_matrix(rough, comm)
+    )
     total, left = np.zeros_like(r), r
     for _ in range(4):
         total = total + one.solve(left, blocks, EXACT).step
@@ -268,9 +253,10 @@ def test_results_do_not_depend_on_the_ranks(comm, route, owner):
     blocks, r = tangents(states("mixed"), stuck), right_side()
     local = None if owner is None else len(s) * (comm.rank == owner % comm.size)
     known = stuck if route == "complement" else None
-    spread = WholeCorrections(row_matrix(s, comm, local), None, known, comm)
+    krylov = route == "krylov"
+    spread = WholeCorrections(row_matrix(s, comm, local), known, comm, krylov=krylov)
     alone = solver(MPI.COMM_SELF, s, stuck, route)
     found, expected = (one.solve(r, blocks, EXACT) for one in (spread, alone))
-    assert found.products == expected.products
-    np.testing.assert_allclose(found.step, expected.step, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(found.coupled, expected.coupled, rtol=0, atol=1e-11)
+    error = (1e-11 if krylov else 1e-4) * np.abs(expected.step).max()
+    np.testing.assert_allclose(found.step, expected.step, rtol=0, atol=error)
+    np.testing.assert_allclose(found.coupled, expected.coupled, rtol=0, atol=error)

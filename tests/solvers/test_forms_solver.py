@@ -16,7 +16,7 @@ pytest.importorskip("dolfinx")
 from shaken_wall import Killed, Killer, shaking
 
 import dolfinx_joints as dj
-from dolfinx_joints.joints.status_counts import StatusCounts
+from dolfinx_joints.laws.law import StatusCounts
 from dolfinx_joints.simulation.monitor import Monitor
 
 DT, STEPS, TOLERANCE = 0.004, 8, 1e-10

@@ -48,9 +48,6 @@ from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC, MatrixCoefficients
 from dolfinx_joints.solvers.interface import corrections
-from dolfinx_joints.solvers.interface import solver as interface
-from dolfinx_joints.solvers.interface.compiled.steps import CompiledSteps
-from dolfinx_joints.solvers.interface.residual import JointStep
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
 from dolfinx_joints.time_integration.initial_state import initial_state
@@ -191,49 +188,6 @@ def test_both_sets_march_alike(wall, monkeypatch, now):
     assert far(other.gaps, path.gaps) <= 1e-9
     assert difference(end.state.displacement, outcome.state.displacement) <= 1e-9
     assert end.imbalance <= 1e-10
-
-
-@pytest.mark.mpi
-@pytest.mark.parametrize("law", [friction(), RigidJoint(friction_angle_deg=30.0)])
-def test_sweeps_take_iterations_away_and_change_nothing(wall, monkeypatch, law):
-    """Steps of ten times the length, with sweeps in all of them or in none."""
-    ends = {}
-    for name, hard in (("never", 10**6), ("always", 0)):
-        monkeypatch.setattr(interface, "HARD", hard)
-        monkeypatch.setattr(interface, "EASY", hard)
-        simulation = Simulation(wall(law), options=SolverOptions(relative_tolerance=1e-12))
-        simulation.statics()
-        ends[name] = simulation.dynamics(dt=10 * DT, steps=15, motion=swaying)
-    one, other = ends["never"], ends["always"]
-    assert other.iterations < one.iterations
-    assert difference(other.state.displacement, one.state.displacement) <= 1e-9
-    assert other.imbalance <= 1e-10
-
-
-@pytest.mark.mpi
-def test_a_sweep_solves_each_point_with_what_the_colours_before_left(wall):
-    """After a sweep the last colour's own equations hold exactly."""
-    model = wall()
-    contact = model.contact
-    parts = contact.colours(5)
-    mine = [part.points for colour in parts for part in colour]
-    assert np.array_equal(np.sort(np.concatenate(mine)), np.arange(len(contact.operator.areas)))
-    seen = []
-    real = JointStep.sweep
-
-    def watched(step: Any, at: Any, colours: Any) -> Any:
-        swept = real(step, at, colours)
-        seen.append(np.abs(swept.residual[colours[-1][1]]).max(initial=0.0) / at.worst)
-        return swept
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(interface, "HARD", 0)
-        patch.setattr(interface, "EASY", 0)
-        patch.setattr(JointStep, "sweep", watched)
-        patch.setattr(CompiledSteps, "serves", lambda *_: False)
-        march(model, steps=3)
-    assert seen
-    assert max(seen) <= 1e-12
 
 
 def test_gauss_points_and_a_mass_without_joint_nodes(wall):

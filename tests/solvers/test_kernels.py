@@ -23,15 +23,16 @@ from mpi4py import MPI
 
 from plates import compressed, kernel, plates
 
-from dolfinx_joints.laws import discrete_gradient, friction
+from dolfinx_joints.laws import friction
 from dolfinx_joints.laws.law import JointState
-from dolfinx_joints.laws.return_mapping import Answer, Coulomb, Start, empty_answer
-from dolfinx_joints.solvers.interface import blocks_between_ranks, corrections, gmres
-from dolfinx_joints.solvers.interface import low_rank as lowrank
-from dolfinx_joints.solvers.interface import residual as joint_step
-from dolfinx_joints.solvers.interface import row_matrix as row_matrices
-from dolfinx_joints.solvers.interface.blocks_between_ranks import DENSE, FACTOR, PLACE
-from dolfinx_joints.solvers.interface.ranked_low_rank import Shares
+from dolfinx_joints.laws.points import discrete_gradient
+from dolfinx_joints.laws.points.return_mapping import Answer, Coulomb, Start, empty_answer
+from dolfinx_joints.solvers.compliance import blocks_between_ranks
+from dolfinx_joints.solvers.compliance import low_rank as lowrank
+from dolfinx_joints.solvers.compliance import row_matrix as row_matrices
+from dolfinx_joints.solvers.compliance.blocks_between_ranks import DENSE, FACTOR, PLACE
+from dolfinx_joints.solvers.compliance.ranked_low_rank import Shares
+from dolfinx_joints.solvers.interface import joint_step, krylov_corrections
 
 RANDOM = np.random.default_rng(20)
 ROUNDING = 1e-13
@@ -66,28 +67,6 @@ def check(
     for one, other in zip(compiled, written, strict=True):
         check_same(one, other)
     return compiled
-
-
-# And the products that they take: as many as there are different eigenvalues to be told apart.
-MATRICES = {
-    "near the identity": (np.eye(9) + 0.05 * RANDOM.normal(size=(9, 9)), 9),
-    "identity, done at once": (np.eye(4), 1),
-    "singular": (np.diag([1.0, 2.0, 0.0, 3.0]), 4),
-}
-
-
-@pytest.mark.parametrize("name", MATRICES)
-def test_gmres(monkeypatch, name):
-    matrix, expected = MATRICES[name]
-    right, alone = np.arange(1.0, len(matrix) + 1), MPI.COMM_SELF
-
-    def work():
-        return gmres.gmres(lambda x: matrix @ x, right, tolerance=1e-12, most=20, comm=alone)
-
-    x, products = check(monkeypatch, gmres, work)
-    assert products == expected
-    if name != "singular":
-        np.testing.assert_allclose(matrix @ x, right, rtol=1e-10)
 
 
 @pytest.mark.parametrize("symmetric", [True, False])
@@ -159,33 +138,28 @@ def test_products_with_few_rows(monkeypatch, count):
 
 def test_blocks_of_points(monkeypatch):
     tangent, values = RANDOM.normal(size=(5, 3, 3)), RANDOM.normal(size=15)
-    diagonal = RANDOM.normal(size=(1, 3))
-    tangent[[1, 4]] = np.diag(diagonal[0])
-
-    def work():
-        return (
-            corrections._turned(tangent, values),
-            corrections._where(tangent, diagonal, 1e-12),
-            corrections._where(tangent, np.repeat(diagonal, 5, axis=0), 1e-12),
-        )
-
-    turned, *found = check(monkeypatch, corrections, work)
+    module = krylov_corrections
+    (turned,) = check(monkeypatch, module, lambda: (module._turned(tangent, values),))
     np.testing.assert_allclose(
         turned, np.einsum("nij,nj->ni", tangent, values.reshape(5, 3)).ravel()
     )
-    assert [each.tolist() for each in found] == [[0, 2, 3], [0, 2, 3]]
 
 
 def test_scaled_residuals(monkeypatch):
-    force, scale, areas = RANDOM.normal(size=12), RANDOM.random(12), RANDOM.random(12)
-    traction, tangent = RANDOM.normal(size=(4, 3)), RANDOM.normal(size=(4, 3, 3))
-    dead = np.zeros((4, 3), dtype=bool)
-    dead[1, 2] = dead[3] = True
-    given = (force, traction, tangent, scale, areas, dead)
-    residual, scaled = check(monkeypatch, joint_step, lambda: joint_step._scaled(*given))
-    assert not residual.reshape(4, 3)[dead].any()
+    force, coupled, scale, areas = RANDOM.normal(size=12), *RANDOM.random((3, 12))
+    carried, tangent = RANDOM.normal(size=(4, 3)), RANDOM.normal(size=(4, 3, 3))
+    root = np.where(np.isin(np.arange(12), [5, 9, 10, 11]), 0.0, areas * scale)  # dead directions
+    scale[root == 0.0] = 0.0
+    given = (force, coupled, 2.0 * carried, carried, tangent, scale, root)
+    residual, scaled, sizes = check(monkeypatch, joint_step, lambda: joint_step._residual(*given))
+    assert not residual[root == 0.0].any()
     assert not scaled[3].any()
-    assert residual[0] == pytest.approx(force[0] - scale[0] * areas[0] * traction[0, 0])
+    assert residual[0] == pytest.approx(force[0] - root[0] * carried[0, 0])
+    assert scaled[1, 0, 1] == pytest.approx(root[3] * tangent[1, 0, 1] * scale[4])
+    largest = np.abs(2.0 * root * carried.ravel()).max()
+    expected = [largest, *(np.abs(each).max() for each in (residual, force, coupled))]
+    np.testing.assert_allclose(sizes[:4], expected)
+    assert sizes[4] == pytest.approx(residual @ residual)
 
 
 # Gaps of the points before a step and after it if nothing were carried, of every kind: they stay

@@ -17,7 +17,7 @@ from shaken_wall import DT, shaking, wall
 import dolfinx_joints as dj
 from dolfinx_joints.simulation.differing_ground import DifferingGround
 from dolfinx_joints.solvers import node_blocks
-from dolfinx_joints.solvers.interface import compliance
+from dolfinx_joints.solvers.compliance import compliance
 
 PREFIX = "dolfinx_joints_"
 GUIDE = Path(__file__).parents[2] / "docs/guide/solvers.md"
@@ -50,6 +50,7 @@ USES = {
     "node_blocks": run,
     "acceleration": run,
     "compliance": run,
+    "corrections": run,
     "ground": moved_apart,
     "modes_st": lambda model: dj.modes(model.system(), 2),
     "frequency": lambda model: dj.frequency_response(

@@ -82,14 +82,25 @@ def random_points(springs):
     return 1e-5 * rng.normal(size=(COUNT, 3)), own, before
 
 
+def without(springs, trial_gap, own, before):
+    """Trial gap and compliance of the law."""
+    return springs.trial_gap_without(trial_gap, own, before), springs.compliance_without(own)
+
+
+def taken_off(springs, response, own, before):
+    """Traction and tangent of a response with the springs taken off."""
+    traction, tangent, gap = response.traction, response.tangent, response.state.gap
+    return springs.taken_off(traction, tangent, gap, own, before)
+
+
 @pytest.mark.parametrize("law", [friction(), RigidJoint(friction_angle_deg=30.0)])
 def test_the_law_is_met_with_the_springs_taken_off(springs, law):
     """Its t at the gap, gap = h - c t', and t' = t - s (gap - g0): by their definitions."""
     free, own, before = random_points(springs)
     before[:, 0] = np.abs(before[:, 0])  # no overlap, which a rigid joint cannot have
     state = JointState.at_rest(before, variables=len(variables_of(law)))
-    response = law.condensed_backward_euler(*springs.without(free, own, before), state)
-    traction, _ = springs.taken_off(response, own, before)
+    response = law.condensed_backward_euler(*without(springs, free, own, before), state)
+    traction, _ = taken_off(springs, response, own, before)
     gap, wide = response.state.gap, np.repeat(own, (1, 2), axis=1)
     s = np.repeat(springs.stiffness, (1, 2), axis=1)
     np.testing.assert_allclose(gap, free - wide * traction, rtol=0, atol=1e-18)
@@ -112,8 +123,8 @@ def test_tangent_by_differences(springs):
     law, state = friction(), JointState.at_rest(before)
 
     def evaluate(h):
-        response = law.condensed_backward_euler(*springs.without(h, own, before), state)
-        return response, *springs.taken_off(response, own, before)
+        response = law.condensed_backward_euler(*without(springs, h, own, before), state)
+        return response, *taken_off(springs, response, own, before)
 
     response, _, tangent = evaluate(free)
     size = np.abs(tangent).max(axis=(1, 2))

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -16,19 +17,38 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import free_petsc_garbage
+from dolfinx_joints.laws.law import Response
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.compliance.compliance import TOLERANCE, Compliance
 from dolfinx_joints.solvers.effective_matrix import (
     EffectiveMatrix,
     MatrixCoefficients,
     unconstrained_dofs,
 )
-from dolfinx_joints.solvers.interface.compiled.steps import CompiledSteps, Solved
-from dolfinx_joints.solvers.interface.compliance import TOLERANCE, Compliance
-from dolfinx_joints.solvers.interface.corrections import Corrections
+from dolfinx_joints.solvers.interface.corrections import CompiledCorrections
+from dolfinx_joints.solvers.interface.krylov_corrections import KrylovCorrections
 from dolfinx_joints.solvers.interface.springs import JointSprings
 from dolfinx_joints.solvers.step_solver import SolverOptions
 
 Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solved:
+    """The joint forces of a step.
+
+    Attributes:
+        force: Scaled forces f - r, shape (m,).
+        response: Of the points.
+        iterations: Iterations.
+        relative: Residual relative to the largest force.
+    """
+
+    force: Floats
+    response: Response
+    iterations: int
+    relative: float
+
 
 # Openings of rigid points are resolved to so many residuals of the step.
 RESOLVED = 10.0
@@ -111,32 +131,27 @@ class Condensed:
         )
 
     @cached_property
-    def corrections(self) -> Corrections:
+    def scale(self) -> Floats:
+        """s, zero in directions in which a point cannot move, shape (m,), [(m/N)^(1/2)]."""
+        return np.where(self.compliance.dead.ravel(), 0.0, self.compliance.scale)
+
+    @cached_property
+    def root(self) -> Floats:
+        """Scaled force of a traction of 1 Pa, s w, shape (m,)."""
+        return np.repeat(self._contact.operator.areas, 3) * self.scale
+
+    @cached_property
+    def corrections(self) -> CompiledCorrections | KrylovCorrections:
         """Solver of Newton's corrections (collective when first asked for)."""
-        known = self.springs is None and self._system.symmetric
-        corrections = Corrections(
-            self.compliance.split,
-            self.compliance.rough,
-            self._stuck() if known else None,
-            self._operator.comm.tompi4py(),
-            keeps_rows=self.compliance.keeps_rows,
-            rigid=self._contact.rigid,
-        )
+        contact, comm = self._contact, self._operator.comm.tompi4py()
+        meets = contact.rigid and self._tied_twice()
+        if self.static or meets or not CompiledCorrections.serves(self.compliance):
+            return KrylovCorrections(self.compliance, contact.rigid, comm)
+        stuck = self._stuck() if self._system.symmetric else None
+        corrections = CompiledCorrections(self.compliance, stuck, comm)
         if self._restored:
             corrections.load_state_dict(self._restored)
         return corrections
-
-    @cached_property
-    def compiled(self) -> CompiledSteps | None:
-        """The compiled iteration, None where it does not serve (collective when first asked)."""
-        if self.static or not CompiledSteps.serves(self._contact, self.compliance):
-            return None
-        if self._contact.rigid and self._tied_twice():
-            return None
-        areas = np.repeat(self._contact.operator.areas, 3)
-        compiled = CompiledSteps(self._contact, self.compliance, self.corrections, areas)
-        compiled.load_state_dict(self._restored.get("compiled", {}))
-        return compiled
 
     def _tied_twice(self) -> bool:
         """Whether a node is at several rigid points, which may then tie each other (collective)."""
@@ -154,19 +169,17 @@ class Condensed:
         return twice
 
     def state_dict(self) -> dict[str, Any]:
-        """State that later corrections depend on, empty before the first."""
+        """Return the state that later corrections depend on, empty before the first."""
         if "corrections" not in self.__dict__:
             return dict(self._restored)
-        compiled = self.__dict__.get("compiled")
-        more = {} if compiled is None else {"compiled": compiled.state_dict()}
-        return self.corrections.state_dict() | more
+        return self.corrections.state_dict()
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Take up what another's ``state_dict`` gave, once corrections are asked for."""
         self._restored = state_dict
 
     def close(self, found: Solved) -> None:
-        """Take openings of rigid points that a step does not resolve for none (collective).
+        """Set rigid-point openings below the step's resolution to zero (collective).
 
         Where rigid joints meet, points that stick determine whether others are open: such an
         opening would contradict them in later steps, by more the shorter these are.
@@ -192,6 +205,8 @@ class Condensed:
 
     def destroy(self) -> None:
         """Free matrices and factor."""
+        if isinstance(corrections := self.__dict__.get("corrections"), KrylovCorrections):
+            corrections.free()
         if "compliance" in self.__dict__ and self.matrix.rounds is None:
             self.compliance.destroy()
         if not self.loose or "matrix" in self.__dict__:

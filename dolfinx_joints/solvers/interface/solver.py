@@ -15,9 +15,8 @@ it is done in the scaled forces f and gaps of `compliance`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +24,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.internal_forces import JointInternalForces
@@ -35,19 +35,14 @@ from dolfinx_joints.solvers.effective_matrix import (
     MatrixCoefficients,
     unconstrained_dofs,
 )
-from dolfinx_joints.solvers.interface.compiled.iteration import Limits
-from dolfinx_joints.solvers.interface.compiled.steps import Solved
-from dolfinx_joints.solvers.interface.condensed import Condensed
-from dolfinx_joints.solvers.interface.corrections import Correction
-from dolfinx_joints.solvers.interface.residual import (
+from dolfinx_joints.solvers.interface.condensed import Condensed, Solved
+from dolfinx_joints.solvers.interface.iteration import Iteration, NotConvergedError
+from dolfinx_joints.solvers.interface.joint_step import BALANCED, JointStep
+from dolfinx_joints.solvers.interface.predictor import (
     STATIC_TOLERANCE,
     AcceptedForces,
-    Colours,
-    Iterate,
-    JointStep,
     tractions_of,
 )
-from dolfinx_joints.solvers.line_search import LineSearch
 from dolfinx_joints.solvers.newton import SETTLED
 from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, solve_failure
 
@@ -61,12 +56,8 @@ KEPT_BYTES = 2_000_000_000
 # the tolerance if rounding lets it: the energy balance sees what is left.
 INNER_TOLERANCE, ENOUGH = 0.03, 0.01
 
-# After a step of so many iterations, and as long as steps take so many, iterates whose residual is
-# larger than this part of the largest force are swept point by point, in so many colours. A sweep
-# takes the time of two iterations and saves one: it is for steps too long for the last to tell of
-# the next. With fewer colours it does less (measured in docs/decisions).
-HARD, EASY = 7, 4
-POOR, COLOURS = 0.03, 32
+# Static stages have few solves: iterate down to rounding error, relative to the largest force.
+STATIC_ENOUGH = 1e-14
 
 # Times that a static solution is corrected by the gaps of the body itself.
 REFINEMENTS = 3
@@ -75,11 +66,13 @@ REFINEMENTS = 3
 class InterfaceSolver:
     """Semi-smooth Newton on the joint forces.
 
-    Gives what `NewtonSolver` gives. The compliance costs one back-substitution per joint unknown
-    for each set of coefficients; after that a step costs two of them, however many iterations the
-    joints need. Where blocks are supported by nothing but joints, statics put springs across the
-    joints; what they carry is taken off the law's tractions again, so that the solution does not
-    depend on them.
+    The result equals that of `NewtonSolver`. The compliance matrix is computed once per set of
+    coefficients and takes one back-substitution per joint unknown. Each step then takes two
+    back-substitutions, regardless of the number of Newton iterations.
+
+    In statics, blocks that are supported by joints alone are stabilised by artificial springs
+    across the joints. The spring forces are subtracted from the joint tractions, so that the
+    solution does not depend on the springs.
 
     Args:
         system: The system, with joints whose laws all offer ``condensed_backward_euler``.
@@ -113,7 +106,7 @@ class InterfaceSolver:
         self._last: tuple[Condensed | None, Floats, Floats] = (None, nothing, nothing)
         self._before: tuple[Condensed | None, Floats, Floats] = self._last
         operator, newton = self._operator, self.options  # a reference to self would keep it alive
-        self._sweeps, self._enough = False, ENOUGH * newton.relative_tolerance
+        self._enough = ENOUGH * newton.relative_tolerance
         self._condensed = Cache(
             lambda key: Condensed(system, key[0], operator, key[1], newton),
             size=int(min(8, max(2, KEPT_BYTES // (8 * size**2 or 1)))),
@@ -136,13 +129,11 @@ class InterfaceSolver:
             condensed.matrix.refine(b, x, self._unconstrained)
         trial_gap = state.gap + self._contact.operator.jump(x)
         step = JointStep(self._contact, condensed, trial_gap, state, rule)
-        if condensed.static and self.follows_path:
-            traction = tractions_of(self._contact, state, self.carried)
-            found = self._in_python(step, [self._accepted.start(step, traction)], b, x)
-            self._accepted.solved(found.response.traction, *self._last[1:])
+        if condensed.static:
+            found = self._static(step, b, x)
         else:
-            found = self._from_last_steps(step, b, x)
-        self._sweeps = found.iterations >= (EASY if self._sweeps else HARD)
+            found = self._iterate(step, self._starts(condensed))
+            self._expand_all(condensed, found.force, x)
         condensed.close(found)
         return found.response, SolveReport(
             iterations=found.iterations,
@@ -152,78 +143,79 @@ class InterfaceSolver:
             solver=self.name,
         )
 
-    def _from_last_steps(self, step: JointStep, b: PETSc.Vec, x: PETSc.Vec) -> Solved:
-        """Solve from the forces of the last steps, compiled if possible (collective)."""
-        condensed, starts = step.condensed, self._starts(step.condensed)
-        if condensed.static:
-            starts.append((np.zeros_like(starts[0][0]), np.zeros_like(starts[0][1])))
-        found = self._compiled(condensed, step.trial_gap, step.state, step.rule, starts)
-        if found is None:
-            return self._in_python(step, starts, b, x)
-        self._expand_all(condensed, found.force, x)
-        return found
-
-    def _compiled(
-        self,
-        condensed: Condensed,
-        trial_gap: Floats,
-        state: JointState,
-        rule: Rule,
-        starts: list[tuple[Floats, Floats]],
-    ) -> Solved | None:
-        """The joint forces by the compiled iteration.
-
-        None where it does not serve, and where it does not converge: in Python it says why.
-        """
-        if condensed.compiled is None:
-            return None
-        sweeps = self._sweeps and condensed.compliance.kind == "dense"
-        limits = Limits(
-            tolerance=self.options.relative_tolerance,
-            enough=self._enough,
-            iterations=self.options.max_iterations,
-            cuts=self.options.max_cuts,
-            inner=INNER_TOLERANCE,
-            rough=0.0,
-            poor=POOR if sweeps else np.inf,
-            colours=COLOURS,
-        )
-        return condensed.compiled.solve(trial_gap, state, rule, starts, limits)
-
-    def _in_python(
-        self, step: JointStep, starts: list[tuple[Floats, Floats]], b: PETSc.Vec, x: PETSc.Vec
-    ) -> Solved:
-        """The joint forces, and x with what they cause (collective)."""
+    def _static(self, step: JointStep, b: PETSc.Vec, x: PETSc.Vec) -> Solved:
+        """Return the joint forces of a static step, and add what they cause to x (collective)."""
         condensed = step.condensed
-        tried = [step.evaluate(*start) for start in starts]
-        start = min(tried, key=lambda at: at.norm)
-        found, iterations, relative = self._iterate(step, self._smoothed(step, start))
-        self._expand_all(condensed, found.force - found.residual, x)
-        for _ in range(REFINEMENTS * condensed.static):
-            # From the gaps of the body as it stands: stiff joints turn their rounding to forces.
+        if self.follows_path:
+            traction = tractions_of(self._contact, step.state, self.carried)
+            starts = [self._accepted.start(step, traction)]
+        else:
+            nothing = np.zeros(condensed.compliance.split.local)
+            starts = [*self._starts(condensed), (nothing, nothing)]
+        found = self._iterate(step, starts)
+        self._expand_all(condensed, found.force, x)
+        for _ in range(REFINEMENTS):
+            # Start from the gaps of the body: stiff joints turn their rounding errors to forces.
             if condensed.springs is not None:
                 self._balance(condensed, b, x)
-            at = step.evaluate(*self._last[1:])
-            if condensed.springs is not None and step.is_balanced(at):
-                found, relative = at, at.worst / (at.largest or 1.0)
+            start = self._last[1:]
+            if condensed.springs is not None and step.is_balanced(at := step.evaluate(*start)):
+                response, relative = step.response(at), at.worst / (at.largest or 1.0)
+                found = replace(found, response=response, relative=relative)
                 break
-            found, more, relative = self._iterate(step, at)
-            if more == 0:
+            more = self._iterate(step, [start])
+            found = replace(more, iterations=found.iterations + more.iterations)
+            if more.iterations == 0:
                 break
-            iterations += more
-            moved = found.force - found.residual - self._last[1]
-            self._expand(condensed, found.force - found.residual, x)
+            moved = found.force - self._last[1]
+            self._expand(condensed, found.force, x)
         else:
             if condensed.springs is not None and not self._settled(moved):
-                joints = JointInternalForces(self._contact)
-                state, options = step.state, self.options
-                raise solve_failure(joints, found.response, state, iterations, relative, options)
+                raise self._failure(step, found.response, found.iterations, found.relative)
+        if self.follows_path:
+            self._accepted.solved(found.response.traction, *self._last[1:])
+        return found
+
+    def _iterate(self, step: JointStep, starts: Sequence[tuple[Floats, Floats]]) -> Solved:
+        """Return the joint forces of a step from the best of the starts (collective).
+
+        Raises:
+            ConvergenceError: No solution was found.
+        """
+        options, static = self.options, step.condensed.static
+        iteration = Iteration(
+            step,
+            tolerance=options.relative_tolerance,
+            enough=self._static_enough(step) if static else self._enough,
+            inner=STATIC_TOLERANCE if static else INNER_TOLERANCE,
+            max_iterations=options.max_iterations,
+            max_cuts=options.max_cuts,
+        )
+        try:
+            at, iterations, relative = iteration.solve(starts)
+        except NotConvergedError as end:
+            # A tangent that is not finite shows in the iterate after the one that has it.
+            tried = [step.response(each) for each in (end.at, end.before)]
+            response = next((r for r in tried if self._contact.not_finite(r)), tried[0])
+            raise self._failure(step, response, end.iterations, end.relative) from None
         return Solved(
-            force=found.force - found.residual,
-            response=found.response,
+            force=at.force - at.residual,
+            response=step.response(at),
             iterations=iterations,
             relative=relative,
         )
+
+    @staticmethod
+    def _static_enough(step: JointStep) -> float:
+        """Return the residual over the largest force at which a static iteration ends: rounding."""
+        return STATIC_ENOUGH if step.condensed.springs is None else BALANCED
+
+    def _failure(
+        self, step: JointStep, response: Response, iterations: int, relative: float
+    ) -> ConvergenceError:
+        """Return the error of a step that did not converge (collective)."""
+        joints = JointInternalForces(self._contact)
+        return solve_failure(joints, response, step.state, iterations, relative, self.options)
 
     def _settled(self, moved: Floats) -> bool:
         """Whether forces changed little: those of a block that nothing holds go on (collective)."""
@@ -251,7 +243,7 @@ class InterfaceSolver:
             }
             for name, (condensed, force, coupled) in starts
         }
-        return {"matrices": matrices, "sweeps": self._sweeps, **known}
+        return {"matrices": matrices, **known}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Go on from what another's ``state_dict`` gave (collective)."""
@@ -274,7 +266,6 @@ class InterfaceSolver:
             return found, force, coupled
 
         self._last, self._before = start("last"), start("before")
-        self._sweeps = state_dict["sweeps"]
 
     def _starts(self, condensed: Condensed) -> list[tuple[Floats, Floats]]:
         """Forces of the last step, and on the line through the last two, each with S f."""
@@ -282,29 +273,12 @@ class InterfaceSolver:
         if known is not condensed:
             if known is not None:
                 force = force / known.compliance.scale * condensed.compliance.scale
-            coupled = condensed.compliance.split.product(force, np.flatnonzero(force))
+            coupled = condensed.corrections.product(force)
             return [(force, coupled)]
         before, self._before = self._before, self._last
         if before[0] is not known:
             return [(force, coupled)]
         return [(force, coupled), (2.0 * force - before[1], 2.0 * coupled - before[2])]
-
-    def _smoothed(self, step: JointStep, at: Iterate) -> Iterate:
-        """A sweep over the points, where the last steps were hard (collective)."""
-        helps = self._sweeps and not step.condensed.static
-        poor = at.worst > POOR * at.largest
-        if not (helps and poor and step.condensed.compliance.kind == "dense"):
-            return at
-        swept = step.sweep(at, self._colours)
-        return min(at, swept, key=lambda tried: tried.norm)
-
-    @cached_property
-    def _colours(self) -> Colours:
-        """Points of equal numbers modulo `COLOURS` (collective when first asked for)."""
-        first, stop = (row // 3 for row in self._operator.getOwnershipRange())
-        colour = np.repeat(np.arange(first, stop) % COLOURS, 3)
-        rows = [np.flatnonzero(colour == c) for c in range(COLOURS)]
-        return list(zip(self._contact.colours(COLOURS), rows, strict=True))
 
     def _expand_all(self, condensed: Condensed, force: Floats, x: PETSc.Vec) -> None:
         """Add the displacements that the joint forces cause (collective)."""
@@ -346,50 +320,3 @@ class InterfaceSolver:
         gaps = self._points.getArray(readonly=True) / scale
         gaps = np.where(condensed.compliance.dead.ravel(), 0.0, gaps)
         self._last = (condensed, force, coupled - gaps)
-
-    def _iterate(self, step: JointStep, at: Iterate) -> tuple[Iterate, int, float]:
-        """The solution, iterations, and residual relative to the largest force."""
-        iteration, last, tolerance = 0, np.inf, self.options.relative_tolerance
-        enough = step.enough if step.condensed.static else self._enough
-        before, line_search = at, LineSearch(self.options.max_cuts)
-        first = inner = STATIC_TOLERANCE if step.condensed.static else INNER_TOLERANCE
-        while True:
-            size = at.worst
-            scale = at.largest or size or 1.0
-            relative, accepted = step.judged(at, size / scale, scale, tolerance)
-            if relative <= enough or (relative <= accepted and size >= 0.5 * last):
-                return at, iteration, relative
-            given_up = iteration == self.options.max_iterations or not 0.0 < size < np.inf
-            if given_up and relative <= accepted:
-                return at, iteration, relative
-            if given_up:
-                # A tangent that is not finite shows in the iterate after the one that has it.
-                tried = (at.response, before.response)
-                spoilt = next((r for r in tried if self._contact.not_finite(r)), at.response)
-                joints = JointInternalForces(self._contact)
-                raise solve_failure(joints, spoilt, step.state, iteration, relative, self.options)
-            if iteration:
-                inner = min(first, (size / last) ** 2)
-            # What is done already costs no product.
-            left = np.where(np.abs(at.residual) > 0.1 * enough * scale, at.residual, 0.0)
-            correction = step.condensed.corrections.solve(
-                left, at.tangent, max(inner, 0.3 * enough / relative)
-            )
-            before, at = at, self._smoothed(step, self._search(step, at, correction, line_search))
-            iteration, last = iteration + 1, size
-
-    def _search(
-        self, step: JointStep, at: Iterate, correction: Correction, line_search: LineSearch
-    ) -> Iterate:
-        """Take the correction, halved while it does not make the residual smaller."""
-        smallest = np.inf
-        for cut in range(line_search.cuts(at.norm) + 1):
-            share = 0.5**cut
-            trial = step.evaluate(
-                at.force - share * correction.step, at.coupled - share * correction.coupled
-            )
-            if trial.norm < smallest or cut == 0:
-                smallest, best = trial.norm, trial
-            if trial.norm < at.norm:
-                break
-        return best

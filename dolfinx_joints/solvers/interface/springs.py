@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.joints.operator import diagonal_compliance
-from dolfinx_joints.laws.law import Response
 from dolfinx_joints.model.system import MatrixSystem
 
 Floats = NDArray[np.float64]
@@ -65,23 +64,39 @@ class JointSprings:
         """Normal and tangential values, shape (n, 2), as values of three directions."""
         return np.repeat(values, (1, 2), axis=1)
 
-    def without(self, trial_gap: Floats, own: Floats, before: Floats) -> tuple[Floats, Floats]:
-        """Trial gap h' and compliance c' of the law, shapes (n, 3) and (n, 2).
+    def compliance_without(self, own: Floats) -> Floats:
+        """Return the compliance c' of the law, shape (n, 2), [m/Pa].
+
+        Args:
+            own: c, normal and tangential, shape (n, 2), [m/Pa].
+        """
+        return own / (1.0 - self.stiffness * own)
+
+    def trial_gap_without(self, trial_gap: Floats, own: Floats, before: Floats) -> Floats:
+        """Return the trial gap h' of the law, shape (n, 3), [m].
 
         Args:
             trial_gap: h, shape (n, 3), [m].
             own: c, normal and tangential, shape (n, 2), [m/Pa].
             before: g0, shape (n, 3), [m].
         """
-        share = self.stiffness * own
-        wide = self._wide(share)
-        return (trial_gap - wide * before) / (1.0 - wide), own / (1.0 - share)
+        share = self._wide(self.stiffness * own)
+        return (trial_gap - share * before) / (1.0 - share)
 
-    def taken_off(self, response: Response, own: Floats, before: Floats) -> tuple[Floats, Floats]:
-        """Traction t' and its derivative by h, shapes (n, 3) and (n, 3, 3)."""
+    def taken_off(
+        self, traction: Floats, tangent: Floats, gap: Floats, own: Floats, before: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return the traction t' and its derivative by h, shapes (n, 3) and (n, 3, 3).
+
+        Args:
+            traction: t of the law, shape (n, 3), [Pa].
+            tangent: d t / d h', shape (n, 3, 3), [Pa/m].
+            gap: Gap at the end, shape (n, 3), [m].
+            own: c, normal and tangential, shape (n, 2), [m/Pa].
+            before: g0, shape (n, 3), [m].
+        """
         s = self._wide(self.stiffness)
         rest = 1.0 - s * self._wide(own)
-        traction = response.traction - s * (response.state.gap - before)
-        tangent = response.tangent / rest[:, :, None]
-        tangent[:, [0, 1, 2], [0, 1, 2]] -= (1.0 - KEPT_SHARE) * s
-        return traction, tangent / rest[:, None, :]
+        found = tangent / rest[:, :, None]
+        found[:, [0, 1, 2], [0, 1, 2]] -= (1.0 - KEPT_SHARE) * s
+        return traction - s * (gap - before), found / rest[:, None, :]

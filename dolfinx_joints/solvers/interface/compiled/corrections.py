@@ -1,6 +1,17 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Newton's corrections of the joint forces, (I + T S) d = r, as in `interface.corrections`."""
+"""Newton's corrections of the joint forces, (I + T S) d = r, on the smaller of two sets.
+
+S is the compliance less its diagonal, T the tangent of the points, a block of 3 x 3 each.
+
+- *Active*: T vanishes at open points. If few points are closed: a system of the closed ones alone.
+- *Complement*: T is T0, a diagonal, at points that stick. If few points are open or slide, W =
+  S (I + T0 S)^-1, made once, leaves a system of those alone. With T = T0 + E,
+
+      q = r - E y,   (I + W E) y = W r,   d = q - T0 W q,   S d = W q.
+
+Both systems are solved by GMRES; they are close to the identity however stiff the joints are.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.kernels import part
-from dolfinx_joints.solvers.interface.compiled.deflation import Deflation, dot
-from dolfinx_joints.solvers.interface.compiled.krylov import Space, gmres
+from dolfinx_joints.common.kernels import njit, part
+from dolfinx_joints.solvers.interface.compiled.krylov import Space, dot, gmres
 from dolfinx_joints.solvers.interface.compiled.products import (
     Kept,
     cost,
@@ -46,8 +56,6 @@ class Memory(NamedTuple):
         missed: Entries that W would have saved to be read so far, shape (1,).
         finest: Tolerance that systems are solved to at best.
         space: Room for GMRES.
-        deflation: Of S.
-        none: That of W, whose eigenvalues are below one.
         vectors: d and S d, in the rows `STEP` and `COUPLED`, and room for four more, shape (6, m).
         numbers: Room for numbers of active and of changed points, shape (2, points).
     """
@@ -61,8 +69,6 @@ class Memory(NamedTuple):
     missed: Floats
     finest: float
     space: Space
-    deflation: Deflation
-    none: Deflation
     vectors: Floats
     numbers: Ints
 
@@ -72,7 +78,7 @@ class Memory(NamedTuple):
 STEP, COUPLED, RIGHT, FREE = 0, 1, 2, 3
 
 
-@part
+@njit(cache=True, no_cfunc_wrapper=True)
 def correct(
     inner: Any,
     residual: Floats,
@@ -186,7 +192,7 @@ def _correct_active(
     _part_of(points, residual, right)
     for k in range(size):
         right[k] -= found[k] if others > 0.0 else 0.0
-    gmres(inner, kept, right, tolerance, space, memory.deflation, found)
+    gmres(inner, kept, right, tolerance, space, found)
     for i in range(kept.number[0]):
         for a in range(3):
             step[3 * points[i] + a] = found[3 * i + a]
@@ -226,7 +232,7 @@ def _correct_changed(tangent: Floats, tolerance: float, memory: Memory) -> None:
     sum_over(tied.ranks, squares)
     if squares[0] < squares[1]:
         tolerance = max(tolerance * np.sqrt(squares[0] / squares[1]), memory.finest)
-    gmres(tied, kept, right, tolerance, space, memory.none, found)
+    gmres(tied, kept, right, tolerance, space, found)
     _spread(points, found, taken)
     for k in range(len(step)):
         step[k] = residual[k] - taken[k]

@@ -1,8 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""GMRES on a kept part of S, `solvers.interface.gmres` compiled as a whole, in single precision.
+"""GMRES for (I + T P) x = b with a kept part P of S, in single precision (Saad and Schultz 1986).
 
-Newton corrects what that leaves. Vectors are relative to the right-hand side, of whatever size.
+Newton's method corrects what single precision leaves. Vectors are relative to the right-hand side.
+The matrix is close to the identity: each direction is made orthogonal after the last entry on the
+diagonal of the Hessenberg matrix has been subtracted, so that little cancels.
 """
 
 from __future__ import annotations
@@ -12,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.kernels import part
-from dolfinx_joints.solvers.interface.compiled.deflation import Deflation, deflate, dot, prepare
+from dolfinx_joints.common.kernels import njit, part
+from dolfinx_joints.solvers.compliance.low_rank import SUMS
 from dolfinx_joints.solvers.interface.compiled.products import Kept, multiply_part, turn
 from dolfinx_joints.solvers.interface.compiled.ranks import Ranks, sum_over
 
@@ -69,7 +71,6 @@ def gmres(
     right: Floats,
     tolerance: float,
     space: Space,
-    deflation: Deflation,
     solution: Floats,
 ) -> int:
     """Solve (I + T P) x = b for the part P of S; the number of products (collective).
@@ -80,40 +81,40 @@ def gmres(
         right: b, shape (3 number,).
         tolerance: Largest residual accepted, relative to b in the 2-norm.
         space: T, as ``blocks``, and where to work; its length limits the products.
-        deflation: Its preconditioner, where it has one for the set.
         solution: x, written to.
     """
     size, small, ranks, shift = len(right), space.small, split.ranks, 0.0
-    product, deflated = space.vectors[0, :size], space.vectors[1, :size]
+    product = space.vectors[0, :size]
     norm, most, count = np.sqrt(_square(ranks, right)), len(space.basis) - 1, 0
     most = min(most, 3 * kept.number[1])
     if norm > 0.0:
         for k in range(size):
             space.basis[0, k] = right[k] / norm
-        deflates = prepare(deflation, kept, space.blocks, ranks)
         small[0, LEFT] = 1.0
         while count < most:
             old, new = space.basis[count, :size], space.basis[count + 1, :size]
-            given = old
-            if deflates:
-                deflate(deflation, old, deflated, ranks)
-                given = deflated
-            multiply_part(split, kept, given, product)
+            multiply_part(split, kept, old, product)
             turn(space.blocks, product, new)
             off = np.float32(shift)
             for k in range(size):
-                new[k] += given[k] - off * old[k]
+                new[k] += old[k] - off * old[k]
             ended, count = _orthogonalise(space, size, count, shift, ranks), count + 1
             shift = small[count - 1, SHIFT]
             if ended or abs(small[count, LEFT]) <= tolerance:
                 break
         _combine(space, count, product)
-        if deflates:
-            deflate(deflation, product, deflated, ranks)
-            product = deflated
     for k in range(size):
         solution[k] = norm * product[k] if norm > 0.0 else 0.0
     return count
+
+
+@njit(fastmath=SUMS, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def dot(a: NDArray[Any], b: NDArray[Any]) -> Any:
+    """Product a . b, summed in any order, in the precision of both."""
+    total = a.dtype.type(0.0)
+    for k in range(len(a)):
+        total += a[k] * b[k]
+    return total
 
 
 @part
@@ -151,7 +152,7 @@ def _take_off(space: Space, size: int, j: int) -> float:
 def _orthogonalise(space: Space, size: int, j: int, shift: float, ranks: Ranks) -> bool:
     """Take up the direction j + 1 and rotate its column; whether it is the last (collective).
 
-    As in `gmres`: directions are those of A - shift, by which little goes for A near the identity.
+    Directions are those of A - shift, see above.
     """
     new, small = space.basis[j + 1, :size], space.small
     for i in range(j + 2):

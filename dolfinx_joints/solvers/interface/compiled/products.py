@@ -15,11 +15,13 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit, part
-from dolfinx_joints.solvers.interface.blocks_between_ranks import (
+from dolfinx_joints.solvers.compliance.blocks_between_ranks import (
     add_at_places,
     expand_and_return,
     reduce,
 )
+from dolfinx_joints.solvers.compliance.low_rank import multiply_blocks
+from dolfinx_joints.solvers.compliance.row_matrix import add_rows, multiply_lower
 from dolfinx_joints.solvers.interface.compiled.ranks import (
     Lengths,
     Ranks,
@@ -28,8 +30,6 @@ from dolfinx_joints.solvers.interface.compiled.ranks import (
     lengths_of,
     put_together,
 )
-from dolfinx_joints.solvers.interface.low_rank import multiply_blocks
-from dolfinx_joints.solvers.interface.row_matrix import add_rows, multiply_lower
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -370,3 +370,9 @@ def multiply_part(split: Any, kept: Kept, values: Singles, out: Singles) -> None
 @overload(multiply_part, strict=False)
 def _(split: Any, kept: Any, values: Any, out: Any) -> Any:
     return _dense_part if split.instance_class is Dense else _low_rank_part
+
+
+@njit(cache=True, no_cfunc_wrapper=True)
+def multiply_whole(split: Any, values: Floats, out: Floats) -> None:
+    """Write S times values to ``out``, for calls from Python (collective)."""
+    multiply(split, values, out)

@@ -1,0 +1,128 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Laws of all local points in one step of the condensed solver, on their own compliances."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dolfinx_joints.common.mpi import raised_together
+from dolfinx_joints.joints.law_points import LawPoints, empty_response
+from dolfinx_joints.laws.law import Floats, JointState, Response, Rule
+from dolfinx_joints.laws.points.return_mapping import Answer, solve_points
+
+
+class PointAnswers(NamedTuple):
+    """Answers of all local points at one trial gap.
+
+    Attributes:
+        traction: (n, s1, s2) components, shape (n, 3), [Pa].
+        tangent: d traction / d trial_gap, shape (n, 3, 3), [Pa/m].
+        by_law: What each law has answered.
+    """
+
+    traction: Floats
+    tangent: Floats
+    by_law: Sequence[Any]
+
+
+class ContactStep:
+    """The local points in one step, evaluated at many trial gaps.
+
+    Args:
+        laws: The points of each law.
+        comm: Communicator of the ranks.
+        compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
+        state: State at the start of the step.
+        rule: How the laws are evaluated.
+    """
+
+    def __init__(
+        self,
+        laws: Sequence[LawPoints],
+        comm: Any,
+        compliance: Floats,
+        state: JointState,
+        rule: Rule,
+    ) -> None:
+        """Prepare what all evaluations share (collective)."""
+        self._laws, self._comm, self._state = laws, comm, state
+        # Compiled loops raise no errors, so that ranks need not exchange them.
+        self._may_fail = any(part.compiled is None for part in laws)
+        with raised_together(comm):
+            if len(laws) == 1:
+                self._steps = [PointStep(laws[0], rule, compliance, state)]
+            else:
+                self._steps = [
+                    PointStep(part, rule, compliance[part.points], part.state_of(state))
+                    for part in laws
+                ]
+
+    def answers(self, trial_gap: Floats) -> PointAnswers:
+        """Return the answers at a trial gap of shape (n, 3), [m] (collective)."""
+        if not self._may_fail:
+            return self._answers(trial_gap)
+        with raised_together(self._comm):
+            return self._answers(trial_gap)
+
+    def _answers(self, trial_gap: Floats) -> PointAnswers:
+        if len(self._steps) == 1:
+            (one,) = found = [self._steps[0].answer(trial_gap)]
+            return PointAnswers(one.traction, one.tangent, found)
+        traction, tangent = np.zeros((len(trial_gap), 3)), np.zeros((len(trial_gap), 3, 3))
+        found = []
+        for part, step in zip(self._laws, self._steps, strict=True):
+            found.append(answer := step.answer(trial_gap[part.points]))
+            traction[part.points], tangent[part.points] = answer.traction, answer.tangent
+        return PointAnswers(traction, tangent, found)
+
+    def response(self, answers: PointAnswers) -> Response:
+        """Return some answers as a `Response`."""
+        parts = [
+            step.response(answer) for step, answer in zip(self._steps, answers.by_law, strict=True)
+        ]
+        if len(parts) == 1:
+            return parts[0]
+        response = empty_response(len(answers.traction), self._state.internal.shape[1])
+        for part, found in zip(self._laws, parts, strict=True):
+            part.put(found, response)
+        return response
+
+
+class PointStep:
+    """The points of one law in one step of the condensed solver, evaluated at many trial gaps.
+
+    Args:
+        part: The points.
+        rule: How the law is evaluated.
+        compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
+        state: State of the points at the start of the step.
+    """
+
+    def __init__(self, part: LawPoints, rule: Rule, compliance: Floats, state: JointState) -> None:
+        """Prepare what all evaluations share."""
+        self._part, self._rule, self._compliance, self._state = part, rule, compliance, state
+        self._law = law = part.compiled
+        if law is not None:
+            if part.variables < state.internal.shape[1]:
+                self._state = replace(state, internal=state.internal[:, : part.variables])
+            self._rule = law.rule_of_loop(rule)
+            self._loop = law.loops[self._rule.name]
+            self._start = law.loop_start(self._rule, self._state)
+
+    def answer(self, trial_gap: Floats) -> Answer | Response:
+        """Return tractions, tangents and what else the law gives at a trial gap (n, 3) [m]."""
+        if self._law is None:
+            return self._part.ask(self._rule, trial_gap, self._compliance, self._state)
+        return solve_points(self._loop, trial_gap, self._compliance, self._start)
+
+    def response(self, answer: Answer | Response) -> Response:
+        """Return one of the answers as a `Response`."""
+        if self._law is None or isinstance(answer, Response):
+            assert isinstance(answer, Response)
+            return answer
+        return self._law.loop_response(self._rule, answer, self._state)

@@ -1,0 +1,95 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Base classes of laws with a compiled loop over the points, which the condensed solver calls."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from dolfinx_joints.laws.law import (
+    BACKWARD_EULER,
+    DISCRETE_GRADIENT,
+    Floats,
+    JointState,
+    Response,
+    Rule,
+)
+from dolfinx_joints.laws.points.return_mapping import Answer, Start, solve_points
+
+
+class CompiledLaw(ABC):
+    """Base class of laws that bring a compiled loop; see `CondensedLaw`.
+
+    A loop ``loop(compliance, start, answer, first, stride)`` writes the answer of the points
+    ``first``, ``first + stride`` and so on, each on its own compliance; `backward_euler_points` in
+    `friction` is one. It finds what `loop_start` gives and the trial gap in ``answer.gap``, and
+    writes all arrays of the `Answer`, its history included. Compile it with
+    ``numba.njit(cache=True)``; numba then keeps the machine code beside the file.
+
+    A law with the loop of `BACKWARD_EULER` alone uses it over whole steps as well. A law of finite
+    stiffness also needs ``backward_euler``, for statics and the monolithic solver: this is
+    ``condensed_backward_euler`` with `NO_COMPLIANCE`.
+
+    Attributes:
+        loops: Compiled loops by the name of the rule.
+    """
+
+    loops: ClassVar[Mapping[str, Any]]
+
+    @abstractmethod
+    def loop_start(self, rule: Rule, state: JointState) -> Start:
+        """Return the state and the parameters at the start of a step, as the loop takes them."""
+
+    @abstractmethod
+    def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
+        """Return the answer of the loop as a `Response`.
+
+        Args:
+            rule: Rule of the loop.
+            answer: What the loop has written.
+            state: State at the start of the step.
+        """
+
+    def rule_of_loop(self, rule: Rule) -> Rule:
+        """Return the rule whose loop answers under a rule."""
+        return rule if rule.name in self.loops else BACKWARD_EULER
+
+    def condensed_backward_euler(
+        self, trial_gap: Floats, compliance: Floats, state: JointState
+    ) -> Response:
+        """Return the answer at the end of a step on a compliance; see `CondensedLaw`."""
+        return self._looped(BACKWARD_EULER, trial_gap, compliance, state)
+
+    def _looped(
+        self, rule: Rule, trial_gap: Floats, compliance: Floats, state: JointState
+    ) -> Response:
+        rule = self.rule_of_loop(rule)
+        start = self.loop_start(rule, state)
+        answer = solve_points(self.loops[rule.name], trial_gap, compliance, start)
+        return self.loop_response(rule, answer, state)
+
+    @classmethod
+    def has_loops_alone(cls) -> bool:
+        """Return True if the answers are those of the loops, and no subclass overrides that."""
+        return all(
+            getattr(cls, name) is getattr(CompiledLaw, name)
+            for name in ("condensed_backward_euler", "_looped")
+        )
+
+
+class CompiledEnergyConsistentLaw(CompiledLaw):
+    """Base class of laws with a compiled loop over whole steps as well."""
+
+    def condensed_discrete_gradient(
+        self, trial_gap: Floats, compliance: Floats, state: JointState
+    ) -> Response:
+        """Return the answer over a whole step; see `CondensedEnergyConsistentLaw`."""
+        return self._looped(DISCRETE_GRADIENT, trial_gap, compliance, state)
+
+    @classmethod
+    def has_loops_alone(cls) -> bool:
+        """Return True if the answers are those of the loops, and no subclass overrides that."""
+        name, base = "condensed_discrete_gradient", CompiledEnergyConsistentLaw
+        return super().has_loops_alone() and getattr(cls, name) is getattr(base, name)

@@ -1,0 +1,216 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Joint forces of one step: residual r(f), tangent, and what rounding leaves of both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.common.mpi import of_ranks
+from dolfinx_joints.joints.condensed_step import PointAnswers
+from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.laws.law import JointState, Response, Rule
+from dolfinx_joints.solvers.interface.condensed import Condensed
+
+Floats = NDArray[np.float64]
+
+EPSILON = float(np.finfo(np.float64).eps)
+
+# Residual of unsupported blocks over the largest force that is left to rounding: to correct it
+# would move blocks that can rest anywhere.
+BALANCED = 1e-12
+
+# Largest share of the joint forces of unsupported blocks that may be rounding error of the forces
+# of the artificial springs. It is reached where a block falls far before it is in contact.
+LOOSE_ROUNDING = 1e-8
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Iterate:
+    """Scaled forces of the rank's points with what follows from them.
+
+    Attributes:
+        force: f, shape (m,).
+        coupled: S f.
+        error: Largest error of S f.
+        residual: r.
+        tangent: T, shape (points, 3, 3).
+        answers: Of the laws.
+        largest: Largest scaled force that the laws give, of all ranks.
+        norm: 2-norm of r, of all ranks.
+        worst: Largest |r|, of all ranks.
+        reach: Largest scaled gap that forces follow from, of all ranks.
+        size: Largest |f| plus the largest |S f| of all ranks.
+    """
+
+    force: Floats
+    coupled: Floats
+    error: float
+    residual: Floats
+    tangent: Floats
+    answers: PointAnswers
+    largest: float
+    norm: float
+    worst: float
+    reach: float
+    size: float
+
+
+class JointStep:
+    """The residual r(f) of one step.
+
+    Args:
+        contact: The joints.
+        condensed: The system condensed onto them.
+        trial_gap: Gap without joint forces, shape (n, 3), [m].
+        state: State at the start of the step.
+        rule: How the laws are evaluated.
+
+    Attributes:
+        condensed: The same.
+        trial_gap: The same.
+        state: The same.
+        rule: The same.
+    """
+
+    def __init__(
+        self,
+        contact: Contact,
+        condensed: Condensed,
+        trial_gap: Floats,
+        state: JointState,
+        rule: Rule,
+    ) -> None:
+        """Prepare the laws (collective)."""
+        self.condensed, self._contact, self._comm = condensed, contact, contact.operator.comm
+        self.trial_gap, self.state, self.rule = trial_gap, state, rule
+        own, springs = condensed.compliance.own, condensed.springs
+        if springs is not None:
+            own = springs.compliance_without(own)
+        self._laws = contact.condensed_step(own, state, rule)
+        self._scale, self._root = condensed.scale, condensed.root
+        passed = np.maximum(np.abs(trial_gap), np.abs(state.gap)).ravel()
+        self._passed = passed / condensed.compliance.scale
+
+    def at_trial_gap(self, trial_gap: Floats) -> JointStep:
+        """Return the same step from another trial gap, shape (n, 3), [m] (collective)."""
+        return JointStep(self._contact, self.condensed, trial_gap, self.state, self.rule)
+
+    def response(self, at: Iterate) -> Response:
+        """Return the response of the joints at an iterate."""
+        return self._laws.response(at.answers)
+
+    def judged(self, at: Iterate, scale: float, tolerance: float) -> tuple[float, float]:
+        """Return the residual to be judged and the largest that is accepted.
+
+        Args:
+            at: The iterate.
+            scale: The largest force.
+            tolerance: Residual asked for, relative to it.
+        """
+        relative, rounding = at.worst / scale, self.rounding(at) / scale
+        if self.condensed.springs is None:
+            # A point that closes just at the end of the step carries a force dominated by rounding.
+            return relative, max(tolerance, min(rounding, 1e-6 if rounding < 1.0 else 1e-3))
+        accepted = max(tolerance, min(rounding, LOOSE_ROUNDING))
+        # The artificial spring forces on a mechanism dominate the joint forces.
+        return (max(relative, rounding) if rounding > accepted else relative), accepted
+
+    def is_balanced(self, at: Iterate) -> bool:
+        """Return True if rounding alone is left, and unsupported blocks have not moved far."""
+        return max(at.worst, self.rounding(at)) <= BALANCED * at.largest
+
+    @staticmethod
+    def rounding(at: Iterate) -> float:
+        """Return the scaled force that rounding of the gaps may leave."""
+        return 64.0 * EPSILON * (at.reach + at.size)
+
+    def forces(self, traction: Floats) -> Floats:
+        """Return the scaled forces of tractions of shape (n, 3), zero where no point can move."""
+        return self._root * traction.ravel()
+
+    def evaluate(self, force: Floats, coupled: Floats, error: float = 0.0) -> Iterate:
+        """Return the residual f - s w t, its tangent s w T s, and their sizes (collective)."""
+        trial_gap = self.trial_gap - (self._scale * coupled).reshape(-1, 3)
+        springs = self.condensed.springs
+        if springs is not None:
+            trial_gap = springs.trial_gap_without(
+                trial_gap, self.condensed.compliance.own, self.state.gap
+            )
+        answers = self._laws.answers(trial_gap)
+        traction, tangent = answers.traction, answers.tangent
+        if springs is not None:
+            gap = self._laws.response(answers).state.gap
+            traction, tangent = springs.taken_off(
+                traction, tangent, gap, self.condensed.compliance.own, self.state.gap
+            )
+        residual, scaled, sizes = _residual(
+            force, coupled, answers.traction, traction, tangent, self._scale, self._root
+        )
+        sizes[5] = self._reach(scaled).max(initial=0.0)
+        if self._comm.size > 1:
+            every = of_ranks(self._comm, sizes)
+            sizes = every.max(axis=0)
+            sizes[4] = every[:, 4].sum()
+        largest, worst, forces, gaps, square, reach = sizes.tolist()
+        return Iterate(
+            force=force,
+            coupled=coupled,
+            error=error,
+            residual=residual,
+            tangent=scaled,
+            answers=answers,
+            largest=largest,
+            norm=square**0.5,
+            worst=worst,
+            reach=reach,
+            size=forces + gaps,
+        )
+
+    def _reach(self, tangent: Floats) -> Floats:
+        """Return the scaled gaps that forces follow from.
+
+        Soft joints of unsupported blocks may move far, but only a part of it becomes a force.
+        """
+        springs = self.condensed.springs
+        if springs is None:
+            return self._passed
+        share = np.repeat(springs.stiffness * self.condensed.compliance.own, (1, 2), axis=1)
+        felt = np.minimum(np.maximum(np.abs(tangent).max(axis=1), share), 1.0)
+        return felt.ravel() * self._passed
+
+
+@njit(cache=True)
+def _residual(
+    force: Floats,
+    coupled: Floats,
+    carried: Floats,
+    traction: Floats,
+    tangent: Floats,
+    scale: Floats,
+    root: Floats,
+) -> tuple[Floats, Floats, Floats]:
+    """Return the scaled residual and tangent, which are zero where a point cannot move, and sizes.
+
+    Sizes are the largest force of the laws, largest |r|, |f| and |S f|, and the square of |r|; the
+    last entry is left free. They are NaN if r is.
+    """
+    residual, scaled, sizes = np.zeros_like(force), np.empty_like(tangent), np.zeros(6)
+    for i in range(len(tangent)):
+        for a in range(3):
+            k = 3 * i + a
+            left = force[k] - root[k] * traction[i, a] if root[k] > 0.0 else 0.0
+            residual[k] = left
+            sizes[0] = max(sizes[0], abs(root[k] * carried[i, a]))
+            sizes[1] = max(sizes[1], abs(left))
+            sizes[2], sizes[3] = max(sizes[2], abs(force[k])), max(sizes[3], abs(coupled[k]))
+            sizes[4] += left * left
+            for b in range(3):
+                scaled[i, a, b] = root[k] * tangent[i, a, b] * scale[3 * i + b]
+    if not sizes[4] >= 0.0:
+        sizes[1] = np.nan
+    return residual, scaled, sizes

@@ -1,0 +1,110 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Newton's corrections of the joint forces, (I + T S) d = r, by PETSc's GMRES.
+
+For the cases that the compiled corrections do not take: S that is not kept, or not symmetric and
+compressed; statics, whose corrections must be accurate; and rigid joints that meet, whose sticking
+points tie each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.solvers.compliance.compliance import Compliance
+from dolfinx_joints.solvers.compliance.row_matrix import RowMatrix
+from dolfinx_joints.solvers.interface.corrections import (
+    FINEST_COMPRESSED,
+    MOST_PRODUCTS,
+    Correction,
+)
+
+Floats = NDArray[np.float64]
+
+# Added to the diagonal of I + T S if joints are rigid: the matrix is singular where points that
+# stick tie each other, and corrections would follow the rounding error there.
+DAMPING = 1e-8
+
+
+class KrylovCorrections:
+    """Solve for corrections with products with S alone.
+
+    Args:
+        compliance: S and its scale.
+        rigid: True if some joint is rigid.
+        comm: Communicator of the ranks.
+    """
+
+    rough = 0.0  # error of S d, relative to it
+
+    def __init__(self, compliance: Compliance, rigid: bool, comm: Any) -> None:
+        """Set up the solver (collective)."""
+        self._split = compliance.split
+        self._inner, self._finest = compliance.split, 0.0
+        if compliance.rough is not None and not isinstance(compliance.split, RowMatrix):
+            self._inner, self._finest = compliance.rough, FINEST_COMPRESSED
+        self._diagonal = 1.0 + DAMPING * rigid
+        self._every = np.arange(self._split.local)
+        sizes = (self._split.local, self._split.size)
+        self._matrix = PETSc.Mat().createPython((sizes, sizes), self, comm=comm)
+        self._solver = PETSc.KSP().create(comm)
+        self._solver.setOptionsPrefix("dolfinx_joints_corrections_")
+        self._solver.setOperators(self._matrix)
+        self._solver.setType(PETSc.KSP.Type.GMRES)
+        self._solver.setGMRESRestart(MOST_PRODUCTS)
+        self._solver.getPC().setType(PETSc.PC.Type.NONE)
+        self._solver.setFromOptions()
+        self._right, self._found = self._matrix.createVecs()
+
+    def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Write (I + T S) x to y (collective)."""
+        values = x.getArray(readonly=True)
+        coupled = self._inner.product(values, self._every)
+        y.setArray(self._diagonal * values + _turned(self._tangent, coupled))
+
+    def solve(
+        self, residual: Floats, tangent: Floats, least: float, tolerance: float, *, couples: bool
+    ) -> Correction:
+        """Solve (I + T S) d = r; see `CompiledCorrections.solve` (collective)."""
+        self._tangent = tangent
+        self._right.setArray(np.where(np.abs(residual) > least, residual, 0.0))
+        most = min(MOST_PRODUCTS, self._split.size)
+        rtol = max(tolerance, self._finest)
+        self._solver.setTolerances(rtol=rtol, atol=0.0, divtol=np.inf, max_it=most)
+        self._solver.solve(self._right, self._found)
+        step = self._found.getArray().copy()
+        return Correction(step, self.product(step), 0.0)
+
+    def product(self, values: Floats) -> Floats:
+        """Return S times a vector, shape (m,) (collective)."""
+        return self._split.product(values, np.flatnonzero(values))
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return nothing: corrections do not depend on earlier ones."""
+        return {}
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Restore nothing."""
+
+    def free(self) -> None:
+        """Free the solver (collective)."""
+        for each in (self._solver, self._matrix, self._right, self._found):
+            each.destroy()
+
+
+@njit(cache=True)
+def _turned(tangent: Floats, values: Floats) -> Floats:
+    """Blocks (n, 3, 3) times a vector (3 n,)."""
+    out = np.empty_like(values)
+    for i in range(len(tangent)):
+        t, a, b, c = tangent[i], values[3 * i], values[3 * i + 1], values[3 * i + 2]
+        out[3 * i] = t[0, 0] * a + t[0, 1] * b + t[0, 2] * c
+        out[3 * i + 1] = t[1, 0] * a + t[1, 1] * b + t[1, 2] * c
+        out[3 * i + 2] = t[2, 0] * a + t[2, 1] * b + t[2, 2] * c
+    return out

@@ -1,0 +1,100 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Forces that a static increment starts from, so that it stays on its branch of equilibria."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.joints.contact import Contact
+from dolfinx_joints.laws.law import JointState
+from dolfinx_joints.solvers.interface.joint_step import JointStep
+
+Floats = NDArray[np.float64]
+
+# Residual of the linear systems of static solves at first, relative to their right-hand sides: few
+# solves are made, and each correction is to use the whole of its linearisation.
+STATIC_TOLERANCE = 3e-4
+
+# Residual over the largest force below which forces on the line through the last two accepted
+# states are close to a solution on the same path.
+ON_LINE = 1e-3
+
+
+class AcceptedForces:
+    """Scaled forces f and S f of the last two accepted static solves.
+
+    Under loads that grow in proportion, the next forces are on the line through them.
+    """
+
+    def __init__(self) -> None:
+        """Start without any."""
+        self._traction: Floats | None = None
+        self._solved: tuple[Floats, Floats, Floats] | None = None
+        self._forces: list[tuple[Floats, Floats]] = []
+
+    def solved(self, traction: Floats, force: Floats, coupled: Floats) -> None:
+        """Keep the tractions (n, 3) [Pa], f and S f of a solve that may be accepted."""
+        self._solved = traction, force, coupled
+
+    def start(self, step: JointStep, traction: Floats) -> tuple[Floats, Floats]:
+        """Return forces f and S f to start a step with (collective).
+
+        They are on the line through the last two accepted forces if these are close to a solution,
+        else those of the elastic predictor.
+
+        Args:
+            step: The static increment.
+            traction: Tractions of the accepted state, shape (n, 3), [Pa].
+        """
+        if self._solved is not None and traction is self._solved[0]:
+            self._forces = [*self._forces[-1:], self._solved[1:]]
+        elif traction is not self._traction:
+            self._forces = []
+        self._traction, self._solved = traction, None
+        if len(self._forces) == 2:
+            (f0, s0), (f1, s1) = self._forces
+            line = 2.0 * f1 - f0, 2.0 * s1 - s0
+            at = step.evaluate(*line)
+            if at.worst <= ON_LINE * at.largest:
+                return line
+        return elastic_predictor(step, traction)
+
+
+def elastic_predictor(step: JointStep, traction: Floats) -> tuple[Floats, Floats]:
+    """Return the scaled forces f of the elastic predictor and S f (collective).
+
+    The laws are linearised at the accepted state, where the joints carry f0 and their gap is that
+    of the state. With h0 the trial gaps of the laws there and T the tangent,
+
+        f = f0 + T (h(f) - h0)   with   h(f) = h_trial - S f.                               (28e)
+
+    Newton's method from f stays on the branch of equilibria that the state is on.
+
+    Args:
+        step: The static increment.
+        traction: Tractions of the accepted state, shape (n, 3), [Pa].
+    """
+    condensed, compliance = step.condensed, step.condensed.compliance
+    force = step.forces(traction)
+    coupled = condensed.corrections.product(force)
+    own = np.repeat(compliance.own, (1, 2), axis=1)
+    here = step.state.gap + own * traction + (compliance.scale * coupled).reshape(-1, 3)
+    tangent = step.at_trial_gap(here).evaluate(force, coupled).tangent
+    change = ((step.trial_gap - here).ravel() / compliance.scale).reshape(-1, 3)
+    right = -np.einsum("nij,nj->ni", tangent, change).ravel()
+    correction = condensed.corrections.solve(right, tangent, 0.0, STATIC_TOLERANCE, couples=True)
+    return force - correction.step, coupled - correction.coupled
+
+
+def tractions_of(contact: Contact, state: JointState, given: Floats | None) -> Floats:
+    """Return the tractions of a state, shape (n, 3), [Pa] (collective).
+
+    They follow from its gaps unless given; those of rigid joints are then zero.
+    """
+    if given is not None:
+        return given
+    if contact.rigid:
+        return np.zeros_like(state.gap)
+    return contact.at_gap(state.gap, state).traction

@@ -25,6 +25,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
+from dolfinx_joints.simulation.inventory import Inventory
 from shaken_wall import CONCRETE, DT, LAW, POINTS, STEPS, Killed, Killer, shaking, valley, wall
 from vtk_files import read_vtk
 
@@ -54,7 +55,6 @@ from dolfinx_joints import (
     stiffness_proportional,
 )
 from dolfinx_joints.simulation import checkpoint_file, fingerprint
-from dolfinx_joints.simulation.inventory import Inventory
 from dolfinx_joints.solvers.interface import solver as interface
 
 

@@ -205,6 +205,37 @@ def test_another_mesh_is_another_run(wall_file, read):
     assert found == "node coordinates: the numbers are not the same"
 
 
+OUTSIDE = {
+    "initial gaps of the joint points": {
+        "initial_gaps": {"joint_1": lambda x: outside() + 0 * x[:, 0]}
+    },
+    "functions of time": {
+        "loads": [
+            dj.HydrostaticPressure(group="y_min", level=5.0, factor=lambda t: 1.0 + t * outside())
+        ]
+    },
+    "pattern 1 of the loads": {
+        "loads": [dj.FormLoad(form=lambda v: outside() * v[0] * ufl.dx, factor=lambda t: t)]
+    },
+    "mass matrix": {"extra_mass": lambda u, v: outside() * ufl.inner(u, v) * ufl.dx},
+}
+
+
+def outside():
+    """A number that a run cannot find in its functions, as one in a file."""
+    return float(os.environ["OUTSIDE"])
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_values_from_outside_count(name, wall_file, read, monkeypatch):
+    def facts(value):
+        monkeypatch.setenv("OUTSIDE", value)
+        return facts_of(read(wall_file()), **OUTSIDE[name])
+
+    assert first_difference(facts("1e-3"), facts("1e-3")) is None
+    assert first_difference(facts("1e-3"), facts("2e-3")) == f"{name}: the numbers are not the same"
+
+
 @pytest.mark.parametrize("name", ["loads", "extra_stiffness"])
 def test_fields_of_dolfinx_count_by_what_is_assembled_from_them(name, wall_file, read):
     jointed = read(wall_file())

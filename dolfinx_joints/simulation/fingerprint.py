@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import functools
 import hashlib
 import sys
@@ -34,7 +35,6 @@ PARTS = 1021  # number of sums that stand for a vector; shorter ones are compare
 
 _PLAIN = (bool, int, float, complex, str, bytes, types.NoneType, types.EllipsisType)
 _INSTALLED = {"site-packages", "dist-packages"}
-# The values of their objects are distributed over the ranks, in memory outside of Python.
 _DISTRIBUTED = ("basix", "dolfinx", "mpi4py", "petsc4py", "ufl")
 
 
@@ -48,21 +48,14 @@ def fingerprint(
 ) -> tuple[dict[str, Any], list[str]]:
     """Return the facts of a run by name, and the objects that cannot be compared (collective).
 
-    Facts are equal on any number of ranks; those of rank 0 count.
-
-    Args:
-        model: The model.
-        system: The system of the model in this run.
-        nodes: Numbering of the nodes.
-        settings: Settings of the run, nodal vectors among them.
-        loads: Loads besides those of the model.
-        times: Times of the steps [s]; one for a static state, of which functions of time count by
-            their value at that time alone.
+    Facts are equal on any number of ranks; those of rank 0 count. ``settings`` may have nodal
+    vectors, ``loads`` are those besides the model's. Of a static state, with one time [s] alone,
+    functions of time count by their value at that time.
     """
     of_run, assembled = Parameters(), Parameters(assembled=True, functions=len(times) > 1)
     vectors = {name: value for name, value in settings.items() if isinstance(value, PETSc.Vec)}
     laws = {} if model.contact is None else model.contact.laws
-    for name, value in (settings | {f"law of {n}": law for n, law in laws.items()}).items():
+    for name, value in {**settings, **{f"law of {n}": law for n, law in laws.items()}}.items():
         if name not in vectors:
             of_run.add(name, value)
     # A law may hold arrays of its rank's points.
@@ -75,7 +68,7 @@ def fingerprint(
         if name not in ("joints", "loads"):
             assembled.add(name, value)
     numbers = _numbers(model, system, nodes, vectors, times)
-    return of_run.facts | assembled.facts | numbers, of_run.unknown
+    return of_run.facts | assembled.facts | numbers, of_run.unknown + assembled.unknown
 
 
 class Parameters:
@@ -86,8 +79,8 @@ class Parameters:
     variables that it reads. Code of installed packages counts as equal.
 
     Args:
-        assembled: True for objects of which matrices and vectors are compared as well. Fields and
-            forms of DOLFINx among their parameters are not unknown.
+        assembled: True for parameters of which matrices and vectors count as well, by which fields
+            and forms of DOLFINx are compared.
         functions: Whether functions count.
 
     Attributes:
@@ -105,16 +98,19 @@ class Parameters:
 
     def add(self, path: str, value: Any) -> None:
         """Add an object and its parameters."""
-        value, parts = value.item() if isinstance(value, np.generic) else value, {}
+        parts: dict[str, Any] = {}
+        value = value.item() if isinstance(value, np.generic) else value
         numbers = numbers_of(value) if isinstance(value, list | tuple) else None
         if isinstance(value, _PLAIN):
-            text = _short(repr(value))
+            text = repr(value)
         elif numbers is not None and numbers.size:
-            text = _short(repr(numbers.tolist()))
+            text = repr(numbers.tolist())
         elif isinstance(value, np.ndarray) and value.dtype != object:
             text = _hashed((value.dtype.str, value.shape, value.tobytes()))
         elif callable(value) and not (self._functions or isinstance(value, type)):
             text = "a function"
+        elif self._assembled and _is_distributed(value):
+            text = type(value).__qualname__
         elif id(value) in self._paths:
             text = f"that of {self._paths[id(value)][0]}"
         else:
@@ -125,8 +121,8 @@ class Parameters:
                 text, parts = _described(value)
             except Exception:  # what a class that cannot be copied raises
                 text = type(value).__qualname__
-                self.unknown += [] if self._assembled else [f"{path} ({text})"]
-        self.facts[path] = text
+                self.unknown.append(f"{path} ({text})")
+        self.facts[path] = text if len(text) <= LONGEST_SHOWN else _hashed(text)
         for key, part in parts.items():
             self.add(path + key, part)
 
@@ -138,18 +134,19 @@ def _described(value: Any) -> tuple[str, dict[str, Any]]:
         TypeError: It is distributed over the ranks. Objects that cannot be copied raise anything.
     """
     kind = type(value)
-    if isinstance(value, Model | JointedMesh) or kind.__module__.split(".")[0] in _DISTRIBUTED:
+    if _is_distributed(value):
         raise TypeError
     if isinstance(value, set | frozenset):
         value = sorted(value, key=repr)
     if isinstance(value, dict | list | tuple | np.ndarray):
         pairs = value.items() if isinstance(value, dict) else enumerate(value)
         return f"{kind.__name__} of {len(value)}", {f"[{shown(k)}]": each for k, each in pairs}
-    function = getattr(value, "py_func", getattr(value, "__wrapped__", value))  # Numba, lru_cache
+    function = value
+    if not isinstance(value, types.FunctionType):  # of Numba or a cache
+        function = getattr(value, "py_func", getattr(value, "__wrapped__", None))
+    parts: dict[str, Any] = {}
     if isinstance(value, types.ModuleType):
-        text, parts = value.__name__, {}
-    elif isinstance(value, types.FunctionType):
-        text, parts = _function(value)
+        text = value.__name__
     elif isinstance(function, types.FunctionType):
         text, parts = _function(function)
     elif isinstance(value, types.MethodType):
@@ -187,7 +184,8 @@ def _members(kind: type) -> dict[str, Any]:
 
 def _state(value: Any) -> dict[str, Any]:
     """Return the class of an object and what a copy would be made from."""
-    kind, made = type(value), value.__reduce_ex__(4)
+    kind, registered = type(value), copyreg.dispatch_table.get(type(value))
+    made = registered(value) if registered else value.__reduce_ex__(4)
     parts = [*made] if isinstance(made, tuple) else [made]
     parts = [[*each] if isinstance(each, Iterator) else each for each in parts]
     attributes = parts.pop(2) if len(parts) > 2 and isinstance(parts[2], dict) else {}
@@ -198,6 +196,12 @@ def _state(value: Any) -> dict[str, Any]:
     return found
 
 
+def _is_distributed(value: Any) -> bool:
+    """Return True if values are distributed over the ranks, in memory outside of Python."""
+    root = type(value).__module__.split(".")[0]
+    return root in _DISTRIBUTED or isinstance(value, Model | JointedMesh)
+
+
 @functools.cache
 def _is_installed(module: str | None) -> bool:
     """Return True for a module of Python, of this package or of an installed package."""
@@ -206,10 +210,6 @@ def _is_installed(module: str | None) -> bool:
         return True
     file = getattr(sys.modules.get(root), "__file__", None)
     return file is not None and not _INSTALLED.isdisjoint(Path(file).parts)
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= LONGEST_SHOWN else _hashed(text)
 
 
 def _hashed(value: Any) -> str:
@@ -277,19 +277,20 @@ def _sums(numbers: NDArray[np.int64], values: NDArray[Any]) -> Floats:
 
 def first_difference(saved: Mapping[str, Any], current: Mapping[str, Any]) -> str | None:
     """Return a clause that names the first fact in which two runs differ, None without one."""
-    for name in (*current, *saved):
+    facts = {**current, **saved}
+    for name in sorted(facts, key=lambda name: not isinstance(facts[name], str)):
         one, other = saved.get(name), current.get(name)
         if one is None or other is None:
             return f"{name}: only {'this run' if one is None else 'the checkpoint'} has it"
-        if isinstance(one, str):
-            if one != other:
-                hashed = HASH in one + other
-                text = "not the same" if hashed else f"{one} in the checkpoint, {other} here"
-                return f"{name}: {text}"
-            continue
-        one, other = np.asarray(one), np.asarray(other)
-        if one.shape != other.shape or np.any(
-            np.abs(one - other) > SAME * np.abs(one).max(axis=-1, keepdims=True)
-        ):
+        if isinstance(one, str) and one != other:
+            text = f"{one} in the checkpoint, {other} here"
+            return f"{name}: {'not the same' if HASH in text else text}"
+        if not isinstance(one, str) and not _alike(np.asarray(one), np.asarray(other)):
             return f"{name}: the numbers are not the same"
     return None
+
+
+def _alike(one: Floats, other: Floats) -> bool:
+    """Return True for numbers that are equal but for rounding, of a table row by row."""
+    largest = np.abs(one).max(axis=-1, keepdims=True)
+    return one.shape == other.shape and bool((np.abs(one - other) <= SAME * largest).all())

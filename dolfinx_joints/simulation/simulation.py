@@ -307,7 +307,7 @@ class Simulation:
         given = given_fields(self.model, start, velocity=velocity, displacement=displacement)
         (motion, *loads), lost = for_steps([motion, *loads], dt, self.model.jointed.mesh.comm)
         acting, ground = shaken_by(motion, loads), differing_ground(self.model, motion)
-        stage = {"ground motion": motion}
+        stage: dict[str, Any] = {"ground motion": motion}
         motion = ground_motion(self.model, motion, loads)
         if begins := not resume and start is None:
             check_complete(self.static)

@@ -259,8 +259,11 @@ DIFFERENT = {
     "loads": ({"loads": [Gravity()]}, "load Gravity_1: only this run has it"),
     "scheme": ({"scheme": Newmark()}, "time scheme: EnergyConsistent in the checkpoint, Newmark"),
     "control": ({"control": CUT}, "step control.max_halvings: 6 in the checkpoint, 3 here"),
-    "velocity": ({"velocity": 0.0}, "initial velocity: only this run has it"),
-    "displacement": ({"displacement": 0.0}, "initial displacement: only this run has it"),
+    "velocity": ({"velocity": (0.0, 0.0, 0.0)}, "initial velocity: only this run has it"),
+    "displacement": (
+        {"displacement": (0.0, 0.0, 0.0)},
+        "initial displacement: only this run has it",
+    ),
     "solver": ({"run": {"solver": "monolithic"}}, "solver: 'auto' in the checkpoint, 'mono"),
     "options": ({"run": {"options": SolverOptions(max_iterations=9)}}, "Newton.max_iterations"),
     "monitors": ({"monitors": [ProgressMonitor()]}, "monitors: ['ResultsMonitor'] in"),

@@ -106,7 +106,8 @@ class Parameters:
         elif numbers is not None and numbers.size:
             text = repr(numbers.tolist())
         elif isinstance(value, np.ndarray) and value.dtype != object:
-            text = _hashed((value.dtype.str, value.shape, value.tobytes()))
+            content = hashlib.sha256(value.tobytes()).digest()
+            text = _hashed((value.dtype.str, value.shape, content))
         elif callable(value) and not (self._functions or isinstance(value, type)):
             text = "a function"
         elif self._assembled and _is_distributed(value):
@@ -164,7 +165,7 @@ def _function(function: types.FunctionType) -> tuple[str, dict[str, Any]]:
     code, outside = function.__code__, function.__globals__
     cells = zip(code.co_freevars, function.__closure__ or (), strict=True)
     read = {name: cell_content(cell) for name, cell in cells} | vars(function)
-    read |= {"defaults": function.__defaults__, "keywords": function.__kwdefaults__}
+    read |= {"__defaults__": function.__defaults__, "__kwdefaults__": function.__kwdefaults__}
     if _is_installed(function.__module__):
         return f"{function.__module__}.{function.__qualname__}", read
     names = sorted(outside.keys() & globals_read(code))
@@ -189,7 +190,7 @@ def _state(value: Any) -> dict[str, Any]:
     parts = [*made] if isinstance(made, tuple) else [made]
     parts = [[*each] if isinstance(each, Iterator) else each for each in parts]
     attributes = parts.pop(2) if len(parts) > 2 and isinstance(parts[2], dict) else {}
-    found = {"class": kind, "copy": parts}
+    found = {"__class__": kind, "__reduce__": parts}
     for name, each in attributes.items():  # cached properties follow from the others
         if not isinstance(getattr(kind, name, None), functools.cached_property):
             found[name] = each

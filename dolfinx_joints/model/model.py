@@ -73,6 +73,7 @@ class Model(Summarised):
 
     Attributes:
         jointed: The mesh.
+        parameters: The other arguments, by name.
         V: Displacement space, an ordinary Lagrange space on the split mesh.
         body: Material fields and stress recovery.
         operator: Joint operator, None without joints.
@@ -119,6 +120,7 @@ class Model(Summarised):
     ) -> None:
         """Assemble everything that does not change (collective)."""
         given = locals()
+        self.parameters = {k: v for k, v in given.items() if k not in ("self", "jointed")}
         for each in declarations(Model):
             each.check(given[each.name], "Model")
         is_mesh = isinstance(jointed, JointedMesh)

@@ -8,7 +8,7 @@ of the points, so that a run can go on with another number of ranks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, fields
 from os import PathLike
 from pathlib import Path
@@ -25,6 +25,7 @@ from dolfinx_joints.common.errors import CheckpointError, OtherRunError, warn
 from dolfinx_joints.common.files import FileLock
 from dolfinx_joints.common.mpi import handing_out, on_root, raised_together
 from dolfinx_joints.laws.law import JointState, Response, StatusCounts
+from dolfinx_joints.loads.load import Load
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
@@ -117,7 +118,7 @@ class CheckpointKeeper:
         model: Model,
         system: MatrixSystem,
         settings: Mapping[str, Any],
-        motion: Callable[[float], Any] | None,
+        loads: Sequence[Load],
         times: NDArray[np.float64],
     ) -> None:
         """Find the facts of the run (collective)."""
@@ -130,7 +131,7 @@ class CheckpointKeeper:
         from dolfinx_joints.simulation.fingerprint import fingerprint
 
         self._nodes = NodeNumbering(model.V)
-        facts = fingerprint(model, system, self._nodes, settings, motion, times)
+        facts = fingerprint(model, system, self._nodes, settings, loads, times)
         self._facts, self._unknown = facts
 
     def save_if_due(self, run: DynamicRun, static: StaticState | None) -> None:
@@ -292,4 +293,4 @@ class CheckpointKeeper:
 
 def static_keeper(path: str | Path, model: Model) -> CheckpointKeeper:
     """Writer and reader of a static state of a model (collective)."""
-    return CheckpointKeeper(Checkpoints(path), model, model.system(), {}, None, np.zeros(1))
+    return CheckpointKeeper(Checkpoints(path), model, model.system(), {}, (), np.zeros(1))

@@ -307,6 +307,7 @@ class Simulation:
         given = given_fields(self.model, start, velocity=velocity, displacement=displacement)
         (motion, *loads), lost = for_steps([motion, *loads], dt, self.model.jointed.mesh.comm)
         acting, ground = shaken_by(motion, loads), differing_ground(self.model, motion)
+        stage: dict[str, Any] = {"ground motion": motion}
         motion = ground_motion(self.model, motion, loads)
         if begins := not resume and start is None:
             check_complete(self.static)
@@ -324,7 +325,8 @@ class Simulation:
             facts |= {f"initial {name}": vector for name, vector in given.items()}
             keeper = None
             if checkpoint is not None:
-                keeper = CheckpointKeeper(checkpoint, self.model, system, facts, motion, times)
+                stage |= facts
+                keeper = CheckpointKeeper(checkpoint, self.model, system, stage, loads, times)
             saved = keeper.load(self.monitors) if keeper and resume else None
             self.static = self.static if saved is None else saved.static
             if kept and self.static is not None:

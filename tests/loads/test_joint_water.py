@@ -696,22 +696,6 @@ def test_water_given_to_a_stage_alone():
     assert outcome.imbalance < 1e-9
 
 
-def test_runs_with_other_water_are_refused(new_path):
-    kept = dj.Checkpoints(new_path("water.ckpt"), every=1)
-
-    def run(water, **options):
-        model = model_of(blocks(), dj.Gravity(), water)
-        simulation = dj.Simulation(model)
-        simulation.statics()
-        simulation.dynamics(dt=0.002, steps=2, motion=shaking, checkpoint=kept, **options)
-
-    run(base_water())
-    with pytest.raises(dj.CheckpointError, match="water of JointWater_joint: "):
-        run(base_water(in_dynamics="frozen"), resume=True)
-    with pytest.raises(dj.CheckpointError, match="load JointWater_joint: the numbers"):
-        run(dj.JointWater(joint="joint", level=2.0), resume=True)
-
-
 # What is refused.
 
 

@@ -16,9 +16,21 @@ _PASSED = ("dolfinx_joints", "contextlib", "dataclasses", "functools")
 
 # Public names of earlier versions, arguments by class or function, and what to do instead.
 REMOVED_NAMES = {"ReducedBulk": "leave out reduced=, the whole body takes all steps"}
+_OF_BODY = "degree plane extra_stiffness extra_mass extra_damping symmetric redistribute_mass"
 REMOVED_ARGUMENTS = {
     "EnergyConsistent": {"spectral_radius": "use HilberHughesTaylor or GeneralizedAlpha"},
-    "dynamics": {"reduced": "leave it out, the whole body takes all steps"},
+    "Model": {
+        **{name: f"use joints=Joints(laws, {name}=...)" for name in ("initial_gaps", "quadrature")},
+        **{name: f"use body=Body({name}=...)" for name in _OF_BODY.split()},
+        "added_mass": "use water=",
+        "reservoir": "use water=, which takes added masses too",
+    },
+    "dynamics": {
+        "reduced": "leave it out, the whole body takes all steps",
+        "velocity": "use start=InitialFields(velocity=...)",
+        "displacement": "use start=InitialFields(displacement=...)",
+        "resume": "use checkpoint=Checkpoints(path, resume=...)",
+    },
 }
 
 T = TypeVar("T", bound=Callable[..., Any])

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -32,11 +32,11 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.monitor import Monitor, ending
 from dolfinx_joints.simulation.outcome import Outcome
 from dolfinx_joints.simulation.record import Record, StageRecord
-from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
-from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
-from dolfinx_joints.time_integration.scheme import Scheme, StepReport
+from dolfinx_joints.solvers.step_solver import SolveReport
+from dolfinx_joints.time_integration.energy import EnergyRow
+from dolfinx_joints.time_integration.scheme import StepReport
 from dolfinx_joints.time_integration.states import DynamicState, with_means
-from dolfinx_joints.time_integration.substeps import StepControl, Stepper
+from dolfinx_joints.time_integration.substeps import Stepper
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -44,18 +44,56 @@ if TYPE_CHECKING:
     from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures
 
 
+@dataclass(frozen=True)
+class Observers:
+    """What follows a dynamic stage.
+
+    Attributes:
+        monitors: Monitors of the run.
+        watch: Observer of slip and opening.
+        seconds: Wall time by phase [s], passed to the monitors at the end.
+    """
+
+    monitors: Sequence[Monitor]
+    watch: SmallDisplacements
+    seconds: Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundMotions:
+    """Motions of the ground as functions of time, each as in `Record`."""
+
+    motion: Callable[[float], Any] | None
+    free_surface: Callable[[float], NDArray[np.float64]] | None
+    static_part: Callable[[float], PETSc.Vec] | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageStart:
+    """Facts of the start of a dynamic stage that monitors are given.
+
+    Attributes:
+        settings: How the stage is run, by name.
+        stages: Static stages before.
+        warnings: Warnings given so far.
+    """
+
+    settings: Mapping[str, Any]
+    stages: Sequence[StageRecord]
+    warnings: Sequence[str]
+
+
 class DynamicRun:
     """State, energies and counts of a dynamic stage, and its monitors.
 
-    Arguments not listed are those of `Simulation.dynamics`.
-
     Args:
-        watch: Observer of slip and opening.
-        seconds: Wall time by phase [s], passed to the monitors at the end.
+        model: The model.
+        stepper: Takes the steps, with an energy ledger that is not started.
         state: The state to begin with.
-        settings: How the stage is run, by name; passed to the monitors.
-        stages: Static stages before; likewise.
-        doubts: Warnings given at the start; likewise.
+        steps: Number of steps.
+        ground: Motions of the ground.
+        start: Facts for the monitors.
+        observers: Monitors and what they are given at the end.
 
     Attributes:
         state: Where the run is.
@@ -65,32 +103,24 @@ class DynamicRun:
 
     def __init__(
         self,
-        *,
         model: Model,
-        monitors: Sequence[Monitor],
-        watch: SmallDisplacements,
-        seconds: Mapping[str, float],
-        scheme: Scheme,
-        solver: StepSolver,
-        control: StepControl,
+        stepper: Stepper,
         state: DynamicState,
         steps: int,
-        motion: Callable[[float], Any] | None,
-        free_surface: Callable[[float], NDArray[np.float64]] | None,
-        static_part: Callable[[float], PETSc.Vec] | None,
-        settings: Mapping[str, Any],
-        stages: Sequence[StageRecord],
-        doubts: Sequence[str],
+        *,
+        ground: GroundMotions,
+        start: StageStart,
+        observers: Observers,
     ) -> None:
         """Start the ledger (collective)."""
-        self.model, self.monitors, self._watch, self._seconds = model, monitors, watch, seconds
-        self.state, self.step, self._steps, self._motion = state, 0, steps, motion
-        watch.begin()
-        self._free_surface, self._static_part = free_surface, static_part
-        self._solver, self._conserves = solver, scheme.conserves(solver.system)
-        self._ledger = EnergyLedger(solver.system)
+        self.model, self.state, self.step, self._steps = model, state, 0, steps
+        self.monitors, self._watch = observers.monitors, observers.watch
+        self._seconds, self._ground, self._start = observers.seconds, ground, start
+        self._watch.begin()
+        self._stepper, self._solver, self._ledger = stepper, stepper.solver, stepper.ledger
+        scheme, solver = stepper.scheme, stepper.solver
+        self._conserves = scheme.conserves(solver.system)
         self._ledger.start(state)
-        self._stepper = Stepper(scheme, solver, self._ledger, control)
         contact = solver.system.contact
         whole = scheme.rule == DISCRETE_GRADIENT
         self._backward_euler_laws = contact.without_balance if contact and whole else ()
@@ -100,9 +130,8 @@ class DynamicRun:
         self.origin = state.displacement.copy()
         self._work = state.displacement.duplicate()
         self._started: list[Monitor] = []
-        self._settings, self._warnings = settings, [*model.doubts, *doubts]
-        self._warnings += [] if motion is None else warn_of_sides(model)
-        self._stages = stages
+        self._warnings = [*start.warnings]
+        self._warnings += [] if ground.motion is None else warn_of_sides(model)
         self._progress: Progress | None = None
         self._of_errors = lasting(model.jointed.mesh.comm, OF_ERRORS)
         self._acting: DynamicState | None = None
@@ -110,7 +139,7 @@ class DynamicRun:
     def start(self) -> None:
         """Start the monitors."""
         first = self._record(0, None, self._ledger.row, 0)
-        first = replace(first, settings=self._settings, stages=self._stages)
+        first = replace(first, settings=self._start.settings, stages=self._start.stages)
         for monitor in self.monitors:
             monitor.start(self.model, "dynamic", self._steps, first)
             self._started.append(monitor)
@@ -203,9 +232,7 @@ class DynamicRun:
             if coupled is None
             else partial(coupled.pressures, self.state.velocity),
             joints=state.joints,
-            motion=self._motion,
-            free_surface=self._free_surface,
-            static_part=self._static_part,
+            **vars(self._ground),
             solve=solve,
             energy=row,
             substeps=substeps,

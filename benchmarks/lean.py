@@ -61,7 +61,7 @@ def first_step(scene: str) -> Any:
         joints=law,
         supports=supports,
         loads=[dj.Gravity()],
-        reservoir=reservoir,
+        water=reservoir,
     )
     simulation = dj.Simulation(model)
     simulation.statics()

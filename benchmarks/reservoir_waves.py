@@ -117,7 +117,7 @@ def rigid_dam(waves: dj.ReservoirWaves) -> dj.Model:
         dj.split_mesh(mesh, groups={"up": up, "down": down}),
         material=dj.Elastic(young=1e17, poisson=0.2, density=2400.0),
         supports=[dj.Fixed(group="down")],
-        reservoir=waves,
+        water=waves,
     )
 
 

@@ -256,9 +256,8 @@ def build(
         material=dj.Elastic(young=dam.young, poisson=dam.poisson, density=dam.density),
         joints=law if dam.joints else None,
         supports=supports,
-        plane=dam.plane,
-        added_mass=water,
-        reservoir=reservoir,
+        body=dj.Body(plane=dam.plane),
+        water=[*water, reservoir],
         damping=damping,
     )
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -258,8 +259,7 @@ class MotionSuite(Summarised):
                 dt=dt,
                 steps=steps,
                 motion=motion,
-                checkpoint=checkpoint,
-                resume=resume,
+                checkpoint=replace(checkpoint, resume=resume),
                 **options,
             )
             on_root(self._comm, lambda: self._checkpoint(name).unlink())

@@ -40,6 +40,7 @@ from dolfinx_joints import (
     EnergyConsistent,
     Fixed,
     Gravity,
+    InitialFields,
     KeyedJoint,
     MatrixSystem,
     Model,
@@ -194,7 +195,9 @@ def test_energy_of_an_impact(blocks_file, read, comm):
     model = blocks(read(blocks_file(angle=0.0)), law, initial_gaps={"joint_1": 3.0 * A})
     kept, dt = Kept(), 1.25e-4  # 2 / dt is a number that the scheme need not round
     velocity = thrown(model, "upper", -1.0)
-    outcome = Simulation(model, monitors=[kept]).dynamics(dt=dt, steps=30, velocity=velocity)
+    outcome = Simulation(model, monitors=[kept]).dynamics(
+        dt=dt, steps=30, start=InitialFields(velocity=velocity)
+    )
 
     records = kept.records
     lines = energy_lines(model.system(), records, lambda state: density(state.gap))

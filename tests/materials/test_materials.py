@@ -14,6 +14,7 @@ pytest.importorskip("dolfinx")
 from dolfinx import mesh as dmesh
 
 from dolfinx_joints import (
+    Body,
     Elastic,
     Fixed,
     Model,
@@ -88,7 +89,7 @@ def body(comm, kind, material, *, plane="strain", **options):
         },
     )
     supports = [Fixed(group="xyz"[i], components="xyz"[i]) for i in range(dim)]
-    return Model(jointed, material=material, plane=plane, supports=supports, **options)
+    return Model(jointed, material=material, body=Body(plane=plane), supports=supports, **options)
 
 
 def displacement(model, gradient):

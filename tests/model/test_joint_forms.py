@@ -25,6 +25,7 @@ from shaken_wall import swaying
 
 from benchmarks.shared.grids import case
 from dolfinx_joints import (
+    Body,
     Elastic,
     Fixed,
     FormLoad,
@@ -134,7 +135,7 @@ def test_springs_are_a_quadratic_potential(wall):
         return 0.5 * (K_N * g[0] ** 2 + K_S * (g[1] ** 2 + g[2] ** 2))
 
     law = PotentialJoint(energy, normal_stiffness=K_N, shear_stiffness=K_S)
-    two = (upright(wall(), extra_stiffness=layer(wall())), upright(wall(), joints=law))
+    two = (upright(wall(), body=Body(extra_stiffness=layer(wall()))), upright(wall(), joints=law))
     agree(*(run(model) for model in two), tolerance=1e-11)
 
 
@@ -253,8 +254,7 @@ def test_patch_with_nitsches_method(two_rectangles_file, blocks_file, read, cell
         material=CONCRETE,
         supports=[Fixed(group="base")],
         loads=[FormLoad(form=load)],
-        extra_stiffness=nitsche(jointed, **given),
-        symmetric=symmetric,
+        body=Body(extra_stiffness=nitsche(jointed, **given), symmetric=symmetric),
     )
     u = model.function(Simulation(model).statics().displacement)
     exact = fem.Function(model.V)
@@ -269,7 +269,7 @@ def test_modes_of_tied_blocks_tend_to_those_of_the_whole(wall):
     whole = modes(upright(wall(joints=[])).system(), 3).frequencies
     errors = []
     for k in (1e11, 1e13):
-        tied = upright(wall(), extra_stiffness=layer(wall(), None, k, k))
+        tied = upright(wall(), body=Body(extra_stiffness=layer(wall(), None, k, k)))
         errors.append(1.0 - modes(tied.system(), 3).frequencies / whole)
     assert np.all(errors[0] > 0.0)
     assert errors[0].max() < 1e-2
@@ -279,7 +279,9 @@ def test_modes_of_tied_blocks_tend_to_those_of_the_whole(wall):
 def test_energies_of_springs_are_strain_energy(wall):
     """Of dashpots, viscous; the ledger adds up, and `joint` is the law's alone."""
     springs, dashpots = layer(wall(), "joint_2", 1e9, 1e9), layer(wall(), "joint_1", 1e6, 1e6)
-    model = upright(wall(), joints=FRICTION, extra_stiffness=springs, extra_damping=dashpots)
+    model = upright(
+        wall(), joints=FRICTION, body=Body(extra_stiffness=springs, extra_damping=dashpots)
+    )
     _, outcome = run(model, steps=20)
     assert outcome.imbalance <= 1e-10
     assert outcome.energy.viscous > 1e-4 * outcome.energy.stored
@@ -299,7 +301,7 @@ def test_redistributed_mass_stays_in_its_block():
     )
     given = {"material": CONCRETE, "joints": FRICTION, "redistribute_mass": True}
     found, expected = (
-        Model(jointed, **given, extra_stiffness=extra).redistribution
+        Model(jointed, **given, body=Body(extra_stiffness=extra)).redistribution
         for extra in (layer(jointed), None)
     )
     assert found.massless == expected.massless > 0
@@ -314,7 +316,7 @@ def test_extra_mass_over_a_joint(wall):
     model = upright(
         wall(),
         joints=FRICTION,
-        extra_mass=lambda u, v: m * ufl.inner(ufl.jump(u), ufl.jump(v)) * dS,
+        body=Body(extra_mass=lambda u, v: m * ufl.inner(ufl.jump(u), ufl.jump(v)) * dS),
     )
     moved = np.array([1.0, -2.0, 3.0])
     together = model.inertia_pattern(moved)
@@ -338,8 +340,10 @@ def test_any_number_of_ranks(wall, solver):
         model = upright(
             jointed,
             joints=FRICTION,
-            extra_stiffness=layer(jointed, "joint_1", 1e9, 1e9),
-            extra_damping=layer(jointed, "joint_2", 1e6, 1e6),
+            body=Body(
+                extra_stiffness=layer(jointed, "joint_1", 1e9, 1e9),
+                extra_damping=layer(jointed, "joint_2", 1e6, 1e6),
+            ),
         )
         model.loads.append(load)
         _, outcome = run(model, solver=solver)
@@ -354,6 +358,10 @@ def test_joints_without_law_and_form_are_refused(wall):
     with pytest.raises(
         MeshError, match=r"has joints \(joint_2\) but no law was given; pass joints"
     ):
-        upright(wall(), extra_stiffness=lambda u, v: ufl.inner(ufl.jump(u), ufl.jump(v)) * dS)
+        upright(
+            wall(), body=Body(extra_stiffness=lambda u, v: ufl.inner(ufl.jump(u), ufl.jump(v)) * dS)
+        )
     with pytest.raises(MeshError, match=r"has joints \(joint_1, joint_2, joint_3\) but no law"):
-        upright(wall(), extra_stiffness=lambda u, v: ufl.inner(u, v) * wall().ds("crest"))
+        upright(
+            wall(), body=Body(extra_stiffness=lambda u, v: ufl.inner(u, v) * wall().ds("crest"))
+        )

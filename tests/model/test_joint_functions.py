@@ -17,6 +17,7 @@ from dolfinx import fem
 from dolfinx.io import VTKFile, VTXWriter
 
 from dolfinx_joints import (
+    Body,
     Elastic,
     Fixed,
     FormLoad,
@@ -193,7 +194,7 @@ def test_coefficients_of_a_model_live_on_joints(comm, blocks_file, read):
         return k("-") * ufl.inner(ufl.jump(u), ufl.jump(v)) * dS
 
     plain = blocks(jointed)
-    model = blocks(jointed, extra_stiffness=bilinear, extra_damping=bilinear)
+    model = blocks(jointed, body=Body(extra_stiffness=bilinear, extra_damping=bilinear))
     u = fem.Function(model.V)
     u.interpolate(lambda x: np.array([[0.0], [0.0], [1.0]]) + 0.0 * x, jointed.cells("upper"))
     u.x.scatter_forward()

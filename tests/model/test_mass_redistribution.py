@@ -17,6 +17,7 @@ from dolfinx.mesh import CellType, create_box, create_rectangle, locate_entities
 from petsc4py import PETSc
 
 from dolfinx_joints import (
+    Body,
     Elastic,
     EnergyConsistent,
     Fixed,
@@ -141,7 +142,7 @@ def test_any_number_of_ranks_gives_the_same(blocks, blocks_file, read, comm, par
         read(blocks_file(**parameters), on=MPI.COMM_SELF),
         material=STONE,
         joints=LAW,
-        redistribute_mass=True,
+        body=Body(redistribute_mass=True),
     )
     assert energy(blocks(parameters)) == pytest.approx(energy(alone), rel=1e-11)
 
@@ -194,7 +195,7 @@ def test_thin_layers_keep_their_mass(comm, cells):
     jointed = layered(comm, 6 + cells, joints=(3, 3 + cells))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        model = Model(jointed, material=STONE, joints=LAW, redistribute_mass=True)
+        model = Model(jointed, material=STONE, joints=LAW, body=Body(redistribute_mass=True))
     texts = comm.bcast([str(w.message) for w in caught], root=0)
     assert any("18 joint nodes keep their mass" in text for text in texts)
     assert (model.redistribution.massless, model.redistribution.kept) == (18, 18)
@@ -203,7 +204,10 @@ def test_thin_layers_keep_their_mass(comm, cells):
 def test_layer_of_three_cells(comm):
     """Two layers of nodes inside suffice; u = 2 u1 - u2."""
     model = Model(
-        layered(comm, 9, joints=(3, 6)), material=STONE, joints=LAW, redistribute_mass=True
+        layered(comm, 9, joints=(3, 6)),
+        material=STONE,
+        joints=LAW,
+        body=Body(redistribute_mass=True),
     )
     assert (model.redistribution.massless, model.redistribution.kept) == (36, 0)
 
@@ -214,7 +218,7 @@ def test_sources_lie_on_the_own_side_of_a_joint_that_ends(comm):
     crack = locate_entities(mesh, 1, lambda x: np.isclose(x[1], 0.0) & (x[0] < 1.01))
     tags = meshtags(mesh, 1, np.sort(crack), np.ones(len(crack), dtype=np.int32))
     jointed = split_mesh(mesh, tags, joints={"joint": 1}, groups={})
-    model = Model(jointed, material=STONE, joints=LAW, redistribute_mass=True)
+    model = Model(jointed, material=STONE, joints=LAW, body=Body(redistribute_mass=True))
     assert model.redistribution.massless == 8
     y = np.repeat(nodes_of(model)[:, 1], 2)
     above, below = np.where(y > 1e-9, 1.0, 0.0), np.where(y < -1e-9, 1.0, 0.0)

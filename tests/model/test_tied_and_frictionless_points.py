@@ -20,6 +20,7 @@ pytest.importorskip("dolfinx")
 from dolfinx.mesh import CellType, create_box, locate_entities, locate_entities_boundary
 
 from dolfinx_joints import (
+    Body,
     Elastic,
     Fixed,
     FrictionNoTension,
@@ -80,7 +81,7 @@ def with_joint(comm, end, law, **options):
     ],
 )
 def test_number_and_area_of_tied_points(comm, degree, quadrature, points, tied, area):
-    model = with_joint(comm, END, LAW, degree=degree, quadrature=quadrature)
+    model = with_joint(comm, END, LAW, body=Body(degree=degree), quadrature=quadrature)
     operator = model.operator
     assert operator.num_points == points
     counts = model.contact.counts(np.full(len(operator.areas), Status.STICK, dtype=np.int8))

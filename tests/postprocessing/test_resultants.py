@@ -20,6 +20,7 @@ from dolfinx_joints import (
     Fixed,
     FrictionNoTension,
     Gravity,
+    Joints,
     JointWater,
     KeyedJoint,
     MeshError,
@@ -244,7 +245,7 @@ def test_a_continued_run_records_the_same(blocks_file, read, new_path, comm):
     run(whole, [])
     with pytest.raises(KeyboardInterrupt):
         run(parted, [Stops()], checkpoint=Checkpoints(kept, every=2))
-    run(parted, [Stops()], checkpoint=Checkpoints(kept, every=2), resume=True)
+    run(parted, [Stops()], checkpoint=Checkpoints(kept, every=2, resume=True))
     if comm.rank == 0:
         with Results(whole) as one, Results(parted) as two:
             assert one.streams == two.streams
@@ -385,7 +386,7 @@ def test_a_curved_joint_is_safe_point_by_point(comm):
     # The mean of the normal over a right angle is 2 sqrt(2) / pi of 1, 0.90: no plane joint.
     jointed = mesh_from_arrays(comm, **quarter_ring("hexahedron", 2))
     fixed = [Fixed(group="outside")]
-    model = Model(jointed, material=SOLID, joints=LAW, supports=fixed, quadrature="gauss")
+    model = Model(jointed, material=SOLID, joints=Joints(LAW, quadrature="gauss"), supports=fixed)
     joints = Simulation(model).statics().joints
     shear = 1e6 * np.sign(model.operator.points[:, 0] - 1.0)
     traction = np.column_stack([np.full(len(shear), -3e6), shear, np.zeros_like(shear)])

@@ -93,9 +93,9 @@ def interrupted(make, folder, kill_at, *, every=2, solver="auto", envelopes=True
     resume = False
     for step in kill_at:
         with pytest.raises(Killed):
-            run("resumed.h5", step, checkpoint=kept, resume=resume)
+            run("resumed.h5", step, checkpoint=replace(kept, resume=resume))
         resume = True
-    return whole, run("resumed.h5", None, checkpoint=kept, resume=True)
+    return whole, run("resumed.h5", None, checkpoint=replace(kept, resume=True))
 
 
 def identical(whole, resumed, folder):
@@ -160,7 +160,7 @@ def test_continued_run_has_the_same_bits(case, wall_file, read, tmp_path):
     law, water = options.pop("joints", LAW), options.pop("reservoir", None)
     kills = (3, 7, 10) if case == "condensed" else (7,)
     whole, resumed = interrupted(
-        lambda: wall(read(wall_file()), law, reservoir=water), tmp_path, kills, **options
+        lambda: wall(read(wall_file()), law, water=water), tmp_path, kills, **options
     )
     identical(whole, resumed, tmp_path)
 
@@ -204,7 +204,7 @@ def test_continued_on_another_number_of_ranks(
             return
         results = ResultsMonitor(path / name, points=POINTS, every=3, envelopes=True)
         monitors = [results, Killer(kill)]
-        model = wall(read(file, on), joints, reservoir=water())
+        model = wall(read(file, on), joints, water=water())
         simulation = Simulation(model, monitors=monitors, solver=solver)
         if not more.get("resume"):
             simulation.statics()
@@ -217,7 +217,7 @@ def test_continued_on_another_number_of_ranks(
         with pytest.raises(Killed):
             run("resumed.h5", first, 7, checkpoint=kept)
     comm.barrier()
-    run("resumed.h5", then, None, checkpoint=kept, resume=True)
+    run("resumed.h5", then, None, checkpoint=replace(kept, resume=True))
     comm.barrier()
     whole, found = content(path / "whole.h5")[0], content(path / "resumed.h5")[0]
     assert whole.keys() == found.keys()
@@ -240,7 +240,7 @@ def test_continued_on_another_number_of_ranks(
 def short(jointed, folder, *, monitors=None, joints=LAW, reservoir=None, **options):
     """A run of four steps with checkpoints."""
     watching = [ResultsMonitor(folder / "run.h5", points=POINTS)] if monitors is None else monitors
-    simulation = Simulation(wall(jointed, joints, reservoir=reservoir), monitors=watching)
+    simulation = Simulation(wall(jointed, joints, water=reservoir), monitors=watching)
     if not options.get("resume"):
         simulation.statics()
     given = {"dt": DT, "steps": 4, "motion": shaking}
@@ -418,8 +418,7 @@ def test_another_mesh_or_material_is_refused(wall_file, read, tmp_path):
             dt=DT,
             steps=4,
             motion=shaking,
-            checkpoint=Checkpoints(tmp_path / "run.ckpt"),
-            resume=True,
+            checkpoint=Checkpoints(tmp_path / "run.ckpt", resume=True),
         )
 
 
@@ -567,7 +566,7 @@ def test_first_checkpoint_saves_the_statics(wall_file, read, tmp_path):
     kept = Checkpoints(tmp_path / "run.ckpt")
     assert kept.found
     simulation = Simulation(wall(jointed), monitors=[Killer()])
-    simulation.dynamics(dt=DT, steps=4, motion=shaking, checkpoint=kept, resume=True)
+    simulation.dynamics(dt=DT, steps=4, motion=shaking, checkpoint=replace(kept, resume=True))
     expected = Simulation(wall(jointed)).statics().displacement.array
     np.testing.assert_array_equal(simulation.static.displacement.array, expected)
 
@@ -622,7 +621,7 @@ def test_without_joints_and_without_a_static_state(wall_file, read, tmp_path):
     _, whole = run(None)
     with pytest.raises(Killed):
         run(4, checkpoint=kept)
-    simulation, resumed = run(None, checkpoint=kept, resume=True)
+    simulation, resumed = run(None, checkpoint=replace(kept, resume=True))
     assert simulation.static is None
     np.testing.assert_array_equal(resumed.state.displacement.array, whole.state.displacement.array)
     assert resumed.energy.stored == whole.energy.stored

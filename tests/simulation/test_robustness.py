@@ -94,7 +94,7 @@ def test_memory_does_not_grow_with_the_steps(wall_file, comm):
         material=dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
         supports=[dj.Fixed(group="base")],
         loads=[dj.Gravity()],
-        degree=2,
+        body=dj.Body(degree=2),
     )
     dj.Simulation(model, monitors=[Watch()]).dynamics(dt=0.005, steps=140)
     assert sizes[-1] - sizes[40] < 10.0

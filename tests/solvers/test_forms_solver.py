@@ -8,6 +8,8 @@ left of the residual. Joint points change between open, stick and slip on the wa
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -167,7 +169,7 @@ def test_goes_on_from_a_checkpoint(wall, new_path):
     checkpoint = dj.Checkpoints(kept, every=4)
     with pytest.raises(Killed):
         run([Killer(6)], checkpoint=checkpoint)
-    _, again = run([Killer(None)], checkpoint=checkpoint, resume=True)
+    _, again = run([Killer(None)], checkpoint=replace(checkpoint, resume=True))
     crest = dj.Probe((10.0, 0.0, 20.0), group="joint_2-")
     simulation, whole = run([dj.ResultsMonitor(results, points={"crest": crest})])
     same(simulation, again.state, whole.state)

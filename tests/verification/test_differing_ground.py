@@ -14,6 +14,8 @@ Its static part is the straight line between the ends.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -449,7 +451,7 @@ def test_a_jointed_wall_on_any_number_of_ranks(comm, wall_file, read, new_path):
     kept = Checkpoints(path / "run.ckpt", every=4)
     with pytest.raises(Killed):
         shaken(read(file), path / "resumed.h5", kill=7, checkpoint=kept)
-    shaken(read(file), path / "resumed.h5", checkpoint=kept, resume=True)
+    shaken(read(file), path / "resumed.h5", checkpoint=replace(kept, resume=True))
     comm.barrier()
     if comm.rank == 0:
         shaken(read(file, MPI.COMM_SELF), path / "alone.h5")

@@ -202,7 +202,7 @@ def cost(name: str, steps: int) -> None:
                 model = scene.model(
                     scene.read(path, tied=tied),
                     None if tied else scene.law(),
-                    reservoir=water if wet else None,
+                    water=water if wet else None,
                 )
                 static = dj.Simulation(model).statics(steps=scene.load_steps)
                 system = model.system([motion], waves=dt if wet else None)

@@ -7,7 +7,6 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -254,12 +253,14 @@ class MotionSuite(Summarised):
                 given.model, monitors=[monitor], options=given.options, solver=given.solver
             )
             one.static, one.stages, one.shared = given.static, list(given.stages), shared
-            checkpoint = Checkpoints(self._checkpoint(name), every=every, overwrite=True)
+            checkpoint = Checkpoints(
+                self._checkpoint(name), every=every, overwrite=True, resume=resume
+            )
             outcome = one.dynamics(
                 dt=dt,
                 steps=steps,
                 motion=motion,
-                checkpoint=replace(checkpoint, resume=resume),
+                checkpoint=checkpoint,
                 **options,
             )
             on_root(self._comm, lambda: self._checkpoint(name).unlink())

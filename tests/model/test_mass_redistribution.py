@@ -74,7 +74,7 @@ def rigid_motions(model, group):
 @pytest.fixture
 def blocks(blocks_file, read):
     def make(parameters, **options):
-        options = {"redistribute_mass": True} | options
+        options = {"body": Body(redistribute_mass=True)} | options
         return Model(read(blocks_file(**parameters)), material=STONE, joints=LAW, **options)
 
     return make
@@ -86,7 +86,7 @@ def test_each_body_keeps_its_inertia(blocks, parameters):
 
     They agree to the rounding of some thousand products.
     """
-    plain, model = blocks(parameters, redistribute_mass=False), blocks(parameters)
+    plain, model = blocks(parameters, body=None), blocks(parameters)
     assert model.redistribution.massless > 0
     assert model.redistribution.kept == 0
     for group in ("lower", "upper"):
@@ -168,7 +168,7 @@ def test_damping_by_mass_follows(blocks):
 
 
 def test_nothing_happens_unless_asked_for(blocks):
-    model = blocks(MESHES[0], redistribute_mass=False)
+    model = blocks(MESHES[0], body=None)
     assert model.redistribution is None
     assert model.mass is model.body_mass
     assert np.all(model.mass.getDiagonal().getArray(readonly=True) > 0.0)

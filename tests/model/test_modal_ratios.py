@@ -144,7 +144,7 @@ CASES = {
     "water": (
         "condensed",
         dj.EnergyConsistent(),
-        {"reservoir": dj.ReservoirWaves(group="y_min", level=19.0, length=40.0)},
+        {"water": dj.ReservoirWaves(group="y_min", level=19.0, length=40.0)},
     ),
     "moving support": (
         "condensed",

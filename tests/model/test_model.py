@@ -564,7 +564,7 @@ def test_missing_and_unknown_joints(comm, blocks_file, wall_file, read):
     assert text == "The joint 'joint_2' has no law."
     for options in (
         {"joints": {"joint_1": LAW, "seam": LAW}},
-        {"joints": LAW, "initial_gaps": {"seam": 1e-3}},
+        {"joints": Joints(LAW, initial_gaps={"seam": 1e-3})},
     ):
         text = error_on_all_ranks(
             comm, MeshError, lambda options=options: Model(jointed, material=BAR, **options)

@@ -79,7 +79,7 @@ def test_block_on_an_incline(blocks_file, read, cell, order, quadrature):
     # Upper block: 1 m x 1 m, its lower face z = 1 + (x - 1/2) tan a, its top z = 2.
     angle = math.radians(20.0)
     jointed = read(blocks_file(angle=20.0, cell=cell, order=order))
-    found = at_rest(blocks(jointed, quadrature=quadrature))
+    found = at_rest(blocks(jointed, law=Joints(LAW, quadrature=quadrature)))
     geometry = found.geometry
     assert geometry.area == pytest.approx(1.0 / math.cos(angle), rel=1e-12)
     normal = np.array([-math.sin(angle), 0.0, math.cos(angle)])
@@ -233,12 +233,12 @@ def test_a_continued_run_records_the_same(blocks_file, read, new_path, comm):
         def resume(self, model, stage, steps, last, state_dict):
             self.record = lambda record: None
 
-    def run(path, others, **options):
+    def run(path, others, checkpoint=None):
         monitor = ResultsMonitor(path, points={"top": (0.5, 0.5, 2.0)}, resultants=True)
         simulation = Simulation(blocks(jointed, loads=loads), monitors=[monitor, *others])
-        if not options.get("resume"):
+        if checkpoint is None or not checkpoint.resume:
             simulation.statics()
-        simulation.dynamics(dt=1e-3, steps=5, motion=shaking, **options)
+        simulation.dynamics(dt=1e-3, steps=5, motion=shaking, checkpoint=checkpoint)
         comm.barrier()
 
     whole, parted = new_path("whole.h5"), new_path("parted.h5")

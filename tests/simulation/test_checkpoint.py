@@ -37,6 +37,7 @@ from dolfinx_joints import (
     Fixed,
     FrictionNoTension,
     Gravity,
+    Joints,
     Model,
     MohrCoulombJoint,
     Motion,
@@ -76,16 +77,16 @@ def content(path):
 def interrupted(make, folder, kill_at, *, every=2, solver="auto", envelopes=True, **options):
     """Outcomes and results files of a whole run, and of one killed in some steps and resumed."""
 
-    def run(name, kill, **more):
+    def run(name, kill, checkpoint=None):
         monitors = [
             ResultsMonitor(folder / name, points=POINTS, every=3, envelopes=envelopes),
             Killer(kill),
         ]
         simulation = Simulation(make(), monitors=monitors, solver=solver)
-        if not more.get("resume"):
+        if checkpoint is None or not checkpoint.resume:
             simulation.statics(steps=2)
         return simulation, simulation.dynamics(
-            dt=DT, steps=STEPS, motion=shaking, **options, **more
+            dt=DT, steps=STEPS, motion=shaking, checkpoint=checkpoint, **options
         )
 
     whole = run("whole.h5", None)
@@ -93,9 +94,9 @@ def interrupted(make, folder, kill_at, *, every=2, solver="auto", envelopes=True
     resume = False
     for step in kill_at:
         with pytest.raises(Killed):
-            run("resumed.h5", step, checkpoint=replace(kept, resume=resume))
+            run("resumed.h5", step, replace(kept, resume=resume))
         resume = True
-    return whole, run("resumed.h5", None, checkpoint=replace(kept, resume=True))
+    return whole, run("resumed.h5", None, replace(kept, resume=True))
 
 
 def identical(whole, resumed, folder):
@@ -149,15 +150,15 @@ CASES = {
     "rigid joints": {"joints": RigidJoint(friction_angle_deg=30.0)},
     "internal variables": {"joints": BOND},
     "shear keys": {"joints": KEYS},
-    "reservoir waves": {"reservoir": WAVES},
-    "gravity waves": {"reservoir": replace(WAVES, gravity_waves=True)},
+    "reservoir waves": {"water": WAVES},
+    "gravity waves": {"water": replace(WAVES, gravity_waves=True)},
 }
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_continued_run_has_the_same_bits(case, wall_file, read, tmp_path):
     options = dict(CASES[case])
-    law, water = options.pop("joints", LAW), options.pop("reservoir", None)
+    law, water = options.pop("joints", LAW), options.pop("water", None)
     kills = (3, 7, 10) if case == "condensed" else (7,)
     whole, resumed = interrupted(
         lambda: wall(read(wall_file()), law, water=water), tmp_path, kills, **options
@@ -199,25 +200,25 @@ def test_continued_on_another_number_of_ranks(
     comm.barrier()
     first, then = (MPI.COMM_SELF, comm) if grows else (comm, MPI.COMM_SELF)
 
-    def run(name, on, kill, **more):
+    def run(name, on, kill, checkpoint=None):
         if on.size < comm.size and comm.rank > 0:
             return
         results = ResultsMonitor(path / name, points=POINTS, every=3, envelopes=True)
         monitors = [results, Killer(kill)]
         model = wall(read(file, on), joints, water=water())
         simulation = Simulation(model, monitors=monitors, solver=solver)
-        if not more.get("resume"):
+        if checkpoint is None or not checkpoint.resume:
             simulation.statics()
-        simulation.dynamics(dt=DT, steps=STEPS, motion=shaking, **more)
+        simulation.dynamics(dt=DT, steps=STEPS, motion=shaking, checkpoint=checkpoint)
 
     run("whole.h5", then, None)
     comm.barrier()
     kept = Checkpoints(path / "run.ckpt", every=4)
     if first.size == comm.size or comm.rank == 0:
         with pytest.raises(Killed):
-            run("resumed.h5", first, 7, checkpoint=kept)
+            run("resumed.h5", first, 7, kept)
     comm.barrier()
-    run("resumed.h5", then, None, checkpoint=replace(kept, resume=True))
+    run("resumed.h5", then, None, replace(kept, resume=True))
     comm.barrier()
     whole, found = content(path / "whole.h5")[0], content(path / "resumed.h5")[0]
     assert whole.keys() == found.keys()
@@ -237,14 +238,14 @@ def test_continued_on_another_number_of_ranks(
         np.testing.assert_allclose(given, expected, rtol=0, atol=1e-10 * scale, err_msg=name)
 
 
-def short(jointed, folder, *, monitors=None, joints=LAW, reservoir=None, **options):
+def short(jointed, folder, *, monitors=None, joints=LAW, water=None, resume=False, **options):
     """A run of four steps with checkpoints."""
     watching = [ResultsMonitor(folder / "run.h5", points=POINTS)] if monitors is None else monitors
-    simulation = Simulation(wall(jointed, joints, water=reservoir), monitors=watching)
-    if not options.get("resume"):
+    simulation = Simulation(wall(jointed, joints, water=water), monitors=watching)
+    if not resume:
         simulation.statics()
     given = {"dt": DT, "steps": 4, "motion": shaking}
-    given["checkpoint"] = Checkpoints(folder / "run.ckpt", every=2)
+    given["checkpoint"] = Checkpoints(folder / "run.ckpt", every=2, resume=resume)
     return simulation.dynamics(**{**given, **options})
 
 
@@ -346,11 +347,11 @@ def test_a_run_changed_in_what_does_not_show_is_refused(case, wall_file, read, t
     before, after, sentence = CHANGED[case]
     jointed = read(wall_file())
 
-    def run(joints=LAW, gap=0.0, motion=shaking, **options):
+    def run(joints=LAW, gap=0.0, motion=shaking, resume=False, **options):
         gaps = dict.fromkeys(jointed.joint_names, gap)
-        model = wall(jointed, joints, initial_gaps=gaps)
+        model = wall(jointed, Joints(joints, initial_gaps=gaps))
         simulation = Simulation(model, monitors=[Killer()])
-        kept = Checkpoints(tmp_path / "run.ckpt", every=1)
+        kept = Checkpoints(tmp_path / "run.ckpt", every=1, resume=resume)
         return simulation.dynamics(dt=DT, steps=2, motion=motion, checkpoint=kept, **options)
 
     run(**before)
@@ -470,7 +471,7 @@ def test_checkpoint_files_that_are_refused(comm, wall_file, read, new_path, monk
 
     refused(r"^There is no checkpoint .*run.ckpt\.$", resume=True)
     short(jointed, folder)
-    refused("exists; pass resume=True to go on from it, or overwrite=True", monitors=[])
+    refused("exists; pass resume=True to Checkpoints to go on from it, or", monitors=[])
     whole = path.read_bytes()
     comm.barrier()
     for size in (0, 7, len(whole) // 2, len(whole) - 1):
@@ -505,8 +506,6 @@ def test_checkpoint_files_that_are_refused(comm, wall_file, read, new_path, monk
     refused("has version 5 of the layout, this program reads version 4", resume=True)
     leave(lambda: checkpoint_file.write_checkpoint(path, {"run": {}}))
     refused("is no checkpoint, or a damaged one: 'monitors'", resume=True)
-    with pytest.raises(ValueError, match="no checkpoint is given"):
-        short(jointed, folder, checkpoint=None, resume=True)
 
 
 @pytest.mark.parametrize("stop", ["killed", "disk full"])
@@ -544,13 +543,13 @@ def test_a_checkpoint_that_is_not_finished_leaves_the_old_one(
 @pytest.mark.filterwarnings("ignore:Loads act suddenly")
 def test_a_stage_after_another_goes_on_at_its_time(wall_file, read, tmp_path):
     """Without ``start``, whose time counts, its steps would end at times from zero on."""
-    model, kept = wall(read(wall_file())), Checkpoints(tmp_path / "run.ckpt", every=2)
+    model = wall(read(wall_file()))
     first = Simulation(model).dynamics(dt=DT, steps=3, motion=shaking)
 
-    def run(kill, start=first.state, **options):
+    def run(kill, start=first.state, *, resume=False):
         simulation = Simulation(model, monitors=[Killer(kill)])
-        options |= {"start": start, "motion": shaking, "checkpoint": kept}
-        return simulation.dynamics(dt=DT, steps=4, **options)
+        kept = Checkpoints(tmp_path / "run.ckpt", every=2, resume=resume)
+        return simulation.dynamics(dt=DT, steps=4, motion=shaking, start=start, checkpoint=kept)
 
     with pytest.raises(Killed):
         run(3)
@@ -579,9 +578,9 @@ def test_fields_and_progress_of_a_continued_run(wall_file, read, tmp_path, capsy
         return [fields, ProgressMonitor("again"), Killer(kill)]
 
     with pytest.raises(Killed):
-        short(jointed, tmp_path, monitors=monitors(3), reservoir=WAVES)
+        short(jointed, tmp_path, monitors=monitors(3), water=WAVES)
     capsys.readouterr()
-    short(jointed, tmp_path, monitors=monitors(None), reservoir=WAVES, resume=True)
+    short(jointed, tmp_path, monitors=monitors(None), water=WAVES, resume=True)
     for name in ("run.vtkhdf", "run_joints.vtkhdf", "run_reservoir.vtkhdf"):
         times = [time for time, _ in read_vtk(tmp_path / name)]
         np.testing.assert_allclose(times, DT * np.arange(5), rtol=1e-12)
@@ -645,13 +644,13 @@ processes = comm.gather(os.getpid())
 if comm.rank == 0:
     print(*processes, flush=True)
 mesh, folder, name = sys.argv[2], Path(sys.argv[3]), sys.argv[4]
-kept = Checkpoints(folder / f"{name}.ckpt", every=1)
-resume = kept.found
+path = folder / f"{name}.ckpt"
+kept = Checkpoints(path, every=1, resume=path.exists())
 monitors = [ResultsMonitor(folder / f"{name}.h5", points=POINTS, overwrite=True), Printer()]
 simulation = Simulation(wall(read_msh(mesh, comm)), monitors=monitors)
-if not resume:
+if not kept.resume:
     simulation.statics(steps=2)
-simulation.dynamics(dt=DT, steps=60, motion=shaking, checkpoint=kept, resume=resume)
+simulation.dynamics(dt=DT, steps=60, motion=shaking, checkpoint=kept)
 """
 
 

@@ -182,14 +182,6 @@ def test_both_solvers_march_alike(wall):
     assert difference(ends[0][0], ends[1][0]) < 1e-8
 
 
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
-def test_start_and_velocity_exclude_each_other(wall):
-    simulation = Simulation(wall)
-    outcome = simulation.dynamics(dt=DT, steps=1)
-    with pytest.raises(ValueError, match="velocity and start are both given"):
-        simulation.dynamics(dt=DT, steps=1, start=outcome.state, velocity=outcome.state.velocity)
-
-
 @pytest.mark.parametrize("name", ["control", "start", "checkpoint", "scheme"])
 def test_other_kinds_are_reported_before_anything_is_solved(wall, name):
     with pytest.raises(ValueError, match=f"{name} is 'run'; it must be "):

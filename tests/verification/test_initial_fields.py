@@ -163,12 +163,13 @@ def test_an_initial_displacement_comes_on_top_of_the_static_state():
 
 def test_a_run_with_other_initial_fields_is_not_resumed(new_path):
     model, file = bar(), new_path("run.ckpt")
-    keep = Checkpoints(file, every=3)
 
     def run(steps=4, speed=SPEED, *, resume=False):
-        kept = {"checkpoint": keep, "resume": resume}
-        given = {"velocity": lambda x: speed * mode(x), "displacement": lambda x: 1e-3 * mode(x)}
-        return Simulation(model).dynamics(dt=DT, steps=steps, **given, **kept)
+        kept = Checkpoints(file, every=3, resume=resume)
+        start = InitialFields(
+            velocity=lambda x: speed * mode(x), displacement=lambda x: 1e-3 * mode(x)
+        )
+        return Simulation(model).dynamics(dt=DT, steps=steps, start=start, checkpoint=kept)
 
     whole = run()
     again = run(resume=True)
@@ -192,4 +193,4 @@ def test_a_run_with_other_initial_fields_is_not_resumed(new_path):
 )
 def test_fields_that_do_not_fit_are_refused(fields, text):
     with pytest.raises(ValueError, match=text):
-        Simulation(bar()).dynamics(dt=DT, steps=1, **fields)
+        Simulation(bar()).dynamics(dt=DT, steps=1, start=InitialFields(**fields))

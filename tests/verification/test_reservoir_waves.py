@@ -487,13 +487,13 @@ def test_fast_sound_is_the_added_mass(comm):
     water = {"group": "up", "level": H, "length": 4.0 * H}
     waves = dj.ReservoirWaves(**water, sound_speed=1e5, far_end="rigid", layers=96)
     crests = []
-    for given in ({"reservoir": waves}, {"added_mass": [dj.ReservoirMass(**water)]}, {}):
+    for before in (waves, dj.ReservoirMass(**water), None):
         model = dj.Model(
             jointed,
             material=CONCRETE,
             supports=[dj.Fixed(group="base")],
+            water=before,
             body=dj.Body(degree=2),
-            **given,
         )
         kept = Crest(model)
         dj.Simulation(model, monitors=[kept]).dynamics(
@@ -611,7 +611,9 @@ def test_what_waves_do_not_go_with(comm, jointed_dam):
         dj.Simulation(model).dynamics(**run, scheme=dj.EnergyConsistent(exact_modes=4))
     by_forms = dj.Simulation(model, solver="forms")
     by_forms.statics()  # the water is at rest: the body alone
-    with pytest.raises(dj.JointsError, match=r"model with reservoir=\. Use solver=.monolithic"):
+    with pytest.raises(
+        dj.JointsError, match=r"and a reservoir with waves\. Use solver=.monolithic"
+    ):
         by_forms.dynamics(**run)
     options = dj.SolverOptions(linear="iterative")
     with pytest.raises(ValueError, match="without waves in"):

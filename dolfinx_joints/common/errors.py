@@ -22,13 +22,11 @@ REMOVED_ARGUMENTS = {
     "Model": {
         **{name: f"use joints=Joints(laws, {name}=...)" for name in ("initial_gaps", "quadrature")},
         **{name: f"use body=Body({name}=...)" for name in _OF_BODY.split()},
-        "added_mass": "use water=",
-        "reservoir": "use water=, which takes added masses too",
+        **dict.fromkeys(("added_mass", "reservoir"), "use water=..."),
     },
     "dynamics": {
         "reduced": "leave it out, the whole body takes all steps",
-        "velocity": "use start=InitialFields(velocity=...)",
-        "displacement": "use start=InitialFields(displacement=...)",
+        **{n: f"use start=InitialFields({n}=...)" for n in ("velocity", "displacement")},
         "resume": "use checkpoint=Checkpoints(path, resume=...)",
     },
 }

@@ -37,14 +37,7 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.model.modal_damping import DampedModes
 from dolfinx_joints.model.model_rows import model_rows
-from dolfinx_joints.model.parts import (
-    Body,
-    Joints,
-    check_form,
-    check_joints,
-    check_tied,
-    divided,
-)
+from dolfinx_joints.model.parts import Body, Joints, check_form, check_joints, check_tied, divided
 from dolfinx_joints.model.plausibility import warn_of_overlaps, warn_of_what_no_dam_has
 from dolfinx_joints.model.system import MatrixSystem, water_in
 
@@ -61,9 +54,8 @@ class Model(Summarised):
         jointed: The mesh; without joints the body is monolithic and no joint code runs.
         material: One material, or one per named cell group: `Elastic`, `Orthotropic`, or plastic
             such as `DruckerPrager`.
-        joints: One law for all joints, one per joint name, or `Joints`, which have initial gaps
-            and a quadrature rule besides. Not needed without joints, or if ``extra_stiffness``
-            ties all joints.
+        joints: One law for all joints, one per joint name, or `Joints` with further options. Not
+            needed without joints, or if ``extra_stiffness`` ties all joints.
         supports: Fixed and prescribed components, springs, viscous boundaries.
         loads: Loads that act in every stage (self weight, tractions, ...).
         damping: `Rayleigh`, its stiffness part of the bulk alone, or `ModalRatios`.
@@ -125,9 +117,9 @@ class Model(Summarised):
         _check_loads(jointed, loads)
         by_group = material if isinstance(material, Mapping) else {"": material}
         check_temperatures(jointed, by_group, loads)
-        self.reservoir, self.added_mass = divided(water)
-        waves = [] if self.reservoir is None else [self.reservoir]
-        acting = [*loads, *self.added_mass, *waves]
+        self.added_mass, reservoirs = divided(water)
+        self.reservoir = next(iter(reservoirs), None)
+        acting = [*loads, *self.added_mass, *reservoirs]
         self.doubts = warn_of_what_no_dam_has(jointed, by_group, laws, acting)
         self.jointed, self.gdim = jointed, jointed.mesh.geometry.dim
         self.loads, self.supports = list(loads), list(supports)
@@ -191,8 +183,7 @@ class Model(Summarised):
     def _redistribute(self, operator: JointOperator) -> None:
         """Give the mass of joint nodes to the body behind them."""
         # An extra form may couple nodes across a joint, which are not behind it.
-        tied = self._options.extra_stiffness is not None
-        body = self._stiffness(Body()) if tied else self.stiffness
+        body = self._stiffness(Body()) if self._options.extra_stiffness else self.stiffness
         owned = self.V.dofmap.index_map.size_local
         nodes = self.V.tabulate_dof_coordinates()[:owned, : self.gdim]
 
@@ -212,9 +203,8 @@ class Model(Summarised):
         boundaries = [s for s in self.supports if isinstance(s, ViscousBoundary)]
         absorbing = [s.form(self.jointed, self.body, u, v) for s in boundaries]
         forms = self._options.forms("extra_damping", u, v)
-        tied = self._options.extra_stiffness is not None
-        undamped = tied or any(isinstance(s, Spring) for s in self.supports)
-        if rayleigh.stiffness_factor and undamped:
+        springs = any(isinstance(s, Spring) for s in self.supports)
+        if rayleigh.stiffness_factor and (springs or self._options.extra_stiffness):
             # Springs and extra forms are part of K but do not damp.
             forms.insert(0, rayleigh.stiffness_factor * self.body.stiffness_form(u, v))
             rayleigh = Rayleigh(mass_factor=rayleigh.mass_factor)

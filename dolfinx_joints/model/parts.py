@@ -66,9 +66,7 @@ class Body:
     symmetric: bool = True
     redistribute_mass: bool = False
 
-    def forms(
-        self, name: Literal["extra_stiffness", "extra_mass", "extra_damping"], u: Any, v: Any
-    ) -> list[Any]:
+    def forms(self, name: str, u: Any, v: Any) -> list[Any]:
         """Return the user-defined form of a name in a list, empty without one."""
         extra = getattr(self, name)
         if extra is None:
@@ -78,12 +76,8 @@ class Body:
         return [form]
 
 
-def divided(water: Any) -> tuple[Reservoir | None, list[AddedMass]]:
-    """Return the reservoir with waves, None without one, and the added masses of a model.
-
-    Raises:
-        ValueError: Something given is neither, or there are two reservoirs.
-    """
+def divided(water: Any) -> tuple[list[AddedMass], list[Reservoir]]:
+    """Return the added masses and the reservoirs with waves, at most one, of a model."""
     given = list(water) if isinstance(water, Sequence) else [] if water is None else [water]
     for each in given:
         known = offers(each, "water") or offers(each, "matrix")
@@ -91,8 +85,7 @@ def divided(water: Any) -> tuple[Reservoir | None, list[AddedMass]]:
     reservoirs = [each for each in given if offers(each, "water")]
     if len(reservoirs) > 1:
         raise ValueError("water has two reservoirs with waves; a model can have one.")
-    added = [each for each in given if not offers(each, "water")]
-    return next(iter(reservoirs), None), added
+    return [each for each in given if not offers(each, "water")], reservoirs
 
 
 def check_form(form: Any, arguments: int, what: str) -> None:

@@ -29,6 +29,7 @@ from dolfinx_joints.loads.load import Load
 from dolfinx_joints.loads.oblique_field import rising_waves
 from dolfinx_joints.loads.wave_levels import warn_of_sides
 from dolfinx_joints.model.model import Model
+from dolfinx_joints.simulation.differing_ground import DifferingGround
 from dolfinx_joints.simulation.monitor import Monitor, ending
 from dolfinx_joints.simulation.outcome import Outcome
 from dolfinx_joints.simulation.record import Record, StageRecord
@@ -44,21 +45,6 @@ if TYPE_CHECKING:
     from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures
 
 
-@dataclass(frozen=True)
-class Observers:
-    """What follows a dynamic stage.
-
-    Attributes:
-        monitors: Monitors of the run.
-        watch: Observer of slip and opening.
-        seconds: Wall time by phase [s], passed to the monitors at the end.
-    """
-
-    monitors: Sequence[Monitor]
-    watch: SmallDisplacements
-    seconds: Mapping[str, float]
-
-
 @dataclass(frozen=True, kw_only=True)
 class GroundMotions:
     """Motions of the ground as functions of time, each as in `Record`."""
@@ -66,21 +52,6 @@ class GroundMotions:
     motion: Callable[[float], Any] | None
     free_surface: Callable[[float], NDArray[np.float64]] | None
     static_part: Callable[[float], PETSc.Vec] | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class StageStart:
-    """Facts of the start of a dynamic stage that monitors are given.
-
-    Attributes:
-        settings: How the stage is run, by name.
-        stages: Static stages before.
-        warnings: Warnings given so far.
-    """
-
-    settings: Mapping[str, Any]
-    stages: Sequence[StageRecord]
-    warnings: Sequence[str]
 
 
 class DynamicRun:
@@ -92,8 +63,9 @@ class DynamicRun:
         state: The state to begin with.
         steps: Number of steps.
         ground: Motions of the ground.
-        start: Facts for the monitors.
-        observers: Monitors and what they are given at the end.
+        monitors: Monitors of the run.
+        watch: Observer of slip and opening.
+        warnings: Warnings given so far, passed to the monitors at the end.
 
     Attributes:
         state: Where the run is.
@@ -109,14 +81,14 @@ class DynamicRun:
         steps: int,
         *,
         ground: GroundMotions,
-        start: StageStart,
-        observers: Observers,
+        monitors: Sequence[Monitor],
+        watch: SmallDisplacements,
+        warnings: Sequence[str],
     ) -> None:
         """Start the ledger (collective)."""
         self.model, self.state, self.step, self._steps = model, state, 0, steps
-        self.monitors, self._watch = observers.monitors, observers.watch
-        self._seconds, self._ground, self._start = observers.seconds, ground, start
-        self._watch.begin()
+        self.monitors, self._watch, self._ground = monitors, watch, ground
+        watch.begin()
         self._stepper, self._solver, self._ledger = stepper, stepper.solver, stepper.ledger
         scheme, solver = stepper.scheme, stepper.solver
         self._conserves = scheme.conserves(solver.system)
@@ -130,16 +102,15 @@ class DynamicRun:
         self.origin = state.displacement.copy()
         self._work = state.displacement.duplicate()
         self._started: list[Monitor] = []
-        self._warnings = [*start.warnings]
-        self._warnings += [] if ground.motion is None else warn_of_sides(model)
+        self._warnings = [*warnings, *([] if ground.motion is None else warn_of_sides(model))]
         self._progress: Progress | None = None
         self._of_errors = lasting(model.jointed.mesh.comm, OF_ERRORS)
         self._acting: DynamicState | None = None
 
-    def start(self) -> None:
-        """Start the monitors."""
+    def start(self, settings: Mapping[str, Any], stages: Sequence[StageRecord]) -> None:
+        """Start the monitors, with the settings of the run and the static stages before."""
         first = self._record(0, None, self._ledger.row, 0)
-        first = replace(first, settings=self._start.settings, stages=self._start.stages)
+        first = replace(first, settings=settings, stages=stages)
         for monitor in self.monitors:
             monitor.start(self.model, "dynamic", self._steps, first)
             self._started.append(monitor)
@@ -258,8 +229,12 @@ class DynamicRun:
         self._warnings += self._watch.warn(f"by t = {self.state.time:.4g} s")
 
     @contextmanager
-    def watched(self) -> Iterator[None]:
-        """Finish the monitors with the status of the stage, whatever ended it on all ranks."""
+    def watched(self, seconds: Mapping[str, float]) -> Iterator[None]:
+        """Finish the monitors with the status of the stage, whatever ended it on all ranks.
+
+        Args:
+            seconds: Wall time by phase [s], passed to the monitors as it is at the end.
+        """
         try:
             yield
             self.warn_of_slip()
@@ -271,10 +246,10 @@ class DynamicRun:
         except BaseException as error:
             if all_fail(self._of_errors, error):
                 status, text = ending(error)
-                self._finish(status, {"error": text})
+                self._finish(status, {"seconds": dict(seconds), "error": text})
             raise
         peak = self.model.jointed.mesh.comm.allreduce(peak_mb())
-        self._finish("complete", {"peak_mb": peak})
+        self._finish("complete", {"seconds": dict(seconds), "peak_mb": peak})
 
     def _finish(self, status: str, extra: dict[str, Any]) -> None:
         outcome = self.outcome()
@@ -287,7 +262,6 @@ class DynamicRun:
             "imbalance": outcome.imbalance,
             "laws_without_losses": list(outcome.laws_without_losses),
             "local_error": outcome.local_error,
-            "seconds": dict(self._seconds),
             **({"warnings": self._warnings} if self._warnings else {}),
             **extra,
         }
@@ -320,26 +294,31 @@ class DynamicRun:
         )
 
 
-def ground_motion(
-    model: Model, motion: Callable[[float], Any] | None, loads: Sequence[Load]
-) -> Callable[[float], Any] | None:
-    """Ground acceleration in the axes of the model."""
-    if motion is None:
-        return None
-    in_axes(motion, model.gdim)(0.0)
-    if rising_waves([*model.loads, *loads]):
-        raise ValueError(
-            "motion is given beside a FreeField, which moves the ground already; give one."
-        )
-    return in_axes(motion, model.gdim)
+def ground_motions(
+    model: Model, motion: Any, loads: Sequence[Load], differing: DifferingGround | None
+) -> GroundMotions:
+    """Motions of the ground in the axes of the model (collective).
 
-
-def free_surface(
-    model: Model, loads: Sequence[Load]
-) -> Callable[[float], NDArray[np.float64]] | None:
-    """Velocity of the level free surface under all waves that rise, None without (collective)."""
-    waves = [load.surface_velocity(model) for load in rising_waves([*model.loads, *loads])]
-    return (lambda time: np.sum([wave(time) for wave in waves], axis=0)) if waves else None
+    Args:
+        model: The model.
+        motion: Acceleration of the ground as a function of time, None if it rests.
+        loads: Loads of the stage besides the model's.
+        differing: The ground if it moves differently from place to place.
+    """
+    rising = rising_waves([*model.loads, *loads])
+    if motion is not None:
+        motion = in_axes(motion, model.gdim)
+        motion(0.0)
+        if rising:
+            raise ValueError(
+                "motion is given beside a FreeField, which moves the ground already; give one."
+            )
+    waves = [load.surface_velocity(model) for load in rising]
+    return GroundMotions(
+        motion=motion,
+        free_surface=(lambda t: np.sum([wave(t) for wave in waves], axis=0)) if waves else None,
+        static_part=differing.static_part if differing else None,
+    )
 
 
 def _doubts(outcome: Outcome) -> list[str]:

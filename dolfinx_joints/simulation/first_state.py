@@ -61,8 +61,7 @@ def checked_settings(
     check_kind_of("scheme", scheme, known, "a time scheme, such as Newmark()")
     check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
     known = isinstance(start, DynamicState | InitialFields | None)
-    wanted = "InitialFields or the state of an earlier dynamic outcome"
-    check_kind_of("start", start, known, wanted)
+    check_kind_of("start", start, known, "InitialFields or the state of an earlier outcome")
     known = isinstance(checkpoint, Checkpoints | None)
     check_kind_of("checkpoint", checkpoint, known, "a Checkpoints")
     return scheme, control

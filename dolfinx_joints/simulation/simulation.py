@@ -29,14 +29,7 @@ from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints, static_keeper
 from dolfinx_joints.simulation.differing_ground import differing_ground, on_ground
-from dolfinx_joints.simulation.dynamic_stage import (
-    DynamicRun,
-    GroundMotions,
-    Observers,
-    StageStart,
-    free_surface,
-    ground_motion,
-)
+from dolfinx_joints.simulation.dynamic_stage import DynamicRun, ground_motions
 from dolfinx_joints.simulation.first_state import (
     InitialFields,
     checked_settings,
@@ -308,8 +301,9 @@ class Simulation:
         given = given_fields(self.model, start)
         resume = checkpoint is not None and checkpoint.resume
         (motion, *loads), lost = for_steps([motion, *loads], dt, self.model.jointed.mesh.comm)
-        acting, ground = shaken_by(motion, loads), differing_ground(self.model, motion)
-        motion = ground_motion(self.model, motion, loads)
+        acting, differing = shaken_by(motion, loads), differing_ground(self.model, motion)
+        ground = ground_motions(self.model, motion, loads, differing)
+        motion = ground.motion
         state = start if isinstance(start, DynamicState) else None
         if begins := not resume and state is None:
             check_complete(self.static)
@@ -318,7 +312,7 @@ class Simulation:
         with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
             kept = [SupportForces(self.model)] if self.model.absorbing else []
             shaking: list[Load] = [*moved_by(motion, dt), *kept, *loads]
-            system = on_ground(ground, self.model.system(shaking, waves=dt, shared=self.shared))
+            system = on_ground(differing, self.model.system(shaking, waves=dt, shared=self.shared))
             solver = make_solver(system, self._options, self.solver, scheme.rule)
             times = ends_of_steps(state.time if state else 0.0, dt, steps)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
@@ -340,21 +334,15 @@ class Simulation:
                 Stepper(scheme, solver, EnergyLedger(system), control),
                 state,
                 steps,
-                ground=GroundMotions(
-                    motion=motion,
-                    free_surface=free_surface(self.model, loads),
-                    static_part=ground.static_part if ground else None,
-                ),
-                start=StageStart(
-                    settings={k: in_words(v) for k, v in facts.items()} | acting,
-                    stages=tuple(self.stages),
-                    warnings=(*self.model.doubts, *lost, *doubts),
-                ),
-                observers=Observers(self.monitors, self._watch, self.seconds),
+                ground=ground,
+                monitors=self.monitors,
+                watch=self._watch,
+                warnings=[*self.model.doubts, *lost, *doubts],
             )
-        with released(checkpoint, at_end=True), run.watched():
+        with released(checkpoint, at_end=True), run.watched(self.seconds):
             if saved is None:
-                run.start()
+                settings = {name: in_words(each) for name, each in facts.items()} | acting
+                run.start(settings, tuple(self.stages))
                 self._save(keeper, run)
             else:
                 run.resume(saved.state_dict, saved.origin)

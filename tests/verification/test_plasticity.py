@@ -177,7 +177,6 @@ def test_plane_strain_compression(comm, kind, degree):
 def test_pressure_beyond_the_limit_is_refused(comm, kind):
     """With a joint, by forces: 0.95 of the limit stands, and of more a load factor is told."""
     jointed = block(comm, kind, joint=True)
-    plane = {"plane": "strain"} if jointed.mesh.geometry.dim == 2 else {}
     axes = "xyz"[: jointed.mesh.geometry.dim]
 
     def statics(share):
@@ -186,7 +185,7 @@ def test_pressure_beyond_the_limit_is_refused(comm, kind):
         plates = [Fixed(group=f"{a}-", components=a) for a in axes]
         rocks = rock(fit="plane strain") if plane else rock()
         return Simulation(
-            Model(jointed, material=rocks, joints=LAW, supports=plates, loads=loads, **plane)
+            Model(jointed, material=rocks, joints=LAW, supports=plates, loads=loads)
         ).statics()
 
     statics(0.95)

@@ -26,6 +26,7 @@ from mpi4py import MPI
 from shaken_wall import swaying
 
 from dolfinx_joints import (
+    Body,
     ConvergenceError,
     Elastic,
     EnergyConsistent,
@@ -33,7 +34,6 @@ from dolfinx_joints import (
     FrictionNoTension,
     GeneralizedAlpha,
     Gravity,
-    Body,
     Joints,
     JointsError,
     KeyedJoint,

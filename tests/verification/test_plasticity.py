@@ -183,7 +183,7 @@ def test_pressure_beyond_the_limit_is_refused(comm, kind):
         loads = [Pressure(group=f"{a}+", value=SIDE) for a in axes[:-1]]
         loads.append(Pressure(group=f"{axes[-1]}+", value=share * LIMIT))
         plates = [Fixed(group=f"{a}-", components=a) for a in axes]
-        rocks = rock(fit="plane strain") if plane else rock()
+        rocks = rock(fit="plane strain") if len(axes) == 2 else rock()
         return Simulation(
             Model(jointed, material=rocks, joints=LAW, supports=plates, loads=loads)
         ).statics()

@@ -69,12 +69,14 @@ class Checkpoints:
         path: The file; each checkpoint replaces the one before it at once.
         every: Steps between two checkpoints.
         overwrite: Let a new run replace a checkpoint that is there already.
+        resume: Go on from the checkpoint in the file.
     """
 
     path: str | PathLike[str]
     _: KW_ONLY
     every: Annotated[int, at.Ge(1)] = 100
     overwrite: bool = False
+    resume: bool = False
 
     def __post_init__(self) -> None:
         """Keep the settings; files are written from the start of the run on."""
@@ -86,15 +88,16 @@ class Checkpoints:
         """Whether there is a checkpoint to go on from."""
         return self.file.exists()
 
-    def check(self, comm: Any, *, resume: bool) -> None:
+    def check(self, comm: Any) -> None:
         """Check early that no checkpoint would be lost, and lock the file (collective).
 
         From here to `release` no other run may write the checkpoint or go on from it.
         """
-        if not resume and not self.overwrite and on_root(comm, lambda: self.found):
+        begins = not (self.resume or self.overwrite)
+        if begins and on_root(comm, lambda: self.found):
             raise CheckpointError(
-                f"The checkpoint {self.path} exists; pass resume=True to go on from it, or "
-                "overwrite=True to Checkpoints to begin anew."
+                f"The checkpoint {self.path} exists; pass resume=True to Checkpoints to go on from "
+                "it, or overwrite=True to begin anew."
             )
 
         def lock() -> None:

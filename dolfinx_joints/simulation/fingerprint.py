@@ -64,6 +64,8 @@ def fingerprint(
         of_run.facts["laws as each rank holds them"] = _hashed(of_ranks)
     every = [*model.loads, *loads]
     named = {f"load {n}": load for n, load in zip(load_names(every), every, strict=True)}
+    joints = model.parameters["joints"]
+    named |= {f"joints.{n}": getattr(joints, n) for n in ("initial_gaps", "quadrature")}
     for name, value in (model.parameters | named).items():
         if name not in ("joints", "loads"):
             assembled.add(name, value)

@@ -37,6 +37,7 @@ from dolfinx_joints import (
     Fixed,
     FrictionNoTension,
     Gravity,
+    InitialFields,
     Model,
     MohrCoulombJoint,
     Motion,
@@ -74,16 +75,16 @@ def content(path):
 def interrupted(make, folder, kill_at, *, every=2, solver="auto", envelopes=True, **options):
     """Outcomes and results files of a whole run, and of one killed in some steps and resumed."""
 
-    def run(name, kill, **more):
+    def run(name, kill, checkpoint=None):
         monitors = [
             ResultsMonitor(folder / name, points=POINTS, every=3, envelopes=envelopes),
             Killer(kill),
         ]
         simulation = Simulation(make(), monitors=monitors, solver=solver)
-        if not more.get("resume"):
+        if checkpoint is None or not checkpoint.resume:
             simulation.statics(steps=2)
         return simulation, simulation.dynamics(
-            dt=DT, steps=STEPS, motion=shaking, **options, **more
+            dt=DT, steps=STEPS, motion=shaking, checkpoint=checkpoint, **options
         )
 
     whole = run("whole.h5", None)
@@ -91,9 +92,9 @@ def interrupted(make, folder, kill_at, *, every=2, solver="auto", envelopes=True
     resume = False
     for step in kill_at:
         with pytest.raises(Killed):
-            run("resumed.h5", step, checkpoint=kept, resume=resume)
+            run("resumed.h5", step, replace(kept, resume=resume))
         resume = True
-    return whole, run("resumed.h5", None, checkpoint=kept, resume=True)
+    return whole, run("resumed.h5", None, replace(kept, resume=True))
 
 
 def identical(whole, resumed, folder):
@@ -147,18 +148,18 @@ CASES = {
     "rigid joints": {"joints": RigidJoint(friction_angle_deg=30.0)},
     "internal variables": {"joints": BOND},
     "shear keys": {"joints": KEYS},
-    "reservoir waves": {"reservoir": WAVES},
-    "gravity waves": {"reservoir": replace(WAVES, gravity_waves=True)},
+    "reservoir waves": {"water": WAVES},
+    "gravity waves": {"water": replace(WAVES, gravity_waves=True)},
 }
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_continued_run_has_the_same_bits(case, wall_file, read, tmp_path):
     options = dict(CASES[case])
-    law, water = options.pop("joints", LAW), options.pop("reservoir", None)
+    law, water = options.pop("joints", LAW), options.pop("water", None)
     kills = (3, 7, 10) if case == "condensed" else (7,)
     whole, resumed = interrupted(
-        lambda: wall(read(wall_file()), law, reservoir=water), tmp_path, kills, **options
+        lambda: wall(read(wall_file()), law, water=water), tmp_path, kills, **options
     )
     identical(whole, resumed, tmp_path)
 
@@ -187,25 +188,25 @@ def test_continued_on_another_number_of_ranks(
     comm.barrier()
     first, then = (MPI.COMM_SELF, comm) if grows else (comm, MPI.COMM_SELF)
 
-    def run(name, on, kill, **more):
+    def run(name, on, kill, checkpoint=None):
         if on.size < comm.size and comm.rank > 0:
             return
         results = ResultsMonitor(path / name, points=POINTS, every=3, envelopes=True)
         monitors = [results, Killer(kill)]
-        model = wall(read(file, on), joints, reservoir=water())
+        model = wall(read(file, on), joints, water=water())
         simulation = Simulation(model, monitors=monitors, solver=solver)
-        if not more.get("resume"):
+        if checkpoint is None or not checkpoint.resume:
             simulation.statics()
-        simulation.dynamics(dt=DT, steps=STEPS, motion=shaking, **more)
+        simulation.dynamics(dt=DT, steps=STEPS, motion=shaking, checkpoint=checkpoint)
 
     run("whole.h5", then, None)
     comm.barrier()
     kept = Checkpoints(path / "run.ckpt", every=4)
     if first.size == comm.size or comm.rank == 0:
         with pytest.raises(Killed):
-            run("resumed.h5", first, 7, checkpoint=kept)
+            run("resumed.h5", first, 7, kept)
     comm.barrier()
-    run("resumed.h5", then, None, checkpoint=kept, resume=True)
+    run("resumed.h5", then, None, replace(kept, resume=True))
     comm.barrier()
     whole, found = content(path / "whole.h5")[0], content(path / "resumed.h5")[0]
     assert whole.keys() == found.keys()
@@ -225,15 +226,17 @@ def test_continued_on_another_number_of_ranks(
         np.testing.assert_allclose(given, expected, rtol=0, atol=1e-10 * scale, err_msg=name)
 
 
-def short(jointed, folder, *, monitors=None, joints=LAW, reservoir=None, run=None, **options):
+def short(
+    jointed, folder, *, monitors=None, joints=LAW, water=None, run=None, resume=False, **options
+):
     """A run of four steps with checkpoints; ``run`` has further arguments of `Simulation`."""
     watching = [ResultsMonitor(folder / "run.h5", points=POINTS)] if monitors is None else monitors
-    model = wall(jointed, joints, reservoir=reservoir)
+    model = wall(jointed, joints, water=water)
     simulation = Simulation(model, monitors=watching, **(run or {}))
-    if not options.get("resume"):
+    if not resume:
         simulation.statics()
     given = {"dt": DT, "steps": 4, "motion": shaking}
-    given["checkpoint"] = Checkpoints(folder / "run.ckpt", every=2)
+    given["checkpoint"] = Checkpoints(folder / "run.ckpt", every=2, resume=resume)
     return simulation.dynamics(**{**given, **options})
 
 
@@ -248,10 +251,9 @@ DIFFERENT = {
     "loads": ({"loads": [Gravity()]}, "load Gravity_1: only this run has it"),
     "scheme": ({"scheme": Newmark()}, "time scheme: EnergyConsistent in the checkpoint, Newmark"),
     "control": ({"control": CUT}, "step control.max_halvings: 6 in the checkpoint, 3 here"),
-    "velocity": ({"velocity": (0.0, 0.0, 0.0)}, "initial velocity: only this run has it"),
-    "displacement": (
-        {"displacement": (0.0, 0.0, 0.0)},
-        "initial displacement: only this run has it",
+    "start": (
+        {"start": InitialFields(velocity=(0.0, 0.0, 0.0))},
+        "initial velocity: only this run has it",
     ),
     "solver": ({"run": {"solver": "monolithic"}}, "solver: 'auto' in the checkpoint, 'mono"),
     "options": ({"run": {"options": SolverOptions(max_iterations=9)}}, "Newton.max_iterations"),
@@ -261,9 +263,8 @@ DIFFERENT = {
 
 
 def test_every_argument_of_a_run_is_changed():
-    """But for ``start``, see `test_a_stage_after_another_goes_on_at_its_time`."""
     arguments = {*signature(Simulation).parameters, *signature(Simulation.dynamics).parameters}
-    assert DIFFERENT.keys() == arguments - {"self", "start", "checkpoint", "resume"}
+    assert DIFFERENT.keys() == arguments - {"self", "checkpoint"}
 
 
 @pytest.mark.parametrize("case", DIFFERENT)
@@ -333,9 +334,9 @@ def test_a_run_changed_in_what_does_not_show_is_refused(case, wall_file, read, t
     before, after, sentence = CHANGED[case]
     jointed = read(wall_file())
 
-    def run(joints=LAW, motion=shaking, **options):
+    def run(joints=LAW, motion=shaking, resume=False, **options):
         simulation = Simulation(wall(jointed, joints), monitors=[Killer()])
-        kept = Checkpoints(tmp_path / "run.ckpt", every=1)
+        kept = Checkpoints(tmp_path / "run.ckpt", every=1, resume=resume)
         return simulation.dynamics(dt=DT, steps=2, motion=motion, checkpoint=kept, **options)
 
     run(**before)
@@ -411,7 +412,7 @@ def test_checkpoint_files_that_are_refused(comm, wall_file, read, new_path, monk
 
     refused(r"^There is no checkpoint .*run.ckpt\.$", resume=True)
     short(jointed, folder)
-    refused("exists; pass resume=True to go on from it, or overwrite=True", monitors=[])
+    refused("exists; pass resume=True to Checkpoints to go on from it, or", monitors=[])
     whole = path.read_bytes()
     comm.barrier()
     for size in (0, 7, len(whole) // 2, len(whole) - 1):
@@ -446,8 +447,6 @@ def test_checkpoint_files_that_are_refused(comm, wall_file, read, new_path, monk
     refused("has version 6 of the layout, this program reads version 5", resume=True)
     leave(lambda: checkpoint_file.write_checkpoint(path, {"run": {}}))
     refused("is no checkpoint, or a damaged one: 'monitors'", resume=True)
-    with pytest.raises(ValueError, match="no checkpoint is given"):
-        short(jointed, folder, checkpoint=None, resume=True)
 
 
 @pytest.mark.parametrize("stop", ["killed", "disk full"])
@@ -485,13 +484,13 @@ def test_a_checkpoint_that_is_not_finished_leaves_the_old_one(
 @pytest.mark.filterwarnings("ignore:Loads act suddenly")
 def test_a_stage_after_another_goes_on_at_its_time(wall_file, read, tmp_path):
     """Without ``start``, whose time counts, its steps would end at times from zero on."""
-    model, kept = wall(read(wall_file())), Checkpoints(tmp_path / "run.ckpt", every=2)
+    model = wall(read(wall_file()))
     first = Simulation(model).dynamics(dt=DT, steps=3, motion=shaking)
 
-    def run(kill, start=first.state, **options):
+    def run(kill, start=first.state, *, resume=False):
         simulation = Simulation(model, monitors=[Killer(kill)])
-        options |= {"start": start, "motion": shaking, "checkpoint": kept}
-        return simulation.dynamics(dt=DT, steps=4, **options)
+        kept = Checkpoints(tmp_path / "run.ckpt", every=2, resume=resume)
+        return simulation.dynamics(dt=DT, steps=4, motion=shaking, start=start, checkpoint=kept)
 
     with pytest.raises(Killed):
         run(3)
@@ -507,7 +506,7 @@ def test_first_checkpoint_saves_the_statics(wall_file, read, tmp_path):
     kept = Checkpoints(tmp_path / "run.ckpt")
     assert kept.found
     simulation = Simulation(wall(jointed), monitors=[Killer()])
-    simulation.dynamics(dt=DT, steps=4, motion=shaking, checkpoint=kept, resume=True)
+    simulation.dynamics(dt=DT, steps=4, motion=shaking, checkpoint=replace(kept, resume=True))
     expected = Simulation(wall(jointed)).statics().displacement.array
     np.testing.assert_array_equal(simulation.static.displacement.array, expected)
 
@@ -520,9 +519,9 @@ def test_fields_and_progress_of_a_continued_run(wall_file, read, tmp_path, capsy
         return [fields, ProgressMonitor("again"), Killer(kill)]
 
     with pytest.raises(Killed):
-        short(jointed, tmp_path, monitors=monitors(3), reservoir=WAVES)
+        short(jointed, tmp_path, monitors=monitors(3), water=WAVES)
     capsys.readouterr()
-    short(jointed, tmp_path, monitors=monitors(None), reservoir=WAVES, resume=True)
+    short(jointed, tmp_path, monitors=monitors(None), water=WAVES, resume=True)
     for name in ("run.vtkhdf", "run_joints.vtkhdf", "run_reservoir.vtkhdf"):
         times = [time for time, _ in read_vtk(tmp_path / name)]
         np.testing.assert_allclose(times, DT * np.arange(5), rtol=1e-12)
@@ -562,7 +561,7 @@ def test_without_joints_and_without_a_static_state(wall_file, read, tmp_path):
     _, whole = run(None)
     with pytest.raises(Killed):
         run(4, checkpoint=kept)
-    simulation, resumed = run(None, checkpoint=kept, resume=True)
+    simulation, resumed = run(None, checkpoint=replace(kept, resume=True))
     assert simulation.static is None
     np.testing.assert_array_equal(resumed.state.displacement.array, whole.state.displacement.array)
     assert resumed.energy.stored == whole.energy.stored
@@ -586,13 +585,13 @@ processes = comm.gather(os.getpid())
 if comm.rank == 0:
     print(*processes, flush=True)
 mesh, folder, name = sys.argv[2], Path(sys.argv[3]), sys.argv[4]
-kept = Checkpoints(folder / f"{name}.ckpt", every=1)
-resume = kept.found
+path = folder / f"{name}.ckpt"
+kept = Checkpoints(path, every=1, resume=path.exists())
 monitors = [ResultsMonitor(folder / f"{name}.h5", points=POINTS, overwrite=True), Printer()]
 simulation = Simulation(wall(read_msh(mesh, comm)), monitors=monitors)
-if not resume:
+if not kept.resume:
     simulation.statics(steps=2)
-simulation.dynamics(dt=DT, steps=60, motion=shaking, checkpoint=kept, resume=resume)
+simulation.dynamics(dt=DT, steps=60, motion=shaking, checkpoint=kept)
 """
 
 

@@ -157,37 +157,49 @@ def facts_of(jointed, *, times=(0.0, 0.1), **changed):
     return found
 
 
-# A value of each argument of a model, which differs from GIVEN or from the default.
-CHANGED = {
-    "material": replace(shaken_wall.CONCRETE, young=23e9),
-    "joints": replace(shaken_wall.LAW, shear_stiffness=2e11),
-    "supports": [dj.Fixed(group="base", components="xz")],
-    "loads": [dj.Gravity(acceleration=(0.0, 0.0, -9.0))],
-    "damping": dj.stiffness_proportional(ratio=0.03, frequency=5.0),
-    "initial_gaps": {"joint_1": lambda x: 1e-4 * x[:, 2]},
+def gaps(change):
+    return dj.Joints(shaken_wall.LAW, initial_gaps={"joint_1": change})
+
+
+BODIES = {
     "degree": 2,
-    "quadrature": "gauss",
     "plane": "stress",
     "extra_stiffness": lambda u, v: 1e9 * ufl.inner(u, v) * ufl.dx,
     "extra_mass": lambda u, v: 10.0 * ufl.inner(u, v) * ufl.dx,
     "extra_damping": lambda u, v: 1e3 * ufl.inner(u, v) * ufl.dx,
-    "added_mass": [dj.WestergaardMass(group="y_min", level=15.0)],
-    "reservoir": dj.ReservoirWaves(group="y_min", level=18.0, length=30.0),
     "symmetric": False,
     "redistribute_mass": True,
 }
 
+# A value of each argument of a model, which differs from GIVEN or from the default.
+CHANGED = {
+    "material": replace(shaken_wall.CONCRETE, young=23e9),
+    "joints": replace(shaken_wall.LAW, shear_stiffness=2e11),
+    "joints.initial_gaps": gaps(lambda x: 1e-4 * x[:, 2]),
+    "joints.quadrature": dj.Joints(shaken_wall.LAW, quadrature="gauss"),
+    "supports": [dj.Fixed(group="base", components="xz")],
+    "loads": [dj.Gravity(acceleration=(0.0, 0.0, -9.0))],
+    "damping": dj.stiffness_proportional(ratio=0.03, frequency=5.0),
+    "water": [dj.WestergaardMass(group="y_min", level=15.0)],
+    "water.level": dj.ReservoirWaves(group="y_min", level=18.0, length=30.0),
+    **{f"body.{name}": dj.Body(**{name: value}) for name, value in BODIES.items()},
+}
+
 
 def test_every_argument_of_a_model_is_changed():
-    assert CHANGED.keys() == inspect.signature(dj.Model).parameters.keys() - {"jointed"}
+    names = {name.partition(".")[0] for name in CHANGED}
+    assert names == inspect.signature(dj.Model).parameters.keys() - {"jointed"}
+    for kind in (dj.Joints, dj.Body):
+        declared = {f"{kind.__name__.lower()}.{each.name}" for each in fields(kind)}
+        assert declared - {"joints.laws"} <= CHANGED.keys()
 
 
 @pytest.mark.parametrize("name", CHANGED)
 def test_each_argument_of_a_model_counts(name, wall_file, read):
-    jointed = read(wall_file())
-    found = first_difference(facts_of(jointed), facts_of(jointed, **{name: CHANGED[name]}))
-    paths = {"joints": "law of joint_1.", "loads": "load Gravity.acceleration"}
-    assert found.startswith(paths.get(name, name))
+    jointed, argument = read(wall_file()), name.partition(".")[0]
+    found = first_difference(facts_of(jointed), facts_of(jointed, **{argument: CHANGED[name]}))
+    paths = {"joints": "law of joint_1.", "loads": "load Gravity.acceleration", "water": "water"}
+    assert found.startswith(paths.get(name, argument if argument == "water" else name))
 
 
 def test_equal_models_have_equal_facts(wall_file, read):
@@ -206,9 +218,7 @@ def test_another_mesh_is_another_run(wall_file, read):
 
 
 OUTSIDE = {
-    "initial gaps of the joint points": {
-        "initial_gaps": {"joint_1": lambda x: outside() + 0 * x[:, 0]}
-    },
+    "initial gaps of the joint points": {"joints": gaps(lambda x: outside() + 0 * x[:, 0])},
     "functions of time": {
         "loads": [
             dj.HydrostaticPressure(group="y_min", level=5.0, factor=lambda t: 1.0 + t * outside())
@@ -217,7 +227,7 @@ OUTSIDE = {
     "pattern 1 of the loads": {
         "loads": [dj.FormLoad(form=lambda v: outside() * v[0] * ufl.dx, factor=lambda t: t)]
     },
-    "mass matrix": {"extra_mass": lambda u, v: outside() * ufl.inner(u, v) * ufl.dx},
+    "mass matrix": {"body": dj.Body(extra_mass=lambda u, v: outside() * ufl.inner(u, v) * ufl.dx)},
 }
 
 
@@ -236,7 +246,7 @@ def test_values_from_outside_count(name, wall_file, read, monkeypatch):
     assert first_difference(facts("1e-3"), facts("2e-3")) == f"{name}: the numbers are not the same"
 
 
-@pytest.mark.parametrize("name", ["loads", "extra_stiffness"])
+@pytest.mark.parametrize("name", ["loads", "body"])
 def test_fields_of_dolfinx_count_by_what_is_assembled_from_them(name, wall_file, read):
     jointed = read(wall_file())
     field = fem.Function(fem.functionspace(jointed.mesh, ("DG", 0)))
@@ -244,10 +254,10 @@ def test_fields_of_dolfinx_count_by_what_is_assembled_from_them(name, wall_file,
     def facts(value):
         field.x.array[:] = value
         load = dj.FormLoad(form=lambda v: field * v[0] * ufl.dx, factor=lambda t: t)
-        extra = {"loads": [load], "extra_stiffness": lambda u, v: field * ufl.inner(u, v) * ufl.dx}
-        return facts_of(jointed, **{name: extra[name]})
+        body = dj.Body(extra_stiffness=lambda u, v: field * ufl.inner(u, v) * ufl.dx)
+        return facts_of(jointed, **{name: {"loads": [load], "body": body}[name]})
 
-    matrix = {"loads": "pattern 1 of the loads", "extra_stiffness": "stiffness matrix"}[name]
+    matrix = {"loads": "pattern 1 of the loads", "body": "stiffness matrix"}[name]
     assert first_difference(facts(1e6), facts(1e6)) is None
     found = first_difference(facts(1e6), facts(2e6))
     assert found == f"{matrix}: the numbers are not the same"
@@ -315,7 +325,10 @@ def test_the_same_on_one_rank_and_on_all(comm, waves, wall_file, read):
         model = dj.Model(
             jointed,
             material=shaken_wall.CONCRETE,
-            joints=PlainLaw(np.arange(3.0)),
+            joints=dj.Joints(
+                PlainLaw(np.arange(3.0)),
+                initial_gaps={"joint_2": lambda x: 1e-4 * np.interp(x[:, 2], heights, heights)},
+            ),
             supports=[dj.Fixed(group="base", components="yz"), swayed],
             loads=[
                 dj.Gravity(),
@@ -325,9 +338,8 @@ def test_the_same_on_one_rank_and_on_all(comm, waves, wall_file, read):
                 dj.Temperature(value=lambda x: x[2], reference=4.0, expansion=1e-5),
             ],
             damping=shaken_wall.DAMPING,
-            initial_gaps={"joint_2": lambda x: 1e-4 * np.interp(x[:, 2], heights, heights)},
-            reservoir=dj.ReservoirWaves(**water, length=30.0) if waves else None,
-            redistribute_mass=True,
+            water=dj.ReservoirWaves(**water, length=30.0) if waves else None,
+            body=dj.Body(redistribute_mass=True),
         )
         given = dj.model.nodal_field.nodal_vector(model, "velocity", lambda x: 0.0 * x)
         settings = {"initial velocity": given, "time step": 0.1}

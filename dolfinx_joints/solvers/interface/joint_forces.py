@@ -1,0 +1,111 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The joint forces of one step as a problem of Newton's method, which is semi-smooth on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.errors import ConvergenceError
+from dolfinx_joints.laws.law import Response
+from dolfinx_joints.solvers.interface.corrections import Correction
+from dolfinx_joints.solvers.interface.joint_step import Iterate, JointStep
+from dolfinx_joints.solvers.newton_loop import forcing
+
+Floats = NDArray[np.float64]
+
+# Corrections add the rounding error of single precision to S f. If it exceeds STALE of the
+# residual, S f is computed anew; if it will exceed NEXT of the next residual, were convergence
+# quadratic, the next S f is computed in double precision. Both are omitted if the error is below
+# LITTLE of the target residual; with W the true error was up to eight times the estimate.
+STALE, NEXT, LITTLE = 0.1, 0.3, 0.03
+
+
+class JointForces:
+    """The equation r(f) = 0 of a step.
+
+    Args:
+        step: The step.
+        tolerance: Largest residual accepted, relative to the largest force.
+        enough: Residual at which the iteration ends at once, relative likewise.
+        inner: Residual of the corrections, relative to their right-hand sides, at first.
+        failure: Makes the error of a step that did not converge, of a response, the number of
+            iterations and the relative residual.
+    """
+
+    def __init__(
+        self,
+        step: JointStep,
+        *,
+        tolerance: float,
+        enough: float,
+        inner: float,
+        failure: Callable[[Response, int, float], ConvergenceError],
+    ) -> None:
+        """Keep them."""
+        self._step, self._corrections = step, step.condensed.corrections
+        self._tolerance, self._enough, self._inner = tolerance, enough, inner
+        self._failure = failure
+
+    def start(self, starts: Sequence[tuple[Floats, Floats]]) -> Iterate:
+        """Return the iterate with the smallest residual of some starts, f and S f (collective)."""
+        return min((self._step.evaluate(*start) for start in starts), key=lambda each: each.norm)
+
+    def accepted(self, at: Iterate) -> Iterate:
+        """Return the iterate with S f as exact as its residual needs (collective)."""
+        if at.error > max(STALE * at.worst, self._little(at)):
+            at = self._step.evaluate(at.force, self._corrections.product(at.force))
+        if at.worst and not at.largest:
+            # The laws give no force at all: without any, nothing is left of rounding either.
+            nothing = np.zeros_like(at.force)
+            at = min(at, self._step.evaluate(nothing, nothing), key=lambda each: each.norm)
+        return at
+
+    def solved(self, at: Iterate, before: Iterate | None, *, last: bool) -> bool:
+        """Return True if the residual is small, or accepted and no longer falls."""
+        relative, accepted = self._step.judged(at, self._tolerance)
+        ends = last or (before is not None and at.worst >= 0.5 * before.worst)
+        return relative <= self._enough or (relative <= accepted and ends)
+
+    def correction(self, at: Iterate, before: Iterate | None) -> Correction:
+        """Return Newton's correction of f (collective)."""
+        relative, size = self.relative(at), at.worst
+        fallen = 1.0 if before is None else size / before.worst
+        tolerance = forcing(self._inner, fallen, self._enough / relative)
+        # Entries of r that are already converged are left out: they cost no product.
+        least = 0.1 * self._enough * at.scale
+        error = at.error + self._corrections.rough * size
+        exactly = error > max(NEXT * relative * size, self._little(at))
+        correction = self._corrections.solve(
+            at.residual, at.tangent, least, tolerance, couples=not exactly
+        )
+        if exactly:
+            coupled = at.coupled - self._corrections.product(at.force - correction.step)
+            return Correction(correction.step, coupled, -at.error)
+        return correction
+
+    def trial(self, at: Iterate, correction: Correction, share: float) -> Iterate:
+        """Return the iterate that a share of a correction leads to (collective)."""
+        return self._step.evaluate(
+            at.force - share * correction.step,
+            at.coupled - share * correction.coupled,
+            at.error + share * correction.error,
+        )
+
+    def failure(self, at: Iterate, before: Iterate | None, iterations: int) -> ConvergenceError:
+        """Return the error of an iteration that did not converge (collective)."""
+        # A tangent that is not finite shows in the iterate after the one that has it.
+        tried = [self._step.response(each) for each in (at, before or at)]
+        spoilt = (each for each in tried if self._step.contact.not_finite(each))
+        return self._failure(next(spoilt, tried[0]), iterations, self.relative(at))
+
+    def relative(self, at: Iterate) -> float:
+        """Return the residual relative to the largest force."""
+        return self._step.judged(at, self._tolerance)[0]
+
+    def _little(self, at: Iterate) -> float:
+        """Return the error of S f that is negligible."""
+        return LITTLE * self._enough * (at.largest or at.worst)

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.laws.law import Response
-from dolfinx_joints.solvers.newton import NewtonSolver
 from dolfinx_joints.solvers.step_solver import Solution, SolverAround, StepEquation, StepSolver
 
 
@@ -68,10 +67,7 @@ class StaticSolver(SolverAround):
 
 
 class OtherStarts(SolverAround):
-    """Solve static increments from other starts than the accepted state.
-
-    The condensed solver starts from the forces of its last solve or from open joints, whichever has
-    the smaller residual; other solvers start from open joints.
+    """Solve static increments from other starts than the accepted state (`follows_path`).
 
     Args:
         inner: The solver.
@@ -79,19 +75,11 @@ class OtherStarts(SolverAround):
 
     def _solve(self, equation: StepEquation) -> Solution:
         """Solve the equation of a step (collective)."""
-        from dolfinx_joints.solvers.interface.solver import InterfaceSolver
-
-        inner = self.inner
-        if isinstance(inner, NewtonSolver):
-            matrix = inner.matrix(equation.effective)
-            matrix.solve_linear(equation.b, equation.x, inner.unconstrained)
-            return inner.solve(*equation)
-        assert isinstance(inner, InterfaceSolver)
-        inner.follows_path = False
+        self.inner.follows_path = False
         try:
-            return inner.solve(*equation)
+            return self.inner.solve(*equation)
         finally:
-            inner.follows_path = True
+            self.inner.follows_path = True
 
 
 class HoldingBonds(SolverAround):

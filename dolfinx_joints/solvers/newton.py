@@ -11,9 +11,9 @@ In changes, nothing is lost to the rounding of large displacements that hardly m
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import ABC
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +26,11 @@ from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import (
     Cache,
     EffectiveMatrix,
-    MatrixCoefficients,
     iterates,
     unconstrained_dofs,
 )
 from dolfinx_joints.solvers.multigrid.bulk import STEP_TOLERANCE, IterativeSolver
-from dolfinx_joints.solvers.newton_loop import forcing, newton
+from dolfinx_joints.solvers.newton_loop import Problem, forcing, newton
 from dolfinx_joints.solvers.step_solver import (
     Solution,
     SolveReport,
@@ -94,19 +93,15 @@ class NewtonSolver(StepSolver):
             size=kept,
         )
 
-    def matrix(self, effective: MatrixCoefficients) -> EffectiveMatrix:
-        """Return A of some coefficients, without the joints (collective)."""
-        tangent: Tangent = self._tangents(effective)
-        return tangent.effective
-
     def _solve(self, equation: StepEquation) -> Solution:
         """Solve the equation of a step (collective)."""
         tangent: Tangent = self._tangents(equation.effective)
         if self.system.internal_forces is None:
             return None, self._solve_linear(tangent.effective, equation)
+        if not self.follows_path:
+            tangent.effective.solve_linear(equation.b, equation.x, self.unconstrained)
         problem = self._problem(tangent, equation)
-        leaps = self.system.bulk is None
-        at, norms = newton(problem, problem.start(equation.x), self.options, leaps=leaps)
+        at, norms = newton(problem, self.options, leaps=self.system.bulk is None)
         if problem.polishes and at.norm > 0.0:
             at = problem.polished(at)
             norms.append(at.norm)
@@ -163,7 +158,7 @@ class BodyIterate:
 AnyIterate = TypeVar("AnyIterate", bound=BodyIterate)
 
 
-class BodyProblem(ABC, Generic[AnyIterate]):
+class BodyProblem(Problem[AnyIterate, PETSc.Vec], ABC):
     """A problem whose corrections of x are solved with the matrix A + B^T (w D) B.
 
     Args:
@@ -185,16 +180,8 @@ class BodyProblem(ABC, Generic[AnyIterate]):
         self.internal_forces, self.state = solver.system.internal_forces, equation.state
         self._solver, self._tangent, self.matrix = solver, tangent, tangent.effective
         self.free, self.wanted = solver.unconstrained, solver.options.relative_tolerance
-        self.rule, self.b, self.factorizations = equation.rule, equation.b, 0
+        self.b, self.x, self.rule, self.factorizations = equation.b, equation.x, equation.rule, 0
         self.force, self._correction = (equation.b.duplicate() for _ in range(2))
-
-    @abstractmethod
-    def start(self, x: PETSc.Vec) -> AnyIterate:
-        """Return the first iterate from a displacement (collective)."""
-
-    @abstractmethod
-    def trial(self, at: AnyIterate, correction: PETSc.Vec, share: float) -> AnyIterate:
-        """Return the iterate that a share of a correction of x leads to (collective)."""
 
     def accepted(self, at: AnyIterate) -> AnyIterate:
         """Return the iterate itself, and free the vectors of others (collective)."""
@@ -271,9 +258,9 @@ class _Displacement(BodyProblem[BodyIterate]):
         self.polishes = equation.rule.name == DISCRETE_GRADIENT.name
         self._flows, self._first_scale = solver.system.bulk is not None, 0.0
 
-    def start(self, x: PETSc.Vec) -> BodyIterate:
-        """Return the first iterate from a displacement (collective)."""
-        start = self._evaluate(x.copy())
+    def start(self) -> BodyIterate:
+        """Return the first iterate (collective)."""
+        start = self._evaluate(self.x.copy())
         self._first_scale = start.unit
         return start
 

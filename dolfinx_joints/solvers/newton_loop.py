@@ -30,6 +30,12 @@ AnyCorrection = TypeVar("AnyCorrection")
 class Problem(Protocol[AnyIterate, AnyCorrection]):
     """Equations that `newton` solves; all methods are collective."""
 
+    def start(self) -> AnyIterate:
+        """Return the first iterate."""
+
+    def trial(self, at: AnyIterate, correction: AnyCorrection, share: float) -> AnyIterate:
+        """Return the iterate that a share of a correction leads to."""
+
     def accepted(self, at: AnyIterate) -> AnyIterate:
         """Return the iterate to continue with from the start, or from the best trial."""
 
@@ -45,9 +51,6 @@ class Problem(Protocol[AnyIterate, AnyCorrection]):
     def correction(self, at: AnyIterate, before: AnyIterate | None) -> AnyCorrection | None:
         """Return Newton's correction, to be subtracted; None if the iterate needs no correction."""
 
-    def trial(self, at: AnyIterate, correction: AnyCorrection, share: float) -> AnyIterate:
-        """Return the iterate that a share of a correction leads to."""
-
     def failure(
         self, at: AnyIterate, before: AnyIterate | None, iterations: int
     ) -> ConvergenceError:
@@ -55,25 +58,25 @@ class Problem(Protocol[AnyIterate, AnyCorrection]):
 
 
 def newton(
-    problem: Problem[AnyIterate, AnyCorrection],
-    start: AnyIterate,
-    options: SolverOptions,
-    *,
-    leaps: bool = True,
+    problem: Problem[AnyIterate, AnyCorrection], options: SolverOptions, *, leaps: bool = True
 ) -> tuple[AnyIterate, list[float]]:
     """Return the solution, and the norms of the residual at the start and after each iteration.
 
+    Corrections are halved while the residual does not fall. It has kinks where points open or
+    slide. Corrections halved until it falls may creep towards a kink that is no solution; a few
+    whole ones leave it.
+
     Args:
         problem: The equations.
-        start: The first iterate.
         options: Limits of iterations and halvings.
-        leaps: Whether corrections may be taken whole, see `LineSearch`.
+        leaps: Whether corrections may be taken whole. Beyond the limit of plastic cells they run
+            away, until the residual is little beside the stiffness times the displacement.
 
     Raises:
         ConvergenceError: No solution was found.
     """
-    before, at = None, problem.accepted(start)
-    norms, line_search = [at.norm], LineSearch(options.max_cuts, leaps=leaps)
+    before, at = None, problem.accepted(problem.start())
+    norms, whole, first = [at.norm], 0, 0
     while True:
         last = len(norms) > options.max_iterations or not math.isfinite(at.norm)
         if problem.solved(at, before, last=last):
@@ -83,8 +86,30 @@ def newton(
         correction = problem.correction(at, before)
         if correction is None:
             return at, norms
-        before, at = at, problem.accepted(line_search.best(problem, at, correction))
+        if leaps and len(norms) - first > PATIENCE and norms[-1] > FALL * norms[-1 - PATIENCE]:
+            whole = WHOLE
+        cuts = 0 if whole else options.max_cuts
+        if whole:
+            whole, first = whole - 1, len(norms)
+        before, at = at, problem.accepted(_best(problem, at, correction, cuts))
         norms.append(at.norm)
+
+
+def _best(
+    problem: Problem[AnyIterate, AnyCorrection],
+    at: AnyIterate,
+    correction: AnyCorrection,
+    cuts: int,
+) -> AnyIterate:
+    """Return the first trial with a smaller residual, else the best of all (collective)."""
+    best = at
+    for cut in range(cuts + 1):
+        trial = problem.trial(at, correction, 0.5**cut)
+        if cut == 0 or trial.norm < best.norm:
+            best = trial
+        if trial.norm < at.norm:
+            break
+    return best
 
 
 def forcing(first: float, fallen: float, target: float) -> float:
@@ -96,48 +121,3 @@ def forcing(first: float, fallen: float, target: float) -> float:
         target: Residual accepted over the residual.
     """
     return max(min(first, fallen**2), 0.3 * target)
-
-
-class LineSearch:
-    """Halves the corrections of a solve while the residual does not fall.
-
-    The residual has kinks where points open or slide. Corrections halved until it falls may creep
-    towards a kink that is no solution; a few whole ones leave it.
-
-    Args:
-        max_cuts: Halvings allowed where the residual falls.
-        leaps: Whether corrections may be taken whole. Beyond the limit of plastic cells they run
-            away, until the residual is little beside the stiffness times the displacement.
-    """
-
-    def __init__(self, max_cuts: int, *, leaps: bool = True) -> None:
-        """Begin a solve."""
-        self._max_cuts, self._whole, self._leaps = max_cuts, 0, leaps
-        self._norms: list[float] = []
-
-    def best(
-        self,
-        problem: Problem[AnyIterate, AnyCorrection],
-        at: AnyIterate,
-        correction: AnyCorrection,
-    ) -> AnyIterate:
-        """Return the first trial with a smaller residual, else the best of all (collective)."""
-        best = at
-        for cut in range(self._cuts(at.norm) + 1):
-            trial = problem.trial(at, correction, 0.5**cut)
-            if cut == 0 or trial.norm < best.norm:
-                best = trial
-            if trial.norm < at.norm:
-                break
-        return best
-
-    def _cuts(self, norm: float) -> int:
-        """Return the halvings allowed to the next correction, from a residual of this norm."""
-        self._norms.append(norm)
-        stalls = len(self._norms) > PATIENCE and norm > FALL * self._norms[-1 - PATIENCE]
-        if self._leaps and stalls:
-            self._whole = WHOLE
-        if self._whole == 0:
-            return self._max_cuts
-        self._whole, self._norms = self._whole - 1, []
-        return 0

@@ -105,11 +105,15 @@ class StepSolver(ABC):
         system: The system.
         name: ``linear``, ``monolithic``, ``forms`` or ``condensed``.
         options: Its tolerances and limits.
+        follows_path: Whether static solves start from the accepted state alone, by the elastic
+            predictor. Else the condensed solver starts from the forces of its last solve or from
+            open joints, others from open joints; they may find another branch of equilibria.
     """
 
     system: MatrixSystem
     name: str
     options: SolverOptions
+    follows_path = True
 
     def solve(
         self,

@@ -4,16 +4,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import ConvergenceError
-from dolfinx_joints.laws.law import Response
 from dolfinx_joints.solvers.interface.corrections import Correction
 from dolfinx_joints.solvers.interface.joint_step import Iterate, JointStep
 from dolfinx_joints.solvers.newton_loop import forcing
+from dolfinx_joints.solvers.step_solver import StepSolver
 
 Floats = NDArray[np.float64]
 
@@ -28,31 +28,32 @@ class JointForces:
     """The equation r(f) = 0 of a step.
 
     Args:
+        solver: Solver of the step.
         step: The step.
-        tolerance: Largest residual accepted, relative to the largest force.
-        enough: Residual at which the iteration ends at once, relative likewise.
+        starts: Forces f and S f; the iteration starts from those with the smallest residual.
+        enough: Residual at which the iteration ends at once, relative to the largest force.
         inner: Residual of the corrections, relative to their right-hand sides, at first.
-        failure: Makes the error of a step that did not converge, of a response, the number of
-            iterations and the relative residual.
     """
 
     def __init__(
         self,
+        solver: StepSolver,
         step: JointStep,
+        starts: Sequence[tuple[Floats, Floats]],
         *,
-        tolerance: float,
         enough: float,
         inner: float,
-        failure: Callable[[Response, int, float], ConvergenceError],
     ) -> None:
         """Keep them."""
-        self._step, self._corrections = step, step.condensed.corrections
-        self._tolerance, self._enough, self._inner = tolerance, enough, inner
-        self._failure = failure
+        self._solver, self._step, self._starts = solver, step, starts
+        self._corrections = step.condensed.corrections
+        self._tolerance = solver.options.relative_tolerance
+        self._enough, self._inner = enough, inner
 
-    def start(self, starts: Sequence[tuple[Floats, Floats]]) -> Iterate:
-        """Return the iterate with the smallest residual of some starts, f and S f (collective)."""
-        return min((self._step.evaluate(*start) for start in starts), key=lambda each: each.norm)
+    def start(self) -> Iterate:
+        """Return the iterate of the best start (collective)."""
+        tried = [self._step.evaluate(*start) for start in self._starts]
+        return min(tried, key=lambda each: each.norm)
 
     def accepted(self, at: Iterate) -> Iterate:
         """Return the iterate with S f as exact as its residual needs (collective)."""
@@ -100,7 +101,8 @@ class JointForces:
         # A tangent that is not finite shows in the iterate after the one that has it.
         tried = [self._step.response(each) for each in (at, before or at)]
         spoilt = (each for each in tried if self._step.contact.not_finite(each))
-        return self._failure(next(spoilt, tried[0]), iterations, self.relative(at))
+        response = next(spoilt, tried[0])
+        return self._solver.failure(response, self._step.state, iterations, self.relative(at))
 
     def relative(self, at: Iterate) -> float:
         """Return the residual relative to the largest force."""

@@ -86,9 +86,6 @@ class InterfaceSolver(StepSolver):
         carried: Tractions of the accepted state that static solves start from, shape (n, 3), [Pa].
             Those of its gaps unless given; rigid joints, whose tractions do not follow from gaps,
             start without.
-        follows_path: Whether static solves start from the elastic predictor alone. Else they
-            start from the forces of the last solve, or from open joints, and may find another
-            branch of equilibria.
     """
 
     def __init__(self, system: MatrixSystem, options: SolverOptions | None = None) -> None:
@@ -104,7 +101,6 @@ class InterfaceSolver(StepSolver):
         self._points = self._operator.createVecLeft()
         self._nodal, self._moved = (self._operator.createVecRight() for _ in range(2))
         nothing = np.zeros(local)
-        self.follows_path = True
         self.carried: Floats | None = None
         self._accepted = AcceptedForces()
         self._last: tuple[Condensed | None, Floats, Floats] = (None, nothing, nothing)
@@ -182,13 +178,13 @@ class InterfaceSolver(StepSolver):
         """
         static = step.condensed.static
         problem = JointForces(
+            self,
             step,
-            tolerance=self.options.relative_tolerance,
+            starts,
             enough=self._static_enough(step) if static else self._enough,
             inner=STATIC_TOLERANCE if static else INNER_TOLERANCE,
-            failure=lambda response, *facts: self.failure(response, step.state, *facts),
         )
-        at, norms = newton(problem, problem.start(starts), self.options)
+        at, norms = newton(problem, self.options)
         return Solved(
             force=at.force - at.residual,
             response=step.response(at),

@@ -88,17 +88,17 @@ class _BothEquations(BodyProblem[_Iterate]):
         self._inverse, self._unit = diagonal, 0.0
         self._inverse.reciprocal()
 
-    def start(self, x: PETSc.Vec) -> _Iterate:
+    def start(self) -> _Iterate:
         """Return the first iterate (collective).
 
         In statics the tractions are those of the accepted state, so that the first correction is
         the elastic predictor.
         """
         if self.matrix.inertia:
-            traction = self._evaluate(x, np.zeros_like(self.state.gap)).response.traction
+            traction = self._evaluate(self.x, np.zeros_like(self.state.gap)).response.traction
         else:
-            traction = self._contact.respond(x, self.state, self.rule).traction
-        start = self._evaluate(x.copy(), traction)
+            traction = self._contact.respond(self.x, self.state, self.rule).traction
+        start = self._evaluate(self.x.copy(), traction)
         self._unit = start.unit
         return start
 

@@ -96,10 +96,15 @@ class NewtonSolver(StepSolver):
     def _solve(self, equation: StepEquation) -> Solution:
         """Solve the equation of a step (collective)."""
         tangent: Tangent = self._tangents(equation.effective)
+        matrix, linear = tangent.effective, (equation.b, equation.x, self.unconstrained)
         if self.system.internal_forces is None:
-            return None, self._solve_linear(tangent.effective, equation)
+            loose = matrix.inertia and matrix.change is None
+            loose = loose and isinstance(matrix.solver, IterativeSolver)
+            options = {"tolerance": STEP_TOLERANCE} if loose else {}
+            factored = int(matrix.solve_linear(*linear, **options))
+            return None, SolveReport(iterations=1, factorizations=factored, solver=self.name)
         if not self.follows_path:
-            tangent.effective.solve_linear(equation.b, equation.x, self.unconstrained)
+            matrix.solve_linear(*linear)
         problem = self._problem(tangent, equation)
         at, norms = newton(problem, self.options, leaps=self.system.bulk is None)
         if problem.polishes and at.norm > 0.0:
@@ -113,16 +118,6 @@ class NewtonSolver(StepSolver):
             counts=self.system.internal_forces.counts(at.response),
             residuals=tuple(norm / at.unit for norm in norms),
             solver=self.name,
-        )
-
-    def _solve_linear(self, matrix: EffectiveMatrix, equation: StepEquation) -> SolveReport:
-        """Solve the equation without joints and plastic cells (collective)."""
-        options = {}
-        if matrix.inertia and matrix.change is None and isinstance(matrix.solver, IterativeSolver):
-            options["tolerance"] = STEP_TOLERANCE
-        factored = matrix.solve_linear(equation.b, equation.x, self.unconstrained, **options)
-        return SolveReport(
-            iterations=1, factorizations=int(factored), residual=0.0, counts=None, solver="linear"
         )
 
     def _problem(self, tangent: Tangent, equation: StepEquation) -> BodyProblem[Any]:

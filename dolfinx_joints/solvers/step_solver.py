@@ -69,8 +69,8 @@ class SolveReport:
 
     iterations: int
     factorizations: int
-    residual: float
-    counts: StatusCounts | None
+    residual: float = 0.0
+    counts: StatusCounts | None = None
     residuals: tuple[float, ...] = ()
     solver: str = ""
 

@@ -11,11 +11,18 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.solvers.interface.corrections import Correction
-from dolfinx_joints.solvers.interface.joint_step import Iterate, JointStep
+from dolfinx_joints.solvers.interface.joint_step import BALANCED, Iterate, JointStep
+from dolfinx_joints.solvers.interface.predictor import STATIC_TOLERANCE
 from dolfinx_joints.solvers.newton_loop import forcing
 from dolfinx_joints.solvers.step_solver import StepSolver
 
 Floats = NDArray[np.float64]
+
+# The linear systems inside are solved to this part of their right-hand sides at first. The
+# iteration continues to ENOUGH of the tolerance if rounding allows it: the energy balance depends
+# on the residual. Static stages have few solves: iterate down to rounding error, relative to the
+# largest force.
+INNER_TOLERANCE, ENOUGH, STATIC_ENOUGH = 0.03, 0.01, 1e-14
 
 # Corrections add the rounding error of single precision to S f. If it exceeds STALE of the
 # residual, S f is computed anew; if it will exceed NEXT of the next residual, were convergence
@@ -31,24 +38,19 @@ class JointForces:
         solver: Solver of the step.
         step: The step.
         starts: Forces f and S f; the iteration starts from those with the smallest residual.
-        enough: Residual at which the iteration ends at once, relative to the largest force.
-        inner: Residual of the corrections, relative to their right-hand sides, at first.
     """
 
     def __init__(
-        self,
-        solver: StepSolver,
-        step: JointStep,
-        starts: Sequence[tuple[Floats, Floats]],
-        *,
-        enough: float,
-        inner: float,
+        self, solver: StepSolver, step: JointStep, starts: Sequence[tuple[Floats, Floats]]
     ) -> None:
-        """Keep them."""
+        """Choose the tolerances."""
         self._solver, self._step, self._starts = solver, step, starts
-        self._corrections = step.condensed.corrections
-        self._tolerance = solver.options.relative_tolerance
-        self._enough, self._inner = enough, inner
+        condensed, self._tolerance = step.condensed, solver.options.relative_tolerance
+        self._corrections = condensed.corrections
+        self._enough, self._inner = ENOUGH * self._tolerance, INNER_TOLERANCE
+        if condensed.static:
+            self._enough = STATIC_ENOUGH if condensed.springs is None else BALANCED
+            self._inner = STATIC_TOLERANCE
 
     def start(self) -> Iterate:
         """Return the iterate of the best start (collective)."""

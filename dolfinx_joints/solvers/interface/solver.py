@@ -34,12 +34,8 @@ from dolfinx_joints.solvers.effective_matrix import (
 )
 from dolfinx_joints.solvers.interface.condensed import Condensed, Solved
 from dolfinx_joints.solvers.interface.joint_forces import JointForces
-from dolfinx_joints.solvers.interface.joint_step import BALANCED, JointStep
-from dolfinx_joints.solvers.interface.predictor import (
-    STATIC_TOLERANCE,
-    AcceptedForces,
-    tractions_of,
-)
+from dolfinx_joints.solvers.interface.joint_step import JointStep
+from dolfinx_joints.solvers.interface.predictor import AcceptedForces, tractions_of
 from dolfinx_joints.solvers.newton import SETTLED
 from dolfinx_joints.solvers.newton_loop import newton
 from dolfinx_joints.solvers.step_solver import (
@@ -54,14 +50,6 @@ Floats = NDArray[np.float64]
 
 # What dense compliances, one per step length, may take together.
 KEPT_BYTES = 2_000_000_000
-
-# The linear systems inside are solved to this part of their right-hand sides at first; later as
-# well as the iteration converges (Eisenstat and Walker 1996). The iteration goes on to `ENOUGH` of
-# the tolerance if rounding lets it: the energy balance sees what is left.
-INNER_TOLERANCE, ENOUGH = 0.03, 0.01
-
-# Static stages have few solves: iterate down to rounding error, relative to the largest force.
-STATIC_ENOUGH = 1e-14
 
 # Times that a static solution is corrected by the gaps of the body itself.
 REFINEMENTS = 3
@@ -105,10 +93,9 @@ class InterfaceSolver(StepSolver):
         self._accepted = AcceptedForces()
         self._last: tuple[Condensed | None, Floats, Floats] = (None, nothing, nothing)
         self._before: tuple[Condensed | None, Floats, Floats] = self._last
-        operator, newton = self._operator, self.options  # a reference to self would keep it alive
-        self._enough = ENOUGH * newton.relative_tolerance
+        operator, limits = self._operator, self.options  # a reference to self would keep it alive
         self._condensed = Cache(
-            lambda key: Condensed(system, key[0], operator, key[1], newton),
+            lambda key: Condensed(system, key[0], operator, key[1], limits),
             size=int(min(8, max(2, KEPT_BYTES // (8 * size**2 or 1)))),
         )
 
@@ -176,14 +163,7 @@ class InterfaceSolver(StepSolver):
         Raises:
             ConvergenceError: No solution was found.
         """
-        static = step.condensed.static
-        problem = JointForces(
-            self,
-            step,
-            starts,
-            enough=self._static_enough(step) if static else self._enough,
-            inner=STATIC_TOLERANCE if static else INNER_TOLERANCE,
-        )
+        problem = JointForces(self, step, starts)
         at, norms = newton(problem, self.options)
         return Solved(
             force=at.force - at.residual,
@@ -191,11 +171,6 @@ class InterfaceSolver(StepSolver):
             iterations=len(norms) - 1,
             relative=problem.relative(at),
         )
-
-    @staticmethod
-    def _static_enough(step: JointStep) -> float:
-        """Return the residual over the largest force at which a static iteration ends: rounding."""
-        return STATIC_ENOUGH if step.condensed.springs is None else BALANCED
 
     def _settled(self, moved: Floats) -> bool:
         """Whether forces changed little: those of a block that nothing holds go on (collective)."""

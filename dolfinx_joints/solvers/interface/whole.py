@@ -15,37 +15,30 @@ correction t is eliminated; its matrix A + B^T (w D) B is that of `NewtonSolver`
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.mpi import of_ranks
-from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import diagonal_compliance
 from dolfinx_joints.laws.law import Response
-from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.newton import EPSILON, BodyIterate, BodyProblem, NewtonSolver
-from dolfinx_joints.solvers.step_solver import SolverOptions, StepEquation
+from dolfinx_joints.solvers.step_solver import StepEquation
 from dolfinx_joints.solvers.tangent import Tangent
 
 Floats = NDArray[np.float64]
 
 
 class WholeSolver(NewtonSolver):
-    """Newton's method on displacement and tractions, for joints with condensed laws.
+    """Newton's method on displacement and tractions, for joints with condensed laws."""
 
-    Args:
-        system: The system, with joints.
-        options: Tolerances and limits.
-    """
-
-    def __init__(self, system: MatrixSystem, options: SolverOptions | None) -> None:
-        """Constrain B (collective)."""
-        super().__init__(system, options)
-        assert system.contact is not None
-        self.contact: Contact = system.contact
-        self.constrained = system.contact.operator.constrained(self.unconstrained)
+    @cached_property
+    def operator(self) -> PETSc.Mat:
+        """B with the columns of constrained dofs empty (collective)."""
+        assert self.system.contact is not None
+        return self.system.contact.operator.constrained(self.unconstrained)
 
     def _problem(self, tangent: Tangent, equation: StepEquation) -> _BothEquations:
         """Return the equations of a step as a problem of Newton's method (collective)."""
@@ -78,9 +71,10 @@ class _BothEquations(BodyProblem[_Iterate]):
     def __init__(self, solver: WholeSolver, tangent: Tangent, equation: StepEquation) -> None:
         """Estimate the compliances (collective)."""
         super().__init__(solver, tangent, equation)
-        self._contact, self._product = solver.contact, self.b.duplicate()
+        assert solver.system.contact is not None
+        self._contact, self._product = solver.system.contact, self.b.duplicate()
         diagonal = self.matrix.constrained.getDiagonal()
-        each = diagonal_compliance(solver.constrained, diagonal).reshape(-1, 3)
+        each = diagonal_compliance(solver.operator, diagonal).reshape(-1, 3)
         self._areas = self._contact.operator.areas[:, None]
         live = np.maximum(np.count_nonzero(each[:, 1:], axis=1), 1)
         self._own = self._areas * np.column_stack([each[:, 0], each[:, 1:].sum(axis=1) / live])

@@ -13,7 +13,7 @@ import numpy as np
 from dolfinx_joints.common.mpi import raised_together
 from dolfinx_joints.joints.law_points import LawPoints, empty_response
 from dolfinx_joints.laws.law import Floats, JointState, Response, Rule
-from dolfinx_joints.laws.return_mapping import Answer, solve_points
+from dolfinx_joints.laws.points.return_mapping import Answer, solve_points
 
 
 class PointAnswers(NamedTuple):

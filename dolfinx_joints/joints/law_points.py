@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.parameters import numbers_of, shown
-from dolfinx_joints.laws.compiled_law import CompiledLaw
 from dolfinx_joints.laws.law import (
     DISCRETE_GRADIENT,
     NO_COMPLIANCE,
@@ -36,6 +35,7 @@ from dolfinx_joints.laws.law import (
     has_bonds,
 )
 from dolfinx_joints.laws.losses import losses_of
+from dolfinx_joints.laws.points.compiled_law import CompiledLaw
 
 if TYPE_CHECKING:
     from dolfinx_joints.laws.rigid import RigidJoint

@@ -28,7 +28,7 @@ from dolfinx_joints.laws.law import (
     overload,
 )
 from dolfinx_joints.laws.losses import Way, losses_on, work
-from dolfinx_joints.laws.return_mapping import contact_fraction
+from dolfinx_joints.laws.points.return_mapping import contact_fraction
 
 # Opening at the start of a step, relative to the slip of the step, that counts as rounding error:
 # the point touches and may ride up on its slip. The traction jumps between touching and open. The

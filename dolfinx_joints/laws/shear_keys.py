@@ -49,7 +49,7 @@ from dolfinx_joints.laws.law import (
     overload,
 )
 from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction, work
-from dolfinx_joints.laws.return_mapping import on_compliance
+from dolfinx_joints.laws.points.return_mapping import on_compliance
 
 Bools = NDArray[np.bool_]
 

@@ -28,7 +28,7 @@ from dolfinx_joints.laws.law import (
 )
 from dolfinx_joints.laws.losses import losses_of, work
 from dolfinx_joints.laws.mohr_coulomb import MohrCoulombJoint
-from dolfinx_joints.laws.return_mapping import contact_fraction
+from dolfinx_joints.laws.points.return_mapping import contact_fraction
 from dolfinx_joints.laws.shear_keys import ShearKeyJoint
 
 

@@ -161,7 +161,7 @@ def _for_steps(options: SolverOptions | None, contact: Contact, static_steps: in
     A static solve takes some 250 products, and a column of the compliance in a block of them a
     seventh of a back-substitution; smaller ones are made at once in less.
     """
-    from dolfinx_joints.solvers.interface.compliance import LARGEST_WHOLE
+    from dolfinx_joints.solvers.compliance.compliance import LARGEST_WHOLE
 
     options, unknowns = options or SolverOptions(), 3 * contact.operator.num_points
     few = unknowns > LARGEST_WHOLE and 0 < 7 * 250 * static_steps < unknowns

@@ -16,7 +16,7 @@ from dolfinx_joints.laws.law import (
     Response,
     Rule,
 )
-from dolfinx_joints.laws.return_mapping import Answer, Start, solve_points
+from dolfinx_joints.laws.points.return_mapping import Answer, Start, solve_points
 
 
 class CompiledLaw(ABC):

@@ -80,8 +80,8 @@ class EnergyConsistent(_Midpoint):
 
     What friction dissipates is all that joints take from a step, at any length of step and however
     stiff they are (`laws.points.discrete_gradient`). Where all joints stick, and without joints,
-    this is Newmark's average acceleration. Accurate it is only where the step resolves the motion: watch
-    the local error, and let `StepControl` shorten steps in which joints open or close.
+    this is Newmark's average acceleration. Accurate it is only where the step resolves the motion:
+    watch the local error, and let `StepControl` shorten steps in which joints open or close.
 
     Attributes:
         exact_modes: Number of lowest modes, of the body cut at its joints, whose phase and damping

@@ -99,8 +99,9 @@ def read_xdmf(
         groups: Tag of each boundary group by name.
         cell_groups: Tag of each cell group by name.
         mesh: Name of the mesh in the file; needed where there are several.
-        facet_tags: Name of the facet tags in the file; needed where there are several.
-        cell_tags: Name of the cell tags in the file; needed where there are several.
+        facet_tags: Name of the facet tags in the file, of a grid or of its attribute on cells;
+            needed where there are several and not one of them is ``gmsh:physical``.
+        cell_tags: Name of the cell tags alike.
         facet_file: XDMF file of the facet tags, if they are in another one.
 
     Raises:

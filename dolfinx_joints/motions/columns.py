@@ -19,6 +19,7 @@ Decimal commas need blanks, tabs or semicolons between columns, or a single colu
 
 import re
 from collections.abc import Sequence
+from decimal import Decimal
 from itertools import pairwise
 from typing import Any
 
@@ -27,6 +28,7 @@ import numpy as np
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.motions.record_text import (
+    UNITS,
     Component,
     RecordText,
     Samples,
@@ -34,10 +36,14 @@ from dolfinx_joints.motions.record_text import (
     direction_named,
     refuse_other_quantity,
     unit_named,
+    units_in,
 )
 
 _KEY = re.compile(r"[#%]\s*(units?|dt|columns)\s*[:=]\s*(.*)", re.I)
 _NAME = re.compile(r"\W*(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\W*")  # name (unit)
+_OF_ACCELERATION = re.compile(r"a(?:cc\w*?)?[_.-]?(?=[xyznewu]$|up$|ns$|ew$)", re.I)
+_OTHER_NAME = re.compile(r"vel|disp|[vdu]_?[xyz\d]$", re.I)
+_TIME = re.compile(r"t|time|times|zeit|tempo|temps|tiempo|period", re.I)
 _NUMBER_FIRST = re.compile(r"\s*[+-]?\.?\d")
 _DECIMAL = re.compile(r"([+-]?\d+),(\d+)(?:e[+-]?\d+)?", re.I)
 Keys = dict[str, tuple[int, str]]  # number of the line and value
@@ -63,8 +69,6 @@ def read_columns(
 ) -> list[Component]:
     """Components in a file of plain columns; None leaves it to the file to describe them."""
     keys, first = _keys(text), _first_row(text)
-    for number in range(1, first):
-        refuse_other_quantity(text, number, text.lines[number - 1])
     _use_decimal_points(text, first)
     unit, names = _unit(text, keys, unit), _names(text, keys, columns)
     record = text.path.stem
@@ -94,16 +98,26 @@ def read_columns(
 
 
 def _refuse_counted_lines(text: RecordText, first: int) -> None:
-    """Raise an error if lines of a wrapped series begin with times or with their number."""
-    lines = range(first, len(text.lines) + 1)
-    starts = [float(words[0]) for words in map(text.words, lines) if len(words) > 1]
-    steps = np.diff(starts)
-    if len(steps) > 2 and steps[0] > 0.0 and np.ptp(steps) <= 1e-6 * steps[0]:
-        text.fail(
-            first,
-            "lines begin with numbers that rise by equal steps, as times or line numbers do; "
-            "columns='wrapped' takes all numbers for samples, so remove them.",
-        )
+    """Raise an error if a column of the full lines of a wrapped series holds times or numbers."""
+    full = [text.words(first)]
+    for number in range(first + 1, len(text.lines) + 1):
+        words = text.words(number)
+        full += [words] if len(words) == len(full[0]) > 1 else []
+    for column in zip(*full, strict=True) if len(full) > 3 else ():
+        values = np.array([text.number(first + i, word) for i, word in enumerate(column)])
+        course = np.linspace(values[0], values[-1], len(values))
+        if (np.diff(values) > 0.0).all() and np.abs(values - course).max() <= _digit(column):
+            text.fail(
+                first,
+                f"each line has a number, {column[0]} in this one, that rises by equal steps, as "
+                "times or line numbers do; columns='wrapped' takes all numbers for samples, so "
+                "remove it.",
+            )
+
+
+def _digit(printed: Sequence[str]) -> float:
+    """Return the last digit to which numbers are printed."""
+    return 10.0 ** min(int(Decimal(word).as_tuple().exponent) for word in printed)
 
 
 def _first_row(text: RecordText) -> int:
@@ -146,22 +160,33 @@ def _keys(text: RecordText) -> Keys:
     keys: Keys = {}
     for number in range(1, _first_row(text)):
         line = text.lines[number - 1].strip()
+        refuse_other_quantity(text, number, line)
         match = _KEY.match(line)
         if match is not None:
             keys[match[1].lower().replace("units", "unit")] = (number, match[2].strip())
         if line[:1] in ("#", "%", ""):
+            for unit in units_in(line) if match is None else ():
+                _state_unit(text, keys, number, unit)
             continue
         columns = []
         for found in filter(None, map(_NAME.fullmatch, _parts(line))):
-            name, unit = found.groups()
-            time = name.lower() in ("t", "time")
-            if re.match("vel|disp", name, re.I) or (time and (unit or "s")[0] not in "sS"):
+            name, unit = _OF_ACCELERATION.sub("", found[1]), found[2]
+            time = bool(_TIME.fullmatch(name)) or (unit or "") in ("s", "sec")
+            if _OTHER_NAME.match(name) or (time and (unit or "s")[0] not in "sS"):
                 text.fail(number, f"must name times [s] and accelerations, got {shown(found[0])}.")
             columns.append("time" if time else "?" if direction_named(name) is None else name)
             if unit and not time:
-                keys.setdefault("unit", (number, unit))
+                _state_unit(text, keys, number, unit)
         keys["names"] = (number, " ".join(columns))
     return keys
+
+
+def _state_unit(text: RecordText, keys: Keys, number: int, unit: str) -> None:
+    """Keep the unit of a column or comment; raise an error if the lines above give another one."""
+    where, known = f"{text.path}, line {number}", keys.setdefault("unit", (number, unit))
+    units = [UNITS[unit_named(each, where)] for each in (known[1], unit)]
+    if units[0] != units[1]:
+        text.fail(number, f"gives the unit {unit}, but line {known[0]} {known[1]}; use one unit.")
 
 
 def _agreed(text: RecordText, keys: Keys, key: str, here: Any, given: Any) -> Any:
@@ -177,6 +202,8 @@ def _unit(text: RecordText, keys: Keys, user: str | None) -> str:
         number, written = keys["unit"]
         here = unit_named(written, f"{text.path}, line {number}")
     given = None if user is None else unit_named(user, "unit")
+    if here and given and UNITS[here] == UNITS[given]:
+        return given
     unit: str | None = _agreed(text, keys, "unit", here, given)
     if unit is None:
         raise RecordError(
@@ -241,13 +268,19 @@ def _step(
             )
         return dt
     times, counted = np.array(printed, dtype=np.float64), np.arange(len(printed))
-    digit = 0.1 ** max(len(word.partition(".")[2]) for word in printed)
-    if dt is not None and np.ptp(times - dt * counted) <= digit * (1.0 + _STEP_TOLERANCE):
-        return dt
+    digit = _digit(printed)
+    if dt is not None:  # rounded times: a row is missing where they are off by a step
+        off = times - times[0] - dt * counted
+        most = (0.5 - _STEP_TOLERANCE) * (digit + dt)
+        if np.ptp(off) <= digit * (1.0 + _STEP_TOLERANCE) and np.abs(off).max() < most:
+            return dt
+    steps = np.diff(times)
     step = float((times[-1] - times[0]) / (len(times) - 1)) if dt is None else dt
-    missed = np.abs(times - times[0] - step * counted) >= _STEP_TOLERANCE * step
-    if missed.any():
-        row = int(np.argmax(missed))
-        rising = f"the times must rise by equal steps of {step:.6g} s"
-        text.fail(first + row, f"{rising}, got {times[row]}; pass dt= if they are rounded.")
+    if step <= 0.0 or (np.abs(times - times[0] - step * counted) >= _STEP_TOLERANCE * step).any():
+        usual = float(np.sort(steps)[(len(steps) - 1) // 2]) if dt is None else dt
+        off = np.abs(steps - usual)
+        row = 1 + int(np.argmax(off > 0.99 * off.max()))
+        rising = f"the times must rise by equal steps, of {usual:.6g} s"
+        got = f"got {printed[row]} after {printed[row - 1]}"
+        text.fail(first + row, f"{rising}, {got}; pass dt= if they are rounded.")
     return step

@@ -58,7 +58,8 @@ _KNET_DIRECTIONS: dict[str, Direction] = {
 
 
 def _at2_matches(text: RecordText) -> bool:
-    head = " ".join(text.lines[:4]).upper()
+    lines = (line for line in text.lines[:4] if line.lstrip()[:1] not in ("#", "%"))
+    head = " ".join(lines).upper()
     return "NPTS" in head or "UNITS OF G" in head or head.startswith("PEER ")
 
 

@@ -117,7 +117,7 @@ def test_what_is_missing_or_contradicts_is_an_error(
         ("# unit: g\n# columns: wrapped\n1 2 3\n4 5\n", "has no column of time; pass dt="),
         (
             "# unit: g\n# dt: 0.01\n# columns: wrapped\n0 .2 .3\n1 .1 .4\n2 .1 .2\n3 .1 .2\n",
-            "line 4: lines begin with numbers that rise by equal steps",
+            "line 4: each line has a number, 0 in this one, that rises by equal steps",
         ),
         ("# unit: g\n0.00\t0,1\n0.01\t0,2\n", "has 3 columns and does not name them"),
         ("# time(sec) N-S(cm/s)\n# unit: g\n0 1\n1 1\n", "line 1: names velocities or displ"),
@@ -126,9 +126,9 @@ def test_what_is_missing_or_contradicts_is_an_error(
         ("# unit: g\n0.0 1.0\n", "line 2: the file has 1 row of numbers; a record has 2"),
         ("# unit: gal\n0 1\n1 2\n2 -99\n3 1\n4 2\n", "line 4: -99 stands for a missing sample"),
         ("# unit: g\n0.0 1.0\n0.1 2.0 3.0\n", "line 3: 3 values where the columns are 2"),
-        ("# unit: g\n0.0 1.0\n0.1 2.0\n0.3 2.0\n", "line 3: the times must rise by equal steps"),
-        ("# unit: g\n0,1\n1,2\n3,2\n", "line 3: the times must rise"),  # no decimal commas
-        ("# Units = g\n0.2 1.0\n0.1 2.0\n", "line 2: the times must rise by equal steps of -0.1 s"),
+        ("# unit: g\n0.0 1.0\n0.1 2.0\n0.3 2.0\n", "line 4: the times must rise by equal steps"),
+        ("# unit: g\n0,1\n1,2\n3,2\n", "line 4: the times must rise"),  # no decimal commas
+        ("# Units = g\n0.2 1.0\n0.1 2.0\n", "line 3: the times must rise by equal steps, of -0.1 s"),
         ("# unit: g\n0 1 2 3\n1 1 2 3\n", "columns='wrapped' reads one component"),
     ],
 )
@@ -168,7 +168,7 @@ def test_a_given_step_wins_over_rounded_times(tmp_path: Path, dt: float, digits:
     path = tmp_path / "motion.txt"
     path.write_text("\n".join(f"{i * dt:.{digits}f} {i % 5}" for i in range(40)))
     assert read_components(path, unit="gal", dt=dt)[0].dt == dt
-    with pytest.raises(RecordError, match=r"rise by equal steps of .*; pass dt= if they are"):
+    with pytest.raises(RecordError, match=r"rise by equal steps, of .*; pass dt= if they are"):
         read_components(path, unit="gal", dt=1.1 * dt)
 
 

@@ -143,11 +143,12 @@ def for_steps(given: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], li
         if not isinstance(each, Motion):
             return each
         found = each.for_steps(dt)
-        kept = np.sum(found.acceleration**2) / (np.sum(each.acceleration**2) or 1.0)
+        total = np.sum(each.acceleration**2)
+        kept = np.sum(found.acceleration**2) / total if total else 1.0
         if found is not each and kept < 1.0 - LARGE_LOSS:
             texts.append(
                 f"Steps of {dt:g} s resolve frequencies below {0.5 / dt:g} Hz; the rest of "
-                f"{shown(each.name)} is removed, {100.0 * (1.0 - kept):.2g} % of the integral of "
+                f"{shown(each.name)} is removed, {100.0 * (1.0 - kept):.3g} % of the integral of "
                 "its squared acceleration. Take shorter steps to keep it."
             )
         return found

@@ -10,7 +10,8 @@ Lines that begin with ``#`` may stand above the numbers and give, as ``key: valu
   column to leave out, for example ``time N E UP`` or ``35 305 UP``; or ``wrapped`` for a component
   with equally many values on all lines but the last.
 
-A line of names may follow, as ``time (s),acc (g)``. Velocities and displacements are an error.
+A line of names may follow, as ``time (s),acc (g)``. Velocities, displacements and two units are an
+error; a unit in a comment, as in ``# acceleration (gal)``, counts like ``unit``.
 
 The user must give what the file does not; where both do they must agree. Where neither names the
 columns, one is a component and two are time and a component.
@@ -134,6 +135,7 @@ def _first_row(text: RecordText) -> int:
 
 def _parts(line: str) -> list[str]:
     """Names in a line, between semicolons, tabs, commas or blanks."""
+    line = re.sub(r"\s+(?=[\[(])", "", line)  # a unit belongs to the name before it
     mark = next((mark for mark in ";\t," if mark in line), None)
     return [part.strip() for part in line.split(mark)]
 
@@ -268,18 +270,20 @@ def _step(
             )
         return dt
     times, counted = np.array(printed, dtype=np.float64), np.arange(len(printed))
-    digit = _digit(printed)
-    if dt is not None:  # rounded times: a row is missing where they are off by a step
-        off = times - times[0] - dt * counted
-        most = (0.5 - _STEP_TOLERANCE) * (digit + dt)
-        if np.ptp(off) <= digit * (1.0 + _STEP_TOLERANCE) and np.abs(off).max() < most:
-            return dt
-    steps = np.diff(times)
     step = float((times[-1] - times[0]) / (len(times) - 1)) if dt is None else dt
-    if step <= 0.0 or (np.abs(times - times[0] - step * counted) >= _STEP_TOLERANCE * step).any():
-        usual = float(np.sort(steps)[(len(steps) - 1) // 2]) if dt is None else dt
-        off = np.abs(steps - usual)
-        row = 1 + int(np.argmax(off > 0.99 * off.max()))
+    usual, off = step, times - times[0] - step * counted
+    missed = np.abs(off) >= _STEP_TOLERANCE * step
+    if dt is not None:  # times may be rounded; where a row is missing they are off by a step
+        digit = _digit(printed)
+        range_before = np.maximum.accumulate(off) - np.minimum.accumulate(off)
+        far = np.abs(off) >= (0.5 - _STEP_TOLERANCE) * (digit + dt)
+        missed &= far | (range_before > digit * (1.0 + _STEP_TOLERANCE))
+    elif missed.any():
+        steps = np.diff(times)
+        usual = float(np.sort(steps)[(len(steps) - 1) // 2])
+        missed = np.append(False, np.abs(steps - usual) >= 0.99 * np.abs(steps - usual).max())
+    if missed.any():
+        row = int(np.argmax(missed))
         rising = f"the times must rise by equal steps, of {usual:.6g} s"
         got = f"got {printed[row]} after {printed[row - 1]}"
         text.fail(first + row, f"{rising}, {got}; pass dt= if they are rounded.")

@@ -138,7 +138,7 @@ def read_record(
 
 def record_names(directory: str | Path) -> list[str]:
     """Names of the records whose files are in a directory, subdirectories left out."""
-    return list(_records_in(Path(directory), False))
+    return list(_records_in(Path(directory), False)[0])
 
 
 def _files(
@@ -153,20 +153,21 @@ def _files(
     path = Path(source)
     if os.path.isfile(path):
         return [path], ""
-    records = _records_in(path, any_columns)
+    records, left_out = _records_in(path, any_columns)
     chosen = [stem for stem in records if name is None or name.lower() in stem.lower()]
     chosen = [stem for stem in chosen if stem == name] or chosen
     if not chosen:
         known = ", ".join(records) or "none"
         wanted = "" if name is None else f" with {name!r} in its name"
-        raise RecordError(f"{path} has no record{wanted}; it has {known}.")
+        left = f"; left out: {shown(left_out, ', '.join)}" if left_out else ""
+        raise RecordError(f"{path} has no record{wanted}; it has {known}{left}.")
     if len(chosen) > 1:
         raise RecordError(f"{path} has several records, choose by name=: {', '.join(chosen)}.")
     return records[chosen[0]], chosen[0]
 
 
-def _records_in(directory: Path, any_columns: bool) -> dict[str, list[Path]]:
-    """Files of each record; what is no record is left out."""
+def _records_in(directory: Path, any_columns: bool) -> tuple[dict[str, list[Path]], list[str]]:
+    """Return the files of each record, and the names of the other files with the reasons."""
     try:
         paths = sorted(directory.iterdir())
     except OSError as error:
@@ -174,23 +175,38 @@ def _records_in(directory: Path, any_columns: bool) -> dict[str, list[Path]]:
             f"There is no file or directory {directory} to read: {error.strerror}."
         ) from None
     records: dict[str, list[Path]] = {}
-    for path in paths:
-        record = _record_of(path, any_columns)
-        if record is not None:
-            records.setdefault(record, []).append(path)
-    return records
+    left_out = []
+    for path in (path for path in paths if path.is_file()):
+        try:
+            records.setdefault(_record_of(path, any_columns), []).append(path)
+        except RecordError as error:
+            reason = str(error).removeprefix(str(path)).strip(" ,:.")
+            left_out.append(f"{path.name} ({reason})")
+    return records, left_out
 
 
-def _record_of(path: Path, any_columns: bool) -> str | None:
-    """Name of the record that a file belongs to, from its first lines; None if it has none."""
+def _record_of(path: Path, any_columns: bool) -> str:
+    """Return the name of the record that a file belongs to, from its first lines.
+
+    Raises:
+        RecordError: The file belongs to no record.
+    """
     try:
         text = RecordText(path, head=_HEAD)
         known = next((each for each in FORMATS if each.matches(text)), None)
         if known is not None:
-            return known.record(text)
-        return path.stem if is_columns(text) and (any_columns or states_unit(text)) else None
+            record = known.record(text)
+            reason = "has no accelerations, or no component in its name"
+        else:
+            by_unit = is_columns(text) and (any_columns or states_unit(text))
+            record, reason = path.stem if by_unit else None, "is no record, or gives no unit"
     except RecordError:  # an AT2 file is known by its name too, and an error when it is read
-        return at2_record(path) if path.suffix.upper() == ".AT2" else None
+        record = at2_record(path) if path.suffix.upper() == ".AT2" else None
+        if record is None:
+            raise
+    if record is None:
+        raise RecordError(f"{path} {reason}.")
+    return record
 
 
 def _directed(parts: list[Component], directions: Sequence[str | float]) -> list[Component]:
@@ -261,7 +277,8 @@ def _shared_time(parts: Sequence[Component], title: str) -> NDArray[np.float64]:
     """Accelerations in the time that all components cover, shape (n, components), [m/s^2]."""
     dt, shortest = parts[0].dt, min(len(part.acceleration) for part in parts)
     if max(abs(part.dt - dt) for part in parts) * shortest > _OFF * dt:
-        raise RecordError(f"The components of {shown(title)} have different time steps.")
+        steps = ", ".join(f"{part.path.name} {part.dt:.6g} s" for part in parts)
+        raise RecordError(f"The components of {shown(title)} have different time steps: {steps}.")
     cut = [
         part.acceleration[skipped:]
         for part, skipped in zip(parts, _skipped(parts, dt, title), strict=True)

@@ -289,4 +289,7 @@ def _signal(signal: ArrayLike) -> Floats:
     if values is None or values.ndim < 1 or len(values) < 2 or not np.isfinite(values).all():
         got = shown(signal, str)
         raise ValueError(f"A signal must be at least 2 samples, finite numbers, got {got}.")
+    if values.ndim == 2 and len(values) <= 3 < values.shape[1]:
+        shape = f"{values.shape}, samples along the second axis"
+        raise ValueError(f"A signal must have shape (n, components), got {shape}; transpose it.")
     return values

@@ -31,13 +31,18 @@ from dolfinx_joints.laws.law import AnyLaw
 from dolfinx_joints.loads.body_and_face_loads import FormLoad
 from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, Load, load_names
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
+from dolfinx_joints.loads.water.joint_water import Uplift
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_joints, check_tied
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.model.modal_damping import DampedModes
 from dolfinx_joints.model.model_rows import model_rows
-from dolfinx_joints.model.plausibility import warn_of_overlaps, warn_of_what_no_dam_has
+from dolfinx_joints.model.plausibility import (
+    warn_of_no_force,
+    warn_of_overlaps,
+    warn_of_what_no_dam_has,
+)
 from dolfinx_joints.model.system import MatrixSystem, water_in
 
 if TYPE_CHECKING:
@@ -349,11 +354,15 @@ class Model(Summarised):
     def _patterns(self, name: str, load: Load) -> Sequence[Any]:
         """Patterns of a load; what is wrong with a user-defined form says with which."""
         try:
-            return load.patterns(self)
+            patterns = load.patterns(self)
         except ValueError as error:
             if isinstance(load, FormLoad):
                 raise ValueError(f"{name}: {error}") from error
             raise
+        placed = isinstance(load, FormLoad | Uplift)
+        if placed and not any([force.norm() for force, _ in patterns]):
+            warn_of_no_force(self.jointed.mesh.comm, name)
+        return patterns
 
     def resultant(self, force: PETSc.Vec, group: str) -> NDArray[np.float64]:
         """Sum of nodal forces over the nodes of a group, shape (gdim,), [N] (collective).

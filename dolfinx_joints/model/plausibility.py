@@ -110,6 +110,12 @@ def warn_of_overlaps(comm: Any, overlaps: Mapping[str, float]) -> list[str]:
     return texts
 
 
+def warn_of_no_force(comm: Any, load: str) -> None:
+    """Warn of a load whose forces are zero at all nodes, on rank 0."""
+    if comm.rank == 0:
+        warn(f"{load} exerts no force: its place is empty, or it is zero.", PlausibilityWarning)
+
+
 def warn_of_grout(comm: Any, pressure: float) -> None:
     """Warn of a pressure that no grout has [Pa], on rank 0."""
     for text in _doubts("grout: pressure", pressure, GROUT_PRESSURE) if comm.rank == 0 else ():
@@ -141,9 +147,11 @@ def _water_twice(loads: Sequence[Any]) -> list[str]:
 
 
 def _foot(jointed: JointedMesh, load: Any) -> float:
-    """Height of the lowest vertex of the face before which water stands [m] (collective)."""
+    """Height of the lowest vertex of the face or joint with water [m] (collective)."""
     group = getattr(load, "group", None)
-    if not hasattr(load, "level") or group not in jointed.facet_groups:
+    if getattr(load, "joint", None) in jointed.joint_names:
+        group = f"{load.joint}-"
+    elif not hasattr(load, "level") or group not in jointed.facet_groups:
         return -np.inf
     lowest = float(jointed.corners(group)[..., -1].min(initial=np.inf))
     return jointed.mesh.comm.allreduce(lowest, MPI.MIN)
@@ -160,7 +168,8 @@ def _level(owner: str, load: Any, bottom: float, top: float, foot: float) -> lis
     if not bottom < level <= top + (top - bottom) / 3.0:
         return [f"{owner}: level is {level:g} m; the body reaches from {bottom:g} to {top:g} m."]
     if level <= foot:
-        return [f"{owner}: level is {level:g} m; the group {load.group!r} begins at {foot:g} m."]
+        place = f"joint {load.joint!r}" if hasattr(load, "joint") else f"group {load.group!r}"
+        return [f"{owner}: level is {level:g} m; the {place} begins at {foot:g} m."]
     return []
 
 

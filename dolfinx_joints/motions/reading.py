@@ -159,7 +159,7 @@ def _files(
     if not chosen:
         known = ", ".join(records) or "none"
         wanted = "" if name is None else f" with {name!r} in its name"
-        left = f"; left out: {shown(left_out, ', '.join)}" if left_out else ""
+        left = f"; left out: {', '.join(left_out[:5])}" if left_out else ""
         raise RecordError(f"{path} has no record{wanted}; it has {known}{left}.")
     if len(chosen) > 1:
         raise RecordError(f"{path} has several records, choose by name=: {', '.join(chosen)}.")

@@ -100,7 +100,7 @@ class XdmfGrids:
         found = []
         for grid in (grid for grid in self._grids if _dim(grid) == dim):
             every = enumerate(grid.findall("Attribute"), start=1)
-            tags = [(k, a.get("Name", "")) for k, a in every if a.get("Center") == "Cell"]
+            tags = [(k, a.get("Name", "")) for k, a in every if a.get("Center", "Cell") == "Cell"]
             of_grid = grid.get("Name", "")
             for number, own in tags:
                 label = own if len(tags) > 1 else of_grid

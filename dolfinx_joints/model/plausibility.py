@@ -58,6 +58,7 @@ RANGES = {
     "sound_speed": Range(300.0, 1440.0, 6000.0, "m/s", {"km/s": 1e3}),
 }
 GROUT_PRESSURE = Range(1e3, 5e5, 3e7, "Pa", {"MPa": 1e6, "bar": 1e5, "kPa": 1e3})
+KELVIN = 273.15
 EXTENT = Range(0.01, 100.0, 2e4, "m", {"mm": 1e-3, "cm": 1e-2})
 
 
@@ -77,6 +78,7 @@ def warn_of_what_no_dam_has(
     """
     x, comm = jointed.mesh.geometry.x, jointed.mesh.comm
     feet = {id(load): _foot(jointed, load) for load in loads}
+    kelvin = [text for load in loads for text in _in_kelvin(comm, load)]
     boxes = comm.gather((x.min(axis=0), x.max(axis=0)) if len(x) else None, root=0)
     if boxes is None:
         return []
@@ -93,7 +95,7 @@ def warn_of_what_no_dam_has(
         texts += [text for name, value in _parameters(given) for text in _of(owner, name, value)]
         ends = float(lowest[up]), float(highest[up])
         texts += _level(owner, given, *ends, feet.get(id(given), -np.inf))
-    texts += _water_twice(loads)
+    texts += _water_twice(loads) + kelvin
     for text in texts:
         warn(text, PlausibilityWarning)
     return texts
@@ -144,6 +146,21 @@ def _water_twice(loads: Sequence[Any]) -> list[str]:
         for mass in placed
         if hasattr(mass, "matrix") and mass.group in waves
     ]
+
+
+def _in_kelvin(comm: Any, load: Any) -> list[str]:
+    """A line for a temperature and a reference of which one is in kelvin (collective)."""
+    value, reference = getattr(load, "value", None), getattr(load, "reference", None)
+    references = [*reference.values()] if isinstance(reference, Mapping) else [reference]
+    values = numbers_of(value.x.array if hasattr(value, "x") else value)
+    if reference is None or not references or values is None:
+        return []
+    nodes = np.concatenate(comm.allgather(values.ravel()))
+    apart = np.abs(np.subtract.outer([nodes.min(), nodes.max()], references))
+    if not ((apart > KELVIN - 70.0) & (apart < KELVIN + 70.0)).all():
+        return []
+    text = f"is {nodes.min():.4g} to {nodes.max():.4g} with a reference of {references[0]:g}"
+    return [f"{type(load).__name__}: value {text}; is one of them in kelvin?"]
 
 
 def _foot(jointed: JointedMesh, load: Any) -> float:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import Parameter, signature
-from itertools import combinations, product
+from itertools import combinations
 from typing import Annotated, Any, Literal
 
 import annotated_types as at
@@ -207,9 +207,13 @@ class Constraints:
                 held += [dofs] if support.in_statics == "held" else []
             else:
                 fixed.append(dofs)
-        for one, other in product(supports, repeat=2):
-            if isinstance(one, Fixed) and isinstance(other, Prescribed):
-                _check_not_both(one, other)
+        still = {
+            (place_of(s), c) for s in supports if isinstance(s, Fixed) for c in s.components or ""
+        }
+        for moved in (each for *_, each in self._prescribed):
+            if (place_of(moved), moved.component) in still:
+                what = f"The displacement {moved.component} on {shown(place_of(moved))}"
+                raise ValueError(f"{what} is both Fixed and Prescribed; give one of them.")
         clamped = [s for s in supports if isinstance(s, Fixed | Prescribed) and s.point is None]
         self.groups = tuple(dict.fromkeys(place_of(support) for support in clamped))
         every = [np.empty(0, dtype=np.int64), *fixed, *(dofs for dofs, *_ in self._prescribed)]
@@ -281,15 +285,6 @@ class Constraints:
                 f"{other:.10g} m at t = {time:g} s; make the values equal there, or take the "
                 "shared nodes out of one of the groups."
             )
-
-
-def _check_not_both(fixed: Fixed, moved: Prescribed) -> None:
-    """Check that a component named as fixed at a place is not prescribed there as well."""
-    if place_of(fixed) == place_of(moved) and moved.component in (fixed.components or ""):
-        raise ValueError(
-            f"{shown(place_of(fixed))} has the displacement {moved.component} both Fixed and "
-            "Prescribed; give one of them."
-        )
 
 
 def _node_of_point(jointed: JointedMesh, V: Any, support: Fixed | Prescribed) -> Ints:

@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.constants import LARGE_LOSS
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import PlausibilityWarning, warn
+from dolfinx_joints.common.errors import doubt
 from dolfinx_joints.common.parameters import (
     finite,
     numbers_of,
@@ -154,8 +154,7 @@ def for_steps(given: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], li
         return found
 
     found = [resolved(each) for each in given]
-    for text in texts if comm.rank == 0 else ():
-        warn(text, PlausibilityWarning)
+    doubt(comm, *texts)
     return found, texts
 
 

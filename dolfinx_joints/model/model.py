@@ -22,6 +22,7 @@ from dolfinx_joints.body.places import nodes_of_facets
 from dolfinx_joints.body.supports import Constraints, Spring, Support
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_groups
 from dolfinx_joints.common.declared import declarations
+from dolfinx_joints.common.errors import doubt
 from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.common.summary import Summarised
@@ -38,11 +39,7 @@ from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_joi
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.model.modal_damping import DampedModes
 from dolfinx_joints.model.model_rows import model_rows
-from dolfinx_joints.model.plausibility import (
-    warn_of_no_force,
-    warn_of_overlaps,
-    warn_of_what_no_dam_has,
-)
+from dolfinx_joints.model.plausibility import warn_of_overlaps, warn_of_what_no_dam_has
 from dolfinx_joints.model.system import MatrixSystem, water_in
 
 if TYPE_CHECKING:
@@ -359,9 +356,9 @@ class Model(Summarised):
             if isinstance(load, FormLoad):
                 raise ValueError(f"{name}: {error}") from error
             raise
-        placed = isinstance(load, FormLoad | Uplift)
-        if placed and not any([force.norm() for force, _ in patterns]):
-            warn_of_no_force(self.jointed.mesh.comm, name)
+        if isinstance(load, FormLoad | Uplift) and not any([f.norm() for f, _ in patterns]):
+            text = f"{name} exerts no force: its place is empty, or it is zero."
+            doubt(self.jointed.mesh.comm, text)
         return patterns
 
     def resultant(self, force: PETSc.Vec, group: str) -> NDArray[np.float64]:

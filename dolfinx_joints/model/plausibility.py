@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_joints.common.errors import PlausibilityWarning, warn
+from dolfinx_joints.common.errors import doubt
 from dolfinx_joints.common.parameters import numbers_of
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
@@ -96,8 +96,7 @@ def warn_of_what_no_dam_has(
         ends = float(lowest[up]), float(highest[up])
         texts += _level(owner, given, *ends, feet.get(id(given), -np.inf))
     texts += _water_twice(loads) + kelvin
-    for text in texts:
-        warn(text, PlausibilityWarning)
+    doubt(comm, *texts)
     return texts
 
 
@@ -107,21 +106,13 @@ def warn_of_overlaps(comm: Any, overlaps: Mapping[str, float]) -> list[str]:
         f"Joint {name!r}: the initial gap is {gap:g} m; the faces overlap, positive gaps are open."
         for name, gap in (overlaps.items() if comm.rank == 0 else ())
     ]
-    for text in texts:
-        warn(text, PlausibilityWarning)
+    doubt(comm, *texts)
     return texts
-
-
-def warn_of_no_force(comm: Any, load: str) -> None:
-    """Warn of a load whose forces are zero at all nodes, on rank 0."""
-    if comm.rank == 0:
-        warn(f"{load} exerts no force: its place is empty, or it is zero.", PlausibilityWarning)
 
 
 def warn_of_grout(comm: Any, pressure: float) -> None:
     """Warn of a pressure that no grout has [Pa], on rank 0."""
-    for text in _doubts("grout: pressure", pressure, GROUT_PRESSURE) if comm.rank == 0 else ():
-        warn(text, PlausibilityWarning)
+    doubt(comm, *_doubts("grout: pressure", pressure, GROUT_PRESSURE))
 
 
 def _parameters(given: Any) -> Iterator[tuple[str, Any]]:
@@ -151,15 +142,14 @@ def _water_twice(loads: Sequence[Any]) -> list[str]:
 def _in_kelvin(comm: Any, load: Any) -> list[str]:
     """A line for a temperature and a reference of which one is in kelvin (collective)."""
     value, reference = getattr(load, "value", None), getattr(load, "reference", None)
-    references = [*reference.values()] if isinstance(reference, Mapping) else [reference]
-    values = numbers_of(value.x.array if hasattr(value, "x") else value)
-    if reference is None or not references or values is None:
+    given = list(reference.values()) if isinstance(reference, Mapping) else reference
+    t, t_0 = numbers_of(value.x.array if hasattr(value, "x") else value), numbers_of(given)
+    if t is None or t_0 is None or not t_0.size:
         return []
-    nodes = np.concatenate(comm.allgather(values.ravel()))
-    apart = np.abs(np.subtract.outer([nodes.min(), nodes.max()], references))
-    if not ((apart > KELVIN - 70.0) & (apart < KELVIN + 70.0)).all():
+    t = np.concatenate(comm.allgather(t.ravel()))
+    if (np.abs(np.abs(np.subtract.outer([t.min(), t.max()], t_0)) - KELVIN) > 70.0).any():
         return []
-    text = f"is {nodes.min():.4g} to {nodes.max():.4g} with a reference of {references[0]:g}"
+    text = f"is {t.min():.4g} to {t.max():.4g} with a reference of {t_0.flat[0]:g}"
     return [f"{type(load).__name__}: value {text}; is one of them in kelvin?"]
 
 

@@ -196,17 +196,15 @@ def _record_of(path: Path, any_columns: bool) -> str:
         known = next((each for each in FORMATS if each.matches(text)), None)
         if known is not None:
             record = known.record(text)
-            reason = "has no accelerations, or no component in its name"
         else:
-            by_unit = is_columns(text) and (any_columns or states_unit(text))
-            record, reason = path.stem if by_unit else None, "is no record, or gives no unit"
-    except RecordError:  # an AT2 file is known by its name too, and an error when it is read
-        record = at2_record(path) if path.suffix.upper() == ".AT2" else None
+            record = path.stem if is_columns(text) and (any_columns or states_unit(text)) else None
         if record is None:
-            raise
-    if record is None:
-        raise RecordError(f"{path} {reason}.")
-    return record
+            raise RecordError("no accelerations, or not their unit, or no component in the name")
+        return record
+    except RecordError:  # an AT2 file is known by its name too, and an error when it is read
+        if path.suffix.upper() == ".AT2" and (record := at2_record(path)) is not None:
+            return record
+        raise
 
 
 def _directed(parts: list[Component], directions: Sequence[str | float]) -> list[Component]:

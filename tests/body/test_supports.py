@@ -95,7 +95,7 @@ def test_a_linear_displacement_of_the_boundary_is_that_of_the_body(two_rectangle
         (lambda: Fixed(point=(0.0, 1.0)), "2 nodes, which a joint divides; name a side as well"),
         (
             lambda: Prescribed(group="sides", component="y", value=float),
-            "'sides' has the displacement y both Fixed and Prescribed; give one of them",
+            "displacement y on 'sides' is both Fixed and Prescribed; give one of them",
         ),
         (
             lambda: Prescribed(group="top", component="x", value=lambda x, t: x[:, :2]),

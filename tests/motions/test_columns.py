@@ -131,7 +131,10 @@ def test_what_is_missing_or_contradicts_is_an_error(
         ("# unit: g\n0.0 1.0\n0.1 2.0 3.0\n", "line 3: 3 values where the columns are 2"),
         ("# unit: g\n0.0 1.0\n0.1 2.0\n0.3 2.0\n", "line 4: the times must rise by equal steps"),
         ("# unit: g\n0,1\n1,2\n3,2\n", "line 4: the times must rise"),  # no decimal commas
-        ("# Units = g\n0.2 1.0\n0.1 2.0\n", "line 3: the times must rise by equal steps, of -0.1 s"),
+        (
+            "# Units = g\n0.2 1.0\n0.1 2.0\n",
+            "line 3: the times must rise by equal steps, of -0.1 s",
+        ),
         ("# unit: g\n0 1 2 3\n1 1 2 3\n", "columns='wrapped' reads one component"),
     ],
 )

@@ -168,7 +168,9 @@ def test_incomplete_records_are_errors(tmp_path: Path) -> None:
         read_record(tmp_path / "none")
     (tmp_path / "b.txt").write_text("# in cm/s\n1 2\n")
     (tmp_path / "c.txt").write_text("0 1\n1 2\n")
-    left = r"b.txt \(line 1: names velocities.*\), c.txt \(is no record, or gives no unit\)\.$"
+    left = (
+        r"b.txt \(line 1: names velocities.*\), c.txt \(no accelerations, or not their unit.*\)\.$"
+    )
     with pytest.raises(RecordError, match=f"has no record; it has none; left out: {left}"):
         read_record(tmp_path)
     for number, parts in enumerate((("000", "-UP"), ("000", "045", "-UP"), ("000", "090", "180"))):

@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 
 from dolfinx_joints.body.places import extent
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import PlausibilityWarning, TemperatureError, warn
+from dolfinx_joints.common.errors import TemperatureError, doubt
 from dolfinx_joints.common.mpi import on_root, raised_together
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.mesh.cells import Floats
@@ -100,12 +100,9 @@ def temperature_from_file(
     space = fem.functionspace(mesh, ("Lagrange", jointed.shape.degree))
     field = fem.Function(space, name="temperature")
     size, spread = extent(space), float(np.ptp(points, axis=0).max())
-    if spread > _LARGE * size and mesh.comm.rank == 0:
-        warn(
-            f"The points of {path} extend over {spread:.4g} m, the mesh over {size:.4g} m; look at "
-            "the unit of the points.",
-            PlausibilityWarning,
-        )
+    if spread > _LARGE * size:
+        extents = f"extend over {spread:.4g} m, the mesh over {size:.4g} m"
+        doubt(mesh.comm, f"The points of {path} {extents}; look at the unit of the points.")
     with raised_together(mesh.comm):
         nodes = space.tabulate_dof_coordinates()[:, :axes]
         field.x.array[:] = _interpolated(path, points, values, nodes, reach)

@@ -206,7 +206,7 @@ def test_loads_on_nothing(comm, wall):
         with pytest.warns(PlausibilityWarning, match=text) if comm.rank == 0 else nullcontext():
             Simulation(Model(**given, supports=supports, loads=[load])).statics()
     for measure, part in ((ufl.ds(5), 5), (ufl.dx(7), 7)):
-        load = FormLoad(form=lambda v, measure=measure: v[2] * measure(wall.mesh))
+        load = FormLoad(form=lambda v, measure=measure: v[2] * measure)
         with pytest.raises(
             ValueError, match=f"integrates over the part {part} of a measure without"
         ):

@@ -100,20 +100,14 @@ def read_columns(
 
 def _refuse_counted_lines(text: RecordText, first: int) -> None:
     """Raise an error if a column of the full lines of a wrapped series holds times or numbers."""
-    full = [text.words(first)]
-    for number in range(first + 1, len(text.lines) + 1):
-        words = text.words(number)
-        full += [words] if len(words) == len(full[0]) > 1 else []
+    words = [text.words(number) for number in range(first, len(text.lines) + 1)]
+    full = [each for each in words if len(each) == len(words[0]) > 1]
     for column in zip(*full, strict=True) if len(full) > 3 else ():
         values = np.array([text.number(first + i, word) for i, word in enumerate(column)])
         course = np.linspace(values[0], values[-1], len(values))
         if (np.diff(values) > 0.0).all() and np.abs(values - course).max() <= _digit(column):
-            text.fail(
-                first,
-                f"each line has a number, {column[0]} in this one, that rises by equal steps, as "
-                "times or line numbers do; columns='wrapped' takes all numbers for samples, so "
-                "remove it.",
-            )
+            rising = f"each line has a number, {column[0]} in this one, that rises by equal steps"
+            text.fail(first, f"{rising}; remove it, columns='wrapped' reads samples alone.")
 
 
 def _digit(printed: Sequence[str]) -> float:
@@ -164,8 +158,10 @@ def _keys(text: RecordText) -> Keys:
         line = text.lines[number - 1].strip()
         refuse_other_quantity(text, number, line)
         match = _KEY.match(line)
-        if match is not None:
-            keys[match[1].lower().replace("units", "unit")] = (number, match[2].strip())
+        if match is not None and match[1].lower() in ("unit", "units"):
+            _state_unit(text, keys, number, match[2])
+        elif match is not None:
+            keys[match[1].lower()] = (number, match[2].strip())
         if line[:1] in ("#", "%", ""):
             for unit in units_in(line) if match is None else ():
                 _state_unit(text, keys, number, unit)
@@ -184,11 +180,11 @@ def _keys(text: RecordText) -> Keys:
 
 
 def _state_unit(text: RecordText, keys: Keys, number: int, unit: str) -> None:
-    """Keep the unit of a column or comment; raise an error if the lines above give another one."""
-    where, known = f"{text.path}, line {number}", keys.setdefault("unit", (number, unit))
-    units = [UNITS[unit_named(each, where)] for each in (known[1], unit)]
-    if units[0] != units[1]:
-        text.fail(number, f"gives the unit {unit}, but line {known[0]} {known[1]}; use one unit.")
+    """Keep the unit of a line; raise an error if a line before gives another one."""
+    unit = unit_named(unit, f"{text.path}, line {number}")
+    line, known = keys.setdefault("unit", (number, unit))
+    if UNITS[known] != UNITS[unit]:
+        text.fail(number, f"gives the unit {unit}, but line {line} {known}; use one unit.")
 
 
 def _agreed(text: RecordText, keys: Keys, key: str, here: Any, given: Any) -> Any:
@@ -199,10 +195,7 @@ def _agreed(text: RecordText, keys: Keys, key: str, here: Any, given: Any) -> An
 
 
 def _unit(text: RecordText, keys: Keys, user: str | None) -> str:
-    here = None
-    if "unit" in keys:
-        number, written = keys["unit"]
-        here = unit_named(written, f"{text.path}, line {number}")
+    here = keys["unit"][1] if "unit" in keys else None
     given = None if user is None else unit_named(user, "unit")
     if here and given and UNITS[here] == UNITS[given]:
         return given
@@ -274,17 +267,15 @@ def _step(
     usual, off = step, times - times[0] - step * counted
     missed = np.abs(off) >= _STEP_TOLERANCE * step
     if dt is not None:  # times may be rounded; where a row is missing they are off by a step
-        digit = _digit(printed)
-        range_before = np.maximum.accumulate(off) - np.minimum.accumulate(off)
+        digit, spread = _digit(printed), np.maximum.accumulate(off) - np.minimum.accumulate(off)
         far = np.abs(off) >= (0.5 - _STEP_TOLERANCE) * (digit + dt)
-        missed &= far | (range_before > digit * (1.0 + _STEP_TOLERANCE))
+        missed &= far | (spread > digit * (1.0 + _STEP_TOLERANCE))
     elif missed.any():
         steps = np.diff(times)
         usual = float(np.sort(steps)[(len(steps) - 1) // 2])
         missed = np.append(False, np.abs(steps - usual) >= 0.99 * np.abs(steps - usual).max())
     if missed.any():
         row = int(np.argmax(missed))
-        rising = f"the times must rise by equal steps, of {usual:.6g} s"
-        got = f"got {printed[row]} after {printed[row - 1]}"
-        text.fail(first + row, f"{rising}, {got}; pass dt= if they are rounded.")
+        got = f"of {usual:.6g} s, got {printed[row]} after {printed[row - 1]}; pass dt= if rounded."
+        text.fail(first + row, f"the times must rise by equal steps, {got}")
     return step

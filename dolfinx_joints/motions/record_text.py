@@ -44,7 +44,7 @@ _UNIT = re.compile(
     re.I,
 )
 _OTHER_UNIT = re.compile(r"[cm]?m(\s*/\s*s(ec(ond)?)?)?", re.I)
-_OF_PLACES = re.compile(r"\b(elev|alti|depth|dist|heig|hypo|epi|coord|vs)", re.I)
+_OF_PLACES = re.compile(r"\b(elev|alti|depth|dist|heig|hypo|epi|coord|vs[_ ]?\d)", re.I)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d+)?", re.I)
 _FORTRAN = re.compile(r"(?<=[\d.])D(?=[+-]?\d)", re.I)  # exponent of double precision
 _NAMES: dict[str, Direction] = {
@@ -236,18 +236,13 @@ def direction_named(text: str) -> Direction | None:
 
 
 def units_in(line: str) -> list[str]:
-    """Units of length, velocity and acceleration in a line that is of the samples, not of a place.
-
-    Units of a single number are left out, as those of the wave speed of a site or of a peak.
-    """
+    """Units of length, velocity and acceleration in a line, those of places and numbers left out."""
     return [] if _OF_PLACES.search(line) else _UNIT.findall(line)
 
 
 def other_quantity(line: str) -> bool:
     """Return True if a line says that the values are velocities or displacements."""
-    if any(map(_OTHER_UNIT.fullmatch, units_in(line))):
-        return True
-    return _OTHER_QUANTITY.search(line) is not None
+    return any(map(_OTHER_UNIT.fullmatch, units_in(line))) or bool(_OTHER_QUANTITY.search(line))
 
 
 def refuse_other_quantity(text: RecordText, number: int, line: str) -> None:

@@ -244,11 +244,14 @@ def test_too_little_memory_is_told(wall):
     [
         ("# nothing\n\n", "the columns are missing; they must be x,y,z,T, in m"),
         ("x,y,T\n0,0,1\n", "the columns are x,y,T; they must be x,y,z,T, in m"),
-        (TABLE + "1,2,3\n", "line 10 must hold 4 finite numbers, got '1,2,3'"),
-        (TABLE + "1,2,3,warm\n", "line 10 must hold 4 finite numbers, got '1,2,3,warm'"),
-        (TABLE + "\n1,2,,4\n", "line 11 must hold 4 finite numbers, got '1,2,,4'"),
+        (TABLE + "1,2,3\n", "line 10 must hold 4 finite numbers, .* got '1,2,3'"),
+        (TABLE + "1,2,3,warm\n", "line 10 must hold 4 finite numbers, .* got '1,2,3,warm'"),
+        (TABLE + "\n1,2,,4\n", "line 11 must hold 4 finite numbers, .* got '1,2,,4'"),
         (TABLE + "1,2,nan,4\n", "line 10 must hold 4 finite numbers"),
-        (TABLE + "1,2,3,-999.0\n", "line 10: -999 stands for a missing temperature"),
+        (
+            TABLE + "1,2,3,-999.0\n",
+            "line 10 must hold .*, no temperature that stands for a .*999",
+        ),
         (TABLE + "0,-1,0,9\n", "names 1 points more than once"),
         ("x,y,z,T\n0,0,0,1\n1,0,0,1\n0,1,0,1\n1,1,0,1\n", "has 4 points that span 2 of 3"),
         (IN_MM, "no point within 1 m of the node"),

@@ -200,7 +200,10 @@ def test_loads_on_nothing(comm, wall):
     supports = [Fixed(group="base")]
     for load, name in (
         (Uplift(joint="joint_1", pressure=deep), "Uplift_joint_1"),
-        (FormLoad(form=lambda v: fem.Constant(wall.mesh, 0.0) * v[2] * wall.dx("concrete")), "FormLoad"),
+        (
+            FormLoad(form=lambda v: fem.Constant(wall.mesh, 0.0) * v[2] * wall.dx("concrete")),
+            "FormLoad",
+        ),
     ):
         text = f"{name} exerts no force: its place is empty, or it is zero"
         with pytest.warns(PlausibilityWarning, match=text) if comm.rank == 0 else nullcontext():

@@ -125,7 +125,7 @@ def test_what_is_missing_or_contradicts_is_an_error(
         ("# Units of cm/s\n# unit: g\n0 1\n1 1\n", "line 1: names velocities or displacements"),
         ("# unit: g\nTime Vx Vy Vz\n0 1 2 3\n1 2 3 4\n", "line 2: must name times [s] and accel"),
         ("N (gal),E (gal),UP (g)\n0,1,2\n1,2,3\n", "line 1: gives the unit g, but line 1 gal"),
-        ("# unit: g\n# gal (cm/s2)\n0 1\n1 2\n", "line 2: gives the unit cm/s2, but line 1 g"),
+        ("# unit: g\n# gal (cm/s2)\n0 1\n1 2\n", "line 2: gives the unit cm/s^2, but line 1 g"),
         ("# unit: g\n0.0 1.0\n", "line 2: the file has 1 row of numbers; a record has 2"),
         ("# unit: gal\n0 1\n1 2\n2 -99\n3 1\n4 2\n", "line 4: -99 stands for a missing sample"),
         ("# unit: g\n0.0 1.0\n0.1 2.0 3.0\n", "line 3: 3 values where the columns are 2"),
@@ -223,7 +223,7 @@ def test_a_given_step_wins_over_rounded_times(tmp_path: Path, dt: float, digits:
     path = tmp_path / "motion.txt"
     path.write_text("\n".join(f"{i * dt:.{digits}f} {i % 5}" for i in range(40)))
     assert read_components(path, unit="gal", dt=dt)[0].dt == dt
-    with pytest.raises(RecordError, match=r"rise by equal steps, of .*; pass dt= if they are"):
+    with pytest.raises(RecordError, match=r"rise by equal steps, of .*; pass dt= if rounded"):
         read_components(path, unit="gal", dt=1.1 * dt)
 
 

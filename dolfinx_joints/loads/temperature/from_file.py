@@ -62,10 +62,10 @@ def _row(place: str, line: str, semicolons: bool, count: int) -> list[float]:
         row = [float(word) for word in words]
     except ValueError:
         row = []
-    if len(row) != count or not np.isfinite(row).all():
-        raise TemperatureError(f"{place} must hold {count} finite numbers, got {shown(line)}.")
-    if abs(row[-1]) >= _FILLER and not set(f"{row[-1]:g}") - set("-9."):
-        raise TemperatureError(f"{place}: {row[-1]:g} stands for a missing temperature.")
+    filler = not set(words[-1].strip().rstrip("0")) - set("-9.")
+    if len(row) != count or not np.isfinite(row).all() or (filler and abs(row[-1]) >= _FILLER):
+        wanted = f"{count} finite numbers, no temperature that stands for a missing one"
+        raise TemperatureError(f"{place} must hold {wanted}, got {shown(line)}.")
     return row
 
 

@@ -75,8 +75,8 @@ class XdmfGrids:
         meshes = [grid for grid in self._grids if grid.find("Geometry") is not None]
         top = max((_dim(grid) for grid in meshes), default=0)
         bodies = [grid for grid in meshes if names[0] is not None or _dim(grid) == top]
-        named = [(grid.get("Name", ""), set[str](), grid) for grid in bodies]
-        grid = self._choose("mesh", "mesh", named, names[0])
+        found = [(name := grid.get("Name", ""), {name}, grid) for grid in bodies]
+        grid = self._choose("mesh", "mesh", found, names[0])
         kind, dim = _kind(grid), _dim(grid)
         x, cells = self._nodes(grid, dim), self._array(grid, "Topology")
         of_facets, of_cells = {}, {}
@@ -99,9 +99,8 @@ class XdmfGrids:
         """Return the grid of the tags of facets or cells, and the tags."""
         found = []
         for grid in (grid for grid in self._grids if _dim(grid) == dim):
-            every = enumerate(grid.findall("Attribute"), start=1)
+            every, of_grid = enumerate(grid.findall("Attribute"), start=1), grid.get("Name", "")
             tags = [(k, a.get("Name", "")) for k, a in every if a.get("Center", "Cell") == "Cell"]
-            of_grid = grid.get("Name", "")
             for number, own in tags:
                 label = own if len(tags) > 1 else of_grid
                 found.append((label, {own, of_grid}, (grid, number)))
@@ -113,7 +112,7 @@ class XdmfGrids:
     ) -> T:
         """Return the only choice, by its label, other names and value; of several Gmsh's groups."""
         there = ", ".join(repr(label) for label, *_ in found) or "none"
-        chosen = [each for each in found if name is None or name == each[0] or name in each[1]]
+        chosen = [each for each in found if name in (None, *each[1])]
         if name is not None and not chosen:
             raise MeshError(f"{self._path} has no {what} {shown(name)}; it has: {there}.")
         if not found:
@@ -171,16 +170,15 @@ class XdmfGrids:
         try:
             if item is None:
                 raise ValueError(f"the grid {grid.get('Name')!r} has no DataItem of its {part}")
-            text = item.text or ""
             if item.get("Format") == "HDF":
-                name, _, place = text.strip().partition(":")
                 import h5py
 
+                name, _, place = (item.text or "").strip().partition(":")
                 with h5py.File(self._path.parent / name, "r") as file:
                     numbers = np.asarray(file[place][()], dtype=np.float64)
             else:
                 shape = [int(count) for count in item.get("Dimensions", "").split()]
-                numbers = np.array(text.split(), dtype=np.float64).reshape(shape)
+                numbers = np.array((item.text or "").split(), dtype=np.float64).reshape(shape)
             if part == "Geometry":
                 return numbers
             if wrong := numbers[numbers != np.rint(numbers)].tolist():

@@ -2,19 +2,16 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Ground motions in plain columns of numbers, described above them or by the user.
 
-Lines that begin with ``#`` may stand above the numbers and give, as ``key: value``,
+Lines with ``#`` above the numbers may give, as ``key: value``,
 
-- ``unit``: of the accelerations, for example ``cm/s^2``;
-- ``dt``: time between rows [s], where no column holds the time [s];
-- ``columns``: what each column holds, ``time``, the direction of a component, or ``skip`` for a
-  column to leave out, for example ``time N E UP`` or ``35 305 UP``; or ``wrapped`` for a component
-  with equally many values on all lines but the last.
+- ``unit``: of the accelerations, for example ``cm/s^2``, also as ``# acceleration (cm/s^2)``;
+- ``dt``: time between rows [s], if no column holds the time [s];
+- ``columns``: ``time``, the direction of a component, or ``skip``, for example ``time N E UP`` or
+  ``35 305 UP``; or ``wrapped``: one component, equally many values on all lines but the last.
 
 A line of names may follow, as ``time (s),acc (g)``. Velocities, displacements and two units are an
-error; a unit in a comment, as in ``# acceleration (gal)``, counts like ``unit``.
-
-The user must give what the file does not; where both do they must agree. Where neither names the
-columns, one is a component and two are time and a component.
+error. The user must give what the file does not; if both do, they must agree. One column without a
+name is a component, two are time and a component.
 Decimal commas need blanks, tabs or semicolons between columns, or a single column.
 """
 

@@ -94,30 +94,25 @@ def read_record(
 ) -> Motion:
     """Read the three components of one record.
 
-    Of the horizontal components x is the one that has y at a right angle to its left, seen from
-    above, which makes x, y, z right-handed: azimuths 0 and 270 become x and y, and so do east
-    and north. A downward component changes its sign. With ``stream_azimuth_deg`` the horizontal
-    axes are then turned until x points downstream.
+    x and y are the horizontal components of which y points to the left of x, seen from above:
+    azimuths 0 and 270, or east and north. A downward component changes its sign. With
+    ``stream_azimuth_deg`` the horizontal axes are then turned until x points downstream.
 
-    Components are cut to the time that all of them cover: by the times of their first samples
-    where the files hold them (headers of ESM, K-NET, COSMOS and SMC, a column of time), else from
-    the first sample on. Samples are taken as they are: an error is raised where those of two
-    components are more than a quarter of a step apart, where the components share no time, and
-    where only some of them have one.
+    Components are cut to the time that all of them cover, by the times of their first samples
+    (headers of ESM, K-NET, COSMOS and SMC, a column of time), else from the first sample on. An
+    error is raised if samples of two components are more than a quarter of a step apart, if
+    components share no time, or if only some of them have one.
 
     Args:
-        source: a directory, one file, or several. Of a directory those files are taken that
-            belong to one record by their headers (AT2: by their names, which differ in the
-            component at the end, as ``-UP``, ``DWN``, ``000``); subdirectories are not searched,
-            nor are plain columns that do not give their unit, unless ``unit`` does.
-        name: the name of the record or a part that no other has; needed where a directory has
-            several.
+        source: a directory, one file, or several. The files of a directory belong to one record by
+            their headers, those of AT2 by names that end in a component (``-UP``, ``DWN``,
+            ``000``). Subdirectories and plain columns without a unit are left out.
+        name: the name of the record or a part that no other has; needed if there are several.
         unit: of plain columns, see :func:`read_components`.
         dt: of plain columns [s].
         columns: of plain columns.
-        directions: of the components in the order of files and columns: ``"N"``, ``"E"``,
-            ``"S"``, ``"W"``, ``"UP"``, ``"DOWN"``, an azimuth [degrees], or ``"x"``, ``"y"``,
-            ``"z"`` of the dam. The contents of files must agree, their names need not.
+        directions: of the components in the order of files and columns: N, E, S, W, UP, DOWN, an
+            azimuth [degrees], or x, y, z of the dam. Headers of files must agree.
         stream_azimuth_deg: azimuth of the dam's x axis, which points downstream [degrees].
     """
     files, title = _files(source, name, unit is not None)
@@ -186,18 +181,12 @@ def _records_in(directory: Path, any_columns: bool) -> tuple[dict[str, list[Path
 
 
 def _record_of(path: Path, any_columns: bool) -> str:
-    """Return the name of the record that a file belongs to, from its first lines.
-
-    Raises:
-        RecordError: The file belongs to no record.
-    """
+    """Return the name of the record of a file, from its first lines; raise RecordError if none."""
     try:
         text = RecordText(path, head=_HEAD)
         known = next((each for each in FORMATS if each.matches(text)), None)
-        if known is not None:
-            record = known.record(text)
-        else:
-            record = path.stem if is_columns(text) and (any_columns or states_unit(text)) else None
+        columns = known is None and is_columns(text) and (any_columns or states_unit(text))
+        record = path.stem if columns else None if known is None else known.record(text)
         if record is None:
             raise RecordError("no accelerations, or not their unit, or no component in the name")
         return record

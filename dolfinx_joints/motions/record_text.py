@@ -236,7 +236,7 @@ def direction_named(text: str) -> Direction | None:
 
 
 def units_in(line: str) -> list[str]:
-    """Units of length, velocity and acceleration in a line, those of places and numbers left out."""
+    """Return units of length, velocity, acceleration in a line, not those of places and numbers."""
     return [] if _OF_PLACES.search(line) else _UNIT.findall(line)
 
 

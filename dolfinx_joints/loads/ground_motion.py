@@ -81,13 +81,9 @@ def moved_by(
 def velocity_of(
     acceleration: Callable[[float], Any], spacing: float
 ) -> Callable[[float], NDArray[np.float64]]:
-    """Ground velocity [m/s] from rest at time zero.
+    """Return the ground velocity [m/s] from rest at time zero, by Gauss points.
 
-    The integral by Gauss points over equal intervals and what is left of the last.
-
-    Args:
-        acceleration: At a time [s], as an array, [m/s^2].
-        spacing: Length of an interval [s].
+    Each interval of length ``spacing`` [s] has GAUSS_POINTS points.
     """
     points, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
 
@@ -171,13 +167,7 @@ def _by_axis(motion: Callable[[float], Any], gdim: int, name: str) -> list[TimeF
 def in_axes(
     motion: Callable[[float], Any], gdim: int, name: str = "motion"
 ) -> Callable[[float], NDArray[np.float64]]:
-    """The components of a motion that move a model: in the plane x and z, z along its axis y.
-
-    Args:
-        motion: Function of time; of two numbers (x, up) in the plane all are taken.
-        gdim: Axes of the model.
-        name: Name of the motion in error messages.
-    """
+    """Return the components of a motion that move a model: in the plane x and z, or both of two."""
 
     def moved(time: float) -> NDArray[np.float64]:
         given = motion(time)

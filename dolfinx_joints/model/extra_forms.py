@@ -23,10 +23,8 @@ def check_form(form: Any, arguments: int, what: str) -> None:
         raise ValueError(f"{what}; this one has {found} arguments: {shown(form, str)}.")
     for each in form.integrals():
         if each.subdomain_data() is None and each.subdomain_id() not in ("everywhere", "otherwise"):
-            raise ValueError(
-                f"{what}; this one integrates over the part {shown(each.subdomain_id())} of a "
-                "measure without tags; take jointed.ds(NAME), jointed.dx(NAME) or subdomain_data=."
-            )
+            part = f"the part {shown(each.subdomain_id())} of a measure without tags"
+            raise ValueError(f"{what}; this one integrates over {part}: take jointed.ds(NAME).")
 
 
 def check_tied(jointed: JointedMesh, forms: list[Any]) -> None:

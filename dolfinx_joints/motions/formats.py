@@ -58,8 +58,7 @@ _KNET_DIRECTIONS: dict[str, Direction] = {
 
 
 def _at2_matches(text: RecordText) -> bool:
-    lines = (line for line in text.lines[:4] if line.lstrip()[:1] not in ("#", "%"))
-    head = " ".join(lines).upper()
+    head = " ".join(x for x in text.lines[:4] if x.lstrip()[:1] not in "#%").upper()
     return "NPTS" in head or "UNITS OF G" in head or head.startswith("PEER ")
 
 

@@ -85,14 +85,7 @@ class Motion(Summarised):
         return peaks
 
     def __call__(self, time: ArrayLike) -> NDArray[np.float64]:
-        """Acceleration at any time, linear between samples and zero outside.
-
-        Args:
-            time: one time or several, shape (...), [s].
-
-        Returns:
-            Shape (..., 3), [m/s^2].
-        """
+        """Return the acceleration (..., 3) [m/s^2] at times (...) [s], zero outside the motion."""
         if isinstance(time, float) and 0.0 <= time <= self.duration:  # of each step
             passed = time / self.dt
             last = min(int(passed), len(self.acceleration) - 2)
@@ -142,8 +135,8 @@ class Motion(Summarised):
     def for_steps(self, step: Seconds) -> Self:
         """Return the motion, for a longer step [s] without the frequencies that it would fold.
 
-        Of a frequency f the part 1 / (1 + (2.5 f step)^8) is left: 98 % at half the step's Nyquist
-        frequency, 14 % at that frequency, 0.07 % at twice of it, which would be read as a constant.
+        The gain is 1 / (1 + (2.5 f step)^8): 98 % at half the step's Nyquist frequency, 14 % at
+        that frequency, 0.07 % at twice of it.
         """
         if step <= self.dt * (1.0 + ROUNDING):
             return self
@@ -156,13 +149,9 @@ class Motion(Summarised):
         *,
         start: Annotated[float, at.Ge(0.0), at.Unit("s")] = 0.0,
     ) -> Self:
-        """Samples from ``start`` to ``start + duration``, both included; time starts again at 0.
+        """Return the samples from ``start`` to ``start + duration`` [s]; time starts again at 0.
 
         A bound between two samples is moved inwards to the next one.
-
-        Args:
-            duration: length to keep [s].
-            start: time of the present motion where to begin [s].
         """
         if start + duration > self.duration + ROUNDING * self.dt:
             raise RecordError(

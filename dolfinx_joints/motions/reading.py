@@ -54,10 +54,10 @@ def read_components(
     Args:
         path: a file in the format PEER AT2, ESM/ITACA, K-NET or KiK-net, COSMOS V1 or V2, SMC
             (corrected), or in plain columns.
-        unit: of plain columns, where the file does not give it; any other file must agree.
-        dt: time between rows of plain columns [s], where the file has no column of time.
-        columns: what the plain columns hold, ``"time"``, directions or ``"skip"``, where the file
-            does not give it; ``"wrapped"`` for one component that goes on from line to line.
+        unit: of plain columns, if the file does not give it; any other file must agree.
+        dt: time between rows of plain columns [s], if the file has no column of time.
+        columns: ``"time"``, directions or ``"skip"``, if the file does not name them;
+            ``"wrapped"`` for one component that goes on from line to line.
     """
     text = RecordText(path)
     known = next((each for each in FORMATS if each.matches(text)), None)

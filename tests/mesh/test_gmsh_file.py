@@ -264,7 +264,9 @@ def test_a_body_of_which_only_the_surface_is_meshed_is_refused(tmp_path):
         gmsh.model.addPhysicalGroup(2, [1], name="side")
         gmsh.model.mesh.generate(2)
         gmsh.write(str(tmp_path / "box.msh"))
-    assert "entity 1 of dimension 3 holds no cells; mesh the model" in refusal(tmp_path / "box.msh")
+    assert "entity 1 of dimension 3 holds no cells; mesh it by gmsh." in refusal(
+        tmp_path / "box.msh"
+    )
 
 
 @pytest.mark.parametrize("read", [dj.read_msh, dj.read_split])

@@ -124,7 +124,7 @@ def test_a_plane_mesh_may_have_a_constant_third_coordinate(comm, written):
     squares = SQUARES.replace('"6 2"', '"6 3"').replace(x, flat)
     assert read_xdmf(written(squares, EDGES), comm, joints={"joint": 7}).pairs.count == 1
     series = '<Grid GridType="Collection" CollectionType="Temporal"></Grid>'
-    with pytest.raises(MeshError, match=r"time series \(grids in a Collection\) are not read"):
+    with pytest.raises(MeshError, match="no facet tags; grids in a Collection are not read"):
         read_xdmf(written(SQUARES, series), comm, joints={"joint": 7})
 
 
@@ -136,7 +136,7 @@ def test_what_is_not_there_is_said(comm, new_path, written):
         (path, {"facet_tags": "a", **joint}, r"mesh\.xdmf has no facet tags 'a'; it has: 'edges'"),
         (path, {"mesh": "a", **joint}, "has no mesh 'a'; it has: 'squares', 'edges'"),
         (path, {"joints": {"joint": 4}}, "No facet carries the tag 4 of the group 'joint'; the"),
-        (written(SQUARES), joint, r"mesh\.xdmf has no facet tags\.$"),
+        (written(SQUARES), joint, r"mesh\.xdmf has no facet tags; grids in"),
         (written("<Grid>"), joint, r"mesh\.xdmf is no XDMF file: mismatched tag"),
         (
             written(SQUARES.replace("XML", "HDF")),

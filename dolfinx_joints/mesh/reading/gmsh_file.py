@@ -161,10 +161,8 @@ def _elements(model: Any, dim: int, entity: int, source: str) -> tuple[int, Ints
     """Type and nodes of the elements of one entity."""
     types, _, nodes = model.mesh.getElements(dim, entity)
     if not len(types):
-        raise MeshError(
-            f"{source!r}: entity {entity} of dimension {dim} holds no cells; mesh the model in "
-            f"{dim}-D, gmsh.model.mesh.generate({dim}), before writing the file."
-        )
+        without = f"entity {entity} of dimension {dim} holds no cells"
+        raise MeshError(f"{source!r}: {without}; mesh it by gmsh.model.mesh.generate({dim}).")
     if len(types) != 1:
         raise MeshError(
             f"{source!r}: entity {entity} holds {len(types)} kinds of cells; one kind is needed."

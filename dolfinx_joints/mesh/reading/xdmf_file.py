@@ -55,7 +55,6 @@ class XdmfGrids:
                 "one file and the facets to another, facet_file= (with meshio a Mesh of each)."
             )
         self._grids = [grid for grid in grids if _kind(grid) in _DIMENSION]
-        self._series = any(grid.get("GridType") == "Collection" for grid in grids)
 
     def mesh(
         self,
@@ -116,8 +115,7 @@ class XdmfGrids:
         if name is not None and not chosen:
             raise MeshError(f"{self._path} has no {what} {shown(name)}; it has: {there}.")
         if not found:
-            series = "; time series (grids in a Collection) are not read" if self._series else ""
-            raise MeshError(f"{self._path} has no {what}{series}.")
+            raise MeshError(f"{self._path} has no {what}; grids in a Collection are not read.")
         if len(chosen) > 1:
             chosen = [each for each in chosen if _PHYSICAL in each[1]]
         if len(chosen) != 1:

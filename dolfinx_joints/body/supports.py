@@ -170,7 +170,7 @@ class Constraints:
         points: Owned nodes, local numbers, of the supports at points, by `place_of`.
 
     Raises:
-        ValueError: A component is unknown.
+        ValueError: A component is unknown, or Fixed by name and Prescribed at one place.
         MeshError: A group does not exist, or there is no node at a point, or several.
     """
 

@@ -141,12 +141,13 @@ def _water_twice(loads: Sequence[Any]) -> list[str]:
 
 def _in_kelvin(comm: Any, load: Any) -> list[str]:
     """A line for a temperature and a reference of which one is in kelvin (collective)."""
-    value, reference = getattr(load, "value", None), getattr(load, "reference", None)
+    value: Any = getattr(load, "value", None)
+    reference = getattr(load, "reference", None)
     given = list(reference.values()) if isinstance(reference, Mapping) else reference
-    t, t_0 = numbers_of(value.x.array if hasattr(value, "x") else value), numbers_of(given)
-    if t is None or t_0 is None or not t_0.size:
+    local, t_0 = numbers_of(value.x.array if hasattr(value, "x") else value), numbers_of(given)
+    if local is None or t_0 is None or not t_0.size:
         return []
-    t = np.concatenate(comm.allgather(t.ravel()))
+    t = np.concatenate(comm.allgather(local.ravel()))
     if (np.abs(np.abs(np.subtract.outer([t.min(), t.max()], t_0)) - KELVIN) > 70.0).any():
         return []
     text = f"is {t.min():.4g} to {t.max():.4g} with a reference of {t_0.flat[0]:g}"

@@ -30,9 +30,8 @@ from dolfinx_joints.joints.contact import Contact, InitialGap
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import AnyLaw
 from dolfinx_joints.loads.body_and_face_loads import FormLoad
-from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, Load, load_names
+from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, JointLoad, Load, load_names
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
-from dolfinx_joints.loads.water.joint_water import Uplift
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_joints, check_tied
@@ -276,12 +275,7 @@ class Model(Summarised):
     def inertia_pattern(
         self, acceleration: NDArray[np.float64], *, body_only: bool = False
     ) -> PETSc.Vec:
-        """M times a uniform acceleration [m/s^2], [N] (collective).
-
-        Args:
-            acceleration: Shape (gdim,), [m/s^2].
-            body_only: Leave the extra mass form and added masses out.
-        """
+        """Return M (or `body_mass`) times a uniform acceleration (gdim,) [m/s^2], [N] (collective)."""
         mass = self.body_mass if body_only else self.mass
         uniform = mass.createVecRight()
         uniform.setArray(np.tile(acceleration, uniform.getLocalSize() // self.gdim))
@@ -349,14 +343,15 @@ class Model(Summarised):
         return force if self.coupled is None else self.coupled.joined(force)
 
     def _patterns(self, name: str, load: Load) -> Sequence[Any]:
-        """Patterns of a load; what is wrong with a user-defined form says with which."""
+        """Patterns of a load; an error of a user-defined form names the load."""
         try:
             patterns = load.patterns(self)
         except ValueError as error:
             if isinstance(load, FormLoad):
                 raise ValueError(f"{name}: {error}") from error
             raise
-        if isinstance(load, FormLoad | Uplift) and not any([f.norm() for f, _ in patterns]):
+        norms = [f.norm() for f, _ in patterns] if isinstance(load, FormLoad | JointLoad) else []
+        if norms and not any(norms):
             text = f"{name} exerts no force: its place is empty, or it is zero."
             doubt(self.jointed.mesh.comm, text)
         return patterns
@@ -364,9 +359,8 @@ class Model(Summarised):
     def resultant(self, force: PETSc.Vec, group: str) -> NDArray[np.float64]:
         """Sum of nodal forces over the nodes of a group, shape (gdim,), [N] (collective).
 
-        The group is one of facets, or names a support at a point (`Constraints.points`). Of
-        reactions, the force of a support on the body. Nodes that belong to several groups count
-        in each of them.
+        The group is one of facets, or a support at a point (`Constraints.points`). Of reactions,
+        the force of a support on the body. Nodes of several groups count in each of them.
         """
         owned = self.V.dofmap.index_map.size_local
         values = force.getArray(readonly=True)[: owned * self.gdim].reshape(-1, self.gdim)

@@ -275,7 +275,7 @@ class Model(Summarised):
     def inertia_pattern(
         self, acceleration: NDArray[np.float64], *, body_only: bool = False
     ) -> PETSc.Vec:
-        """Return M (or `body_mass`) times a uniform acceleration (gdim,) [m/s^2], [N] (collective)."""
+        """Return M, or `body_mass`, times an acceleration (gdim,) [m/s^2], in [N] (collective)."""
         mass = self.body_mass if body_only else self.mass
         uniform = mass.createVecRight()
         uniform.setArray(np.tile(acceleration, uniform.getLocalSize() // self.gdim))

@@ -105,7 +105,7 @@ def from_step(
             gmsh.option.setNumber(name, value)
         gmsh.option.setNumber("Mesh.SecondOrderLinear", 0)  # nodes go to the curved faces
         try:
-            volumes = _volumes(_import(step, described, size), solids or {})
+            volumes = _volumes(_import(step, described, size, solids or {}), solids or {})
             _warn_of_gaps(step, volumes)
             faces = _joints(volumes, joints or {}, tied)
             outer = _surfaces(volumes, surfaces or {})
@@ -123,7 +123,9 @@ def from_step(
     return path
 
 
-def _import(step: Path, described: int, size: float) -> dict[int, str]:
+def _import(
+    step: Path, described: int, size: float, solids: Mapping[str, Sequence[float]]
+) -> dict[int, str]:
     """Import the solids and cut them at their common faces; return their names by tag."""
     names = []
     for number, (_, label) in enumerate(_read(step, described, scale=1.0), start=1):
@@ -133,6 +135,10 @@ def _import(step: Path, described: int, size: float) -> dict[int, str]:
     gmsh.model.occ.synchronize()
     # Gmsh drops the names where it scales.
     tags = [tag for tag, _ in _read(step, described, scale=1e-3)]
+    for name, point in solids.items():  # messages on the solids have the user's names
+        for place, tag in enumerate(tags if is_point(point) else ()):
+            if gmsh.model.isInside(3, tag, list(map(float, point))):
+                names[place] = name
     extent = _extent(step, size)
     if len(tags) == 1:
         return {tags[0]: names[0]}

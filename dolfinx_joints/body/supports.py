@@ -170,7 +170,7 @@ class Constraints:
         points: Owned nodes, local numbers, of the supports at points, by `place_of`.
 
     Raises:
-        ValueError: A component is unknown.
+        ValueError: A component is unknown, or Fixed by name and Prescribed at one place.
         MeshError: A group does not exist, or there is no node at a point, or several.
     """
 
@@ -207,6 +207,13 @@ class Constraints:
                 held += [dofs] if support.in_statics == "held" else []
             else:
                 fixed.append(dofs)
+        still = {
+            (place_of(s), c) for s in supports if isinstance(s, Fixed) for c in s.components or ""
+        }
+        for moved in (each for *_, each in self._prescribed):
+            if (place_of(moved), moved.component) in still:
+                what = f"The displacement {moved.component} on {shown(place_of(moved))}"
+                raise ValueError(f"{what} is both Fixed and Prescribed; give one of them.")
         clamped = [s for s in supports if isinstance(s, Fixed | Prescribed) and s.point is None]
         self.groups = tuple(dict.fromkeys(place_of(support) for support in clamped))
         every = [np.empty(0, dtype=np.int64), *fixed, *(dofs for dofs, *_ in self._prescribed)]

@@ -46,6 +46,12 @@ def warn(text: str, category: type[Warning] = UserWarning) -> None:
     warnings.warn(text, category, stacklevel=level)
 
 
+def doubt(comm: Any, *texts: str) -> None:
+    """Warn of what is implausible, on rank 0."""
+    for text in texts if comm.rank == 0 else ():
+        warn(text, PlausibilityWarning)
+
+
 def refuse_removed_name(name: str) -> None:
     """Raise an AttributeError if a public name was removed."""
     if name in REMOVED_NAMES:

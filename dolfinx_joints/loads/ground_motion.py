@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.constants import LARGE_LOSS
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import PlausibilityWarning, warn
+from dolfinx_joints.common.errors import doubt
 from dolfinx_joints.common.parameters import (
     finite,
     numbers_of,
@@ -81,13 +81,9 @@ def moved_by(
 def velocity_of(
     acceleration: Callable[[float], Any], spacing: float
 ) -> Callable[[float], NDArray[np.float64]]:
-    """Ground velocity [m/s] from rest at time zero.
+    """Return the ground velocity [m/s] from rest at time zero, by Gauss points.
 
-    The integral by Gauss points over equal intervals and what is left of the last.
-
-    Args:
-        acceleration: At a time [s], as an array, [m/s^2].
-        spacing: Length of an interval [s].
+    Each interval of length ``spacing`` [s] has GAUSS_POINTS points.
     """
     points, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
 
@@ -143,18 +139,18 @@ def for_steps(given: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], li
         if not isinstance(each, Motion):
             return each
         found = each.for_steps(dt)
-        kept = np.sum(found.acceleration**2) / (np.sum(each.acceleration**2) or 1.0)
+        total = np.sum(each.acceleration**2)
+        kept = np.sum(found.acceleration**2) / total if total else 1.0
         if found is not each and kept < 1.0 - LARGE_LOSS:
             texts.append(
                 f"Steps of {dt:g} s resolve frequencies below {0.5 / dt:g} Hz; the rest of "
-                f"{shown(each.name)} is removed, {100.0 * (1.0 - kept):.2g} % of the integral of "
+                f"{shown(each.name)} is removed, {100.0 * (1.0 - kept):.3g} % of the integral of "
                 "its squared acceleration. Take shorter steps to keep it."
             )
         return found
 
     found = [resolved(each) for each in given]
-    for text in texts if comm.rank == 0 else ():
-        warn(text, PlausibilityWarning)
+    doubt(comm, *texts)
     return found, texts
 
 
@@ -171,13 +167,7 @@ def _by_axis(motion: Callable[[float], Any], gdim: int, name: str) -> list[TimeF
 def in_axes(
     motion: Callable[[float], Any], gdim: int, name: str = "motion"
 ) -> Callable[[float], NDArray[np.float64]]:
-    """The components of a motion that move a model: in the plane x and z, z along its axis y.
-
-    Args:
-        motion: Function of time; of two numbers (x, up) in the plane all are taken.
-        gdim: Axes of the model.
-        name: Name of the motion in error messages.
-    """
+    """Return the components of a motion that move a model: in the plane x and z, or both of two."""
 
     def moved(time: float) -> NDArray[np.float64]:
         given = motion(time)

@@ -6,11 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from difflib import get_close_matches
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.errors import MeshError, warn
 from dolfinx_joints.common.parameters import PLAIN_NAMES, is_plain_name, shown
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, find_facets
 from dolfinx_joints.mesh.distribution.partition import glued
@@ -35,6 +36,8 @@ def prepare(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
             raise MeshError(
                 f"Group {name!r}: {np.count_nonzero(count == 0)} of its facets belong to no cell."
             )
+        if joints is None and np.any(count == 2):
+            _warn_of_misspelt(raw, name, names)
         slots[name] = owner[owner[:, :, 0] >= 0]  # facets on a joint from both of its sides
     if duplicated or not names:
         split = pair_coincident(raw.shape, raw.cells, raw.x, names, slots)
@@ -100,6 +103,19 @@ def _joint_names(raw: RawMesh, joints: list[str] | None) -> tuple[list[str], boo
             "stand in one mesh; give all of them in the same way."
         )
     return joints, bool(doubled)
+
+
+def _warn_of_misspelt(raw: RawMesh, name: str, joints: list[str]) -> None:
+    """Warn of a group inside the body that is no joint by its name, but is called nearly so."""
+    stem, *stems = (n.rstrip("_-+.0123456789").lower() for n in (name, "joint", *joints))
+    on_joints = [raw.facet_groups[n].ravel() for n in joints if n in raw.facet_groups]
+    if name in joints or np.isin(raw.facet_groups[name], np.concatenate([[-1], *on_joints])).all():
+        return
+    if "joint" in stem or get_close_matches(stem, stems, cutoff=0.75):
+        warn(
+            f"Facets of {name!r} lie inside the body and stay closed, as the name does not begin "
+            "with 'joint'; list it in joints= if it is a joint."
+        )
 
 
 def _pair_table(

@@ -22,7 +22,7 @@ from dolfinx_joints.body.places import nodes_of_facets
 from dolfinx_joints.body.supports import Constraints, Spring, Support
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_groups
 from dolfinx_joints.common.declared import declarations
-from dolfinx_joints.common.errors import refuses_removed
+from dolfinx_joints.common.errors import doubt, refuses_removed
 from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.common.summary import Summarised
@@ -30,7 +30,7 @@ from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import AnyLaw
 from dolfinx_joints.loads.body_and_face_loads import FormLoad
-from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, Load, load_names
+from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, JointLoad, Load, load_names
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
@@ -248,12 +248,7 @@ class Model(Summarised):
     def inertia_pattern(
         self, acceleration: NDArray[np.float64], *, body_only: bool = False
     ) -> PETSc.Vec:
-        """M times a uniform acceleration [m/s^2], [N] (collective).
-
-        Args:
-            acceleration: Shape (gdim,), [m/s^2].
-            body_only: Leave the extra mass form and added masses out.
-        """
+        """Return M, or `body_mass`, times an acceleration (gdim,) [m/s^2], in [N] (collective)."""
         mass = self.body_mass if body_only else self.mass
         uniform = mass.createVecRight()
         uniform.setArray(np.tile(acceleration, uniform.getLocalSize() // self.gdim))
@@ -321,20 +316,24 @@ class Model(Summarised):
         return force if self.coupled is None else self.coupled.joined(force)
 
     def _patterns(self, name: str, load: Load) -> Sequence[Any]:
-        """Patterns of a load; what is wrong with a user-defined form says with which."""
+        """Patterns of a load; an error of a user-defined form names the load."""
         try:
-            return load.patterns(self)
+            patterns = load.patterns(self)
         except ValueError as error:
             if isinstance(load, FormLoad):
                 raise ValueError(f"{name}: {error}") from error
             raise
+        norms = [f.norm() for f, _ in patterns] if isinstance(load, FormLoad | JointLoad) else []
+        if norms and not any(norms):
+            text = f"{name} exerts no force: its place is empty, or it is zero."
+            doubt(self.jointed.mesh.comm, text)
+        return patterns
 
     def resultant(self, force: PETSc.Vec, group: str) -> NDArray[np.float64]:
         """Sum of nodal forces over the nodes of a group, shape (gdim,), [N] (collective).
 
-        The group is one of facets, or names a support at a point (`Constraints.points`). Of
-        reactions, the force of a support on the body. Nodes that belong to several groups count
-        in each of them.
+        The group is one of facets, or a support at a point (`Constraints.points`). Of reactions,
+        the force of a support on the body. Nodes of several groups count in each of them.
         """
         owned = self.V.dofmap.index_map.size_local
         values = force.getArray(readonly=True)[: owned * self.gdim].reshape(-1, self.gdim)

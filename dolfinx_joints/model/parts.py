@@ -89,10 +89,14 @@ def divided(water: Any) -> tuple[list[AddedMass], list[Reservoir]]:
 
 
 def check_form(form: Any, arguments: int, what: str) -> None:
-    """Check the number of arguments of a UFL form."""
+    """Check the number of arguments of a UFL form, and that numbers of parts are tags."""
     found = len(form.arguments()) if isinstance(form, ufl.Form) else 0
     if found != arguments:
         raise ValueError(f"{what}; this one has {found} arguments: {shown(form, str)}.")
+    for each in form.integrals():
+        if each.subdomain_data() is None and each.subdomain_id() not in ("everywhere", "otherwise"):
+            part = f"the part {shown(each.subdomain_id())} of a measure without tags"
+            raise ValueError(f"{what}; this one integrates over {part}: take jointed.ds(NAME).")
 
 
 def check_tied(jointed: JointedMesh, forms: list[Any]) -> None:

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_joints.common.errors import PlausibilityWarning, warn
+from dolfinx_joints.common.errors import doubt
 from dolfinx_joints.common.parameters import numbers_of
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
@@ -58,6 +58,7 @@ RANGES = {
     "sound_speed": Range(300.0, 1440.0, 6000.0, "m/s", {"km/s": 1e3}),
 }
 GROUT_PRESSURE = Range(1e3, 5e5, 3e7, "Pa", {"MPa": 1e6, "bar": 1e5, "kPa": 1e3})
+KELVIN = 273.15
 EXTENT = Range(0.01, 100.0, 2e4, "m", {"mm": 1e-3, "cm": 1e-2})
 
 
@@ -77,6 +78,7 @@ def warn_of_what_no_dam_has(
     """
     x, comm = jointed.mesh.geometry.x, jointed.mesh.comm
     feet = {id(load): _foot(jointed, load) for load in loads}
+    kelvin = [text for load in loads for text in _in_kelvin(comm, load)]
     boxes = comm.gather((x.min(axis=0), x.max(axis=0)) if len(x) else None, root=0)
     if boxes is None:
         return []
@@ -93,9 +95,8 @@ def warn_of_what_no_dam_has(
         texts += [text for name, value in _parameters(given) for text in _of(owner, name, value)]
         ends = float(lowest[up]), float(highest[up])
         texts += _level(owner, given, *ends, feet.get(id(given), -np.inf))
-    texts += _water_twice(loads)
-    for text in texts:
-        warn(text, PlausibilityWarning)
+    texts += _water_twice(loads) + kelvin
+    doubt(comm, *texts)
     return texts
 
 
@@ -105,15 +106,13 @@ def warn_of_overlaps(comm: Any, overlaps: Mapping[str, float]) -> list[str]:
         f"Joint {name!r}: the initial gap is {gap:g} m; the faces overlap, positive gaps are open."
         for name, gap in (overlaps.items() if comm.rank == 0 else ())
     ]
-    for text in texts:
-        warn(text, PlausibilityWarning)
+    doubt(comm, *texts)
     return texts
 
 
 def warn_of_grout(comm: Any, pressure: float) -> None:
     """Warn of a pressure that no grout has [Pa], on rank 0."""
-    for text in _doubts("grout: pressure", pressure, GROUT_PRESSURE) if comm.rank == 0 else ():
-        warn(text, PlausibilityWarning)
+    doubt(comm, *_doubts("grout: pressure", pressure, GROUT_PRESSURE))
 
 
 def _parameters(given: Any) -> Iterator[tuple[str, Any]]:
@@ -140,10 +139,27 @@ def _water_twice(loads: Sequence[Any]) -> list[str]:
     ]
 
 
+def _in_kelvin(comm: Any, load: Any) -> list[str]:
+    """A line for a temperature and a reference of which one is in kelvin (collective)."""
+    value: Any = getattr(load, "value", None)
+    reference = getattr(load, "reference", None)
+    given = list(reference.values()) if isinstance(reference, Mapping) else reference
+    local, t_0 = numbers_of(value.x.array if hasattr(value, "x") else value), numbers_of(given)
+    if local is None or t_0 is None or not t_0.size:
+        return []
+    t = np.concatenate(comm.allgather(local.ravel()))
+    if (np.abs(np.abs(np.subtract.outer([t.min(), t.max()], t_0)) - KELVIN) > 70.0).any():
+        return []
+    text = f"is {t.min():.4g} to {t.max():.4g} with a reference of {t_0.flat[0]:g}"
+    return [f"{type(load).__name__}: value {text}; is one of them in kelvin?"]
+
+
 def _foot(jointed: JointedMesh, load: Any) -> float:
-    """Height of the lowest vertex of the face before which water stands [m] (collective)."""
+    """Height of the lowest vertex of the face or joint with water [m] (collective)."""
     group = getattr(load, "group", None)
-    if not hasattr(load, "level") or group not in jointed.facet_groups:
+    if getattr(load, "joint", None) in jointed.joint_names:
+        group = f"{load.joint}-"
+    elif not hasattr(load, "level") or group not in jointed.facet_groups:
         return -np.inf
     lowest = float(jointed.corners(group)[..., -1].min(initial=np.inf))
     return jointed.mesh.comm.allreduce(lowest, MPI.MIN)
@@ -160,7 +176,8 @@ def _level(owner: str, load: Any, bottom: float, top: float, foot: float) -> lis
     if not bottom < level <= top + (top - bottom) / 3.0:
         return [f"{owner}: level is {level:g} m; the body reaches from {bottom:g} to {top:g} m."]
     if level <= foot:
-        return [f"{owner}: level is {level:g} m; the group {load.group!r} begins at {foot:g} m."]
+        place = f"joint {load.joint!r}" if hasattr(load, "joint") else f"group {load.group!r}"
+        return [f"{owner}: level is {level:g} m; the {place} begins at {foot:g} m."]
     return []
 
 

@@ -2,23 +2,22 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Ground motions in plain columns of numbers, described above them or by the user.
 
-Lines that begin with ``#`` may stand above the numbers and give, as ``key: value``,
+Lines with ``#`` above the numbers may give, as ``key: value``,
 
-- ``unit``: of the accelerations, for example ``cm/s^2``;
-- ``dt``: time between rows [s], where no column holds the time [s];
-- ``columns``: what each column holds, ``time``, the direction of a component, or ``skip`` for a
-  column to leave out, for example ``time N E UP`` or ``35 305 UP``; or ``wrapped`` for a component
-  with equally many values on all lines but the last.
+- ``unit``: of the accelerations, for example ``cm/s^2``, also as ``# acceleration (cm/s^2)``;
+- ``dt``: time between rows [s], if no column holds the time [s];
+- ``columns``: ``time``, the direction of a component, or ``skip``, for example ``time N E UP`` or
+  ``35 305 UP``; or ``wrapped``: one component, equally many values on all lines but the last.
 
-A line of names may follow, as ``time (s),acc (g)``. Velocities and displacements are an error.
-
-The user must give what the file does not; where both do they must agree. Where neither names the
-columns, one is a component and two are time and a component.
+A line of names may follow, as ``time (s),acc (g)``. Velocities, displacements and two units are an
+error. The user must give what the file does not; if both do, they must agree. One column without a
+name is a component, two are time and a component.
 Decimal commas need blanks, tabs or semicolons between columns, or a single column.
 """
 
 import re
 from collections.abc import Sequence
+from decimal import Decimal
 from itertools import pairwise
 from typing import Any
 
@@ -27,6 +26,7 @@ import numpy as np
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.motions.record_text import (
+    UNITS,
     Component,
     RecordText,
     Samples,
@@ -34,10 +34,14 @@ from dolfinx_joints.motions.record_text import (
     direction_named,
     refuse_other_quantity,
     unit_named,
+    units_in,
 )
 
 _KEY = re.compile(r"[#%]\s*(units?|dt|columns)\s*[:=]\s*(.*)", re.I)
 _NAME = re.compile(r"\W*(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\W*")  # name (unit)
+_OF_ACCELERATION = re.compile(r"a(?:cc\w*?)?[_.-]?(?=[xyznewu]$|up$|ns$|ew$)", re.I)
+_OTHER_NAME = re.compile(r"vel|disp|[vdu]_?[xyz\d]$", re.I)
+_TIME = re.compile(r"t|time|times|zeit|tempo|temps|tiempo|period", re.I)
 _NUMBER_FIRST = re.compile(r"\s*[+-]?\.?\d")
 _DECIMAL = re.compile(r"([+-]?\d+),(\d+)(?:e[+-]?\d+)?", re.I)
 Keys = dict[str, tuple[int, str]]  # number of the line and value
@@ -63,8 +67,6 @@ def read_columns(
 ) -> list[Component]:
     """Components in a file of plain columns; None leaves it to the file to describe them."""
     keys, first = _keys(text), _first_row(text)
-    for number in range(1, first):
-        refuse_other_quantity(text, number, text.lines[number - 1])
     _use_decimal_points(text, first)
     unit, names = _unit(text, keys, unit), _names(text, keys, columns)
     record = text.path.stem
@@ -94,16 +96,20 @@ def read_columns(
 
 
 def _refuse_counted_lines(text: RecordText, first: int) -> None:
-    """Raise an error if lines of a wrapped series begin with times or with their number."""
-    lines = range(first, len(text.lines) + 1)
-    starts = [float(words[0]) for words in map(text.words, lines) if len(words) > 1]
-    steps = np.diff(starts)
-    if len(steps) > 2 and steps[0] > 0.0 and np.ptp(steps) <= 1e-6 * steps[0]:
-        text.fail(
-            first,
-            "lines begin with numbers that rise by equal steps, as times or line numbers do; "
-            "columns='wrapped' takes all numbers for samples, so remove them.",
-        )
+    """Raise an error if a column of the full lines of a wrapped series holds times or numbers."""
+    words = [text.words(number) for number in range(first, len(text.lines) + 1)]
+    full = [each for each in words if len(each) == len(words[0]) > 1]
+    for column in zip(*full, strict=True) if len(full) > 3 else ():
+        values = np.array([text.number(first + i, word) for i, word in enumerate(column)])
+        course = np.linspace(values[0], values[-1], len(values))
+        if (np.diff(values) > 0.0).all() and np.abs(values - course).max() <= _digit(column):
+            rising = f"each line has a number, {column[0]} in this one, that rises by equal steps"
+            text.fail(first, f"{rising}; remove it, columns='wrapped' reads samples alone.")
+
+
+def _digit(printed: Sequence[str]) -> float:
+    """Return the last digit to which numbers are printed."""
+    return 10.0 ** min(int(Decimal(word).as_tuple().exponent) for word in printed)
 
 
 def _first_row(text: RecordText) -> int:
@@ -120,6 +126,7 @@ def _first_row(text: RecordText) -> int:
 
 def _parts(line: str) -> list[str]:
     """Names in a line, between semicolons, tabs, commas or blanks."""
+    line = re.sub(r"\s+(?=[\[(])", "", line)  # a unit belongs to the name before it
     mark = next((mark for mark in ";\t," if mark in line), None)
     return [part.strip() for part in line.split(mark)]
 
@@ -146,22 +153,35 @@ def _keys(text: RecordText) -> Keys:
     keys: Keys = {}
     for number in range(1, _first_row(text)):
         line = text.lines[number - 1].strip()
+        refuse_other_quantity(text, number, line)
         match = _KEY.match(line)
-        if match is not None:
-            keys[match[1].lower().replace("units", "unit")] = (number, match[2].strip())
+        if match is not None and match[1].lower() in ("unit", "units"):
+            _state_unit(text, keys, number, match[2])
+        elif match is not None:
+            keys[match[1].lower()] = (number, match[2].strip())
         if line[:1] in ("#", "%", ""):
+            for unit in units_in(line) if match is None else ():
+                _state_unit(text, keys, number, unit)
             continue
         columns = []
         for found in filter(None, map(_NAME.fullmatch, _parts(line))):
-            name, unit = found.groups()
-            time = name.lower() in ("t", "time")
-            if re.match("vel|disp", name, re.I) or (time and (unit or "s")[0] not in "sS"):
+            name, unit = _OF_ACCELERATION.sub("", found[1]), found[2]
+            time = bool(_TIME.fullmatch(name)) or (unit or "") in ("s", "sec")
+            if _OTHER_NAME.match(name) or (time and (unit or "s")[0] not in "sS"):
                 text.fail(number, f"must name times [s] and accelerations, got {shown(found[0])}.")
             columns.append("time" if time else "?" if direction_named(name) is None else name)
             if unit and not time:
-                keys.setdefault("unit", (number, unit))
+                _state_unit(text, keys, number, unit)
         keys["names"] = (number, " ".join(columns))
     return keys
+
+
+def _state_unit(text: RecordText, keys: Keys, number: int, unit: str) -> None:
+    """Keep the unit of a line; raise an error if a line before gives another one."""
+    unit = unit_named(unit, f"{text.path}, line {number}")
+    line, known = keys.setdefault("unit", (number, unit))
+    if UNITS[known] != UNITS[unit]:
+        text.fail(number, f"gives the unit {unit}, but line {line} {known}; use one unit.")
 
 
 def _agreed(text: RecordText, keys: Keys, key: str, here: Any, given: Any) -> Any:
@@ -172,11 +192,10 @@ def _agreed(text: RecordText, keys: Keys, key: str, here: Any, given: Any) -> An
 
 
 def _unit(text: RecordText, keys: Keys, user: str | None) -> str:
-    here = None
-    if "unit" in keys:
-        number, written = keys["unit"]
-        here = unit_named(written, f"{text.path}, line {number}")
+    here = keys["unit"][1] if "unit" in keys else None
     given = None if user is None else unit_named(user, "unit")
+    if here and given and UNITS[here] == UNITS[given]:
+        return given
     unit: str | None = _agreed(text, keys, "unit", here, given)
     if unit is None:
         raise RecordError(
@@ -241,13 +260,19 @@ def _step(
             )
         return dt
     times, counted = np.array(printed, dtype=np.float64), np.arange(len(printed))
-    digit = 0.1 ** max(len(word.partition(".")[2]) for word in printed)
-    if dt is not None and np.ptp(times - dt * counted) <= digit * (1.0 + _STEP_TOLERANCE):
-        return dt
     step = float((times[-1] - times[0]) / (len(times) - 1)) if dt is None else dt
-    missed = np.abs(times - times[0] - step * counted) >= _STEP_TOLERANCE * step
+    usual, off = step, times - times[0] - step * counted
+    missed = np.abs(off) >= _STEP_TOLERANCE * step
+    if dt is not None:  # times may be rounded; where a row is missing they are off by a step
+        digit, spread = _digit(printed), np.maximum.accumulate(off) - np.minimum.accumulate(off)
+        far = np.abs(off) >= (0.5 - _STEP_TOLERANCE) * (digit + dt)
+        missed &= far | (spread > digit * (1.0 + _STEP_TOLERANCE))
+    elif missed.any():
+        steps = np.diff(times)
+        usual = float(np.sort(steps)[(len(steps) - 1) // 2])
+        missed = np.append(False, np.abs(steps - usual) >= 0.99 * np.abs(steps - usual).max())
     if missed.any():
         row = int(np.argmax(missed))
-        rising = f"the times must rise by equal steps of {step:.6g} s"
-        text.fail(first + row, f"{rising}, got {times[row]}; pass dt= if they are rounded.")
+        got = f"of {usual:.6g} s, got {printed[row]} after {printed[row - 1]}; pass dt= if rounded."
+        text.fail(first + row, f"the times must rise by equal steps, {got}")
     return step

@@ -58,7 +58,7 @@ _KNET_DIRECTIONS: dict[str, Direction] = {
 
 
 def _at2_matches(text: RecordText) -> bool:
-    head = " ".join(text.lines[:4]).upper()
+    head = " ".join(x for x in text.lines[:4] if x.lstrip()[:1] not in "#%").upper()
     return "NPTS" in head or "UNITS OF G" in head or head.startswith("PEER ")
 
 

@@ -85,14 +85,7 @@ class Motion(Summarised):
         return peaks
 
     def __call__(self, time: ArrayLike) -> NDArray[np.float64]:
-        """Acceleration at any time, linear between samples and zero outside.
-
-        Args:
-            time: one time or several, shape (...), [s].
-
-        Returns:
-            Shape (..., 3), [m/s^2].
-        """
+        """Return the acceleration (..., 3) [m/s^2] at times (...) [s], zero outside the motion."""
         if isinstance(time, float) and 0.0 <= time <= self.duration:  # of each step
             passed = time / self.dt
             last = min(int(passed), len(self.acceleration) - 2)
@@ -110,9 +103,8 @@ class Motion(Summarised):
     def rotated(self, angle_deg: float) -> Self:
         """Components along horizontal axes turned counterclockwise, seen from above.
 
-        With c, s the cosine and sine of the angle, ``x' = c x + s y`` and ``y' = c y - s x``: the
-        ground moves as before, the axes that describe it are turned. As azimuths count
-        clockwise, x' has the azimuth of x less ``angle_deg``.
+        With c, s the cosine and sine of the angle, ``x' = c x + s y`` and ``y' = c y - s x``. As
+        azimuths count clockwise, x' has the azimuth of x less ``angle_deg``.
         """
         angle = np.deg2rad(angle_deg)
         c, s = np.cos(angle), np.sin(angle)
@@ -125,11 +117,10 @@ class Motion(Summarised):
     def resampled(self, dt: Seconds) -> Self:
         """Band-limited interpolation at the times 0, dt, 2 dt, ... up to the duration.
 
-        The samples, followed by as many zeros, are taken as one period of a Fourier series,
-        which is evaluated at the new times; any ratio of steps will do. With a coarser step the
-        series is first cut at the new Nyquist frequency, by half a cosine from 80 % of it, so
-        that nothing folds back. The series rings where the motion starts or ends away from
-        zero: taper it first. The last new sample is at or before the last old one.
+        The samples and as many zeros are one period of a Fourier series, which is evaluated at the
+        new times. For a coarser step the series is first cut at the new Nyquist frequency, by half
+        a cosine from 80 % of it, so that nothing folds back. Taper a motion that starts or ends
+        away from zero, as the series rings there.
 
         Args:
             dt: new time between samples [s].
@@ -144,8 +135,8 @@ class Motion(Summarised):
     def for_steps(self, step: Seconds) -> Self:
         """Return the motion, for a longer step [s] without the frequencies that it would fold.
 
-        Of a frequency f the part 1 / (1 + (2.5 f step)^8) is left: 98 % at half the step's Nyquist
-        frequency, 14 % at that frequency, 0.07 % at twice of it, which would be read as a constant.
+        The gain is 1 / (1 + (2.5 f step)^8): 98 % at half the step's Nyquist frequency, 14 % at
+        that frequency, 0.07 % at twice of it.
         """
         if step <= self.dt * (1.0 + ROUNDING):
             return self
@@ -158,13 +149,9 @@ class Motion(Summarised):
         *,
         start: Annotated[float, at.Ge(0.0), at.Unit("s")] = 0.0,
     ) -> Self:
-        """Samples from ``start`` to ``start + duration``, both included; time starts again at 0.
+        """Return the samples from ``start`` to ``start + duration`` [s]; time starts again at 0.
 
         A bound between two samples is moved inwards to the next one.
-
-        Args:
-            duration: length to keep [s].
-            start: time of the present motion where to begin [s].
         """
         if start + duration > self.duration + ROUNDING * self.dt:
             raise RecordError(
@@ -185,9 +172,8 @@ class Motion(Summarised):
     def baseline_corrected(self, degree: Annotated[int, at.Interval(ge=0, le=6)] = 2) -> Self:
         """The motion less the slow polynomial that makes its velocity drift.
 
-        Of all polynomials of this degree in acceleration the one is taken off whose velocity,
-        zero at the start, fits the velocity of the motion best (least squares), for each
-        component. The motion should start at rest; the rest at the end is not forced to zero.
+        The velocity of the polynomial, zero at the start, fits the velocity of the motion best
+        (least squares). The motion should start at rest; it need not end at rest.
 
         Args:
             degree: 0 an offset, 1 a line, 2 a parabola, ... up to 6.
@@ -204,10 +190,10 @@ class Motion(Summarised):
     ) -> Self:
         """Butterworth filter without phase shift: once forwards, once backwards.
 
-        Both passes together have a gain of 1/2 at the corners and fall beyond them twice as
-        steeply as a filter of this order. The motion is taken as zero before and after its
-        samples: take off its baseline and taper it first. The part that it spreads beyond the ends
-        is cut off, which can make the displacement drift: correct the baseline again after it.
+        Both passes together have a gain of 1/2 at the corners and fall twice as steeply as one.
+        The motion is zero before and after its samples: correct its baseline and taper it first.
+        What spreads beyond the ends is cut off, which can make the displacement drift: correct the
+        baseline again.
 
         Args:
             low: lower corner [Hz]; everything below passes unless given.
@@ -269,12 +255,11 @@ def synthetic_motion(
 ) -> Motion:
     """Make a motion that looks like an earthquake and is the same everywhere.
 
-    Each component is a sum of sines at multiples of 1/duration with random phases and equal
-    amplitudes that fade within the outer quarter of the band, times an envelope: a rise over
-    15 % of the duration, strong motion until 45 %, a decay to zero at the end. A small multiple
-    of the envelope, linear in time, is taken off so that velocity and displacement of the
-    (piecewise linear) motion return to zero; then each component is scaled to its peak.
-    The phases come from the raw stream of PCG64, which NumPy promises not to change.
+    Each component is a sum of sines at multiples of 1/duration, with random phases and amplitudes
+    that fade in the outer quarters of the band, times an envelope: a rise over 15 % of the
+    duration, strong motion until 45 %, a decay to zero. A part of the envelope, linear in time, is
+    subtracted so that velocity and displacement return to zero; then each component is scaled to
+    its peak. The phases come from the raw stream of PCG64, which NumPy promises not to change.
 
     Args:
         seed: whole number that selects the phases.

@@ -54,10 +54,10 @@ def read_components(
     Args:
         path: a file in the format PEER AT2, ESM/ITACA, K-NET or KiK-net, COSMOS V1 or V2, SMC
             (corrected), or in plain columns.
-        unit: of plain columns, where the file does not give it; any other file must agree.
-        dt: time between rows of plain columns [s], where the file has no column of time.
-        columns: what the plain columns hold, ``"time"``, directions or ``"skip"``, where the file
-            does not give it; ``"wrapped"`` for one component that goes on from line to line.
+        unit: of plain columns, if the file does not give it; any other file must agree.
+        dt: time between rows of plain columns [s], if the file has no column of time.
+        columns: ``"time"``, directions or ``"skip"``, if the file does not name them;
+            ``"wrapped"`` for one component that goes on from line to line.
     """
     text = RecordText(path)
     known = next((each for each in FORMATS if each.matches(text)), None)
@@ -94,30 +94,25 @@ def read_record(
 ) -> Motion:
     """Read the three components of one record.
 
-    Of the horizontal components x is the one that has y at a right angle to its left, seen from
-    above, which makes x, y, z right-handed: azimuths 0 and 270 become x and y, and so do east
-    and north. A downward component changes its sign. With ``stream_azimuth_deg`` the horizontal
-    axes are then turned until x points downstream.
+    x and y are the horizontal components of which y points to the left of x, seen from above:
+    azimuths 0 and 270, or east and north. A downward component changes its sign. With
+    ``stream_azimuth_deg`` the horizontal axes are then turned until x points downstream.
 
-    Components are cut to the time that all of them cover: by the times of their first samples
-    where the files hold them (headers of ESM, K-NET, COSMOS and SMC, a column of time), else from
-    the first sample on. Samples are taken as they are: an error is raised where those of two
-    components are more than a quarter of a step apart, where the components share no time, and
-    where only some of them have one.
+    Components are cut to the time that all of them cover, by the times of their first samples
+    (headers of ESM, K-NET, COSMOS and SMC, a column of time), else from the first sample on. An
+    error is raised if samples of two components are more than a quarter of a step apart, if
+    components share no time, or if only some of them have one.
 
     Args:
-        source: a directory, one file, or several. Of a directory those files are taken that
-            belong to one record by their headers (AT2: by their names, which differ in the
-            component at the end, as ``-UP``, ``DWN``, ``000``); subdirectories are not searched,
-            nor are plain columns that do not give their unit, unless ``unit`` does.
-        name: the name of the record or a part that no other has; needed where a directory has
-            several.
+        source: a directory, one file, or several. The files of a directory belong to one record by
+            their headers, those of AT2 by names that end in a component (``-UP``, ``DWN``,
+            ``000``). Subdirectories and plain columns without a unit are left out.
+        name: the name of the record or a part that no other has; needed if there are several.
         unit: of plain columns, see :func:`read_components`.
         dt: of plain columns [s].
         columns: of plain columns.
-        directions: of the components in the order of files and columns: ``"N"``, ``"E"``,
-            ``"S"``, ``"W"``, ``"UP"``, ``"DOWN"``, an azimuth [degrees], or ``"x"``, ``"y"``,
-            ``"z"`` of the dam. The contents of files must agree, their names need not.
+        directions: of the components in the order of files and columns: N, E, S, W, UP, DOWN, an
+            azimuth [degrees], or x, y, z of the dam. Headers of files must agree.
         stream_azimuth_deg: azimuth of the dam's x axis, which points downstream [degrees].
     """
     files, title = _files(source, name, unit is not None)
@@ -138,7 +133,7 @@ def read_record(
 
 def record_names(directory: str | Path) -> list[str]:
     """Names of the records whose files are in a directory, subdirectories left out."""
-    return list(_records_in(Path(directory), False))
+    return list(_records_in(Path(directory), False)[0])
 
 
 def _files(
@@ -153,20 +148,21 @@ def _files(
     path = Path(source)
     if os.path.isfile(path):
         return [path], ""
-    records = _records_in(path, any_columns)
+    records, left_out = _records_in(path, any_columns)
     chosen = [stem for stem in records if name is None or name.lower() in stem.lower()]
     chosen = [stem for stem in chosen if stem == name] or chosen
     if not chosen:
         known = ", ".join(records) or "none"
         wanted = "" if name is None else f" with {name!r} in its name"
-        raise RecordError(f"{path} has no record{wanted}; it has {known}.")
+        left = f"; left out: {', '.join(left_out[:5])}" if left_out else ""
+        raise RecordError(f"{path} has no record{wanted}; it has {known}{left}.")
     if len(chosen) > 1:
         raise RecordError(f"{path} has several records, choose by name=: {', '.join(chosen)}.")
     return records[chosen[0]], chosen[0]
 
 
-def _records_in(directory: Path, any_columns: bool) -> dict[str, list[Path]]:
-    """Files of each record; what is no record is left out."""
+def _records_in(directory: Path, any_columns: bool) -> tuple[dict[str, list[Path]], list[str]]:
+    """Return the files of each record, and the names of the other files with the reasons."""
     try:
         paths = sorted(directory.iterdir())
     except OSError as error:
@@ -174,23 +170,30 @@ def _records_in(directory: Path, any_columns: bool) -> dict[str, list[Path]]:
             f"There is no file or directory {directory} to read: {error.strerror}."
         ) from None
     records: dict[str, list[Path]] = {}
-    for path in paths:
-        record = _record_of(path, any_columns)
-        if record is not None:
-            records.setdefault(record, []).append(path)
-    return records
+    left_out = []
+    for path in (path for path in paths if path.is_file()):
+        try:
+            records.setdefault(_record_of(path, any_columns), []).append(path)
+        except RecordError as error:
+            reason = str(error).removeprefix(str(path)).strip(" ,:.")
+            left_out.append(f"{path.name} ({reason})")
+    return records, left_out
 
 
-def _record_of(path: Path, any_columns: bool) -> str | None:
-    """Name of the record that a file belongs to, from its first lines; None if it has none."""
+def _record_of(path: Path, any_columns: bool) -> str:
+    """Return the name of the record of a file, from its first lines; raise RecordError if none."""
     try:
         text = RecordText(path, head=_HEAD)
         known = next((each for each in FORMATS if each.matches(text)), None)
-        if known is not None:
-            return known.record(text)
-        return path.stem if is_columns(text) and (any_columns or states_unit(text)) else None
+        columns = known is None and is_columns(text) and (any_columns or states_unit(text))
+        record = path.stem if columns else None if known is None else known.record(text)
+        if record is None:
+            raise RecordError("no accelerations, or not their unit, or no component in the name")
+        return record
     except RecordError:  # an AT2 file is known by its name too, and an error when it is read
-        return at2_record(path) if path.suffix.upper() == ".AT2" else None
+        if path.suffix.upper() == ".AT2" and (record := at2_record(path)) is not None:
+            return record
+        raise
 
 
 def _directed(parts: list[Component], directions: Sequence[str | float]) -> list[Component]:
@@ -261,7 +264,8 @@ def _shared_time(parts: Sequence[Component], title: str) -> NDArray[np.float64]:
     """Accelerations in the time that all components cover, shape (n, components), [m/s^2]."""
     dt, shortest = parts[0].dt, min(len(part.acceleration) for part in parts)
     if max(abs(part.dt - dt) for part in parts) * shortest > _OFF * dt:
-        raise RecordError(f"The components of {shown(title)} have different time steps.")
+        steps = ", ".join(f"{part.path.name} {part.dt:.6g} s" for part in parts)
+        raise RecordError(f"The components of {shown(title)} have different time steps: {steps}.")
     cut = [
         part.acceleration[skipped:]
         for part, skipped in zip(parts, _skipped(parts, dt, title), strict=True)

@@ -34,13 +34,19 @@ Direction = float | Literal["up", "down", "x", "y"]
 
 _OTHER_QUANTITY = re.compile(
     r"^\W*(?:\w+\s*[:=]\s*)?(?:ground\s+)?(?:velocity|displacement)\s*(?:$|[\[(,;])"
-    r"|\b(?:velocity|displ(?:acement)?)\s+(?:time\W*)?(?:series|history|record)"
-    # Units, as in the names of columns: time(sec) N-S(cm/s).
-    r"|^\W*t(?:ime)?\b.*[\[(]\s*[cm]?m\s*(?:/\s*s(?:ec)?\s*)?[\])]"
-    r"|\b(?:units?\b\W*(?:of|in|are)?|velocity\s+in)\W*[cm]?m\s*/\s*s(?:ec)?(?![\w/^*²])",
+    r"|\b(?:velocity|displ(?:acement)?)\s+(?:time\W*)?(?:series|history|record)",
     re.I,
 )
+# A unit in brackets, after "in", "of" or "unit", or with a slash after a word; none of a number.
+_UNIT = re.compile(
+    r"(?:(?<!\d)(?<!\d\s)[\[(]\s*|\b(?:in|of|units?)\b\W*|[^\W\d][.,:]?\s+(?=\w+\s*/))"
+    r"([cm]?m\s*/\s*s[\w/^*²]*|[cm]?m|m?g|gals?)(?![\w/^*²])(?!\W*\d)",
+    re.I,
+)
+_OTHER_UNIT = re.compile(r"[cm]?m(\s*/\s*s(ec(ond)?)?)?", re.I)
+_OF_PLACES = re.compile(r"\b(elev|alti|depth|dist|heig|hypo|epi|coord|vs[_ ]?\d)", re.I)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d+)?", re.I)
+_FORTRAN = re.compile(r"(?<=[\d.])D(?=[+-]?\d)", re.I)  # exponent of double precision
 _NAMES: dict[str, Direction] = {
     **dict.fromkeys(("UP", "V", "VER", "VERT", "UD", "U", "Z"), "up"),
     **dict.fromkeys(("DWN", "DOWN", "DN"), "down"),
@@ -104,12 +110,13 @@ class RecordText:
             raise RecordError(f"{self.path} cannot be read: {error.strerror}.") from error
         if not data.strip():
             raise RecordError(f"{self.path} is empty.")
-        if b"\0" in data:
-            raise RecordError(f"{self.path} is not a text file.")
+        wide = data.startswith((b"\xff\xfe", b"\xfe\xff"))
         try:
-            decoded = data.decode("utf-8-sig")
+            decoded = data.decode("utf-16" if wide else "utf-8-sig")
         except UnicodeDecodeError:
             decoded = data.decode("latin-1")
+        if "\0" in decoded:
+            raise RecordError(f"{self.path} is not a text file.")
         plain = decoded.replace("\r\n", "\n").replace("\r", "\n").rstrip()
         self.lines = [line.rstrip() for line in plain.split("\n")]
 
@@ -177,7 +184,7 @@ class RecordText:
 
     def words(self, number: int, width: int = 0) -> list[str]:
         """Parts of a line, between blanks, commas or semicolons, or of a fixed width."""
-        line = self.lines[number - 1]
+        line = _FORTRAN.sub("E", self.lines[number - 1])
         if width:
             return [line[i : i + width].strip() for i in range(0, len(line), width)]
         return line.replace(",", " ").replace(";", " ").split()
@@ -228,9 +235,14 @@ def direction_named(text: str) -> Direction | None:
     return _NAMES.get(plain.replace("-", ""))
 
 
+def units_in(line: str) -> list[str]:
+    """Return units of length, velocity, acceleration in a line, not those of places and numbers."""
+    return [] if _OF_PLACES.search(line) else _UNIT.findall(line)
+
+
 def other_quantity(line: str) -> bool:
     """Return True if a line says that the values are velocities or displacements."""
-    return _OTHER_QUANTITY.search(line) is not None
+    return any(map(_OTHER_UNIT.fullmatch, units_in(line))) or bool(_OTHER_QUANTITY.search(line))
 
 
 def refuse_other_quantity(text: RecordText, number: int, line: str) -> None:

@@ -116,12 +116,11 @@ def response_spectrum(
 ) -> ResponseSpectrum:
     """Return the response spectrum of a piecewise linear ground acceleration.
 
-    Each oscillator obeys u'' + 2 zeta omega u' + omega^2 u = -a(t) from rest. Between samples
-    the solution is known in closed form (Nigam and Jennings, Bull. Seism. Soc. Am. 59, 1969,
-    909-922), so the step brings no error at any period. Peaks between samples and in the free
-    vibration after the motion count. Steps are divided into parts h of at most a twelfth of the
-    period; the cubic through displacements and velocities at both ends of a part errs by about
-    (omega h)^4 / 384 of the largest accelerations of oscillator and ground, less than 0.1 %.
+    Each oscillator obeys u'' + 2 zeta omega u' + omega^2 u = -a(t) from rest, solved in closed form
+    between samples (Nigam and Jennings, Bull. Seism. Soc. Am. 59, 1969, 909-922). Peaks between
+    samples and after the motion count: in parts h of a step of at most a twelfth of the period, by
+    the cubic through both ends, which errs by about (omega h)^4 / 384 of the largest accelerations
+    of oscillator and ground, less than 0.1 %.
 
     Args:
         acceleration: of the ground, shape (n, ...), [m/s^2].
@@ -289,4 +288,7 @@ def _signal(signal: ArrayLike) -> Floats:
     if values is None or values.ndim < 1 or len(values) < 2 or not np.isfinite(values).all():
         got = shown(signal, str)
         raise ValueError(f"A signal must be at least 2 samples, finite numbers, got {got}.")
+    if values.ndim == 2 and len(values) <= 3 < values.shape[1]:
+        shape = f"{values.shape}, samples along the second axis"
+        raise ValueError(f"A signal must have shape (n, components), got {shape}; transpose it.")
     return values

@@ -283,7 +283,8 @@ class Simulation:
             dt: Time step [s].
             steps: Number of steps.
             motion: Ground acceleration (3,) [m/s^2] at a time [s], or a `DifferingMotion`, as
-                `Motion.for_steps` returns them; axes in 2-D are those of `BaseMotion`.
+                `Motion.for_steps` returns them; axes in 2-D are those of `BaseMotion`. Other
+                functions are read as they are: use `Motion.scaled`, not ``lambda t: 2 * m(t)``.
             loads: Loads of this stage besides the model's own.
             scheme: Time scheme, `EnergyConsistent` unless given.
             control: When steps are cut; where their solve fails unless given.

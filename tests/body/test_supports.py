@@ -94,6 +94,10 @@ def test_a_linear_displacement_of_the_boundary_is_that_of_the_body(two_rectangle
         (lambda: Fixed(point=(0.1, 0.0)), r"point \(0.1 0\) is at no node; the nearest is \(0, 0"),
         (lambda: Fixed(point=(0.0, 1.0)), "2 nodes, which a joint divides; name a side as well"),
         (
+            lambda: Prescribed(group="sides", component="y", value=float),
+            "displacement y on 'sides' is both Fixed and Prescribed; give one of them",
+        ),
+        (
             lambda: Prescribed(group="top", component="x", value=lambda x, t: x[:, :2]),
             "prescribed on 'top' at t = 0 s gave an array of shape",
         ),
@@ -103,7 +107,7 @@ def test_places_that_do_not_fit_are_refused(two_rectangles_file, read, support, 
     jointed = read(two_rectangles_file(angle=0.0))
 
     def run():
-        supports = [Fixed(group="base"), support()]
+        supports = [Fixed(group="base"), Fixed(group="sides", components="y"), support()]
         Simulation(Model(jointed, material=SOLID, joints=LAW, supports=supports)).statics()
 
     with pytest.raises((ValueError, MeshError), match=text):

@@ -298,6 +298,9 @@ def test_solids_that_do_not_fit(tmp_path, boxes, dim, sentence):
     with pytest.raises(ValueError, match=sentence) as failure:
         from_step(tmp_path / "p.msh", path, size=1)
     one_sentence(failure)
+    if "overlap" in sentence:
+        with pytest.raises(ValueError, match="the solids 'pier' and 'b' overlap"):
+            from_step(tmp_path / "p.msh", path, size=1, solids={"pier": (1, 1, 1)})
     assert not (tmp_path / "p.msh").exists()
 
 

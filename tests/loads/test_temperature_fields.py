@@ -13,6 +13,7 @@ A wall [0, L] x [0, d] x [0, H], its faces y = 0 and y = d at given temperatures
 
 import cmath
 import math
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ from dolfinx_joints import (
     FrictionNoTension,
     JointsError,
     Model,
+    PlausibilityWarning,
     ReservoirTemperature,
     Simulation,
     Temperature,
@@ -203,6 +205,18 @@ def test_points_of_a_file(comm, wall, new_path):
     np.testing.assert_allclose(field.x.array, 3 * x - y + 2 * z + 7, rtol=1e-12, atol=1e-12)
 
 
+def test_a_spreadsheet_and_points_in_another_unit(comm, wall, new_path):
+    text = TABLE.replace(",", ";").replace(".", ",")
+    field = temperature_from_file(written(comm, new_path("t.csv"), text), wall())
+    x, y, z = places(field).T
+    np.testing.assert_allclose(field.x.array, 3 * x - y + 2 * z + 7, rtol=1e-12, atol=1e-12)
+    rows = "".join(f"{1e3 * x},{1e3 * y},{1e3 * z},{x}\n" for x, y, z in CORNERS)
+    path = written(comm, new_path("t.csv"), "x,y,z,T\n" + rows)
+    text = "extend over 5000 m, the mesh over 4 m; look at the unit of the points"
+    with pytest.warns(PlausibilityWarning, match=text) if comm.rank == 0 else nullcontext():
+        temperature_from_file(path, wall())
+
+
 def test_nodes_outside_take_the_nearest_point(comm, wall, new_path):
     lower = "".join(f"{x},{y},{z},5\n" for x, y, _ in CORNERS for z in (0.0, 2.5))
     rows = sorted(set(lower.split()))
@@ -230,9 +244,14 @@ def test_too_little_memory_is_told(wall):
     [
         ("# nothing\n\n", "the columns are missing; they must be x,y,z,T, in m"),
         ("x,y,T\n0,0,1\n", "the columns are x,y,T; they must be x,y,z,T, in m"),
-        (TABLE + "1,2,3\n", "is no table of 4 numbers a line"),
-        (TABLE + "1,2,3,warm\n", "could not convert string to float: .*'warm'"),
-        (TABLE + "1,2,nan,4\n", "must hold 4 finite numbers a line"),
+        (TABLE + "1,2,3\n", "line 10 must hold 4 finite numbers, .* got '1,2,3'"),
+        (TABLE + "1,2,3,warm\n", "line 10 must hold 4 finite numbers, .* got '1,2,3,warm'"),
+        (TABLE + "\n1,2,,4\n", "line 11 must hold 4 finite numbers, .* got '1,2,,4'"),
+        (TABLE + "1,2,nan,4\n", "line 10 must hold 4 finite numbers"),
+        (
+            TABLE + "1,2,3,-999.0\n",
+            "line 10 must hold .*, no temperature that stands for a .*999",
+        ),
         (TABLE + "0,-1,0,9\n", "names 1 points more than once"),
         ("x,y,z,T\n0,0,0,1\n1,0,0,1\n0,1,0,1\n1,1,0,1\n", "has 4 points that span 2 of 3"),
         (IN_MM, "no point within 1 m of the node"),

@@ -70,6 +70,9 @@ def test_facets_in_place_of_tags_are_checked(square):
         split_mesh(mesh, groups={"base": edges.indices[:0]})
     with pytest.raises(MeshError, match=r"^The facet group 'base' holds numbers from -1 to 0; the"):
         split_mesh(mesh, groups={"base": np.array([0, -1])})
+    mask = np.zeros(9, dtype=bool)
+    with pytest.raises(ValueError, match=r"must be numbers of local facets, np\.flatnonzero"):
+        split_mesh(mesh, groups={"base": mask})
     with pytest.raises(ValueError, match=r"^The tag of 'base' is array\(.*; it must be a whole"):
         split_mesh(mesh, edges, groups={"base": edges.indices})
 

@@ -256,6 +256,25 @@ def test_what_is_in_a_plane_mesh_is_checked(tmp_path, elements, options, sentenc
     assert str(failure.value).endswith(".")
 
 
+def test_a_body_of_which_only_the_surface_is_meshed_is_refused(tmp_path):
+    with gmsh_model.gmsh_session():
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(3, [1], name="body")
+        gmsh.model.addPhysicalGroup(2, [1], name="side")
+        gmsh.model.mesh.generate(2)
+        gmsh.write(str(tmp_path / "box.msh"))
+    assert "entity 1 of dimension 3 holds no cells; mesh it by gmsh." in refusal(
+        tmp_path / "box.msh"
+    )
+
+
+@pytest.mark.parametrize("read", [dj.read_msh, dj.read_split])
+def test_readers_need_a_communicator(tmp_path, read):
+    with pytest.raises(ValueError, match="comm is None; it must be an MPI communicator, as MPI"):
+        read(tmp_path / "any.msh", None)
+
+
 def test_joints_are_a_list_of_names(tmp_path):
     path = write_plane(tmp_path / "good.msh", [SQUARE, NEXT, EDGE])
     with pytest.raises(dj.MeshError, match="joints is 'edge'; it must be a list of names"):

@@ -197,6 +197,21 @@ def test_facets_of_groups_without_a_name_are_warned_of(comm, put):
     assert [sentence in str(each.message) for each in caught] == [True] * (comm.rank == 0)
 
 
+@pytest.mark.parametrize(
+    ("name", "warned"), [("jiont_2", True), ("Contraction_joint", True), ("lift", False)]
+)
+def test_misspelt_joints_are_warned_of(comm, name, warned):
+    given = {"cell": "triangle", "x": np.array(X, dtype=float), "cells": np.array(CELLS)}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        mesh_from_arrays(comm, **given, facet_groups={name: np.array([JOINT[0]])})
+        mesh_from_arrays(comm, **given, facet_groups={name: np.array([JOINT[0]])}, joints=[])
+        both = {"joint_1": np.array(JOINT), name: np.array([JOINT[0]])}
+        mesh_from_arrays(comm, **given, facet_groups=both)  # a part of a joint is no misspelt one
+    text = f"Facets of {name!r} lie inside the body and stay closed, as the name does not begin"
+    assert [text in str(each.message) for each in caught] == [True] * (warned and comm.rank == 0)
+
+
 XDMF_FAULTS = [
     (BASE, [3, 3], X, None),
     ([[0, 1], [0, 5]], [3, 3], X, "Group 'base': 1 of its facets belong to no cell"),

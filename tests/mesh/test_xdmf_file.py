@@ -78,6 +78,56 @@ def test_one_of_several_is_chosen_by_name(comm, written):
     assert read_xdmf(path, comm, facet_tags="edges", joints={"joint": 7}).joint_names == ("joint",)
 
 
+def attributes(*named):
+    """Tags of the two edges under several names: name, place, tags."""
+    return "".join(
+        f'<Attribute Name="{name}" AttributeType="Scalar" Center="{center}"><DataItem '
+        f'Dimensions="2 1" Format="XML">{tags}</DataItem></Attribute>'
+        for name, center, tags in named
+    )
+
+
+def with_attributes(*named):
+    start = EDGES.index("<Attribute")
+    return EDGES[:start] + attributes(*named) + "</Grid>"
+
+
+GEOMETRICAL, PHYSICAL = ("gmsh:geometrical", "Cell", "8 7"), ("gmsh:physical", "Cell", "7 8")
+
+
+@pytest.mark.parametrize(
+    ("named", "name", "sentence"),
+    [
+        ([GEOMETRICAL, PHYSICAL], None, None),
+        ([GEOMETRICAL, PHYSICAL], "edges", None),
+        ([("heat", "Node", "8 7"), ("tags", "Cell", "7 8")], None, None),
+        ([GEOMETRICAL, ("tags", "Cell", "7.0 8.0")], "tags", None),
+        ([GEOMETRICAL, ("tags", "Cell", "7 8")], None, "'gmsh:geometrical', 'tags'; choose one by"),
+        ([("heat", "Node", "7 8")], None, "has no facet tags"),
+        ([("tags", "Cell", "7 8.5")], None, r"8\.5 in Attribute.* is no whole number"),
+    ],
+)
+def test_tags_are_chosen_among_attributes(comm, written, named, name, sentence):
+    path = written(SQUARES, with_attributes(*named))
+    given = {"joints": {"joint": 7}, "groups": {"base": 8}, "facet_tags": name}
+    if sentence:
+        with pytest.raises(MeshError, match=sentence):
+            read_xdmf(path, comm, **given)
+    else:  # the other way round the joint is on the boundary, which is refused
+        assert read_xdmf(path, comm, **given).joint_names == ("joint",)
+
+
+def test_a_plane_mesh_may_have_a_constant_third_coordinate(comm, written):
+    flat, x = " ".join(f"{a} {b} 3" for a, b in X), " ".join(f"{a} {b}" for a, b in X)
+    edges = EDGES.replace('"6 2"', '"6 3"').replace(x, flat)
+    assert read_xdmf(written(SQUARES, edges), comm, joints={"joint": 7}).pairs.count == 1
+    squares = SQUARES.replace('"6 2"', '"6 3"').replace(x, flat)
+    assert read_xdmf(written(squares, EDGES), comm, joints={"joint": 7}).pairs.count == 1
+    series = '<Grid GridType="Collection" CollectionType="Temporal"></Grid>'
+    with pytest.raises(MeshError, match="no facet tags; grids in a Collection are not read"):
+        read_xdmf(written(SQUARES, series), comm, joints={"joint": 7})
+
+
 def test_what_is_not_there_is_said(comm, new_path, written):
     path = written(SQUARES, EDGES)
     joint = {"joints": {"joint": 7}}
@@ -86,7 +136,7 @@ def test_what_is_not_there_is_said(comm, new_path, written):
         (path, {"facet_tags": "a", **joint}, r"mesh\.xdmf has no facet tags 'a'; it has: 'edges'"),
         (path, {"mesh": "a", **joint}, "has no mesh 'a'; it has: 'squares', 'edges'"),
         (path, {"joints": {"joint": 4}}, "No facet carries the tag 4 of the group 'joint'; the"),
-        (written(SQUARES), joint, r"mesh\.xdmf has no facet tags\.$"),
+        (written(SQUARES), joint, r"mesh\.xdmf has no facet tags; grids in"),
         (written("<Grid>"), joint, r"mesh\.xdmf is no XDMF file: mismatched tag"),
         (
             written(SQUARES.replace("XML", "HDF")),

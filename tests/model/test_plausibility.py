@@ -5,25 +5,34 @@
 import subprocess
 import sys
 import warnings
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
 
+import ufl
+from dolfinx import fem
+
 from dolfinx_joints import (
     DruckerPrager,
     Elastic,
     Fixed,
+    FormLoad,
     FrictionNoTension,
     Gravity,
     HydrostaticPressure,
     Joints,
+    JointWater,
     Model,
     Orthotropic,
     PlausibilityWarning,
     Rayleigh,
+    SeepageLine,
+    Simulation,
     Temperature,
+    Uplift,
     ViscousJoint,
     mesh_from_arrays,
 )
@@ -166,6 +175,47 @@ def test_water_that_misses_its_face(comm, level, strange):
     found = told(comm, jointed=body, material=Elastic(**CONCRETE), loads=[water])
     text = "HydrostaticPressure: level is 76 m; the group 'upstream' begins at 100 m."
     assert found == ([text] if strange else [])
+
+
+@pytest.mark.parametrize(("value", "strange"), [(283.0, True), (-263.0, True), (40.0, False)])
+def test_kelvin_beside_celsius(comm, wall, value, strange):
+    space = fem.functionspace(wall.mesh, ("Lagrange", 1))
+    field = fem.Function(space)
+    field.x.array[:] = value
+    joints = FrictionNoTension(**JOINT, friction_angle_deg=30.0)
+    loads = [
+        Temperature(value=field, reference={"concrete": 10.0}, expansion=1e-5),
+        Temperature(value=value, reference=10.0, expansion=1e-5),
+    ]
+    given = {"material": Elastic(**CONCRETE), "joints": joints, "loads": loads}
+    text = f"Temperature: value is {value:.4g} to {value:.4g} with a reference of 10; is one of"
+    assert [line[: len(text)] for line in told(comm, jointed=wall, **given)] == [text] * 2 * strange
+
+
+def test_loads_on_nothing(comm, wall):
+    law = FrictionNoTension(**JOINT, friction_angle_deg=30.0)
+    given = {"jointed": wall, "material": Elastic(**CONCRETE), "joints": law}
+    water = JointWater(joint="joint_1", level=-2.0)
+    deep = SeepageLine(start=(0, 0, 0), end=(1, 0, 0), upstream=-1.0, downstream=-2.0)
+    low = told(comm, **given, loads=[water])
+    assert low == ["JointWater: level is -2 m; the body reaches from 0 to 20 m."]
+    supports = [Fixed(group="base")]
+    for load, name in (
+        (Uplift(joint="joint_1", pressure=deep), "Uplift_joint_1"),
+        (
+            FormLoad(form=lambda v: fem.Constant(wall.mesh, 0.0) * v[2] * wall.dx("concrete")),
+            "FormLoad",
+        ),
+    ):
+        text = f"{name} exerts no force: its place is empty, or it is zero"
+        with pytest.warns(PlausibilityWarning, match=text) if comm.rank == 0 else nullcontext():
+            Simulation(Model(**given, supports=supports, loads=[load])).statics()
+    for measure, part in ((ufl.ds(5), 5), (ufl.dx(7), 7)):
+        load = FormLoad(form=lambda v, measure=measure: v[2] * measure)
+        with pytest.raises(
+            ValueError, match=f"integrates over the part {part} of a measure without"
+        ):
+            Simulation(Model(**given, supports=supports, loads=[load])).statics()
 
 
 def test_a_mesh_in_millimetres_and_the_switch(comm):

@@ -117,18 +117,24 @@ def test_what_is_missing_or_contradicts_is_an_error(
         ("# unit: g\n# columns: wrapped\n1 2 3\n4 5\n", "has no column of time; pass dt="),
         (
             "# unit: g\n# dt: 0.01\n# columns: wrapped\n0 .2 .3\n1 .1 .4\n2 .1 .2\n3 .1 .2\n",
-            "line 4: lines begin with numbers that rise by equal steps",
+            "line 4: each line has a number, 0 in this one, that rises by equal steps",
         ),
         ("# unit: g\n0.00\t0,1\n0.01\t0,2\n", "has 3 columns and does not name them"),
         ("# time(sec) N-S(cm/s)\n# unit: g\n0 1\n1 1\n", "line 1: names velocities or displ"),
         ("t (s),up (m)\n0,1\n1,1\n", "line 1: names velocities or displacements"),
         ("# Units of cm/s\n# unit: g\n0 1\n1 1\n", "line 1: names velocities or displacements"),
+        ("# unit: g\nTime Vx Vy Vz\n0 1 2 3\n1 2 3 4\n", "line 2: must name times [s] and accel"),
+        ("N (gal),E (gal),UP (g)\n0,1,2\n1,2,3\n", "line 1: gives the unit g, but line 1 gal"),
+        ("# unit: g\n# gal (cm/s2)\n0 1\n1 2\n", "line 2: gives the unit cm/s^2, but line 1 g"),
         ("# unit: g\n0.0 1.0\n", "line 2: the file has 1 row of numbers; a record has 2"),
         ("# unit: gal\n0 1\n1 2\n2 -99\n3 1\n4 2\n", "line 4: -99 stands for a missing sample"),
         ("# unit: g\n0.0 1.0\n0.1 2.0 3.0\n", "line 3: 3 values where the columns are 2"),
-        ("# unit: g\n0.0 1.0\n0.1 2.0\n0.3 2.0\n", "line 3: the times must rise by equal steps"),
-        ("# unit: g\n0,1\n1,2\n3,2\n", "line 3: the times must rise"),  # no decimal commas
-        ("# Units = g\n0.2 1.0\n0.1 2.0\n", "line 2: the times must rise by equal steps of -0.1 s"),
+        ("# unit: g\n0.0 1.0\n0.1 2.0\n0.3 2.0\n", "line 4: the times must rise by equal steps"),
+        ("# unit: g\n0,1\n1,2\n3,2\n", "line 4: the times must rise"),  # no decimal commas
+        (
+            "# Units = g\n0.2 1.0\n0.1 2.0\n",
+            "line 3: the times must rise by equal steps, of -0.1 s",
+        ),
         ("# unit: g\n0 1 2 3\n1 1 2 3\n", "columns='wrapped' reads one component"),
     ],
 )
@@ -138,6 +144,52 @@ def test_malformed_columns_are_errors(tmp_path: Path, text: str, message: str) -
     with pytest.raises(RecordError) as caught:
         read_components(path)
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("comment", "message"),
+    [
+        ("vel. (cm/s)", "names velocities or displacements"),
+        ("vel in cm/sec", "names velocities or displacements"),
+        ("displacements [cm]", "names velocities or displacements"),
+        ("Geschwindigkeit [cm/s]", "names velocities or displacements"),
+        ("acceleration (m/s2)", "unit is m/s^2 here, but gal was given"),
+        ("acceleration in cm/sec/sec", None),
+        ("Vs30 (m/s): 760, PGV 12.3 cm/s, PGD = 3 (cm)", None),
+        ("elevation (m)", None),
+        ("NPTS 400, DT 0.01", None),
+    ],
+)
+def test_units_in_comments_are_those_of_the_samples(
+    tmp_path: Path, comment: str, message: str | None
+) -> None:
+    path = write(tmp_path, f"# {comment}\n", TIMES, VALUES[:, 0])
+    if message is None:
+        assert read_components(path, unit="gal")[0].dt == pytest.approx(0.02)
+        return
+    with pytest.raises(RecordError, match=f"line 1: {re.escape(message)}"):
+        read_components(path, unit="gal")
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("{row} {number}", "each line has a number, 1 in this one, that rises by equal steps"),
+        ("{time:.2f} {row}", "each line has a number, 0.00 in this one, that rises by equal steps"),
+        ("{row} {word}", "'x' is not a finite number"),
+    ],
+)
+def test_wrapped_lines_hold_samples_alone(tmp_path: Path, line: str, message: str) -> None:
+    path = tmp_path / "motion.txt"
+    rows = [" ".join(map(str, VALUES[i])) for i in range(8)]
+    path.write_text(
+        "\n".join(
+            line.format(row=row, number=i + 1, time=0.015 * i, word="x" if i == 5 else i % 3)
+            for i, row in enumerate(rows)
+        )
+    )
+    with pytest.raises(RecordError, match=f"line [16]: {re.escape(message)}"):
+        read_components(path, unit="gal", dt=0.005, columns="wrapped")
 
 
 POINTS = "\n".join(f"{t:.2f} {v:.3f}" for t, v in zip(TIMES, VALUES[:, 0], strict=True))
@@ -152,12 +204,15 @@ WRAPPED = "\n".join("".join(f"{v:9.3f}" for v in VALUES[i : i + 5, 0]) for i in 
         (POINTS.replace(" ", "\t").replace(".", ","), {"unit": "m/s^2"}),
         (re.sub(r"\S+ ", "", POINTS).replace(".", ","), {"unit": "m/s^2", "dt": 0.02}),
         ("# columns: wrapped\n" + WRAPPED, {"unit": "m/s^2", "dt": 0.02, "columns": "wrapped"}),
+        (POINTS.replace("0 ", "0D+00 "), {"unit": "m/s^2"}),
+        ("t [s] acc [m/s2]\n" + POINTS, {}),
+        ("Zeit (s);acc_x (m/s2)\n" + POINTS.replace(" ", ";"), {}),
         (POINTS.replace("\n", " 7\n") + " 7", {"unit": "m/s^2", "columns": "time N skip"}),
     ],
 )
 def test_columns_of_many_programs_are_read(tmp_path: Path, text: str, options: Any) -> None:
     path = tmp_path / "motion.txt"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-16" if text.startswith("t") else "utf-8")
     (found,) = read_components(path, **options)
     np.testing.assert_allclose(found.acceleration, np.round(VALUES[:, 0], 3), rtol=1e-12)
     assert found.dt == pytest.approx(0.02, rel=1e-9)
@@ -168,8 +223,18 @@ def test_a_given_step_wins_over_rounded_times(tmp_path: Path, dt: float, digits:
     path = tmp_path / "motion.txt"
     path.write_text("\n".join(f"{i * dt:.{digits}f} {i % 5}" for i in range(40)))
     assert read_components(path, unit="gal", dt=dt)[0].dt == dt
-    with pytest.raises(RecordError, match=r"rise by equal steps of .*; pass dt= if they are"):
+    with pytest.raises(RecordError, match=r"rise by equal steps, of .*; pass dt= if rounded"):
         read_components(path, unit="gal", dt=1.1 * dt)
+
+
+@pytest.mark.parametrize(
+    ("step", "dt", "line"), [(0.01, None, 21), (0.01, 0.01, 21), (0.008, 0.008, 21)]
+)
+def test_a_missing_row_is_found(tmp_path: Path, step: float, dt: float | None, line: int) -> None:
+    path = tmp_path / "motion.txt"
+    path.write_text("\n".join(f"{i * step:.2f} {i % 5}" for i in range(40) if i != 20))
+    with pytest.raises(RecordError, match=f"line {line}: .* after 0"):
+        read_components(path, unit="gal", dt=dt)
 
 
 @pytest.mark.parametrize(

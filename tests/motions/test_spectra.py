@@ -136,6 +136,7 @@ def test_significant_duration() -> None:
     ("call", "message"),
     [
         (lambda: fourier_amplitude([1.0], 0.1), "at least 2 samples, finite numbers, got"),
+        (lambda: significant_duration(np.ones((3, 4)), 0.1), r"got \(3, 4\), .*; transpose it"),
         (lambda: response_spectrum([1.0, 2.0], 0.1, [0.0], 0.05), "periods must be positive"),
         (lambda: significant_duration([1.0, 2.0], 0.1, lower=0.9, upper=0.1), "lower is 0.9; it"),
         (lambda: significant_duration([0.0, 0.0], 0.1), "zero throughout"),

@@ -13,11 +13,16 @@ from dolfinx import fem
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import KDTree
 
+from dolfinx_joints.body.places import extent
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.errors import TemperatureError
+from dolfinx_joints.common.errors import TemperatureError, doubt
 from dolfinx_joints.common.mpi import on_root, raised_together
+from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+
+_FILLER = 99.0  # temperatures of nines alone from here on stand for missing ones
+_LARGE = 50.0  # times the extent of the mesh: points farther apart are in another unit, as mm
 
 
 def _read_points(path: str | Path, axes: int) -> tuple[Floats, Floats]:
@@ -27,22 +32,16 @@ def _read_points(path: str | Path, axes: int) -> tuple[Floats, Floats]:
         lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise TemperatureError(f"{path} cannot be read as text: {error}.") from None
-    lines = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
-    if not lines or lines[0].replace(" ", "") != columns:
+    counted = enumerate(lines, start=1)
+    rows = [(n, line) for n, line in counted if line.strip() and line.lstrip()[0] != "#"]
+    head = rows[0][1] if rows else "missing"
+    if head.replace(" ", "").replace(";", ",") != columns:
         raise TemperatureError(
-            f"{path}: the columns are {lines[0][:60] if lines else 'missing'}; they must be "
-            f"{columns}, in m and the degrees of the references."
+            f"{path}: the columns are {head[:60]}; they must be {columns}, in m and the degrees of "
+            "the references."
         )
-    try:
-        table = np.array([line.split(",") for line in lines[1:]], dtype=np.float64)
-    except ValueError as error:
-        raise TemperatureError(
-            f"{path} is no table of {axes + 1} numbers a line: {error}."
-        ) from None
-    table = table if len(table) else np.zeros((0, axes + 1))
-    points = table[:, :axes]
-    if table.shape[1] != axes + 1 or not np.isfinite(table).all():
-        raise TemperatureError(f"{path} must hold {axes + 1} finite numbers a line.")
+    table = [_row(f"{path}, line {n}", line, ";" in head, axes + 1) for n, line in rows[1:]]
+    points, values = np.hsplit(np.reshape(table, (-1, axes + 1)), [axes])
     apart = points - points[:1]
     spread = np.linalg.matrix_rank(apart, tol=1e-9 * np.linalg.norm(apart)) if len(points) else 0
     if spread < axes:
@@ -53,7 +52,21 @@ def _read_points(path: str | Path, axes: int) -> tuple[Floats, Floats]:
     _, counts = np.unique(points, axis=0, return_counts=True)
     if counts.max() > 1:
         raise TemperatureError(f"{path} names {int((counts > 1).sum())} points more than once.")
-    return points, table[:, axes]
+    return points, values[:, 0]
+
+
+def _row(place: str, line: str, semicolons: bool, count: int) -> list[float]:
+    """Return the numbers of a line, with decimal commas if semicolons are between them."""
+    words = line.replace(",", ".").split(";") if semicolons else line.split(",")
+    try:
+        row = [float(word) for word in words]
+    except ValueError:
+        row = []
+    filler = not set(words[-1].strip().rstrip("0")) - set("-9.")
+    if len(row) != count or not np.isfinite(row).all() or (filler and abs(row[-1]) >= _FILLER):
+        wanted = f"{count} finite numbers, no temperature that stands for a missing one"
+        raise TemperatureError(f"{place} must hold {wanted}, got {shown(line)}.")
+    return row
 
 
 @checked
@@ -69,9 +82,9 @@ def temperature_from_file(
     which curved faces need.
 
     Args:
-        path: File of comma-separated values. The first line is ``x,y,z,T`` (``x,y,T`` in the
-            plane), every other a point [m] and its temperature; empty lines and those that begin
-            with # do not count.
+        path: File of comma-separated values, or with semicolons and decimal commas. The first line
+            is ``x,y,z,T`` (``x,y,T`` in the plane), every other a point [m] and its temperature;
+            empty lines and those that begin with # do not count.
         jointed: The mesh.
         reach: How far outside a node may lie from the nearest point [m].
 
@@ -86,6 +99,10 @@ def temperature_from_file(
     points, values = on_root(mesh.comm, lambda: _read_points(path, axes))
     space = fem.functionspace(mesh, ("Lagrange", jointed.shape.degree))
     field = fem.Function(space, name="temperature")
+    size, spread = extent(space), float(np.ptp(points, axis=0).max())
+    if spread > _LARGE * size:
+        extents = f"extend over {spread:.4g} m, the mesh over {size:.4g} m"
+        doubt(mesh.comm, f"The points of {path} {extents}; look at the unit of the points.")
     with raised_together(mesh.comm):
         nodes = space.tabulate_dof_coordinates()[:, :axes]
         field.x.array[:] = _interpolated(path, points, values, nodes, reach)

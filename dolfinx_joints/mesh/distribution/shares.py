@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.mpi import dealt, equal_blocks, on_root, rank_of, rows_at
+from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.distribution.killed_compilations import remove_killed_compilations
@@ -69,6 +70,7 @@ MESH_ROWS = ("cells", "cell_values", "facet_values", "x", "glued")
 
 def distribute(comm: Any, prepare: Callable[[], PreparedMesh]) -> JointedMesh:
     """Create the DOLFINx mesh of one that rank 0 prepares whole (collective)."""
+    check_comm(comm)
     here: list[PreparedMesh] = []
 
     def work() -> PreparedMesh:
@@ -77,6 +79,11 @@ def distribute(comm: Any, prepare: Callable[[], PreparedMesh]) -> JointedMesh:
 
     known = on_root(comm, work)
     return create_jointed(comm, here[0] if here else known)
+
+
+def check_comm(comm: Any) -> None:
+    """Check that a reader has a communicator."""
+    check_kind_of("comm", comm, offers(comm, "bcast"), "an MPI communicator, as MPI.COMM_WORLD")
 
 
 def create_jointed(comm: Any, share: PreparedMesh) -> JointedMesh:

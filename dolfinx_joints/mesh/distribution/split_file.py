@@ -31,6 +31,7 @@ from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.distribution.shares import (
     MESH_ROWS,
     PreparedMesh,
+    check_comm,
     create_jointed,
     share_of,
 )
@@ -121,6 +122,7 @@ def read_split(path: str | Path, comm: Any) -> JointedMesh:
     Raises:
         MeshError: The file is missing, damaged or no split mesh.
     """
+    check_comm(comm)
     with raised_together(comm):
         share = _read(Path(path), comm.rank, comm.size)
     return create_jointed(comm, share)

@@ -287,6 +287,8 @@ def _entities(kind: str, name: str, given: Any, count: int) -> NDArray[np.int32]
     """Check what is given as local facets or cells."""
     whole = isinstance(given, np.ndarray) and given.ndim == 1 and given.dtype.kind in "iu"
     wanted = f"an array of local {kind}s, or {kind}_tags be given and this a tag"
+    if isinstance(given, np.ndarray) and given.dtype == bool:
+        wanted = f"numbers of local {kind}s, np.flatnonzero(...) of a mask"
     check_kind_of(f"The {kind} group {name!r}", given, whole, wanted)
     if given.min(initial=0) < 0 or given.max(initial=-1) >= count:
         raise MeshError(

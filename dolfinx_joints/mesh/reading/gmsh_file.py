@@ -160,6 +160,9 @@ def _warn_of_unnamed(model: Any, dim: int, tag: int, body: Any, source: str) -> 
 def _elements(model: Any, dim: int, entity: int, source: str) -> tuple[int, Ints]:
     """Type and nodes of the elements of one entity."""
     types, _, nodes = model.mesh.getElements(dim, entity)
+    if not len(types):
+        without = f"entity {entity} of dimension {dim} holds no cells"
+        raise MeshError(f"{source!r}: {without}; mesh it by gmsh.model.mesh.generate({dim}).")
     if len(types) != 1:
         raise MeshError(
             f"{source!r}: entity {entity} holds {len(types)} kinds of cells; one kind is needed."

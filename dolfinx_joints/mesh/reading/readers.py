@@ -37,8 +37,7 @@ def read_msh(path: str | Path, comm: Any, *, joints: list[str] | None = None) ->
             conforming mesh, or two coincident boundary groups ``NAME-`` and ``NAME+`` of a mesh
             whose nodes are already duplicated; the distance of the latter is an initial gap.
         comm: MPI communicator of the mesh.
-        joints: Names of the joints; every surface group whose name starts with ``joint``, in any
-            case, unless given.
+        joints: Names of the joints; all surface groups ``joint...``, in any case, unless given.
 
     Raises:
         MeshError: The file cannot be read, mixes cell types, lacks a joint that was asked for, or
@@ -99,8 +98,9 @@ def read_xdmf(
         groups: Tag of each boundary group by name.
         cell_groups: Tag of each cell group by name.
         mesh: Name of the mesh in the file; needed where there are several.
-        facet_tags: Name of the facet tags in the file; needed where there are several.
-        cell_tags: Name of the cell tags in the file; needed where there are several.
+        facet_tags: Name of the facet tags in the file, of a grid or of its attribute on cells;
+            needed where there are several and not one of them is ``gmsh:physical``.
+        cell_tags: Name of the cell tags alike.
         facet_file: XDMF file of the facet tags, if they are in another one.
 
     Raises:
@@ -157,15 +157,13 @@ def mesh_from_arrays(
         cell: ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
         x: Node coordinates, shape (nodes, 2), of solids (nodes, 3), [m].
         cells: Nodes of each cell, shape (cells, nodes of a cell): 3, 4, 4 or 8 for cells of degree
-            1, 6, 9, 10 or 27 for (curved) ones of degree 2. They come in the order of DOLFINx
-            (basix): a quadrilateral has (0, 0), (1, 0), (0, 1), (1, 1), a hexahedron these and then
-            those above them, so ``cells[:, [0, 1, 3, 2]]`` and ``[0, 1, 3, 2, 4, 5, 7, 6]`` of what
-            goes round, as in Gmsh, VTK and Abaqus.
+            1, 6, 9, 10 or 27 for (curved) ones of degree 2, in the order of DOLFINx (basix):
+            ``cells[:, [0, 1, 3, 2]]`` of quadrilaterals and ``[0, 1, 3, 2, 4, 5, 7, 6]`` of
+            hexahedra in the order of Gmsh, VTK and Abaqus.
         facet_groups: Vertices of the facets of each group in any order, shape (n, vertices of a
             facet); joints are among them, as in `read_msh`.
         cell_groups: Numbers of the cells of each group, shape (n,).
-        joints: Names of the joints; every facet group whose name starts with ``joint``, in any
-            case, unless given.
+        joints: Names of the joints; all facet groups ``joint...``, in any case, unless given.
 
     Raises:
         MeshError: An array has another shape or names what is not there, nodes of cells come in

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from xml.etree import ElementTree
 
 import dolfinx.mesh
@@ -31,9 +31,11 @@ _DIMENSION = {
     "tetrahedron": 3,
     "hexahedron": 3,
 }
+_PHYSICAL = "gmsh:physical"  # meshio's name of Gmsh's groups
 _SAME = 1e-9  # of the extent: nodes of two files agree to the digits that are written
 
 Grid = ElementTree.Element
+T = TypeVar("T")
 
 
 class XdmfGrids:
@@ -72,45 +74,64 @@ class XdmfGrids:
         meshes = [grid for grid in self._grids if grid.find("Geometry") is not None]
         top = max((_dim(grid) for grid in meshes), default=0)
         bodies = [grid for grid in meshes if names[0] is not None or _dim(grid) == top]
-        grid = self._choose("mesh", "mesh", bodies, names[0])
+        found = [(name := grid.get("Name", ""), {name}, grid) for grid in bodies]
+        grid = self._choose("mesh", "mesh", found, names[0])
         kind, dim = _kind(grid), _dim(grid)
-        x, cells = self._array(grid, "Geometry"), self._array(grid, "Topology")
+        x, cells = self._nodes(grid, dim), self._array(grid, "Topology")
         of_facets, of_cells = {}, {}
         if groups:
-            tagged = facets._tagged("facet", dim - 1, names[1])
+            tagged, tags = facets._tagged("facet", dim - 1, names[1])
             facets._check_nodes(tagged, x)
             corners = facets._array(tagged, "Topology")[:, : 4 if kind == "hexahedron" else dim]
-            of_facets = facets._by_tag("facet", groups, tagged, corners)
+            of_facets = facets._by_tag("facet", groups, tags, corners)
         if cell_groups:
-            tagged = self._tagged("cell", dim, names[2])
+            tagged, tags = self._tagged("cell", dim, names[2])
             numbers = self._numbers(self._array(tagged, "Topology"), cells)
-            of_cells = self._by_tag("cell", cell_groups, tagged, numbers)
+            of_cells = self._by_tag("cell", cell_groups, tags, numbers)
         try:
             order = perm_vtk(getattr(dolfinx.mesh.CellType, kind), cells.shape[1])
             return mesh_of_arrays(kind, x, cells[:, order], of_facets, of_cells)
         except (AttributeError, RuntimeError, ValueError) as error:
             raise MeshError(f"{self._path}: the {kind} mesh cannot be used: {error}") from None
 
-    def _tagged(self, kind: str, dim: int, name: str | None) -> Grid:
-        """Find the grid of the tags of facets or cells."""
-        found = [g for g in self._grids if g.find("Attribute") is not None and _dim(g) == dim]
-        return self._choose(f"{kind} tags", f"{kind}_tags", found, name)
+    def _tagged(self, kind: str, dim: int, name: str | None) -> tuple[Grid, Ints]:
+        """Return the grid of the tags of facets or cells, and the tags."""
+        found = []
+        for grid in (grid for grid in self._grids if _dim(grid) == dim):
+            every, of_grid = enumerate(grid.findall("Attribute"), start=1), grid.get("Name", "")
+            tags = [(k, a.get("Name", "")) for k, a in every if a.get("Center", "Cell") == "Cell"]
+            for number, own in tags:
+                label = own if len(tags) > 1 else of_grid
+                found.append((label, {own, of_grid}, (grid, number)))
+        grid, number = self._choose(f"{kind} tags", f"{kind}_tags", found, name)
+        return grid, self._array(grid, f"Attribute[{number}]").ravel()
 
-    def _choose(self, what: str, argument: str, grids: list[Grid], name: str | None) -> Grid:
-        """Return the grid that is asked for, or the only one."""
-        names = [grid.get("Name", "") for grid in grids]
-        there = ", ".join(map(repr, names)) or "none"
-        if name is not None and name not in names:
+    def _choose(
+        self, what: str, argument: str, found: list[tuple[str, set[str], T]], name: str | None
+    ) -> T:
+        """Return the only choice, by its label, other names and value; of several Gmsh's groups."""
+        there = ", ".join(repr(label) for label, *_ in found) or "none"
+        chosen = [each for each in found if name in (None, *each[1])]
+        if name is not None and not chosen:
             raise MeshError(f"{self._path} has no {what} {shown(name)}; it has: {there}.")
-        if not names:
-            raise MeshError(f"{self._path} has no {what}.")
-        if name is None and len(names) > 1:
+        if not found:
+            raise MeshError(f"{self._path} has no {what}; grids in a Collection are not read.")
+        if len(chosen) > 1:
+            chosen = [each for each in chosen if _PHYSICAL in each[1]]
+        if len(chosen) != 1:
             raise MeshError(f"{self._path} has {what} {there}; choose one by {argument}=.")
-        return grids[0 if name is None else names.index(name)]
+        return chosen[0][2]
+
+    def _nodes(self, grid: Grid, dim: int) -> Floats:
+        """Coordinates of the nodes, without z if it is constant in a plane mesh."""
+        x = self._array(grid, "Geometry")
+        flat = x.shape[1] == dim + 1 == 3 and np.ptp(x[:, 2]) <= _SAME * np.ptp(x)
+        return x[:, :dim] if flat else x
 
     def _check_nodes(self, grid: Grid, x: Floats) -> None:
         """Check that the nodes of tagged facets, unless referred to, are those of the mesh."""
-        own = x if grid.find("Geometry/DataItem") is None else self._array(grid, "Geometry")
+        refers = grid.find("Geometry/DataItem") is None
+        own = x if refers else self._nodes(grid, x.shape[1])
         if own.shape != x.shape or np.abs(own - x).max(initial=0.0) > _SAME * np.ptp(x):
             raise MeshError(
                 f"{self._path}: the {len(own)} nodes of the facets are not the {len(x)} nodes of "
@@ -127,10 +148,9 @@ class XdmfGrids:
         return numbers
 
     def _by_tag(
-        self, kind: str, groups: Mapping[str, int], grid: Grid, entities: Ints
+        self, kind: str, groups: Mapping[str, int], tags: Ints, entities: Ints
     ) -> dict[str, Ints]:
         """Facets or cells of each group."""
-        tags = self._array(grid, "Attribute").ravel()
         if len(tags) != len(entities):
             raise MeshError(f"{self._path}: {len(entities)} {kind}s have {len(tags)} tags.")
         for name, tag in groups.items():
@@ -148,15 +168,20 @@ class XdmfGrids:
         try:
             if item is None:
                 raise ValueError(f"the grid {grid.get('Name')!r} has no DataItem of its {part}")
-            kind, text = float if part == "Geometry" else np.int64, item.text or ""
-            if item.get("Format") != "HDF":
-                shape = [int(count) for count in item.get("Dimensions", "").split()]
-                return np.array(text.split(), dtype=kind).reshape(shape)
-            name, _, place = text.strip().partition(":")
-            import h5py
+            if item.get("Format") == "HDF":
+                import h5py
 
-            with h5py.File(self._path.parent / name, "r") as file:
-                return np.asarray(file[place][()], dtype=kind)
+                name, _, place = (item.text or "").strip().partition(":")
+                with h5py.File(self._path.parent / name, "r") as file:
+                    numbers = np.asarray(file[place][()], dtype=np.float64)
+            else:
+                shape = [int(count) for count in item.get("Dimensions", "").split()]
+                numbers = np.array((item.text or "").split(), dtype=np.float64).reshape(shape)
+            if part == "Geometry":
+                return numbers
+            if wrong := numbers[numbers != np.rint(numbers)].tolist():
+                raise ValueError(f"{wrong[0]} in {part} is no whole number")
+            return numbers.astype(np.int64)
         except (OSError, KeyError, TypeError, ValueError) as failure:
             reason = " ".join(str(failure).split())
             raise MeshError(f"{self._path} cannot be read: {reason}.") from None

@@ -111,7 +111,7 @@ class PointStep:
             if part.variables < state.internal.shape[1]:
                 self._state = replace(state, internal=state.internal[:, : part.variables])
             self._rule = law.rule_of_loop(rule)
-            self._loop = law.loops[self._rule.name]
+            self._loop = law.loop(self._rule)
             self._start = law.loop_start(self._rule, self._state)
 
     def answer(self, trial_gap: Floats) -> Answer | Response:

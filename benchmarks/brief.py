@@ -155,7 +155,7 @@ ROWS = (
     ),
     Row(
         "Interior-facet integrals of the friction law by return mapping",
-        "dolfinx_joints/joints/form_operator.py dolfinx_joints/laws/return_mapping.py",
+        "dolfinx_joints/joints/form_operator.py dolfinx_joints/laws/points/return_mapping.py",
         "tests/solvers/test_forms_solver.py",
         forms,
     ),

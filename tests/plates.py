@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("numba")
-from dolfinx_joints.solvers.interface.low_rank import LowRankMatrix
+from dolfinx_joints.solvers.compliance.low_rank import LowRankMatrix
 
 
 def plates(across: int = 14, joints: int = 3) -> tuple[np.ndarray, np.ndarray]:

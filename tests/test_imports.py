@@ -30,8 +30,13 @@ sys.meta_path.insert(0, Refuse())
 
 OUTPUT = ("report", "export", "geometry", "exact")
 RESULTS = (*OUTPUT, "monitors", "postprocessing", "results", "study")
-JOINTS = ("solvers.interface", "solvers.pseudo_time", "solvers.multigrid.tangent")
-LAWS = ("laws.friction", "laws.rigid", "laws.mohr_coulomb", "laws.discrete_gradient")
+JOINTS = (
+    "solvers.interface",
+    "solvers.compliance",
+    "solvers.pseudo_time",
+    "solvers.multigrid.tangent",
+)
+LAWS = ("laws.friction", "laws.rigid", "laws.mohr_coulomb", "laws.points.discrete_gradient")
 WATER = ("loads.water",)
 # Parts that a scene uses, parts that it must not load, and the largest number of modules.
 LOADS = {

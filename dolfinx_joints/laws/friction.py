@@ -20,13 +20,6 @@ from numba.extending import register_jitable
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
-from dolfinx_joints.laws.compiled_law import CompiledEnergyConsistentLaw
-from dolfinx_joints.laws.discrete_gradient import (
-    discrete_gradient_point,
-    discrete_gradient_points,
-    stored_by,
-    whole_step_from,
-)
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     DISCRETE_GRADIENT,
@@ -38,7 +31,14 @@ from dolfinx_joints.laws.law import (
     Rule,
 )
 from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction
-from dolfinx_joints.laws.return_mapping import (
+from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw
+from dolfinx_joints.laws.points.discrete_gradient import (
+    discrete_gradient_point,
+    discrete_gradient_points,
+    stored_by,
+    whole_step_from,
+)
+from dolfinx_joints.laws.points.return_mapping import (
     Answer,
     Coulomb,
     Shear,

@@ -11,11 +11,6 @@ import annotated_types as at
 import numpy as np
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.laws.discrete_gradient import (
-    discrete_gradient_points,
-    stored_by,
-    whole_step_from,
-)
 from dolfinx_joints.laws.law import (
     NO_COMPLIANCE,
     Floats,
@@ -26,7 +21,12 @@ from dolfinx_joints.laws.law import (
     gap_under,
 )
 from dolfinx_joints.laws.losses import Way, losses_on, overlap_and_slip
-from dolfinx_joints.laws.return_mapping import Coulomb, solve_points
+from dolfinx_joints.laws.points.discrete_gradient import (
+    discrete_gradient_points,
+    stored_by,
+    whole_step_from,
+)
+from dolfinx_joints.laws.points.return_mapping import Coulomb, solve_points
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dolfinx_joints.laws.law import AnyLaw, Floats, JointState, LawWithLosses, Losses, Response
-from dolfinx_joints.laws.return_mapping import contact_fraction
+from dolfinx_joints.laws.points.return_mapping import contact_fraction
 
 
 class Way(NamedTuple):

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
-from dolfinx_joints.laws.compiled_law import CompiledLaw
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     BORNE,
@@ -32,7 +31,8 @@ from dolfinx_joints.laws.law import (
     Rule,
 )
 from dolfinx_joints.laws.losses import Way, losses_on, work
-from dolfinx_joints.laws.return_mapping import (
+from dolfinx_joints.laws.points.compiled_law import CompiledLaw
+from dolfinx_joints.laws.points.return_mapping import (
     FRICTIONLESS,
     SLIP,
     STICK,

@@ -14,12 +14,12 @@ import numpy as np
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
-from dolfinx_joints.laws.compiled_law import CompiledEnergyConsistentLaw
-from dolfinx_joints.laws.discrete_gradient import whole_step_from
 from dolfinx_joints.laws.friction import LOOPS
 from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, JointState, Losses, Response, Rule
 from dolfinx_joints.laws.losses import losses_on, way_with_friction
-from dolfinx_joints.laws.return_mapping import Answer, Coulomb, Start, response_of
+from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw
+from dolfinx_joints.laws.points.discrete_gradient import whole_step_from
+from dolfinx_joints.laws.points.return_mapping import Answer, Coulomb, Start, response_of
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -147,22 +147,23 @@ class ResultsMonitor(Monitor):
         again = self.overwrite or self._stages == 0
         return ResultsWriter(self._path, facts, overwrite=again, aside=aside)
 
-    def _begin(self, writer: ResultsWriter, values: Mapping[str, Mapping[str, Any]]) -> None:
+    def _begin(
+        self, writer: ResultsWriter, values: Mapping[str, Mapping[str, Any]], frame: str = ""
+    ) -> None:
         """Write what does not change, and declare streams from values of a record, on rank 0."""
         declare_points(writer, self._probe.positions)
         declare_body(writer, *self._mesh)
         if self._directions is not None:
             declare_directions(writer, *self._directions)
         for stream, of_stream in values.items():
-            declare(writer, stream, of_stream)
+            declare(writer, stream, of_stream, frame=frame)
         writer.start()
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Create the file and write the mesh and the first record (collective)."""
         self._find(model, first)
-        relative = self._relative(first)
         facts = {"stage": stage, "steps": steps, **self._facts(model)}
-        facts["displacements"] = RELATIVE if relative else ABSOLUTE
+        facts["displacements"] = RELATIVE if self._relative(first) else ABSOLUTE
         values = self._values(first)
         stages = [self._stage_fields.values(one) for one in first.stages]
         named = values | {"energy": energies(model, first)}
@@ -183,7 +184,7 @@ class ResultsMonitor(Monitor):
                 self._aside.unlink(missing_ok=True)
             if self._resultants is not None:
                 self._resultants.declare(writer)
-            self._begin(writer, named)
+            self._begin(writer, named, facts["displacements"])
             self._order(first)
 
         try:

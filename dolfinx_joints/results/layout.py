@@ -36,20 +36,23 @@ class Cells(NamedTuple):
     groups: Mapping[str, Array]
 
 
-def declare(writer: ResultsWriter, stream: str, values: Mapping[str, Any]) -> None:
+def declare(
+    writer: ResultsWriter, stream: str, values: Mapping[str, Any], *, frame: str = ""
+) -> None:
     """Declare series of a stream, with units and descriptions from `quantities`.
 
     Args:
         writer: A writer not started yet.
         stream: Name of the stream.
         values: Values of a record by name, or arrays of their shapes.
+        frame: What displacements and accelerations are relative to, in words.
 
     Raises:
         ResultsError: The table has no row for one of the names.
     """
     for name, value in values.items():
         row, of = row_of(stream, name)
-        text = (row.text or row.label).format(of)
+        text = (row.text or row.label).format(of, frame=frame)
         writer.series(stream, name, np.shape(value), row.unit, text, dtype=row.dtype)
 
 

@@ -63,7 +63,8 @@ class Quantity:
         unit: SI unit of files and tables.
         label: Words in tables, figures and reports; empty if these do not show the quantity.
         shown: Unit in figures and reports; ``unit`` if empty.
-        text: Description in the results file, ``{}`` for what ``*`` stands for; ``label`` if empty.
+        text: Description in the results file, ``{}`` for what ``*`` stands for, ``{frame}`` for
+            what displacements are relative to; ``label`` if empty.
         style: Line style and colour in figures of several quantities.
         dtype: Type in the results file.
         rare: True if only some runs or joints have the quantity.
@@ -100,7 +101,7 @@ class Quantity:
 
 
 Q = Quantity
-_FRAME = "of monitor points, relative to the ground or absolute as the metadata say"
+_FRAME = "of monitor points, {frame}"
 _STATIC_PART = Q("static_displacement", "m", text="displacement by the supports' motion alone")
 _REACTION = Q("reaction/*", "N", text="force of the support {} on the body")
 _STATUS = "0 open, 1 sticking, 2 sliding in the step ending here, 3 closed without friction, 4 tied"

@@ -11,8 +11,8 @@ from dolfinx_joints.solvers.rounds import Rounds
 
 if TYPE_CHECKING:
     from dolfinx_joints.body.halves import Halves
+    from dolfinx_joints.solvers.compliance.compliance import Compliance
     from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
-    from dolfinx_joints.solvers.interface.compliance import Compliance
 
 
 class SharedBulk:

@@ -79,9 +79,9 @@ class EnergyConsistent(_Midpoint):
     """Midpoint rule with the discrete gradient of the joints' energy: the balance always closes.
 
     What friction dissipates is all that joints take from a step, at any length of step and however
-    stiff they are (`laws.discrete_gradient`). Where every joint sticks, and without joints, this is
-    Newmark's average acceleration. Accurate it is only where the step resolves the motion: watch
-    the local error, and let `StepControl` shorten steps in which joints open or close.
+    stiff they are (`laws.points.discrete_gradient`). Where all joints stick, and without joints,
+    this is Newmark's average acceleration. Accurate it is only where the step resolves the motion:
+    watch the local error, and let `StepControl` shorten steps in which joints open or close.
 
     Attributes:
         exact_modes: Number of lowest modes, of the body cut at its joints, whose phase and damping

@@ -255,7 +255,7 @@ LAWS = {"backward_euler_points", "discrete_gradient_points"}
 EDITS_HERE = {
     "common/errors.py": ("\nclass ", "\nEDITED = 1\n\n\nclass ", set()),
     "laws/friction.py": ("total = c_n +", "total = 1.0 * c_n +", {"backward_euler_points"}),
-    "laws/return_mapping.py": ("limit = -mu *", "limit = -1.0 * mu *", LAWS),
+    "laws/points/return_mapping.py": ("limit = -mu *", "limit = -1.0 * mu *", LAWS),
     "laws/losses.py": ("\ndef ", "\nEDITED = 1\n\n\ndef ", set()),
 }
 

@@ -124,7 +124,7 @@ def test_a_bond_holds_what_is_below_its_strength(scheme, law):
     system = MatrixSystem.from_arrays(
         mass=[[1.0]], stiffness=[[1e-6]], gap=[[0.0], [1.0], [0.0]], law=bond
     )
-    solver = make_solver(system, rule=scheme.rule)
+    solver = make_solver(system)
     velocity = system.mass.createVecRight()
     velocity.setArray([v])
     state = initial_state(solver, velocity=velocity)

@@ -14,7 +14,7 @@ from dolfinx_joints.laws.friction import LOOPS, FrictionNoTension, frictionless
 from dolfinx_joints.laws.keyed import KeyedJoint
 from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, JointState, Status
 from dolfinx_joints.laws.mohr_coulomb import MohrCoulombJoint
-from dolfinx_joints.laws.return_mapping import Coulomb, Start, solve_points
+from dolfinx_joints.laws.points.return_mapping import Coulomb, Start, solve_points
 from dolfinx_joints.laws.rigid import RigidJoint
 from dolfinx_joints.laws.shear_keys import ShearKeyJoint
 from dolfinx_joints.laws.viscous import ViscousJoint

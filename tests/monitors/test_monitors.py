@@ -392,10 +392,10 @@ def test_a_file_that_cannot_be_begun_is_closed(comm, wall_file, read, new_path, 
     # What goes wrong on rank 0, after the file is made, is raised on all; the file says so.
     declare = monitors.declare
 
-    def fail(writer, stream, values):
+    def fail(writer, stream, values, **options):
         if stream == "energy":
             raise RuntimeError("no energies today")
-        declare(writer, stream, values)
+        declare(writer, stream, values, **options)
 
     monkeypatch.setattr(monitors, "declare", fail)
     path = new_path("begun.h5")

@@ -87,7 +87,8 @@ def test_every_series_of_a_file_is_a_row(comm, wall_file, read, new_path):
                     row, of = row_of(stream, name)
                     assert results.unit(stream, name) == row.unit
                     text = results.description(stream, name)
-                    assert text == (row.text or row.label).format(of) != ""
+                    expected = (row.text or row.label).format(of, frame="relative to the ground")
+                    assert text == expected != ""
             recorded = {name.split("/")[1] for name in results.streams["joints"]}
         assert {row.key for row in JOINT_SERIES} <= recorded
 

@@ -487,12 +487,12 @@ def test_checkpoint_files_that_are_refused(comm, wall_file, read, new_path, monk
     refused("is HDF5 but not a file of 'dolfinx_joints checkpoint'", resume=True)
 
     def newer():
-        monkeypatch.setattr(checkpoint_file, "VERSION", 5)
+        monkeypatch.setattr(checkpoint_file, "VERSION", 6)
         checkpoint_file.write_checkpoint(path, {})
         monkeypatch.undo()
 
     leave(newer)
-    refused("has version 5 of the layout, this program reads version 4", resume=True)
+    refused("has version 6 of the layout, this program reads version 5", resume=True)
     leave(lambda: checkpoint_file.write_checkpoint(path, {"run": {}}))
     refused("is no checkpoint, or a damaged one: 'monitors'", resume=True)
     with pytest.raises(ValueError, match="no checkpoint is given"):
@@ -710,16 +710,16 @@ def test_corrections_go_on_with_the_same_bits(comm):
     from whole_vectors import as_read
 
     matrix, stuck = row_matrix(scaled_compliance(), comm), stuck_tangent(10.0)
-    first = WholeCorrections(matrix, None, stuck, comm)
+    first = WholeCorrections(matrix, stuck, comm)
     kinds = ["mixed", "stuck", "mostly open", "mostly stuck", "one closed", "mixed", "sliding"]
     for i, kind in enumerate(np.repeat(kinds, 2)):
         status = states(kind, i // 2)
         status[::4] *= i % 2 == 0  # some open: those kept will do
         residual, tangent = right_side(seed=i), tangents(status, stuck)
-        other = WholeCorrections(matrix, None, stuck, comm)
+        other = WholeCorrections(matrix, stuck, comm)
         other.of_rank.load_state_dict(as_read(first.of_rank.state_dict()))
         found, again = (c.solve(residual, tangent, 0.03) for c in (first, other))
         np.testing.assert_array_equal(again.step, found.step, err_msg=kind)
-        assert again.products == found.products
-        assert other.of_rank.missed == first.of_rank.missed, kind
-    assert first.of_rank.missed > 0.0  # the second way has been taken
+        missed = [each.of_rank.state_dict()["missed"] for each in (other, first)]
+        assert missed[0] == missed[1], kind
+    assert missed[1] > 0.0  # the second way has been taken

@@ -80,7 +80,7 @@ def march(model: Any, steps: int = 20, **options: Any) -> tuple[np.ndarray, Any]
 def test_as_with_petsc(comm, wall_file, read, monkeypatch, laws, compliance):
     """To the tolerance of the iteration; with and without W."""
     if compliance == "auto":  # compressed, beside whole rows of S
-        monkeypatch.setattr("dolfinx_joints.solvers.interface.compliance.LARGEST_DENSE", 10)
+        monkeypatch.setattr("dolfinx_joints.solvers.compliance.compliance.LARGEST_DENSE", 10)
     model = wall(read(wall_file(divisions=(8, 2, 3))), joints=LAWS[laws])
     runs = []
     for tied in (40.0, 1e30):
@@ -129,7 +129,7 @@ def test_points_that_do_not_stick_have_the_room_that_w_needs(wall_file, read, mo
         return solve(self, *given, **options)
 
     monkeypatch.setattr(CompiledCorrections, "solve", watched)
-    monkeypatch.setattr("dolfinx_joints.solvers.interface.compliance.LARGEST_DENSE", 10)
+    monkeypatch.setattr("dolfinx_joints.solvers.compliance.compliance.LARGEST_DENSE", 10)
     march(wall(read(wall_file(divisions=(8, 2, 3))), joints=SOFT))
     compiled = made[-1]
     beside = compiled._inner

@@ -19,17 +19,17 @@ from mpi4py import MPI
 from whole_vectors import Whole, all_of
 
 import dolfinx_joints as dj
+from dolfinx_joints.solvers.compliance import compliance as module
+from dolfinx_joints.solvers.compliance.compliance import Compliance
+from dolfinx_joints.solvers.compliance.row_matrix import RowMatrix
+from dolfinx_joints.solvers.compliance.schur_complement import CONTROLS, schur_complement
+from dolfinx_joints.solvers.compliance.unit_forces import UnitForces
 from dolfinx_joints.solvers.effective_matrix import (
     STATIC,
     EffectiveMatrix,
     MatrixCoefficients,
     unconstrained_dofs,
 )
-from dolfinx_joints.solvers.interface import compliance as module
-from dolfinx_joints.solvers.interface.compliance import Compliance
-from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
-from dolfinx_joints.solvers.interface.schur_complement import CONTROLS, schur_complement
-from dolfinx_joints.solvers.interface.unit_forces import UnitForces
 
 pytestmark = pytest.mark.mpi
 

@@ -24,9 +24,9 @@ from joint_tangents import (
     tangents,
 )
 
+from dolfinx_joints.solvers.compliance.row_matrix import RowMatrix
 from dolfinx_joints.solvers.interface import corrections
 from dolfinx_joints.solvers.interface.compiled.corrections import FINEST_SINGLE
-from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
 pytestmark = pytest.mark.mpi
 

@@ -219,7 +219,7 @@ def test_steps_of_changing_length(wall):
     system, scheme = wall().system(), EnergyConsistent()
     states = []
     for kind in ("condensed", "monolithic"):
-        solver = make_solver(system, SolverOptions(relative_tolerance=1e-12), kind, scheme.rule)
+        solver = make_solver(system, SolverOptions(relative_tolerance=1e-12), kind)
         state = initial_state(solver)
         for dt in (DT, DT, 0.3 * DT, DT, 0.3 * DT, 0.3 * DT, 0.1 * DT, DT, DT):
             state, report = scheme.advance(solver, state, dt)

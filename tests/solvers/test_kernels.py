@@ -23,14 +23,16 @@ from mpi4py import MPI
 
 from plates import compressed, kernel, plates
 
-from dolfinx_joints.laws import discrete_gradient, friction
+from dolfinx_joints.laws import friction
 from dolfinx_joints.laws.law import JointState
-from dolfinx_joints.laws.return_mapping import Answer, Coulomb, Start, empty_answer
-from dolfinx_joints.solvers.interface import blocks_between_ranks, joint_step, krylov_corrections
-from dolfinx_joints.solvers.interface import low_rank as lowrank
-from dolfinx_joints.solvers.interface import row_matrix as row_matrices
-from dolfinx_joints.solvers.interface.blocks_between_ranks import DENSE, FACTOR, PLACE
-from dolfinx_joints.solvers.interface.ranked_low_rank import Shares
+from dolfinx_joints.laws.points import discrete_gradient
+from dolfinx_joints.laws.points.return_mapping import Answer, Coulomb, Start, empty_answer
+from dolfinx_joints.solvers.compliance import blocks_between_ranks
+from dolfinx_joints.solvers.compliance import low_rank as lowrank
+from dolfinx_joints.solvers.compliance import row_matrix as row_matrices
+from dolfinx_joints.solvers.compliance.blocks_between_ranks import DENSE, FACTOR, PLACE
+from dolfinx_joints.solvers.compliance.ranked_low_rank import Shares
+from dolfinx_joints.solvers.interface import joint_step, krylov_corrections
 
 RANDOM = np.random.default_rng(20)
 ROUNDING = 1e-13

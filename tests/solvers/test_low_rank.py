@@ -13,7 +13,7 @@ pytest.importorskip("numba")
 
 from plates import compressed, kernel, plates
 
-from dolfinx_joints.solvers.interface.low_rank import LowRankMatrix, clusters
+from dolfinx_joints.solvers.compliance.low_rank import LowRankMatrix, clusters
 
 
 def scaled_error(matrix: np.ndarray, small: LowRankMatrix) -> float:

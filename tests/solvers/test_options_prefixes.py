@@ -17,7 +17,7 @@ from shaken_wall import DT, shaking, wall
 import dolfinx_joints as dj
 from dolfinx_joints.simulation.differing_ground import DifferingGround
 from dolfinx_joints.solvers import node_blocks
-from dolfinx_joints.solvers.interface import compliance
+from dolfinx_joints.solvers.compliance import compliance
 
 PREFIX = "dolfinx_joints_"
 GUIDE = Path(__file__).parents[2] / "docs/guide/solvers.md"

@@ -16,7 +16,7 @@ pytest.importorskip("numba")
 from plates import compressed, kernel, plates
 from whole_vectors import all_of, own_part
 
-from dolfinx_joints.solvers.interface.ranked_low_rank import RankedLowRankMatrix
+from dolfinx_joints.solvers.compliance.ranked_low_rank import RankedLowRankMatrix
 
 pytestmark = pytest.mark.mpi
 

@@ -19,12 +19,12 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.compliance.compliance import TOLERANCE, Compliance
 from dolfinx_joints.solvers.effective_matrix import (
     EffectiveMatrix,
     MatrixCoefficients,
     unconstrained_dofs,
 )
-from dolfinx_joints.solvers.interface.compliance import TOLERANCE, Compliance
 from dolfinx_joints.solvers.interface.corrections import CompiledCorrections
 from dolfinx_joints.solvers.interface.krylov_corrections import KrylovCorrections
 from dolfinx_joints.solvers.interface.springs import JointSprings

@@ -20,6 +20,14 @@ from scipy.linalg import cholesky, solve_triangular
 
 from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.mpi import blocks_of, rank_of, sent_to
+from dolfinx_joints.solvers.compliance.compliance import (
+    LARGEST_WHOLE,
+    ROUGH_TOLERANCE,
+    Compliance,
+    Compressed,
+)
+from dolfinx_joints.solvers.compliance.ranked_low_rank import RankedLowRankMatrix
+from dolfinx_joints.solvers.compliance.row_matrix import Parts, RowMatrix
 from dolfinx_joints.solvers.interface.compiled.corrections import (
     COUPLED,
     FINEST_SINGLE,
@@ -36,14 +44,6 @@ from dolfinx_joints.solvers.interface.compiled.products import (
     take,
 )
 from dolfinx_joints.solvers.interface.compiled.ranks import lengths_of, ranks_of
-from dolfinx_joints.solvers.interface.compliance import (
-    LARGEST_WHOLE,
-    ROUGH_TOLERANCE,
-    Compliance,
-    Compressed,
-)
-from dolfinx_joints.solvers.interface.ranked_low_rank import RankedLowRankMatrix
-from dolfinx_joints.solvers.interface.row_matrix import Parts, RowMatrix
 
 Floats = NDArray[np.float64]
 

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.kernels import njit
-from dolfinx_joints.solvers.interface.compliance import Compliance
+from dolfinx_joints.solvers.compliance.compliance import Compliance
+from dolfinx_joints.solvers.compliance.row_matrix import RowMatrix
 from dolfinx_joints.solvers.interface.corrections import (
     FINEST_COMPRESSED,
     MOST_PRODUCTS,
     Correction,
 )
-from dolfinx_joints.solvers.interface.row_matrix import RowMatrix
 
 Floats = NDArray[np.float64]
 

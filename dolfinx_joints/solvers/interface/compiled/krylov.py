@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit, part
+from dolfinx_joints.solvers.compliance.low_rank import SUMS
 from dolfinx_joints.solvers.interface.compiled.products import Kept, multiply_part, turn
 from dolfinx_joints.solvers.interface.compiled.ranks import Ranks, sum_over
-from dolfinx_joints.solvers.interface.low_rank import SUMS
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]

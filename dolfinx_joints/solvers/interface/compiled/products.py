@@ -15,11 +15,13 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit, part
-from dolfinx_joints.solvers.interface.blocks_between_ranks import (
+from dolfinx_joints.solvers.compliance.blocks_between_ranks import (
     add_at_places,
     expand_and_return,
     reduce,
 )
+from dolfinx_joints.solvers.compliance.low_rank import multiply_blocks
+from dolfinx_joints.solvers.compliance.row_matrix import add_rows, multiply_lower
 from dolfinx_joints.solvers.interface.compiled.ranks import (
     Lengths,
     Ranks,
@@ -28,8 +30,6 @@ from dolfinx_joints.solvers.interface.compiled.ranks import (
     lengths_of,
     put_together,
 )
-from dolfinx_joints.solvers.interface.low_rank import multiply_blocks
-from dolfinx_joints.solvers.interface.row_matrix import add_rows, multiply_lower
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

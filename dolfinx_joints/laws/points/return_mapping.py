@@ -5,7 +5,7 @@
 Plain functions of numbers in the order of the theory (docs/theory), numbers of its equations beside
 the lines; loops over points, compiled by numba, take them as they stand. `friction` has the loop
 for the end of a step, `discrete_gradient` that for a whole one, each with a `normal_traction` and a
-`trial_traction`; `point_loops` is for laws that have no closed form there.
+`trial_traction`; `points.on_compliance` is for laws that have no closed form there.
 
 A point sits on the compliance c of the structure, gap = trial_gap - c t; c = 0 gives the law by
 itself. In tractions the law's own compliances d = 1/k add to c, so that a rigid joint (d = 0) is a

@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.solvers.interface.blocks_between_ranks import (
+from dolfinx_joints.solvers.compliance.blocks_between_ranks import (
     DENSE,
     FACTOR,
     PLACE,
     expand,
     reduce,
 )
-from dolfinx_joints.solvers.interface.low_rank import (
+from dolfinx_joints.solvers.compliance.low_rank import (
     LEAF,
     Cluster,
     LowRankMatrix,

@@ -30,7 +30,7 @@ from numba.extending import register_jitable
 
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.laws.law import Floats, JointState
-from dolfinx_joints.laws.return_mapping import (
+from dolfinx_joints.laws.points.return_mapping import (
     Answer,
     Coulomb,
     Shear,
@@ -41,7 +41,7 @@ from dolfinx_joints.laws.return_mapping import (
     put_nothing,
     put_traction,
 )
-from dolfinx_joints.laws.turning import Limit, friction_with_turns
+from dolfinx_joints.laws.points.turning import Limit, friction_with_turns
 
 # Of the energy h^2 / c that presses a rigid point: what it stores is nothing.
 NO_BOUNCE = 1e-30

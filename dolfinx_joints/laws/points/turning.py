@@ -31,7 +31,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from dolfinx_joints.laws.law import Floats
-from dolfinx_joints.laws.return_mapping import Shear, Vector, return_to_limit, yield_function
+from dolfinx_joints.laws.points.return_mapping import Shear, Vector, return_to_limit, yield_function
 
 
 class Limit(NamedTuple):

@@ -15,10 +15,10 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import of_ranks, summed
 from dolfinx_joints.common.progress import LOGGER
 from dolfinx_joints.joints.operator import diagonal_compliance
+from dolfinx_joints.solvers.compliance.low_rank import unknowns_of
+from dolfinx_joints.solvers.compliance.schur_complement import schur_complement
 from dolfinx_joints.solvers.direct import BLOCK, DirectSolver, multiplied
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
-from dolfinx_joints.solvers.interface.low_rank import unknowns_of
-from dolfinx_joints.solvers.interface.schur_complement import schur_complement
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 
 Floats = NDArray[np.float64]

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.laws.law import Floats, Response
-from dolfinx_joints.laws.return_mapping import Answer, Start
+from dolfinx_joints.laws.points.return_mapping import Answer, Start
 
 # Limits of Newton's method on a compliance, and its tolerance relative to the rounding errors of a
 # point. Measured on random steps of shear keys, with a compliance of the structure of 0.1 to 10 000

@@ -17,8 +17,8 @@ from dolfinx_joints.laws.law import (
     Response,
     Rule,
 )
-from dolfinx_joints.laws.point_loops import loop_of
-from dolfinx_joints.laws.return_mapping import Answer, Start, solve_points
+from dolfinx_joints.laws.points.on_compliance import loop_of
+from dolfinx_joints.laws.points.return_mapping import Answer, Start, solve_points
 
 
 class CompiledLaw(ABC):
@@ -26,9 +26,9 @@ class CompiledLaw(ABC):
 
     ``point(i, start, answer)`` writes the answer of the point ``i`` at the gap ``answer.gap[i]``:
     all arrays of the `Answer`, its history included. It finds what `loop_start` gives, whose first
-    two parameters are k_n and k_s, and is decorated by numba's ``register_jitable``. On the
-    compliance of the structure it is solved by `point_loops`. `bonded_point` in `mohr_coulomb` is
-    one.
+    two parameters are k_n and k_s, and is decorated by numba's ``register_jitable``. Newton's
+    method of `on_compliance` finds it on the compliance of the structure. `bonded_point` in
+    `mohr_coulomb` is one.
 
     A law that is solved there in closed form has a ``loop(compliance, start, answer, first,
     stride)`` instead, which writes the answer of the points ``first``, ``first + stride`` and so

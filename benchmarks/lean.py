@@ -44,14 +44,14 @@ def first_step(scene: str) -> Any:
     """Return the outcome of a scene at the end of its first time step."""
     import dolfinx_joints as dj
 
-    law, reservoir, supports = None, None, [dj.Fixed(group="base")]
+    law, water, supports = None, None, [dj.Fixed(group="base")]
     run: dict[str, Any] = {"motion": dj.synthetic_motion(duration=2.0)}
     if scene == "bonds":
         law = dj.MohrCoulombJoint(**FRICTION, cohesion=1e6, tensile_strength=1e6)
     if scene in ("friction 3-D", "motion suite"):
         law = dj.FrictionNoTension(**FRICTION)
     if scene == "water":
-        reservoir = dj.ReservoirWaves(group="upstream", level=2.0, length=6.0)
+        water = dj.ReservoirWaves(group="upstream", level=2.0, length=6.0)
     if scene == "free field":
         supports = [dj.ViscousBoundary(group="base")]
         run = {"loads": [dj.FreeField(groups=["base"], incident=lambda t: [t, 0, 0], surface=2.0)]}
@@ -61,7 +61,7 @@ def first_step(scene: str) -> Any:
         joints=law,
         supports=supports,
         loads=[dj.Gravity()],
-        reservoir=reservoir,
+        water=water,
     )
     simulation = dj.Simulation(model)
     simulation.statics()

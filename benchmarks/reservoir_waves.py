@@ -117,7 +117,7 @@ def rigid_dam(waves: dj.ReservoirWaves) -> dj.Model:
         dj.split_mesh(mesh, groups={"up": up, "down": down}),
         material=dj.Elastic(young=1e17, poisson=0.2, density=2400.0),
         supports=[dj.Fixed(group="down")],
-        reservoir=waves,
+        water=waves,
     )
 
 
@@ -202,7 +202,7 @@ def cost(name: str, steps: int) -> None:
                 model = scene.model(
                     scene.read(path, tied=tied),
                     None if tied else scene.law(),
-                    reservoir=water if wet else None,
+                    water=water if wet else None,
                 )
                 static = dj.Simulation(model).statics(steps=scene.load_steps)
                 system = model.system([motion], waves=dt if wet else None)

@@ -176,9 +176,9 @@ def problem(case: Case) -> Problem:
     scene, jointed = jointed_scene(case.scene, case.aspect, case.reach)
     thrown = np.array([0.15, 0.05, -0.2])
     options: dict[str, Any] = {"damping": None} if case.scene == "blocks" else {}
-    if case.gap:
-        options["initial_gaps"] = {"joint_1": -5.0 * case.dt * thrown[2]}
-    model = scene.model(jointed, scene.law(case.stiffness, case.angle), **options)
+    gaps = {"joint_1": -5.0 * case.dt * thrown[2]} if case.gap else {}
+    joints = dj.Joints(scene.law(case.stiffness, case.angle), initial_gaps=gaps)
+    model = scene.model(jointed, joints, **options)
     displacement, velocity, joints = np.zeros(model.num_dofs), np.zeros(model.num_dofs), None
     if not case.gap:
         static = dj.Simulation(model).statics(steps=scene.load_steps)

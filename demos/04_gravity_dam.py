@@ -91,9 +91,9 @@ model = dj.Model(
     joints=LAW,
     supports=[dj.Fixed(group="base"), dj.Fixed(group="foundation_ends")],
     loads=[dj.Gravity(), dj.HydrostaticPressure(group="upstream", level=WATER)],
-    added_mass=[dj.WestergaardMass(group="upstream", level=WATER)],
+    water=dj.WestergaardMass(group="upstream", level=WATER),
     damping=dj.rayleigh(ratio=0.05, frequencies=(2.5, 10.0)),
-    plane="strain",
+    body=dj.Body(plane="strain"),
 )
 frequencies = dj.modes(model.system(), 2).frequencies
 say("Statics and 2000 steps of an earthquake take about 10 seconds.")

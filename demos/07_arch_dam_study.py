@@ -117,7 +117,7 @@ def make_model(
         joints=laws if joints else None,
         supports=[dj.ViscousBoundary(group="foundation_outer")],
         loads=[WEIGHT, WATER, WINTER],
-        added_mass=[dj.WestergaardMass(group="upstream", level=CREST - 2.0)],
+        water=dj.WestergaardMass(group="upstream", level=CREST - 2.0),
         damping=dj.stiffness_proportional(ratio=0.05, frequency=5.0),
     )
 

@@ -80,6 +80,8 @@ from .model.mass_redistribution import redistribute as redistribute
 from .model.modal_damping import modal_damping as modal_damping
 from .model.model import Model as Model
 from .model.modes import modes as modes
+from .model.parts import Body as Body
+from .model.parts import Joints as Joints
 from .model.system import MatrixSystem as MatrixSystem
 from .monitors.field_monitor import FieldMonitor as FieldMonitor
 from .monitors.modes_file import write_modes as write_modes
@@ -102,6 +104,7 @@ from .postprocessing import views as views
 from .postprocessing.animation import animate as animate
 from .results.reader import Results as Results
 from .simulation.checkpoint import Checkpoints as Checkpoints
+from .simulation.first_state import InitialFields as InitialFields
 from .simulation.frequency_response import frequency_response as frequency_response
 from .simulation.monitor import Monitor as Monitor
 from .simulation.simulation import Simulation as Simulation

@@ -244,11 +244,13 @@ def build(
     return dj.Model(
         jointed,
         material=CONCRETE,
-        joints=case.law() if cut else None,
+        joints=dj.Joints(
+            case.law() if cut else None,
+            initial_gaps=dict.fromkeys(jointed.joint_names, case.gap) if case.gap else None,
+        ),
         supports=list(SUPPORTS),
         loads=[dj.Gravity(), *loads],
         damping=DAMPING,
-        initial_gaps=dict.fromkeys(jointed.joint_names, case.gap) if case.gap else None,
     )
 
 

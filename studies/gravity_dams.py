@@ -244,21 +244,21 @@ def build(
         jointed = dj.read_msh(path, comm)
     supports = [dj.Fixed(group="base")]
     supports += [dj.Fixed(group=side, components="y") for side in dam.constrained_sides]
-    water: list[Any] = []
+    water: list[Any] = [] if reservoir is None else [reservoir]
     if dam.water is not None:
         where: dict[str, Any] = {"group": "upstream", "level": dam.water}
-        water = [dj.WestergaardMass(**where)]
+        added: dj.WestergaardMass | dj.ReservoirMass = dj.WestergaardMass(**where)
         if dam.endless:
             options = {"frequency": dam.vibration, "sound_speed": SOUND, "length": dam.length}
-            water = [dj.ReservoirMass(**where, **options)]
+            added = dj.ReservoirMass(**where, **options)
+        water.append(added)
     return dj.Model(
         jointed,
         material=dj.Elastic(young=dam.young, poisson=dam.poisson, density=dam.density),
         joints=law if dam.joints else None,
         supports=supports,
-        plane=dam.plane,
-        added_mass=water,
-        reservoir=reservoir,
+        body=dj.Body(plane=dam.plane),
+        water=water,
         damping=damping,
     )
 

@@ -134,7 +134,7 @@ def build(folder: Path, case: Mapping[str, Any]) -> dj.Model:
             *([dj.HydrostaticPressure(**water)] if water else []),
         ],
         damping=dj.rayleigh(**damping) if damping else None,
-        added_mass=[dj.WestergaardMass(**water)] if water else [],
+        water=[dj.WestergaardMass(**water)] if water else [],
     )
 
 

@@ -110,10 +110,11 @@ class Strip:
         return dj.Model(
             jointed,
             material={f"layer_{i}": each.material for i, each in enumerate(self.layers)},
-            joints=self.joint,
-            initial_gaps={name: -self.overlap for name in jointed.joint_names},
+            joints=dj.Joints(
+                self.joint, initial_gaps={name: -self.overlap for name in jointed.joint_names}
+            ),
             supports=[*(dj.ViscousBoundary(group=group) for group in ends), *held],
-            degree=2,
+            body=dj.Body(degree=2),
         )
 
     def send(self, incident: Callable[[float], float], *, dt: float, steps: int) -> Sent:

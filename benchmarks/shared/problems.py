@@ -743,11 +743,10 @@ def blocks(*, end: float = 3e-3, law: CondensedLaw = STIFF, massless: bool = Fal
     model = dj.Model(
         jointed,
         material=dj.Elastic(young=30e9, poisson=0.2, density=2400.0),
-        joints=law,
-        initial_gaps={"joint_1": 1e-4},
+        joints=dj.Joints(law, initial_gaps={"joint_1": 1e-4}),
         supports=[dj.Fixed(group="base")],
         damping=dj.stiffness_proportional(ratio=0.05, frequency=800.0),
-        redistribute_mass=massless,
+        body=dj.Body(redistribute_mass=massless),
     )
     velocity = np.zeros(model.num_dofs)
     upper = np.unique([model.V.dofmap.cell_dofs(c) for c in jointed.cells("upper")])

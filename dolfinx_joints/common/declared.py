@@ -150,6 +150,17 @@ def declarations(of: Any) -> tuple[Declaration, ...]:
     )
 
 
+def parameters(of: Any) -> dict[str, Any] | None:
+    """Return the values of the declared parameters of an object by name.
+
+    The result is None unless the object is of a dataclass of this package.
+    """
+    kind = type(of)
+    if not is_dataclass(kind) or kind.__module__.split(".")[0] != __name__.split(".")[0]:
+        return None
+    return {field.name: getattr(of, field.name) for field in fields(kind) if field.init}
+
+
 def _parameters(of: Any) -> Iterator[tuple[str, Any, Any]]:
     if is_dataclass(of):
         for field in fields(of):

@@ -16,9 +16,19 @@ _PASSED = ("dolfinx_joints", "contextlib", "dataclasses", "functools")
 
 # Public names of earlier versions, arguments by class or function, and what to do instead.
 REMOVED_NAMES = {"ReducedBulk": "leave out reduced=, the whole body takes all steps"}
+_OF_BODY = "degree plane extra_stiffness extra_mass extra_damping symmetric redistribute_mass"
 REMOVED_ARGUMENTS = {
     "EnergyConsistent": {"spectral_radius": "use HilberHughesTaylor or GeneralizedAlpha"},
-    "dynamics": {"reduced": "leave it out, the whole body takes all steps"},
+    "Model": {
+        **{name: f"use joints=Joints(laws, {name}=...)" for name in ("initial_gaps", "quadrature")},
+        **{name: f"use body=Body({name}=...)" for name in _OF_BODY.split()},
+        **dict.fromkeys(("added_mass", "reservoir"), "use water=..."),
+    },
+    "dynamics": {
+        "reduced": "leave it out, the whole body takes all steps",
+        **{n: f"use start=InitialFields({n}=...)" for n in ("velocity", "displacement")},
+        "resume": "use checkpoint=Checkpoints(path, resume=...)",
+    },
 }
 
 T = TypeVar("T", bound=Callable[..., Any])

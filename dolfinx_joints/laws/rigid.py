@@ -34,7 +34,7 @@ class RigidJoint(CompiledEnergyConsistentLaw):
 
     Nodes with mass that rebound do so over and over in an order that no step is short enough to
     settle: friction work is uncertain by some per cent. It converges with restitution 0, or without
-    mass at the joint nodes (`Model(..., redistribute_mass=True)`).
+    mass at the joint nodes (`Body(redistribute_mass=True)`).
 
     Internal variables: the energy stored in normal contact [J/m^2] and the root of that in shear,
     two components [(J/m^2)^(1/2)]; with restitution 0 whether the point was pressed in the last

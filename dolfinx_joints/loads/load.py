@@ -61,13 +61,9 @@ class FollowsJoints(JointLoad, Protocol):
 
 
 class JointPressure(Protocol):
-    """Pressure at the local joint points by codes, zero and code 0 in other joints.
-
-    ``settings`` distinguishes it from loads of equal pressures, for checkpoints.
-    """
+    """Pressure at the local joint points by codes, zero and code 0 in other joints."""
 
     name: str
-    settings: str
 
     def pressure(self, codes: Codes) -> Floats:
         """Pressure of each point, shape (n,), [Pa]."""

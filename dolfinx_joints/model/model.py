@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -22,10 +22,11 @@ from dolfinx_joints.body.places import nodes_of_facets
 from dolfinx_joints.body.supports import Constraints, Spring, Support
 from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_groups
 from dolfinx_joints.common.declared import declarations
+from dolfinx_joints.common.errors import refuses_removed
 from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.common.summary import Summarised
-from dolfinx_joints.joints.contact import Contact, InitialGap
+from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import AnyLaw
 from dolfinx_joints.loads.body_and_face_loads import FormLoad
@@ -33,10 +34,10 @@ from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, Load, load_
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
-from dolfinx_joints.model.extra_forms import BilinearForm, check_form, check_joints, check_tied
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.model.modal_damping import DampedModes
 from dolfinx_joints.model.model_rows import model_rows
+from dolfinx_joints.model.parts import Body, Joints, check_form, check_joints, check_tied, divided
 from dolfinx_joints.model.plausibility import warn_of_overlaps, warn_of_what_no_dam_has
 from dolfinx_joints.model.system import MatrixSystem, water_in
 
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from dolfinx_joints.loads.water.water import Reservoir
 
 
+@refuses_removed
 class Model(Summarised):
     """M a + C v + K u + B^T w t(B u) = F on a mesh split at its joints.
 
@@ -52,27 +54,19 @@ class Model(Summarised):
         jointed: The mesh; without joints the body is monolithic and no joint code runs.
         material: One material, or one per named cell group: `Elastic`, `Orthotropic`, or plastic
             such as `DruckerPrager`.
-        joints: One law for all joints, or one per joint name; not needed without joints, or where
-            ``extra_stiffness`` ties them all.
+        joints: One law for all joints, one per joint name, or `Joints` with further options. Not
+            needed without joints, or if ``extra_stiffness`` ties all joints.
         supports: Fixed and prescribed components, springs, viscous boundaries.
         loads: Loads that act in every stage (self weight, tractions, ...).
         damping: `Rayleigh`, its stiffness part of the bulk alone, or `ModalRatios`.
-        initial_gaps: Initial normal gap of named joints, a number or a function of the points [m].
-        degree: Degree of the displacement, that of the mesh unless given.
-        quadrature: Rule on the joints: ``auto``, ``nodal``, ``gauss``, or the degree that a Gauss
-            rule is exact for; see `facet_rule`.
-        plane: ``strain`` or ``stress`` in 2-D.
-        extra_stiffness: Bilinear form (u, v) added to K, over joints too (`JointedMesh.dS`).
-        extra_mass: Bilinear form (u, v) added to M.
-        extra_damping: Bilinear form (u, v) added to C.
-        added_mass: Masses that move with a face, `WestergaardMass` or `ReservoirMass`, added to M.
-        reservoir: Water with waves, coupled with the body in dynamic stages, instead of its mass.
-        symmetric: Whether the extra forms are symmetric.
-        redistribute_mass: Give the mass of joint nodes to the body behind them, so that contact
-            tractions do not ring (`redistribution`); gravity acts where the mass then is.
+        water: Water that moves with the body, one or a sequence: masses added to M
+            (`WestergaardMass`, `ReservoirMass`), and at most one reservoir with waves
+            (`ReservoirWaves`, `MeshedReservoir`), an unknown of dynamic stages.
+        body: Degree, plane strain or stress, extra forms and redistribution of mass: a `Body`.
 
     Attributes:
         jointed: The mesh.
+        parameters: The other arguments, by name.
         V: Displacement space, an ordinary Lagrange space on the split mesh.
         body: Material fields and stress recovery.
         operator: Joint operator, None without joints.
@@ -101,21 +95,12 @@ class Model(Summarised):
         jointed: JointedMesh,
         *,
         material: Material | Mapping[str, Material],
-        joints: AnyLaw | Mapping[str, AnyLaw] | None = None,
+        joints: Joints | AnyLaw | Mapping[str, AnyLaw] | None = None,
         supports: Sequence[Support] = (),
         loads: Sequence[Load] = (),
         damping: Rayleigh | ModalRatios | None = None,
-        initial_gaps: Mapping[str, InitialGap] | None = None,
-        degree: Literal[1, 2] | None = None,
-        quadrature: str | int = "auto",
-        plane: Literal["strain", "stress"] = "strain",
-        extra_stiffness: BilinearForm | None = None,
-        extra_mass: BilinearForm | None = None,
-        extra_damping: BilinearForm | None = None,
-        added_mass: Sequence[AddedMass] = (),
-        reservoir: Reservoir | None = None,
-        symmetric: bool = True,
-        redistribute_mass: bool = False,
+        water: Reservoir | AddedMass | Sequence[Reservoir | AddedMass] | None = None,
+        body: Body | None = None,
     ) -> None:
         """Assemble everything that does not change (collective)."""
         given = locals()
@@ -125,81 +110,83 @@ class Model(Summarised):
         check_kind_of("jointed", jointed, is_mesh, "a split mesh, as from read_msh")
         known = isinstance(damping, Rayleigh | ModalRatios | None)
         check_kind_of("damping", damping, known, "a Rayleigh or ModalRatios")
-        check_joints(jointed, joints, initial_gaps)
+        check_kind_of("body", body, isinstance(body, Body | None), "a Body")
+        self._options = body = body or Body()
+        joints = joints if isinstance(joints, Joints) else Joints(joints)
+        given |= {"joints": joints, "body": body}
+        self.parameters = {k: v for k, v in given.items() if k not in ("self", "jointed")}
+        laws = joints.laws
+        check_joints(jointed, laws, joints.initial_gaps)
         _check_loads(jointed, loads)
         by_group = material if isinstance(material, Mapping) else {"": material}
         check_temperatures(jointed, by_group, loads)
-        known = reservoir is None or offers(reservoir, "water")
-        check_kind_of("reservoir", reservoir, known, "a ReservoirWaves or a MeshedReservoir")
-        acting = [*loads, *added_mass, *([] if reservoir is None else [reservoir])]
-        self.doubts = warn_of_what_no_dam_has(jointed, by_group, joints, acting)
+        self.added_mass, reservoirs = divided(water)
+        self.reservoir = next(iter(reservoirs), None)
+        acting = [*loads, *self.added_mass, *reservoirs]
+        self.doubts = warn_of_what_no_dam_has(jointed, by_group, laws, acting)
         self.jointed, self.gdim = jointed, jointed.mesh.geometry.dim
-        self.loads, self.supports, self.added_mass = list(loads), list(supports), list(added_mass)
-        self._degree, self._symmetric = degree or jointed.shape.degree, symmetric
+        self.loads, self.supports = list(loads), list(supports)
+        self._degree = body.degree or jointed.shape.degree
         self.V = fem.functionspace(jointed.mesh, ("Lagrange", self._degree, (self.gdim,)))
-        if jointed.joint_names and joints is None:
-            check_tied(jointed, self._extra("extra_stiffness", extra_stiffness))
+        if jointed.joint_names and laws is None:
+            check_tied(jointed, body.forms("extra_stiffness", *self._arguments))
         self._nodes: dict[str, NDArray[np.int64]] = {}
-        self.body = ElasticBody(jointed, material, plane=plane)
+        self.body = ElasticBody(jointed, material, plane=body.plane)
         self.constraints = Constraints(jointed, self.V, self.supports)
         self.absorbing = absorbing_groups(jointed, self.body, self.supports)
         self.operator, self.contact = None, None
-        if jointed.joint_names and joints is not None:
-            self.operator = JointOperator(jointed, self.V, quadrature=quadrature)
-            self.contact = Contact(self.operator, joints, initial_gaps)
+        if jointed.joint_names and laws is not None:
+            self.operator = JointOperator(jointed, self.V, quadrature=joints.quadrature)
+            self.contact = Contact(self.operator, laws, joints.initial_gaps)
             self.doubts += warn_of_overlaps(jointed.mesh.comm, self.contact.overlaps)
-        self.stiffness = self._stiffness(extra_stiffness)
+        self.stiffness = self._stiffness(body)
         modes = matrices.rigid_modes(self.stiffness, self.V.tabulate_dof_coordinates())
         self.stiffness.setNearNullSpace(modes)
-        self.body_mass, self.mass = self._masses(extra_mass, added_mass)
+        self.body_mass, self.mass = self._masses()
         self.redistribution: Redistribution | None = None
-        if redistribute_mass and self.operator is not None:
-            self._redistribute(self.operator, extra_stiffness)
+        if body.redistribute_mass and self.operator is not None:
+            self._redistribute(self.operator)
         self.damping, self.damped_modes = damping or Rayleigh(), None
         rest = self.damping
         if isinstance(rest, ModalRatios):
             self.damped_modes, rest = DampedModes(rest), rest.beyond
-        damped = self._damping(rest, extra_stiffness, extra_damping)
-        self.rayleigh, self.absorption, self.dashpots = damped
-        laws = {name: each for name, each in by_group.items() if is_plastic(each)}
-        self.bulk = self._plastic_bulk(laws, plane) if laws else None
-        self.reservoir, self.coupled = reservoir, None
-        if reservoir is not None:
+        self.rayleigh, self.absorption, self.dashpots = self._damping(rest)
+        plastic = {name: each for name, each in by_group.items() if is_plastic(each)}
+        self.bulk = self._plastic_bulk(plastic) if plastic else None
+        self.coupled = None
+        if self.reservoir is not None:
             from dolfinx_joints.model.with_water import BodyAndWater
 
             unknowns = self.mass.createVecRight()
-            self.coupled = BodyAndWater(unknowns, reservoir.water(self), self.gdim)
+            self.coupled = BodyAndWater(unknowns, self.reservoir.water(self), self.gdim)
 
     _summary = model_rows
 
-    def _stiffness(self, extra: BilinearForm | None) -> PETSc.Mat:
+    def _stiffness(self, options: Body) -> PETSc.Mat:
         """K of bulk, extra form and springs."""
         u, v = self._arguments
         springs = [s.form(self.jointed, u, v) for s in self.supports if isinstance(s, Spring)]
-        extras = self._extra("extra_stiffness", extra)
+        extras = options.forms("extra_stiffness", u, v)
         return matrices.blocked(self._matrix(self.body.stiffness_form(u, v), *extras, *springs))
 
-    def _masses(
-        self, extra: BilinearForm | None, added_mass: Sequence[AddedMass]
-    ) -> tuple[PETSc.Mat, PETSc.Mat]:
+    def _masses(self) -> tuple[PETSc.Mat, PETSc.Mat]:
         """M of the body, and with the extra form and added masses."""
         form = self.body.mass_form(*self._arguments)
         self.mass = body = matrices.without_zeros(self._matrix(form))
-        if extra is None and not added_mass:
+        extras = self._options.forms("extra_mass", *self._arguments)
+        if not extras and not self.added_mass:
             return body, body
-        total = self._matrix(form, *self._extra("extra_mass", extra))
-        for added in added_mass:
-            wanted = "a WestergaardMass or a ReservoirMass"
-            check_kind_of("An added mass", added, offers(added, "matrix"), wanted)
+        total = self._matrix(form, *extras)
+        for added in self.added_mass:
             moved = added.matrix(self)
             total.axpy(1.0, moved, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
             moved.destroy()
         return body, matrices.without_zeros(total)
 
-    def _redistribute(self, operator: JointOperator, extra: BilinearForm | None) -> None:
+    def _redistribute(self, operator: JointOperator) -> None:
         """Give the mass of joint nodes to the body behind them."""
         # An extra form may couple nodes across a joint, which are not behind it.
-        body = self.stiffness if extra is None else self._stiffness(None)
+        body = self._stiffness(Body()) if self._options.extra_stiffness else self.stiffness
         owned = self.V.dofmap.index_map.size_local
         nodes = self.V.tabulate_dof_coordinates()[:owned, : self.gdim]
 
@@ -213,19 +200,14 @@ class Model(Summarised):
         self.mass = self.redistribution.mass
         self.body_mass = self.mass if alone else redistributed(self.body_mass).mass
 
-    def _damping(
-        self,
-        rayleigh: Rayleigh,
-        extra_stiffness: BilinearForm | None,
-        extra_damping: BilinearForm | None,
-    ) -> tuple[Rayleigh, PETSc.Mat | None, PETSc.Mat | None]:
+    def _damping(self, rayleigh: Rayleigh) -> tuple[Rayleigh, PETSc.Mat | None, PETSc.Mat | None]:
         """Factors of M and K in C, viscous boundaries, and with them the rest of C."""
         u, v = self._arguments
         boundaries = [s for s in self.supports if isinstance(s, ViscousBoundary)]
         absorbing = [s.form(self.jointed, self.body, u, v) for s in boundaries]
-        forms = self._extra("extra_damping", extra_damping)
-        undamped = extra_stiffness is not None or any(isinstance(s, Spring) for s in self.supports)
-        if rayleigh.stiffness_factor and undamped:
+        forms = self._options.forms("extra_damping", u, v)
+        springs = any(isinstance(s, Spring) for s in self.supports)
+        if rayleigh.stiffness_factor and (springs or self._options.extra_stiffness):
             # Springs and extra forms are part of K but do not damp.
             forms.insert(0, rayleigh.stiffness_factor * self.body.stiffness_form(u, v))
             rayleigh = Rayleigh(mass_factor=rayleigh.mass_factor)
@@ -241,19 +223,11 @@ class Model(Summarised):
         """Trial and test function."""
         return ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
 
-    def _extra(self, name: str, extra: BilinearForm | None) -> list[Any]:
-        """A user-defined bilinear form, in a list."""
-        if extra is None:
-            return []
-        form = extra(*self._arguments)
-        check_form(form, 2, f"{name} must give a bilinear UFL form of (u, v)")
-        return [form]
-
-    def _plastic_bulk(self, laws: Mapping[str, Any], plane: str) -> PlasticBulk:
+    def _plastic_bulk(self, laws: Mapping[str, Any]) -> PlasticBulk:
         """The cells with plastic materials."""
         from dolfinx_joints.body.plastic_cells import PlasticBulk
 
-        if self.gdim == 2 and plane == "stress":
+        if self.gdim == 2 and self._options.plane == "stress":
             raise ValueError(
                 "Plastic materials are for plane='strain' or bodies in space; plane is 'stress'."
             )
@@ -330,7 +304,7 @@ class Model(Summarised):
             load_names=[name for name, _ in patterns],
             constrained=constraints.static_dofs if static else constraints.dofs,
             values=partial(constraints.values, static=static) if constraints.moves else None,
-            symmetric=self._symmetric,
+            symmetric=self._options.symmetric,
             components=self.gdim,
             water=water,
             in_joints=in_joints,

@@ -8,7 +8,7 @@ of the points, so that a run can go on with another number of ranks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, fields
 from os import PathLike
 from pathlib import Path
@@ -25,6 +25,7 @@ from dolfinx_joints.common.errors import CheckpointError, OtherRunError, warn
 from dolfinx_joints.common.files import FileLock
 from dolfinx_joints.common.mpi import handing_out, on_root, raised_together
 from dolfinx_joints.laws.law import JointState, Response, StatusCounts
+from dolfinx_joints.loads.load import Load
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
@@ -68,12 +69,14 @@ class Checkpoints:
         path: The file; each checkpoint replaces the one before it at once.
         every: Steps between two checkpoints.
         overwrite: Let a new run replace a checkpoint that is there already.
+        resume: Go on from the checkpoint in the file.
     """
 
     path: str | PathLike[str]
     _: KW_ONLY
     every: Annotated[int, at.Ge(1)] = 100
     overwrite: bool = False
+    resume: bool = False
 
     def __post_init__(self) -> None:
         """Keep the settings; files are written from the start of the run on."""
@@ -85,15 +88,16 @@ class Checkpoints:
         """Whether there is a checkpoint to go on from."""
         return self.file.exists()
 
-    def check(self, comm: Any, *, resume: bool) -> None:
+    def check(self, comm: Any) -> None:
         """Check early that no checkpoint would be lost, and lock the file (collective).
 
         From here to `release` no other run may write the checkpoint or go on from it.
         """
-        if not resume and not self.overwrite and on_root(comm, lambda: self.found):
+        begins = not (self.resume or self.overwrite)
+        if begins and on_root(comm, lambda: self.found):
             raise CheckpointError(
-                f"The checkpoint {self.path} exists; pass resume=True to go on from it, or "
-                "overwrite=True to Checkpoints to begin anew."
+                f"The checkpoint {self.path} exists; pass resume=True to Checkpoints to go on from "
+                "it, or overwrite=True to begin anew."
             )
 
         def lock() -> None:
@@ -117,7 +121,7 @@ class CheckpointKeeper:
         model: Model,
         system: MatrixSystem,
         settings: Mapping[str, Any],
-        motion: Callable[[float], Any] | None,
+        loads: Sequence[Load],
         times: NDArray[np.float64],
     ) -> None:
         """Find the facts of the run (collective)."""
@@ -130,7 +134,7 @@ class CheckpointKeeper:
         from dolfinx_joints.simulation.fingerprint import fingerprint
 
         self._nodes = NodeNumbering(model.V)
-        facts = fingerprint(model, system, self._nodes, settings, motion, times)
+        facts = fingerprint(model, system, self._nodes, settings, loads, times)
         self._facts, self._unknown = facts
 
     def save_if_due(self, run: DynamicRun, static: StaticState | None) -> None:
@@ -292,4 +296,4 @@ class CheckpointKeeper:
 
 def static_keeper(path: str | Path, model: Model) -> CheckpointKeeper:
     """Writer and reader of a static state of a model (collective)."""
-    return CheckpointKeeper(Checkpoints(path), model, model.system(), {}, None, np.zeros(1))
+    return CheckpointKeeper(Checkpoints(path), model, model.system(), {}, (), np.zeros(1))

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -29,14 +29,15 @@ from dolfinx_joints.loads.load import Load
 from dolfinx_joints.loads.oblique_field import rising_waves
 from dolfinx_joints.loads.wave_levels import warn_of_sides
 from dolfinx_joints.model.model import Model
+from dolfinx_joints.simulation.differing_ground import DifferingGround
 from dolfinx_joints.simulation.monitor import Monitor, ending
 from dolfinx_joints.simulation.outcome import Outcome
 from dolfinx_joints.simulation.record import Record, StageRecord
-from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
-from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
-from dolfinx_joints.time_integration.scheme import Scheme, StepReport
+from dolfinx_joints.solvers.step_solver import SolveReport
+from dolfinx_joints.time_integration.energy import EnergyRow
+from dolfinx_joints.time_integration.scheme import StepReport
 from dolfinx_joints.time_integration.states import DynamicState, with_means
-from dolfinx_joints.time_integration.substeps import StepControl, Stepper
+from dolfinx_joints.time_integration.substeps import Stepper
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -44,18 +45,27 @@ if TYPE_CHECKING:
     from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures
 
 
+@dataclass(frozen=True, kw_only=True)
+class GroundMotions:
+    """Motions of the ground as functions of time, each as in `Record`."""
+
+    motion: Callable[[float], Any] | None
+    free_surface: Callable[[float], NDArray[np.float64]] | None
+    static_part: Callable[[float], PETSc.Vec] | None
+
+
 class DynamicRun:
     """State, energies and counts of a dynamic stage, and its monitors.
 
-    Arguments not listed are those of `Simulation.dynamics`.
-
     Args:
-        watch: Observer of slip and opening.
-        seconds: Wall time by phase [s], passed to the monitors at the end.
+        model: The model.
+        stepper: Takes the steps, with an energy ledger that is not started.
         state: The state to begin with.
-        settings: How the stage is run, by name; passed to the monitors.
-        stages: Static stages before; likewise.
-        doubts: Warnings given at the start; likewise.
+        steps: Number of steps.
+        ground: Motions of the ground.
+        monitors: Monitors of the run.
+        watch: Observer of slip and opening.
+        warnings: Warnings given so far, passed to the monitors at the end.
 
     Attributes:
         state: Where the run is.
@@ -65,32 +75,24 @@ class DynamicRun:
 
     def __init__(
         self,
-        *,
         model: Model,
-        monitors: Sequence[Monitor],
-        watch: SmallDisplacements,
-        seconds: Mapping[str, float],
-        scheme: Scheme,
-        solver: StepSolver,
-        control: StepControl,
+        stepper: Stepper,
         state: DynamicState,
         steps: int,
-        motion: Callable[[float], Any] | None,
-        free_surface: Callable[[float], NDArray[np.float64]] | None,
-        static_part: Callable[[float], PETSc.Vec] | None,
-        settings: Mapping[str, Any],
-        stages: Sequence[StageRecord],
-        doubts: Sequence[str],
+        *,
+        ground: GroundMotions,
+        monitors: Sequence[Monitor],
+        watch: SmallDisplacements,
+        warnings: Sequence[str],
     ) -> None:
         """Start the ledger (collective)."""
-        self.model, self.monitors, self._watch, self._seconds = model, monitors, watch, seconds
-        self.state, self.step, self._steps, self._motion = state, 0, steps, motion
+        self.model, self.state, self.step, self._steps = model, state, 0, steps
+        self.monitors, self._watch, self._ground = monitors, watch, ground
         watch.begin()
-        self._free_surface, self._static_part = free_surface, static_part
-        self._solver, self._conserves = solver, scheme.conserves(solver.system)
-        self._ledger = EnergyLedger(solver.system)
+        self._stepper, self._solver, self._ledger = stepper, stepper.solver, stepper.ledger
+        scheme, solver = stepper.scheme, stepper.solver
+        self._conserves = scheme.conserves(solver.system)
         self._ledger.start(state)
-        self._stepper = Stepper(scheme, solver, self._ledger, control)
         contact = solver.system.contact
         whole = scheme.rule == DISCRETE_GRADIENT
         self._backward_euler_laws = contact.without_balance if contact and whole else ()
@@ -100,17 +102,15 @@ class DynamicRun:
         self.origin = state.displacement.copy()
         self._work = state.displacement.duplicate()
         self._started: list[Monitor] = []
-        self._settings, self._warnings = settings, [*model.doubts, *doubts]
-        self._warnings += [] if motion is None else warn_of_sides(model)
-        self._stages = stages
+        self._warnings = [*warnings, *([] if ground.motion is None else warn_of_sides(model))]
         self._progress: Progress | None = None
         self._of_errors = lasting(model.jointed.mesh.comm, OF_ERRORS)
         self._acting: DynamicState | None = None
 
-    def start(self) -> None:
-        """Start the monitors."""
+    def start(self, settings: Mapping[str, Any], stages: Sequence[StageRecord]) -> None:
+        """Start the monitors, with the settings of the run and the static stages before."""
         first = self._record(0, None, self._ledger.row, 0)
-        first = replace(first, settings=self._settings, stages=self._stages)
+        first = replace(first, settings=settings, stages=stages)
         for monitor in self.monitors:
             monitor.start(self.model, "dynamic", self._steps, first)
             self._started.append(monitor)
@@ -203,9 +203,7 @@ class DynamicRun:
             if coupled is None
             else partial(coupled.pressures, self.state.velocity),
             joints=state.joints,
-            motion=self._motion,
-            free_surface=self._free_surface,
-            static_part=self._static_part,
+            **vars(self._ground),
             solve=solve,
             energy=row,
             substeps=substeps,
@@ -231,8 +229,12 @@ class DynamicRun:
         self._warnings += self._watch.warn(f"by t = {self.state.time:.4g} s")
 
     @contextmanager
-    def watched(self) -> Iterator[None]:
-        """Finish the monitors with the status of the stage, whatever ended it on all ranks."""
+    def watched(self, seconds: Mapping[str, float]) -> Iterator[None]:
+        """Finish the monitors with the status of the stage, whatever ended it on all ranks.
+
+        Args:
+            seconds: Wall time by phase [s], passed to the monitors as it is at the end.
+        """
         try:
             yield
             self.warn_of_slip()
@@ -244,10 +246,10 @@ class DynamicRun:
         except BaseException as error:
             if all_fail(self._of_errors, error):
                 status, text = ending(error)
-                self._finish(status, {"error": text})
+                self._finish(status, {"seconds": dict(seconds), "error": text})
             raise
         peak = self.model.jointed.mesh.comm.allreduce(peak_mb())
-        self._finish("complete", {"peak_mb": peak})
+        self._finish("complete", {"seconds": dict(seconds), "peak_mb": peak})
 
     def _finish(self, status: str, extra: dict[str, Any]) -> None:
         outcome = self.outcome()
@@ -260,7 +262,6 @@ class DynamicRun:
             "imbalance": outcome.imbalance,
             "laws_without_losses": list(outcome.laws_without_losses),
             "local_error": outcome.local_error,
-            "seconds": dict(self._seconds),
             **({"warnings": self._warnings} if self._warnings else {}),
             **extra,
         }
@@ -293,26 +294,31 @@ class DynamicRun:
         )
 
 
-def ground_motion(
-    model: Model, motion: Callable[[float], Any] | None, loads: Sequence[Load]
-) -> Callable[[float], Any] | None:
-    """Ground acceleration in the axes of the model."""
-    if motion is None:
-        return None
-    in_axes(motion, model.gdim)(0.0)
-    if rising_waves([*model.loads, *loads]):
-        raise ValueError(
-            "motion is given beside a FreeField, which moves the ground already; give one."
-        )
-    return in_axes(motion, model.gdim)
+def ground_motions(
+    model: Model, motion: Any, loads: Sequence[Load], differing: DifferingGround | None
+) -> GroundMotions:
+    """Motions of the ground in the axes of the model (collective).
 
-
-def free_surface(
-    model: Model, loads: Sequence[Load]
-) -> Callable[[float], NDArray[np.float64]] | None:
-    """Velocity of the level free surface under all waves that rise, None without (collective)."""
-    waves = [load.surface_velocity(model) for load in rising_waves([*model.loads, *loads])]
-    return (lambda time: np.sum([wave(time) for wave in waves], axis=0)) if waves else None
+    Args:
+        model: The model.
+        motion: Acceleration of the ground as a function of time, None if it rests.
+        loads: Loads of the stage besides the model's.
+        differing: The ground if it moves differently from place to place.
+    """
+    rising = rising_waves([*model.loads, *loads])
+    if motion is not None:
+        motion = in_axes(motion, model.gdim)
+        motion(0.0)
+        if rising:
+            raise ValueError(
+                "motion is given beside a FreeField, which moves the ground already; give one."
+            )
+    waves = [load.surface_velocity(model) for load in rising]
+    return GroundMotions(
+        motion=motion,
+        free_surface=(lambda t: np.sum([wave(t) for wave in waves], axis=0)) if waves else None,
+        static_part=differing.static_part if differing else None,
+    )
 
 
 def _doubts(outcome: Outcome) -> list[str]:

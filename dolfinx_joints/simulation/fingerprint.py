@@ -1,36 +1,41 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Facts that tell one run from another: model, loads, motion, scheme and step."""
+"""Facts that tell one run from another: declared parameters, and what is assembled from them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from itertools import count
+import copyreg
+import functools
+import hashlib
+import sys
+import types
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.body.supports import Prescribed, place_of
+from dolfinx_joints.common.declared import parameters
+from dolfinx_joints.common.kernels import cell_content, globals_read, instructions
 from dolfinx_joints.common.mpi import summed
-from dolfinx_joints.common.parameters import number_at
-from dolfinx_joints.joints.contact import Contact
-from dolfinx_joints.joints.operator import GapOperator
-from dolfinx_joints.loads.load import FollowsJoints
-from dolfinx_joints.loads.water.joint_water import label
+from dolfinx_joints.common.parameters import LONGEST_SHOWN, number_at, numbers_of, shown
+from dolfinx_joints.loads.load import Load, load_names
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.simulation.inventory import HASH, Inventory, hashed
 
 Floats = NDArray[np.float64]
 
-# Sums over other numbers of ranks differ by rounding.
-SAME = 1e-9
+HASH = "sha256:"
+SAME = 1e-9  # sums on different numbers of ranks differ by rounding
+PARTS = 1021  # number of sums that stand for a vector; shorter ones are compared one by one
 
-# Sums that stand for a vector, or for a function of time: shorter ones are compared one by one.
-PARTS = 1021
+_PLAIN = (bool, int, float, complex, str, bytes, types.NoneType, types.EllipsisType)
+_INSTALLED = {"site-packages", "dist-packages"}
+_DISTRIBUTED = ("basix", "dolfinx", "mpi4py", "petsc4py", "ufl")
 
 
 def fingerprint(
@@ -38,180 +43,257 @@ def fingerprint(
     system: MatrixSystem,
     nodes: NodeNumbering,
     settings: Mapping[str, Any],
-    motion: Callable[[float], Any] | None,
+    loads: Sequence[Load],
     times: Floats,
 ) -> tuple[dict[str, Any], list[str]]:
-    """Facts of a run by name, and what it has that cannot be compared (collective).
+    """Return the facts of a run by name, and the objects that cannot be compared (collective).
 
-    They are the same on any number of ranks; those of rank 0 count. Matrices are known by their
-    products with a field that weighs each node differently, functions of time by their values at
-    all times and by what they hold.
+    Facts are equal on any number of ranks; those of rank 0 count. ``settings`` may have nodal
+    vectors, ``loads`` are those besides the model's. Of a static state, with one time [s] alone,
+    functions of time count by their value at that time.
+    """
+    of_run, assembled = Parameters(), Parameters(assembled=True, functions=len(times) > 1)
+    vectors = {name: value for name, value in settings.items() if isinstance(value, PETSc.Vec)}
+    laws = {} if model.contact is None else model.contact.laws
+    for name, value in {**settings, **{f"law of {n}": law for n, law in laws.items()}}.items():
+        if name not in vectors:
+            of_run.add(name, value)
+    # A law may hold arrays of its rank's points.
+    of_ranks = model.jointed.mesh.comm.allgather(_hashed(sorted(of_run.facts.items())))
+    if len(set(of_ranks)) > 1:
+        of_run.facts["laws as each rank holds them"] = _hashed(of_ranks)
+    every = [*model.loads, *loads]
+    named = {f"load {n}": load for n, load in zip(load_names(every), every, strict=True)}
+    joints = model.parameters["joints"]
+    named |= {f"joints.{n}": getattr(joints, n) for n in ("initial_gaps", "quadrature")}
+    for name, value in (model.parameters | named).items():
+        if name not in ("joints", "loads"):
+            assembled.add(name, value)
+    numbers = _numbers(model, system, nodes, vectors, times)
+    return of_run.facts | assembled.facts | numbers, of_run.unknown + assembled.unknown
+
+
+class Parameters:
+    """Parameters of objects by path, such as ``law of joint_1.normal_stiffness``, as texts.
+
+    The texts are equal each time a script is started. They have the class of an object and its
+    parameters, the SHA-256 of an array, and the code of the user's functions and classes with the
+    variables that it reads. Code of installed packages counts as equal.
 
     Args:
-        model: The model.
-        system: Its system in this run.
-        nodes: Numbers the nodes.
-        settings: Further facts, nodal vectors among them.
-        motion: Ground acceleration [m/s^2] at a time [s], or None.
-        times: Those of the steps [s]; of a static state only the one.
+        assembled: True for parameters of which matrices and vectors count as well, by which fields
+            and forms of DOLFINx are compared.
+        functions: Whether functions count.
+
+    Attributes:
+        facts: Texts by path.
+        unknown: Paths of objects that cannot be described, with their class.
     """
-    sums = _NodalSums(system, nodes, model)
-    held = Inventory()
-    vectors = {name: value for name, value in settings.items() if isinstance(value, PETSc.Vec)}
-    damping: dict[str, Any] = {"Rayleigh damping": system.rayleigh}
-    if system.damped_modes is not None:
-        damping["damping ratios"] = system.damped_modes.asked
-    for name, value in {**settings, **damping}.items():
-        if name not in vectors:
-            held.add(name, value)
-    comm, points = model.jointed.mesh.comm, nodes.positions
-    facts: dict[str, Any] = {**held.facts}
-    facts["node coordinates"] = _of_ranks(comm, _numbers(nodes.first, points), points.ravel())
-    facts |= {name: sums(vector.getArray(readonly=True)) for name, vector in vectors.items()}
-    matrices = {"mass": system.mass, "stiffness": system.stiffness, "dashpots": system.dashpots}
-    for name, matrix in matrices.items():
-        facts[f"{name} matrix"] = sums.of_matrix(matrix)
-    fixed = np.zeros(len(sums.weights))
-    fixed[system.constrained] = 1.0
-    facts["supports"] = sums(fixed)
-    if system.values is not None:
-        weights = sums.weights[system.constrained]
-        moved = np.array([system.prescribed(float(t)) @ weights for t in times])
-        every = summed(comm, moved)
-        facts["motion of the supports"] = _over_time(every)
-    functions: dict[str, Any] = {}
-    if motion is not None:
-        axes = np.array([motion(float(t)) for t in times]).T
-        facts["ground motion"] = np.array([_over_time(axis) for axis in axes])
-        functions["ground motion"] = motion
-    named = [
-        (f"load {name}", *p) for name, p in zip(system.load_names, system.patterns, strict=True)
-    ]
-    # Time by time: the components of a motion come from one call.
-    factors = np.array([[number_at(n, f, float(t)) for n, _, f in named] for t in times])
-    for i, (load, vector, factor) in enumerate(named):
-        name = _unused(load, facts)
-        facts[name] = sums(vector.getArray(readonly=True))
-        facts[f"{name}, factor"] = _over_time(factors[:, i])
-        functions[f"{name}, factor"] = factor
-    if system.water is not None:
-        facts |= system.water.facts(times)
-        facts |= _of_points(model.operator, system.water.at_points())
-        following = [load for load in system.in_joints if isinstance(load, FollowsJoints)]
-        functions |= {f"load {label(load)}, factor": load for load in following}
-    for support in model.supports:
-        if isinstance(support, Prescribed):
-            functions[f"displacement {support.component} of {place_of(support)}"] = support.value
-    if system.contact is not None:
-        facts |= _of_joints(system.contact, held)
-    if len(times) > 1:
-        for name, function in functions.items():
-            held.add(f"{name}, its function", function)
-    return {**facts, **held.facts}, held.unknown
+
+    def __init__(self, *, assembled: bool = False, functions: bool = True) -> None:
+        """Begin without objects."""
+        self.facts: dict[str, str] = {}
+        self.unknown: list[str] = []
+        self._assembled, self._functions = assembled, functions
+        # The objects as well, so that no other takes their address.
+        self._paths: dict[int, tuple[str, Any]] = {}
+
+    def add(self, path: str, value: Any) -> None:
+        """Add an object and its parameters."""
+        parts: dict[str, Any] = {}
+        value = value.item() if isinstance(value, np.generic) else value
+        numbers = numbers_of(value) if isinstance(value, list | tuple) else None
+        if isinstance(value, _PLAIN):
+            text = repr(value)
+        elif numbers is not None and numbers.size:
+            text = repr(numbers.tolist())
+        elif isinstance(value, np.ndarray) and value.dtype != object:
+            content = hashlib.sha256(value.tobytes()).digest()
+            text = _hashed((value.dtype.str, value.shape, content))
+        elif callable(value) and not (self._functions or isinstance(value, type)):
+            text = "a function"
+        elif self._assembled and _is_distributed(value):
+            text = type(value).__qualname__
+        elif id(value) in self._paths:
+            text = f"that of {self._paths[id(value)][0]}"
+        else:
+            # Equal constants may be one object or several, and so may equal parts of a model.
+            if not isinstance(value, tuple | frozenset) and parameters(value) is None:
+                self._paths[id(value)] = path, value
+            try:
+                text, parts = _described(value)
+            except Exception:  # what a class that cannot be copied raises
+                text = type(value).__qualname__
+                self.unknown.append(f"{path} ({text})")
+        self.facts[path] = text if len(text) <= LONGEST_SHOWN else _hashed(text)
+        for key, part in parts.items():
+            self.add(path + key, part)
 
 
-def _of_joints(contact: Contact, held: Inventory) -> dict[str, Any]:
-    """Facts of the joint points; what the laws hold is added (collective)."""
-    operator = contact.operator
-    held.add("joints", ", ".join(operator.names))
-    for name, law in contact.laws.items():
-        held.add(f"law of {name}", law)
-    # A law may hold arrays of its rank's points, of which rank 0 knows its own alone.
-    of_rank = sorted(fact for fact in held.facts.items() if fact[0].startswith("law of "))
-    of_ranks = operator.comm.allgather(hashed(of_rank))
-    if len(set(of_ranks)) > 1:
-        held.facts["laws as each rank holds them"] = hashed(of_ranks)
-    facts: dict[str, Any] = {
-        "joint points": operator.areas,
-        "joints of the points": operator.joint,
-    }
-    return _of_points(operator, {**facts, "initial gaps": contact.initial_gap})
+def _described(value: Any) -> tuple[str, dict[str, Any]]:
+    """Return a text for an object, and its parts by the end of their path.
+
+    Raises:
+        TypeError: It is distributed over the ranks. Objects that cannot be copied raise anything.
+    """
+    kind = type(value)
+    if _is_distributed(value):
+        raise TypeError
+    if isinstance(value, set | frozenset):
+        value = sorted(value, key=repr)
+    if isinstance(value, dict | list | tuple | np.ndarray):
+        pairs = value.items() if isinstance(value, dict) else enumerate(value)
+        return f"{kind.__name__} of {len(value)}", {f"[{shown(k)}]": each for k, each in pairs}
+    function = value
+    if not isinstance(value, types.FunctionType):  # of Numba or a cache
+        function = getattr(value, "py_func", getattr(value, "__wrapped__", None))
+    parts: dict[str, Any] = {}
+    if isinstance(value, types.ModuleType):
+        text = value.__name__
+    elif isinstance(function, types.FunctionType):
+        text, parts = _function(function)
+    elif isinstance(value, types.MethodType):
+        text, parts = "method", {"function": value.__func__, "self": value.__self__}
+    elif isinstance(value, type):
+        text, parts = value.__qualname__, _members(value)
+    else:
+        declared = parameters(value)
+        text, parts = kind.__qualname__, _state(value) if declared is None else declared
+    return text, {f".{key}": part for key, part in parts.items()}
 
 
-def _of_points(operator: GapOperator | None, values: Mapping[str, Floats]) -> dict[str, Floats]:
-    """Sums that stand for values of the local joint points, (n, ...), by name (collective)."""
-    assert operator is not None
-    first = operator.matrix.getOwnershipRange()[0] // 3
+def _function(function: types.FunctionType) -> tuple[str, dict[str, Any]]:
+    """Return the code of a function, and the variables from outside and defaults that it reads."""
+    code, outside = function.__code__, function.__globals__
+    cells = zip(code.co_freevars, function.__closure__ or (), strict=True)
+    read = {name: cell_content(cell) for name, cell in cells} | vars(function)
+    read |= {"__defaults__": function.__defaults__, "__kwdefaults__": function.__kwdefaults__}
+    if _is_installed(function.__module__):
+        return f"{function.__module__}.{function.__qualname__}", read
+    names = sorted(outside.keys() & globals_read(code))
+    return _hashed(instructions(code)), read | {name: outside[name] for name in names}
+
+
+def _members(kind: type) -> dict[str, Any]:
+    """Return what a class of the user and the user's classes among its bases define."""
+    own = [base for base in reversed(kind.__mro__) if not _is_installed(base.__module__)]
+    members = {key: item for base in own for key, item in vars(base).items()}
     return {
-        name: _of_ranks(operator.comm, _numbers(first, each), each.ravel())
-        for name, each in values.items()
+        key: getattr(item, "func" if isinstance(item, functools.cached_property) else "fget", item)
+        for key, item in members.items()
+        if key == "__call__" or not key.startswith(("__", "_abc_"))
     }
 
 
-def _numbers(first: int, rows: NDArray[Any]) -> NDArray[np.int64]:
-    """Number of each entry of rows of all ranks, those of this rank beginning at the ``first``."""
-    width = int(np.prod(rows.shape[1:]))
-    return np.arange(first * width, (first + len(rows)) * width)
+def _state(value: Any) -> dict[str, Any]:
+    """Return the class of an object and what a copy would be made from."""
+    kind, registered = type(value), copyreg.dispatch_table.get(type(value))
+    made = registered(value) if registered else value.__reduce_ex__(4)
+    parts = [*made] if isinstance(made, tuple) else [made]
+    parts = [[*each] if isinstance(each, Iterator) else each for each in parts]
+    attributes = parts.pop(2) if len(parts) > 2 and isinstance(parts[2], dict) else {}
+    found = {"__class__": kind, "__reduce__": parts}
+    for name, each in attributes.items():  # cached properties follow from the others
+        if not isinstance(getattr(kind, name, None), functools.cached_property):
+            found[name] = each
+    return found
 
 
-def _of_ranks(comm: Any, numbers: NDArray[np.int64], values: Floats) -> Floats:
-    """Sums over numbered values of all ranks (collective)."""
-    return summed(comm, _sums(numbers, values))
+def _is_distributed(value: Any) -> bool:
+    """Return True if values are distributed over the ranks, in memory outside of Python."""
+    root = type(value).__module__.split(".")[0]
+    return root in _DISTRIBUTED or isinstance(value, Model | JointedMesh)
 
 
-def first_difference(saved: Mapping[str, Any], here: Mapping[str, Any]) -> str | None:
-    """A clause that names the first fact in which two runs differ, None where they are alike."""
-    for name in (*here, *saved):
-        one, other = saved.get(name), here.get(name)
+@functools.cache
+def _is_installed(module: str | None) -> bool:
+    """Return True for a module of Python, of this package or of an installed package."""
+    root = (module or "").split(".")[0]
+    if root in sys.stdlib_module_names or root == __name__.split(".")[0]:
+        return True
+    file = getattr(sys.modules.get(root), "__file__", None)
+    return file is not None and not _INSTALLED.isdisjoint(Path(file).parts)
+
+
+def _hashed(value: Any) -> str:
+    """Return the SHA-256 of plain values."""
+    return HASH + hashlib.sha256(repr(value).encode()).hexdigest()
+
+
+def _numbers(
+    model: Model,
+    system: MatrixSystem,
+    nodes: NodeNumbering,
+    vectors: Mapping[str, PETSc.Vec],
+    times: Floats,
+) -> dict[str, Floats]:
+    """Return sums of mesh, joint points, functions of time, matrices and vectors (collective).
+
+    A matrix is compared by its product with a vector that has a weight at each free dof.
+    """
+    comm, owned = model.jointed.mesh.comm, nodes.number[: model.V.dofmap.index_map.size_local]
+    dofs = (model.gdim * owned[:, None] + np.arange(model.gdim)).ravel()
+    if system.coupled is not None:
+        dofs = np.append(dofs, model.num_dofs + system.coupled.numbers)
+    weights, free = _weights(dofs), system.stiffness.createVecRight()
+    free.setArray(weights)
+    free.getArray()[system.constrained] = 0.0
+    matrices = {"mass": system.mass, "stiffness": system.stiffness, "dashpots": system.dashpots}
+    named = list(zip(system.names_of_patterns, system.patterns, strict=True))
+    start = system.loads_by_name(float(times[0]), 1.0)
+    vectors = {
+        **{f"{name} matrix": m * free for name, m in matrices.items() if m is not None},
+        **{f"pattern {i} of the loads": pattern for i, (_, (pattern, _)) in enumerate(named, 1)},
+        **{f"load {name} at the start": force for name, force in start.items()},
+        **vectors,
+    }
+    rows: dict[str, tuple[int, Any]] = {"node coordinates": (nodes.first, nodes.positions)}
+    if (contact := system.contact) is not None:
+        first = contact.operator.matrix.getOwnershipRange()[0] // 3
+        points = {"areas": contact.operator.areas, "joints": contact.operator.joint}
+        points["initial gaps"] = contact.initial_gap
+        rows |= {f"{name} of the joint points": (first, each) for name, each in points.items()}
+    local = {
+        name: (np.arange(each.size) + first * np.prod(each.shape[1:], dtype=int), each)
+        for name, (first, each) in rows.items()
+    }
+    for name, vector in vectors.items():  # some have no dofs of the water
+        local[name] = dofs[: vector.getLocalSize()], vector.getArray(readonly=True)
+    numbers = {name: summed(comm, _sums(*each)) for name, each in local.items()}
+    # Time by time: the components of a motion come from one call.
+    factors = [[number_at(n, f, float(t)) for n, (_, f) in named] for t in times]
+    moved = [system.prescribed(float(t)) @ weights[system.constrained] for t in times]
+    histories = [*np.transpose(factors), summed(comm, np.array(moved))]
+    numbers["functions of time"] = np.array([_sums(np.arange(len(h)), h) for h in histories])
+    return numbers
+
+
+def _weights(numbers: NDArray[np.int64]) -> Floats:
+    return np.asarray(1.5 + np.sin(numbers.astype(np.float64)))
+
+
+def _sums(numbers: NDArray[np.int64], values: NDArray[Any]) -> Floats:
+    """Return weighted sums of groups of numbered values."""
+    weighted = _weights(numbers) * values.ravel()
+    return np.bincount(numbers % PARTS, weighted, minlength=PARTS).astype(np.float64)
+
+
+def first_difference(saved: Mapping[str, Any], current: Mapping[str, Any]) -> str | None:
+    """Return a clause that names the first fact in which two runs differ, None without one."""
+    facts = {**current, **saved}
+    for name in sorted(facts, key=lambda name: not isinstance(facts[name], str)):
+        one, other = saved.get(name), current.get(name)
         if one is None or other is None:
             return f"{name}: only {'this run' if one is None else 'the checkpoint'} has it"
-        if isinstance(other, str) or isinstance(one, str):
-            if one != other:
-                hashed = any(str(each).startswith(HASH) for each in (one, other))
-                text = f"{one} in the checkpoint, {other} here"
-                return f"{name}: {'not the same' if hashed else text}"
-        elif not _alike(np.asarray(one), np.asarray(other)):
+        if isinstance(one, str) and one != other:
+            text = f"{one} in the checkpoint, {other} here"
+            return f"{name}: {'not the same' if HASH in text else text}"
+        if not isinstance(one, str) and not _alike(np.asarray(one), np.asarray(other)):
             return f"{name}: the numbers are not the same"
     return None
 
 
 def _alike(one: Floats, other: Floats) -> bool:
-    """Whether numbers are the same but for rounding, of a table row by row."""
-    if one.shape != other.shape:
-        return False
-    scale = np.abs(one).max(axis=-1, keepdims=True, initial=0.0)
-    return bool(np.all(np.abs(one - other) <= SAME * scale))
-
-
-def _unused(name: str, facts: Mapping[str, Any]) -> str:
-    """A name, numbered where it is taken."""
-    numbered = (name if i == 1 else f"{name} ({i})" for i in count(1))
-    return next(each for each in numbered if each not in facts)
-
-
-def _over_time(values: Floats) -> Floats:
-    """Sums that stand for the values at all times."""
-    return _sums(np.arange(len(values)), values)
-
-
-def _sums(numbers: NDArray[np.int64], values: Floats) -> Floats:
-    """Sums over groups of numbered values, each with a weight of its own between 0.5 and 2.5."""
-    weights = 1.5 + np.sin(numbers.astype(np.float64))
-    sums = np.bincount(numbers % PARTS, weights * values, minlength=PARTS)
-    return np.asarray(sums, dtype=np.float64)
-
-
-class _NodalSums:
-    """Sums that stand for nodal vectors, the same on any number of ranks."""
-
-    def __init__(self, system: MatrixSystem, nodes: NodeNumbering, model: Model) -> None:
-        """Number the dofs by their node's place in the input, those of the water after them."""
-        self._comm, self._field = model.jointed.mesh.comm, system.stiffness.createVecRight()
-        owned = nodes.number[: model.V.dofmap.index_map.size_local]
-        self._dofs = (model.gdim * owned[:, None] + np.arange(model.gdim)).ravel()
-        if system.coupled is not None:
-            self._dofs = np.append(self._dofs, model.num_dofs + system.coupled.numbers)
-        self.weights = 1.5 + np.sin(self._dofs.astype(np.float64))
-        self._field.setArray(self.weights)
-
-    def __call__(self, values: Floats) -> Floats:
-        """Sums of a value per owned dof (collective)."""
-        return _of_ranks(self._comm, self._dofs, values)
-
-    def of_matrix(self, matrix: PETSc.Mat | None) -> Floats:
-        """Those of a matrix times the weights, none for no matrix (collective)."""
-        if matrix is None:
-            return np.zeros(0)
-        product = self._field.duplicate()
-        matrix.mult(self._field, product)
-        return self(product.getArray(readonly=True))
+    """Return True for numbers that are equal but for rounding, of a table row by row."""
+    largest = np.abs(one).max(axis=-1, keepdims=True)
+    return one.shape == other.shape and bool((np.abs(one - other) <= SAME * largest).all())

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -31,12 +32,27 @@ from dolfinx_joints.time_integration.substeps import StepControl
 SAME_VELOCITY = 1e-3
 
 
+@dataclass(frozen=True, kw_only=True)
+class InitialFields:
+    """Fields that a dynamic stage begins with, on top of the static state.
+
+    A field is a function of the nodes (n, 3) that returns (n, gdim), a UFL expression or DOLFINx
+    function, a vector of the unknowns, or a number for each axis.
+
+    Args:
+        velocity: Velocity [m/s], zero unless given; at supports it must be theirs.
+        displacement: Displacement from the static state [m]; joints respond to it from there.
+    """
+
+    velocity: NodalField | None = None
+    displacement: NodalField | None = None
+
+
 def checked_settings(
     scheme: Scheme | None,
     control: StepControl | None,
-    start: DynamicState | None,
+    start: DynamicState | InitialFields | None,
     checkpoint: Checkpoints | None,
-    resume: bool,
 ) -> tuple[Scheme, StepControl]:
     """Scheme and control of a dynamic stage, defaults where none is given; all are checked."""
     scheme = EnergyConsistent() if scheme is None else scheme
@@ -44,36 +60,29 @@ def checked_settings(
     known = offers(scheme, "advance", "conserves")
     check_kind_of("scheme", scheme, known, "a time scheme, such as Newmark()")
     check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
-    known = isinstance(start, DynamicState | None)
-    check_kind_of("start", start, known, "the state of an earlier dynamic outcome")
+    known = isinstance(start, DynamicState | InitialFields | None)
+    check_kind_of("start", start, known, "InitialFields or the state of an earlier outcome")
     known = isinstance(checkpoint, Checkpoints | None)
     check_kind_of("checkpoint", checkpoint, known, "a Checkpoints")
-    if resume and checkpoint is None:
-        raise ValueError("resume is True, but no checkpoint is given to go on from.")
     return scheme, control
 
 
-def given_fields(
-    model: Model, start: DynamicState | None, **fields: NodalField | None
-) -> dict[str, PETSc.Vec]:
+def given_fields(model: Model, start: DynamicState | InitialFields | None) -> dict[str, PETSc.Vec]:
     """Nodal vectors of the initial fields that are given, by name (collective).
 
     Raises:
-        ValueError: One is no such field, or given beside a state to go on from.
+        ValueError: One is no such field.
         JointsError: A state to go on from is given to a model with waves in a reservoir, whose
             ground would begin again at rest.
     """
-    if start is not None and model.coupled is not None:
+    if isinstance(start, DynamicState) and model.coupled is not None:
         raise JointsError(
             "start is given, but waves in a reservoir begin with the ground at rest: the velocity "
             "that the ground has at the end of the stage before would be a blow on the water. Run "
             "it as one stage with one motion."
         )
-    given = {name: field for name, field in fields.items() if field is not None}
-    if given and start is not None:
-        name = next(iter(given))
-        raise ValueError(f"{name} and start are both given; start holds a {name} already.")
-    return {name: nodal_vector(model, name, field) for name, field in given.items()}
+    fields = vars(start).items() if isinstance(start, InitialFields) else ()
+    return {name: nodal_vector(model, name, each) for name, each in fields if each is not None}
 
 
 def first_state(
@@ -142,8 +151,8 @@ def _check_displacement(system: MatrixSystem, u: PETSc.Vec, time: float = 0.0) -
     if max(u.comm.tompi4py().allgather(jump)) > 1e-9 * u.norm():
         raise ValueError(
             f"The displacements of the supports at t = {time:g} differ from those that the dynamic "
-            "stage starts from, of the static state and displacement=, or of start= and its "
-            "motion; let them agree there."
+            "stage starts from, of the static state and InitialFields, or of start= "
+            "and its motion; let them agree there."
         )
 
 

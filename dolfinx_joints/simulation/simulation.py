@@ -27,11 +27,11 @@ from dolfinx_joints.loads.free_field import SupportForces
 from dolfinx_joints.loads.ground_motion import for_steps, moved_by
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.model.nodal_field import NodalField
 from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints, static_keeper
 from dolfinx_joints.simulation.differing_ground import differing_ground, on_ground
-from dolfinx_joints.simulation.dynamic_stage import DynamicRun, free_surface, ground_motion
+from dolfinx_joints.simulation.dynamic_stage import DynamicRun, ground_motions
 from dolfinx_joints.simulation.first_state import (
+    InitialFields,
     checked_settings,
     first_state,
     given_fields,
@@ -51,9 +51,10 @@ from dolfinx_joints.simulation.statics.unfinished import (
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.shared_bulk import SharedBulk
 from dolfinx_joints.solvers.step_solver import SolverOptions
+from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.scheme import Scheme
 from dolfinx_joints.time_integration.states import DynamicState
-from dolfinx_joints.time_integration.substeps import StepControl, ends_of_steps, located
+from dolfinx_joints.time_integration.substeps import StepControl, Stepper, ends_of_steps, located
 
 # Steps between two collections of what petsc4py keeps on several ranks.
 GARBAGE_INTERVAL = 10
@@ -273,11 +274,8 @@ class Simulation:
         loads: Sequence[Load] = (),
         scheme: Scheme | None = None,
         control: StepControl | None = None,
-        velocity: NodalField | None = None,
-        displacement: NodalField | None = None,
-        start: DynamicState | None = None,
+        start: DynamicState | InitialFields | None = None,
         checkpoint: Checkpoints | None = None,
-        resume: bool = False,
     ) -> Outcome:
         """March from the static state (or from zero) with the model's loads kept (collective).
 
@@ -289,69 +287,64 @@ class Simulation:
             loads: Loads of this stage besides the model's own.
             scheme: Time scheme, `EnergyConsistent` unless given.
             control: When steps are cut; where their solve fails unless given.
-            velocity: Initial velocity [m/s], zero unless given: a function of the nodes (n, 3)
-                that returns (n, gdim), a UFL expression or DOLFINx function, a vector of the
-                unknowns, or a number for each axis. At supports it must be theirs.
-            displacement: Initial displacement [m], given alike, on top of the static state; joints
-                answer to it from there.
-            start: State to go on from instead, such as ``state`` of an earlier outcome.
-            checkpoint: Where the run is kept on the disk as it goes; nowhere unless given.
-            resume: Go on from that checkpoint, with the arguments and monitors of the run that
-                wrote it. Its states are taken, of ``start`` the time alone.
+            start: `InitialFields` on top of the static state, or a state to go on from instead,
+                such as ``state`` of an earlier outcome; at rest unless given.
+            checkpoint: Where the run is kept on the disk as it goes, and whether it goes on from
+                there, with the arguments and monitors of the run that wrote the file. The states
+                of the file are taken then, of ``start`` the time alone. Nowhere unless given.
 
         Raises:
             CheckpointError: A checkpoint cannot be written, is missing, damaged or another run's.
             ConvergenceError: A step did not converge however often halved; monitors have the rest.
         """
-        scheme, control = checked_settings(scheme, control, start, checkpoint, resume)
-        given = given_fields(self.model, start, velocity=velocity, displacement=displacement)
+        scheme, control = checked_settings(scheme, control, start, checkpoint)
+        given = given_fields(self.model, start)
+        resume = checkpoint is not None and checkpoint.resume
         (motion, *loads), lost = for_steps([motion, *loads], dt, self.model.jointed.mesh.comm)
-        acting, ground = shaken_by(motion, loads), differing_ground(self.model, motion)
-        motion = ground_motion(self.model, motion, loads)
-        if begins := not resume and start is None:
+        acting, differing = shaken_by(motion, loads), differing_ground(self.model, motion)
+        stage: dict[str, Any] = {"ground motion": motion}
+        ground = ground_motions(self.model, motion, loads, differing)
+        motion = ground.motion
+        state = start if isinstance(start, DynamicState) else None
+        if begins := not resume and state is None:
             check_complete(self.static)
         if checkpoint is not None:
-            checkpoint.check(self.model.jointed.mesh.comm, resume=resume)
+            checkpoint.check(self.model.jointed.mesh.comm)
         with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
             kept = [SupportForces(self.model)] if self.model.absorbing else []
             shaking: list[Load] = [*moved_by(motion, dt), *kept, *loads]
-            system = on_ground(ground, self.model.system(shaking, waves=dt, shared=self.shared))
+            system = on_ground(differing, self.model.system(shaking, waves=dt, shared=self.shared))
             solver = make_solver(system, self._options, self.solver)
-            times = ends_of_steps(start.time if start else 0.0, dt, steps)
+            times = ends_of_steps(state.time if state else 0.0, dt, steps)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
             facts |= {"start at": float(times[0]), "step control": control}
             facts |= {"solver": self.solver, "Newton": self._options}
             facts |= {f"initial {name}": vector for name, vector in given.items()}
             keeper = None
             if checkpoint is not None:
-                keeper = CheckpointKeeper(checkpoint, self.model, system, facts, motion, times)
+                stage |= facts
+                keeper = CheckpointKeeper(checkpoint, self.model, system, stage, loads, times)
             saved = keeper.load(self.monitors) if keeper and resume else None
             self.static = self.static if saved is None else saved.static
             if kept and self.static is not None:
                 kept[0].take(self.static.reaction, system.constrained)
-            state = saved.state if saved else first_state(solver, dt, self.static, start, given)
+            state = saved.state if saved else first_state(solver, dt, self.static, state, given)
             before = self.static, self.stages
             doubts = sudden_loads(self.model, system, state, *before, shaking) if begins else []
             run = DynamicRun(
-                model=self.model,
+                self.model,
+                Stepper(scheme, solver, EnergyLedger(system), control),
+                state,
+                steps,
+                ground=ground,
                 monitors=self.monitors,
                 watch=self._watch,
-                seconds=self.seconds,
-                scheme=scheme,
-                solver=solver,
-                control=control,
-                state=state,
-                steps=steps,
-                motion=motion,
-                free_surface=free_surface(self.model, loads),
-                static_part=ground.static_part if ground else None,
-                settings={k: in_words(v) for k, v in facts.items()} | acting,
-                stages=tuple(self.stages),
-                doubts=[*lost, *doubts],
+                warnings=[*self.model.doubts, *lost, *doubts],
             )
-        with released(checkpoint, at_end=True), run.watched():
+        with released(checkpoint, at_end=True), run.watched(self.seconds):
             if saved is None:
-                run.start()
+                settings = {name: in_words(each) for name, each in facts.items()} | acting
+                run.start(settings, tuple(self.stages))
                 self._save(keeper, run)
             else:
                 run.resume(saved.state_dict, saved.origin)

@@ -107,7 +107,7 @@ def _first_solver(
         if system.coupled is not None:
             raise JointsError(
                 'solver="forms" integrates joints over the mesh of the body alone; it does not '
-                "solve the coupled system of a model with reservoir=. Use "
+                "solve the coupled system of a body and a reservoir with waves. Use "
                 'solver="monolithic", which gives the same result, or an added mass instead of the '
                 "reservoir."
             )

@@ -4,23 +4,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
-
-from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
-from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
-from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
-from dolfinx_joints.solvers.newton import NewtonSolver
-from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
-
-if TYPE_CHECKING:
-    from dolfinx_joints.solvers.interface.solver import InterfaceSolver
+from dolfinx_joints.laws.law import Response
+from dolfinx_joints.solvers.step_solver import Solution, SolverAround, StepEquation, StepSolver
 
 
-class StaticSolver:
+class StaticSolver(SolverAround):
     """Solve static increments by one solver, and by others only as a last resort.
 
     The first solver follows the branch of equilibria that the accepted state is on. The others may
@@ -36,32 +28,25 @@ class StaticSolver:
 
     def __init__(self, first: StepSolver, *others: Callable[[StepSolver], StepSolver]) -> None:
         """Make no solver yet."""
-        self.system, self.name, self.options = first.system, first.name, first.options
+        super().__init__(first)
         self._solvers, self._others, self.last_resort = [first], others, False
 
-    def solve(
-        self,
-        effective: MatrixCoefficients,
-        b: PETSc.Vec,
-        x: PETSc.Vec,
-        state: JointState | None,
-        rule: Rule = BACKWARD_EULER,
-    ) -> tuple[Response | None, SolveReport]:
-        """Solve for ``x`` in place; see `NewtonSolver.solve` (collective).
+    def _solve(self, equation: StepEquation) -> Solution:
+        """Solve the equation of a step (collective).
 
         Raises:
             ConvergenceError: No solver converged. The error describes the attempt with the smallest
                 residual. The last solver is excluded: its residual may be relative to the forces of
                 blocks that have moved far.
         """
-        start = x.copy()
+        start = equation.x.copy()
         failures: list[ConvergenceError] = []
         for i in range(1 + len(self._others) * self.last_resort):
             if i == len(self._solvers):
                 self._solvers.append(self._others[i - 1](self._solvers[-1]))
-            start.copy(x)
+            start.copy(equation.x)
             try:
-                return self._solvers[i].solve(effective, b, x, state, rule)
+                return self._solvers[i].solve(*equation)
             except ConvergenceError as failure:
                 if failure.law is not None:
                     raise
@@ -80,52 +65,24 @@ class StaticSolver:
         if isinstance(first, InterfaceSolver) and response is not None:
             first.carried = response.traction
 
-    def state_dict(self) -> dict[str, Any]:
-        """Return the state of the first solver; the others keep none."""
-        return self._solvers[0].state_dict()
 
-    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Restore the state that another solver's ``state_dict`` returned."""
-        self._solvers[0].load_state_dict(state_dict)
-
-
-class OtherStarts:
-    """Solve static increments from other starts than the accepted state.
-
-    The condensed solver starts from the forces of its last solve or from open joints, whichever has
-    the smaller residual; other solvers start from open joints.
+class OtherStarts(SolverAround):
+    """Solve static increments from other starts than the accepted state (`follows_path`).
 
     Args:
         inner: The solver.
     """
 
-    def __init__(self, inner: InterfaceSolver | NewtonSolver) -> None:
-        """Keep the solver."""
-        self._inner = inner
-        self.system, self.name, self.options = inner.system, inner.name, inner.options
-        self.state_dict, self.load_state_dict = inner.state_dict, inner.load_state_dict
-
-    def solve(
-        self,
-        effective: MatrixCoefficients,
-        b: PETSc.Vec,
-        x: PETSc.Vec,
-        state: JointState | None,
-        rule: Rule = BACKWARD_EULER,
-    ) -> tuple[Response | None, SolveReport]:
-        """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
-        inner = self._inner
-        if isinstance(inner, NewtonSolver):
-            inner.matrix(effective).solve_linear(b, x, inner.unconstrained)
-            return inner.solve(effective, b, x, state, rule)
-        inner.follows_path = False
+    def _solve(self, equation: StepEquation) -> Solution:
+        """Solve the equation of a step (collective)."""
+        self.inner.follows_path = False
         try:
-            return inner.solve(effective, b, x, state, rule)
+            return self.inner.solve(*equation)
         finally:
-            inner.follows_path = True
+            self.inner.follows_path = True
 
 
-class HoldingBonds:
+class HoldingBonds(SolverAround):
     """Solve a step with all bonds intact, then again without the most overloaded ones.
 
     A step often has a solution with intact bonds and another one with broken bonds. No bond breaks
@@ -133,30 +90,15 @@ class HoldingBonds:
 
     Args:
         inner: Solver of a step whose bonds do not change.
-
-    Attributes:
-        inner: The same.
     """
 
-    def __init__(self, inner: StepSolver) -> None:
-        """Keep the solver."""
-        self.inner = inner
-        self.system, self.name, self.options = inner.system, inner.name, inner.options
-
-    def solve(
-        self,
-        effective: MatrixCoefficients,
-        b: PETSc.Vec,
-        x: PETSc.Vec,
-        state: JointState | None,
-        rule: Rule = BACKWARD_EULER,
-    ) -> tuple[Response | None, SolveReport]:
-        """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
-        assert state is not None
+    def _solve(self, equation: StepEquation) -> Solution:
+        """Solve the equation of a step (collective)."""
+        assert equation.state is not None
         assert self.system.contact is not None
-        bonds, iterations, factorizations = self.system.contact.bonds(state), 0, 0
+        bonds, iterations, factorizations = self.system.contact.bonds(equation.state), 0, 0
         while True:
-            response, report = self.inner.solve(effective, b, x, bonds.start(), rule)
+            response, report = self.inner.solve(*equation._replace(state=bonds.start()))
             iterations += report.iterations
             factorizations += report.factorizations
             assert response is not None
@@ -164,14 +106,6 @@ class HoldingBonds:
                 return response, replace(
                     report, iterations=iterations, factorizations=factorizations
                 )
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return the state of the solver."""
-        return self.inner.state_dict()
-
-    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Restore the state that another solver's ``state_dict`` returned."""
-        self.inner.load_state_dict(state_dict)
 
 
 def _distance(failure: ConvergenceError) -> float:

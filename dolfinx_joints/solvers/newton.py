@@ -11,30 +11,38 @@ In changes, nothing is lost to the rounding of large displacements that hardly m
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from abc import ABC
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
-from dolfinx_joints.joints.internal_forces import InternalForces
-from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, JointState, Response, Rule
+from dolfinx_joints.common.mpi import free_petsc_garbage
+from dolfinx_joints.laws.law import DISCRETE_GRADIENT, Response
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import (
     Cache,
     EffectiveMatrix,
-    MatrixCoefficients,
     iterates,
     unconstrained_dofs,
 )
-from dolfinx_joints.solvers.line_search import LineSearch
 from dolfinx_joints.solvers.multigrid.bulk import STEP_TOLERANCE, IterativeSolver
-from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, solve_failure
+from dolfinx_joints.solvers.newton_loop import Problem, forcing, newton
+from dolfinx_joints.solvers.step_solver import (
+    Solution,
+    SolveReport,
+    SolverOptions,
+    StepEquation,
+    StepSolver,
+)
 from dolfinx_joints.solvers.tangent import Tangent
 
 Floats = NDArray[np.float64]
+
+EPSILON = float(np.finfo(np.float64).eps)
 
 # Parts of the closed joints' stiffness tried in turn where a tangent is singular.
 REGULARISATIONS = (0.0, 1e-4, 1e-2)
@@ -46,7 +54,7 @@ SETTLED = 1e-5
 INNER_TOLERANCE, POLISH = 0.1, 0.01
 
 
-class NewtonSolver:
+class NewtonSolver(StepSolver):
     """Full Newton on the consistent, unsymmetric tangent, factored or solved by multigrid.
 
     Without joints, one back-substitution per solve with a factor that is kept. Matrices and
@@ -56,6 +64,9 @@ class NewtonSolver:
         system: The system.
         options: Tolerances and limits.
         name: What reports call it where there are joints.
+
+    Attributes:
+        unconstrained: 1 for free dofs, 0 for constrained ones.
     """
 
     def __init__(
@@ -65,233 +76,220 @@ class NewtonSolver:
         *,
         name: str = "monolithic",
     ) -> None:
-        """Make the work vectors (collective)."""
-        self.system = system
-        self._internal_forces = system.internal_forces
-        self.name = "linear" if self._internal_forces is None else name
+        """Make the matrix of tangents (collective)."""
+        self.system, internal_forces = system, system.internal_forces
+        self.name = "linear" if internal_forces is None else name
         self.options = options or SolverOptions()
-        self.unconstrained = unconstrained_dofs(system)
-        self._correction = self.unconstrained.duplicate()
-        internal_forces = self._internal_forces
-        product = (
-            None if internal_forces is None else internal_forces.tangent_matrix(self.unconstrained)
-        )
+        self.unconstrained = free = unconstrained_dofs(system)
+        product = None if internal_forces is None else internal_forces.tangent_matrix(free)
         kept = 2 if iterates(system, self.options.linear) else 4  # large, and soon made anew
-        newton = self.options  # a reference to self in the cache would keep it alive
+        limits = self.options  # a reference to self in the cache would keep it alive
         self._tangents = Cache(
             lambda key: Tangent(
-                EffectiveMatrix.of(system, key, linear=newton.linear),
+                EffectiveMatrix.of(system, key, linear=limits.linear),
                 product,
-                newton.linear_options,
+                limits.linear_options,
             ),
             size=kept,
         )
 
-    def solve(
-        self,
-        effective: MatrixCoefficients,
-        b: PETSc.Vec,
-        x: PETSc.Vec,
-        state: JointState | None,
-        rule: Rule = BACKWARD_EULER,
-    ) -> tuple[Response | None, SolveReport]:
-        """Solve for ``x`` in place, starting from it (collective).
-
-        Args:
-            effective: Coefficients of A.
-            b: Right-hand side [N].
-            x: Start of the iteration, with the constrained dofs at their values already [m].
-            state: Joint state at the start of the step, None without joints and plastic cells.
-            rule: Response that the laws are asked for.
-
-        Returns:
-            The joints' response and the report.
-        """
-        tangent: Tangent = self._tangents(effective)
-        internal_forces = self._internal_forces
-        if internal_forces is None:
-            return None, solve_without_joints(tangent.effective, b, x, self.unconstrained)
-        assert state is not None
-        balance = _Balance(self, tangent.effective, internal_forces, b, x, state, rule)
-        response, report = self._iterate(tangent, balance)
-        balance.change.copy(x)
-        return response, report
-
-    def matrix(self, effective: MatrixCoefficients) -> EffectiveMatrix:
-        """Return A of some coefficients, without the joints (collective)."""
-        tangent: Tangent = self._tangents(effective)
-        return tangent.effective
-
-    def state_dict(self) -> dict[str, Any]:
-        """Empty: every solve starts from its arguments alone."""
-        return {}
-
-    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Keep nothing: there is no state."""
-
-    def _iterate(self, tangent: Tangent, balance: _Balance) -> tuple[Response, SolveReport]:
-        options, internal_forces, state = self.options, balance.internal_forces, balance.state
-        response, norm = balance.evaluate(balance.change)
-        balance.accept()
-        factorizations, iteration, norms = 0, 0, [norm]
-        line_search = LineSearch(options.max_cuts, leaps=self.system.bulk is None)
-        while not norm <= (balance.tolerance if balance.inertia else balance.wanted):
-            if iteration == options.max_iterations or not np.isfinite(norm):
-                residual = norm / balance.scale
-                raise solve_failure(internal_forces, response, state, iteration, residual, options)
-            inner = _inner_tolerance(norms, balance.tolerance)
-            factorizations += self._correct(tangent, response, balance, inner)
-            if norm <= balance.tolerance and self._settled(balance.change):
-                break
-            response, norm = self._search(balance, norm, line_search.cuts(norm))
-            balance.accept()
-            iteration += 1
-            norms.append(norm)
-        if balance.rule.name == DISCRETE_GRADIENT.name and norm > 0.0:
-            factorizations += self._correct(tangent, response, balance, POLISH)
-            response, norm = self._polish(balance, response, norm)
-            iteration += 1
-            norms.append(norm)
-        return response, SolveReport(
-            iterations=iteration,
-            factorizations=factorizations,
-            residual=norm / (balance.scale or 1.0),
-            counts=internal_forces.counts(response),
-            residuals=tuple(each / (balance.scale or 1.0) for each in norms),
+    def _solve(self, equation: StepEquation) -> Solution:
+        """Solve the equation of a step (collective)."""
+        tangent: Tangent = self._tangents(equation.effective)
+        matrix, linear = tangent.effective, (equation.b, equation.x, self.unconstrained)
+        if self.system.internal_forces is None:
+            loose = matrix.inertia and matrix.change is None
+            loose = loose and isinstance(matrix.solver, IterativeSolver)
+            options = {"tolerance": STEP_TOLERANCE} if loose else {}
+            factored = int(matrix.solve_linear(*linear, **options))
+            return None, SolveReport(iterations=1, factorizations=factored, solver=self.name)
+        if not self.follows_path:
+            matrix.solve_linear(*linear)
+        problem = self._problem(tangent, equation)
+        at, norms = newton(problem, self.options, leaps=self.system.bulk is None)
+        if problem.polishes and at.norm > 0.0:
+            at = problem.polished(at)
+            norms.append(at.norm)
+        at.change.copy(equation.x)
+        return at.response, SolveReport(
+            iterations=len(norms) - 1,
+            factorizations=problem.factorizations,
+            residual=at.relative,
+            counts=self.system.internal_forces.counts(at.response),
+            residuals=tuple(norm / at.unit for norm in norms),
             solver=self.name,
         )
 
-    def _correct(
-        self, tangent: Tangent, response: Response, balance: _Balance, tolerance: float
-    ) -> int:
-        """Newton's correction; factorizations it took (collective).
+    def _problem(self, tangent: Tangent, equation: StepEquation) -> BodyProblem[Any]:
+        """Return the equation of a step as a problem of Newton's method (collective)."""
+        return _Displacement(self, tangent, equation)
 
-        Where the tangent is singular, because on the way a block is supported by no closed and
-        sticking point or because plastic cells flow, a small part of the stiffness of closed joints
-        and elastic cells is added: the correction only, not the equilibrium, depends on it.
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BodyIterate:
+    """A displacement with what follows from it.
+
+    Attributes:
+        change: x [m].
+        response: Of the laws.
+        unbalanced: A x + B^T (w t) - b at the unconstrained dofs [N].
+        norm: Of the residual.
+        unit: Reported norms are relative to it.
+        relative: Residual relative to the forces.
+        accepted: Whether no more is left than the tolerance or rounding.
+        target: Part of the residual that a correction should leave.
+    """
+
+    change: PETSc.Vec
+    response: Response
+    unbalanced: PETSc.Vec
+    norm: float
+    unit: float
+    relative: float
+    accepted: bool
+    target: float
+
+
+AnyIterate = TypeVar("AnyIterate", bound=BodyIterate)
+
+
+class BodyProblem(Problem[AnyIterate, PETSc.Vec], ABC):
+    """A problem whose corrections of x are solved with the matrix A + B^T (w D) B.
+
+    Args:
+        solver: Solver of the step.
+        tangent: The matrix.
+        equation: Equation of the step.
+
+    Attributes:
+        polishes: Whether the solution is corrected once more (`polished`).
+        factorizations: Matrices factored so far.
+    """
+
+    polishes = False
+
+    def __init__(self, solver: NewtonSolver, tangent: Tangent, equation: StepEquation) -> None:
+        """Make the work vectors (collective)."""
+        assert solver.system.internal_forces is not None
+        assert equation.state is not None
+        self.internal_forces, self.state = solver.system.internal_forces, equation.state
+        self._solver, self._tangent, self.matrix = solver, tangent, tangent.effective
+        self.free, self.wanted = solver.unconstrained, solver.options.relative_tolerance
+        self.b, self.x, self.rule, self.factorizations = equation.b, equation.x, equation.rule, 0
+        self.force, self._correction = (equation.b.duplicate() for _ in range(2))
+
+    def accepted(self, at: AnyIterate) -> AnyIterate:
+        """Return the iterate itself, and free the vectors of others (collective)."""
+        free_petsc_garbage(at.change.comm.tompi4py())
+        return at
+
+    def solved(self, at: AnyIterate, before: AnyIterate | None, *, last: bool) -> bool:
+        """Return True if the residual is small enough, in statics without regard to rounding."""
+        return at.accepted if self.matrix.inertia else at.relative <= self.wanted
+
+    def correction(self, at: AnyIterate, before: AnyIterate | None) -> PETSc.Vec | None:
+        """Return Newton's correction of x (collective).
+
+        In statics, None if the residual is left to rounding and the correction is small: a block
+        without support would keep drifting.
         """
+        fallen = 1.0 if before is None else at.norm / before.norm
+        correction = self._correct(at, forcing(INNER_TOLERANCE, fallen, at.target))
+        settled = at.accepted and correction.norm() <= SETTLED * at.change.norm()
+        return None if settled else correction
+
+    def polished(self, at: AnyIterate) -> AnyIterate:
+        """Return the iterate after one more correction, if that reduces the residual (collective).
+
+        The energy is then balanced to rounding.
+        """
+        better = self.trial(at, self._correct(at, POLISH), 1.0)
+        return better if better.norm < at.norm else at
+
+    def failure(
+        self, at: AnyIterate, before: AnyIterate | None, iterations: int
+    ) -> ConvergenceError:
+        """Return the error of an iteration that did not converge (collective)."""
+        return self._solver.failure(at.response, self.state, iterations, at.relative)
+
+    def stiffness(self, at: AnyIterate, part: float) -> Floats:
+        """Return D of all points, with a part of the stiffness of closed joints added."""
+        return self.internal_forces.tangent(at.response, part)
+
+    def right_hand_side(self, at: AnyIterate, tolerance: float) -> tuple[PETSc.Vec, float]:
+        """Return the right-hand side of a correction [N] and the tolerance of its solution."""
+        return at.unbalanced, tolerance
+
+    def _correct(self, at: AnyIterate, tolerance: float) -> PETSc.Vec:
+        """Return Newton's correction of x (collective).
+
+        If the tangent is singular, because a block is supported by no closed and sticking point or
+        because plastic cells flow, a small part of the stiffness of closed joints and elastic cells
+        is added: the correction only, not the equilibrium, depends on it.
+        """
+        right, tolerance = self.right_hand_side(at, tolerance)
         for part in REGULARISATIONS:
-            values = balance.internal_forces.tangent(response, part)
             try:
-                solver = tangent.update(values)
-                factored = solver.solve(balance.out_of_balance, self._correction, tolerance)
-                # Iterations leave rounding there: clamped points would open.
-                self._correction.pointwiseMult(self._correction, self.unconstrained)
-                return int(factored)
+                solver = self._tangent.update(self.stiffness(at, part))
+                self.factorizations += int(solver.solve(right, self._correction, tolerance))
+                # Iterative solvers leave small values at constrained dofs.
+                self._correction.pointwiseMult(self._correction, self.free)
+                return self._correction
             except JointsError as error:
-                tangent.forget()
+                self._tangent.forget()
                 failure = error
-        facts = balance.internal_forces.failure(response, balance.state)
+        facts = self.internal_forces.failure(at.response, self.state)
         if facts.get("law"):
             raise ConvergenceError(**facts) from failure
         raise failure
 
-    def _settled(self, change: PETSc.Vec) -> bool:
-        """Whether the correction is small: a block that nothing holds would go on and on."""
-        return bool(self._correction.norm() <= SETTLED * change.norm())
 
-    def _polish(self, balance: _Balance, response: Response, norm: float) -> tuple[Response, float]:
-        """One more correction, kept if it is one: energy is balanced to rounding, not to less."""
-        start = balance.change.copy()
-        balance.change.waxpy(-1.0, self._correction, start)
-        better, left = balance.evaluate(balance.change)
-        if left < norm:
-            return better, left
-        start.copy(balance.change)
-        return response, norm
+class _Displacement(BodyProblem[BodyIterate]):
+    """The residual A x + B^T (w t(g + B x)) - b, relative to the forces at the start and at x."""
 
-    def _search(self, balance: _Balance, norm: float, cuts: int) -> tuple[Response, float]:
-        """Take the correction, halved while it does not make the residual smaller."""
-        start, tried = balance.change.copy(), []
-        for cut in range(cuts + 1):
-            balance.change.waxpy(-(0.5**cut), self._correction, start)
-            answer = balance.evaluate(balance.change)
-            tried.append((answer[1], 0.5**cut))
-            if answer[1] < norm:
-                return answer
-        balance.change.waxpy(-min(tried)[1], self._correction, start)
-        return balance.evaluate(balance.change)
+    def __init__(self, solver: NewtonSolver, tangent: Tangent, equation: StepEquation) -> None:
+        """Make the work vectors (collective)."""
+        super().__init__(solver, tangent, equation)
+        self.polishes = equation.rule.name == DISCRETE_GRADIENT.name
+        self._flows, self._first_scale = solver.system.bulk is not None, 0.0
 
+    def start(self) -> BodyIterate:
+        """Return the first iterate (collective)."""
+        start = self._evaluate(self.x.copy())
+        self._first_scale = start.unit
+        return start
 
-def _inner_tolerance(norms: list[float], accepted: float) -> float:
-    """Part of the residual that an iterative solver may leave of it (Eisenstat and Walker 1996)."""
-    last = norms[-1]
-    fallen = 1.0 if len(norms) == 1 else last / norms[-2]
-    return max(min(INNER_TOLERANCE, fallen**2), 0.3 * accepted / last)
+    def trial(self, at: BodyIterate, correction: PETSc.Vec, share: float) -> BodyIterate:
+        """Return the iterate that a share of a correction leads to (collective)."""
+        change = at.change.duplicate()
+        change.waxpy(-share, correction, at.change)
+        return self._evaluate(change)
 
-
-class _Balance:
-    """The residual A x + B^T (w t(g + B x)) - b of a solve."""
-
-    def __init__(
-        self,
-        solver: NewtonSolver,
-        matrix: EffectiveMatrix,
-        internal_forces: InternalForces,
-        b: PETSc.Vec,
-        x: PETSc.Vec,
-        state: JointState,
-        rule: Rule,
-    ) -> None:
-        self._matrix, self.internal_forces = matrix, internal_forces
-        self.state, self.rule = state, rule
-        self._unconstrained, self._right = solver.unconstrained, b
-        self._relative = solver.options.relative_tolerance
-        self._force = b.duplicate()
-        self.change = x.copy()
-        self.out_of_balance = b.duplicate()
-        self.scale, self._trial_scale, self._first_scale = 0.0, 0.0, 0.0
-        self._rounding, self.inertia = 0.0, matrix.inertia
-        self._flows = solver.system.bulk is not None
-
-    def evaluate(self, change: PETSc.Vec) -> tuple[Response, float]:
-        """Response to a change, and the norm of the residual at the unconstrained dofs."""
-        left = self.out_of_balance
+    def _evaluate(self, change: PETSc.Vec) -> BodyIterate:
+        """Return the iterate of a displacement (collective)."""
         response = self.internal_forces.respond(change, self.state, self.rule)
-        self.internal_forces.force(response, self._force)
-        self._matrix.multiply(change, left)
-        sizes = [left.norm(), self._force.norm(), self._right.norm()]
-        left.axpy(1.0, self._force)
+        self.internal_forces.force(response, self.force)
+        unbalanced = change.duplicate()
+        self.matrix.multiply(change, unbalanced)
+        sizes = [unbalanced.norm(), self.force.norm(), self.b.norm()]
+        unbalanced.axpy(1.0, self.force)
         if self._flows:
-            # Of cells that flow both grow without end; their stress does not.
-            sizes[:2] = [left.norm()]
-        self._trial_scale = max(sizes)
-        self._rounding = self._rounding_error(response, change)
-        left.axpy(-1.0, self._right)
-        left.pointwiseMult(left, self._unconstrained)
-        return response, float(left.norm())
-
-    def accept(self) -> None:
-        """Measure from here on against the forces at the start and at this change."""
-        self._first_scale = self._first_scale or self._trial_scale
-        self.scale = max(self._first_scale, self._trial_scale)
-
-    def _rounding_error(self, response: Response, change: PETSc.Vec) -> float:
-        """Rounding error of A x, and of forces that follow from laws."""
+            # In yielding cells K x and the plastic force both grow without end; their sum does not.
+            sizes[:2] = [unbalanced.norm()]
+        unbalanced.axpy(-1.0, self.b)
+        unbalanced.pointwiseMult(unbalanced, self.free)
+        norm, scale = float(unbalanced.norm()), max(self._first_scale, *sizes) or 1.0
         largest = float(change.norm(PETSc.NormType.NORM_INFINITY))
-        laws = self.internal_forces.rounding(response, largest)
-        bulk = self._matrix.norm * float(change.norm())
-        return 4.0 * float(np.finfo(float).eps) * (bulk + laws)
-
-    @property
-    def wanted(self) -> float:
-        """Largest residual that is wanted, relative to the forces."""
-        return self._relative * self.scale
-
-    @property
-    def tolerance(self) -> float:
-        """Largest residual accepted: that, or what rounding leaves."""
-        return max(self.wanted, min(self._rounding, 1e-6 * self.scale))
-
-
-def solve_without_joints(
-    matrix: EffectiveMatrix, b: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec
-) -> SolveReport:
-    """A linear solve with the report of `NewtonSolver.solve` (collective)."""
-    options = {}
-    if matrix.inertia and matrix.change is None and isinstance(matrix.solver, IterativeSolver):
-        options["tolerance"] = STEP_TOLERANCE
-    factored = matrix.solve_linear(b, x, unconstrained, **options)
-    return SolveReport(
-        iterations=1, factorizations=int(factored), residual=0.0, counts=None, solver="linear"
-    )
+        of_laws = self.internal_forces.rounding(response, largest)
+        rounding = 4.0 * EPSILON * (self.matrix.norm * float(change.norm()) + of_laws)
+        tolerance = max(self.wanted, min(rounding / scale, 1e-6))
+        return BodyIterate(
+            change=change,
+            response=response,
+            unbalanced=unbalanced,
+            norm=norm,
+            unit=scale,
+            relative=norm / scale,
+            accepted=norm <= tolerance * scale,
+            target=tolerance * scale / (norm or 1.0),
+        )

@@ -4,17 +4,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
-from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
-from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
-from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver, solve_failure
+from dolfinx_joints.solvers.step_solver import Solution, SolverAround, StepEquation
 
 # 1/dt^2 of the first and the last step relative to |K|/|M|, what the next one has of it, and the
 # most steps tried (measured in docs/decisions).
@@ -25,7 +20,7 @@ FIRST, LAST, NEXT, MOST = 1e-2, 1e-15, 0.1, 20
 SETTLED = 1e-3
 
 
-class PseudoTime:
+class PseudoTime(SolverAround):
     """Solves a static step by ever longer steps in pseudo-time.
 
     Each is a backward Euler step from rest,
@@ -43,20 +38,9 @@ class PseudoTime:
         inner: Takes the steps.
     """
 
-    def __init__(self, inner: StepSolver) -> None:
-        """Keep the solver."""
-        self._inner = inner
-        self.system, self.name, self.options = inner.system, inner.name, inner.options
-
-    def solve(
-        self,
-        effective: MatrixCoefficients,
-        b: PETSc.Vec,
-        x: PETSc.Vec,
-        state: JointState | None,
-        rule: Rule = BACKWARD_EULER,
-    ) -> tuple[Response | None, SolveReport]:
-        """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
+    def _solve(self, equation: StepEquation) -> Solution:
+        """Solve the equation of a static step (collective)."""
+        b, x, state = equation.b, equation.x, equation.state
         stiffness, mass = self.system.stiffness, self.system.mass
         known, right, force = x.copy(), b.duplicate(), b.duplicate()
         unit = float(stiffness.norm()) / (float(mass.norm()) or np.inf)
@@ -67,8 +51,8 @@ class PseudoTime:
             right.aypx(rate, b)
             tries += 1
             try:
-                step = replace(effective, mass=rate)
-                response, report = self._inner.solve(step, right, x, state, rule)
+                effective = replace(equation.effective, mass=rate)
+                response, report = self.inner.solve(effective, right, x, state, equation.rule)
             except ConvergenceError as failure:
                 if failure.law is not None or tries == MOST or not rate > 0.0:
                     raise
@@ -95,21 +79,8 @@ class PseudoTime:
                     residual=max(report.residual, inertia),
                     residuals=(),
                 )
-            assert self.system.internal_forces is not None
-            assert response is not None
-            assert state is not None
-            moving = solve_failure(
-                self.system.internal_forces, response, state, iterations, inertia, self.options
-            )
+            moving = self.failure(response, state, iterations, inertia)
             if rate <= LAST * unit or tries == MOST:
                 raise moving
             x.copy(known)
             rate *= share
-
-    def state_dict(self) -> dict[str, Any]:
-        """That of the solver."""
-        return self._inner.state_dict()
-
-    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Take up what another's ``state_dict`` gave."""
-        self._inner.load_state_dict(state_dict)

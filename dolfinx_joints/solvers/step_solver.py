@@ -1,12 +1,13 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Interface of the solvers of a step: options, report, protocol and failure."""
+"""Interface of the solvers of a step: options, equation, report, base classes."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, Literal, NamedTuple
 
 import annotated_types as at
 from petsc4py import PETSc
@@ -14,7 +15,6 @@ from petsc4py import PETSc
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.common.parameters import check_kind_of
-from dolfinx_joints.joints.internal_forces import InternalForces
 from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule, StatusCounts
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import LinearSolver, MatrixCoefficients
@@ -69,24 +69,51 @@ class SolveReport:
 
     iterations: int
     factorizations: int
-    residual: float
-    counts: StatusCounts | None
+    residual: float = 0.0
+    counts: StatusCounts | None = None
     residuals: tuple[float, ...] = ()
     solver: str = ""
 
 
-class StepSolver(Protocol):
-    """Solves A x + B^T (w t(g + B x)) = b for one system.
+class StepEquation(NamedTuple):
+    """A x + B^T (w t(g + B x)) = b, the equation of a step.
+
+    Attributes:
+        effective: Coefficients of A.
+        b: Right-hand side [N].
+        x: Change of the displacement: start of the iteration, then the solution; its constrained
+            dofs have their values [m].
+        state: Joint state at the start of the step, None without joints and plastic cells.
+        rule: Response that the laws are asked for.
+    """
+
+    effective: MatrixCoefficients
+    b: PETSc.Vec
+    x: PETSc.Vec
+    state: JointState | None
+    rule: Rule = BACKWARD_EULER
+
+
+# The response of the joints, None without joints and plastic cells, and the report of the solve.
+Solution = tuple[Response | None, SolveReport]
+
+
+class StepSolver(ABC):
+    """Solves the equations of the steps of one system.
 
     Attributes:
         system: The system.
         name: ``linear``, ``monolithic``, ``forms`` or ``condensed``.
         options: Its tolerances and limits.
+        follows_path: Whether static solves start from the accepted state alone, by the elastic
+            predictor. Else the condensed solver starts from the forces of its last solve or from
+            open joints, others from open joints; they may find another branch of equilibria.
     """
 
     system: MatrixSystem
     name: str
     options: SolverOptions
+    follows_path = True
 
     def solve(
         self,
@@ -95,28 +122,60 @@ class StepSolver(Protocol):
         x: PETSc.Vec,
         state: JointState | None,
         rule: Rule = BACKWARD_EULER,
-    ) -> tuple[Response | None, SolveReport]:
-        """Solve for ``x`` in place; see `NewtonSolver.solve`."""
+    ) -> Solution:
+        """Solve for ``x`` in place, starting from it; see `StepEquation` (collective).
+
+        Raises:
+            ConvergenceError: No solution was found.
+        """
+        return self._solve(StepEquation(effective, b, x, state, rule))
+
+    @abstractmethod
+    def _solve(self, equation: StepEquation) -> Solution:
+        """Solve the equation of a step (collective)."""
+
+    def failure(
+        self, response: Response | None, state: JointState | None, iterations: int, residual: float
+    ) -> ConvergenceError:
+        """Return the error of an iteration that did not converge (collective)."""
+        assert self.system.internal_forces is not None
+        return ConvergenceError(
+            iteration=iterations,
+            residual=residual,
+            tolerance=self.options.relative_tolerance,
+            **self.system.internal_forces.failure(response, state),
+        )
 
     def state_dict(self) -> dict[str, Any]:
-        """State that later solves depend on beyond their arguments: names to arrays and numbers."""
+        """Return what later solves depend on beyond their arguments: names to arrays and numbers.
+
+        (Collective.)
+        """
+        return {}
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:  # noqa: B027
+        """Restore what the ``state_dict`` of a solver of the same system returned (collective)."""
+
+
+class SolverAround(StepSolver):
+    """A solver that takes its steps by another one.
+
+    Args:
+        inner: The other solver.
+
+    Attributes:
+        inner: The same.
+    """
+
+    def __init__(self, inner: StepSolver) -> None:
+        """Keep the solver."""
+        self.inner = inner
+        self.system, self.name, self.options = inner.system, inner.name, inner.options
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the state of the other solver (collective)."""
+        return self.inner.state_dict()
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Take up what the ``state_dict`` of a solver of the same system gave (collective)."""
-
-
-def solve_failure(
-    internal_forces: InternalForces,
-    response: Response,
-    state: JointState,
-    iteration: int,
-    residual: float,
-    options: SolverOptions,
-) -> ConvergenceError:
-    """Exception for an iteration on joints and plastic cells that did not converge (collective)."""
-    return ConvergenceError(
-        iteration=iteration,
-        residual=residual,
-        tolerance=options.relative_tolerance,
-        **internal_forces.failure(response, state),
-    )
+        """Restore the state of the other solver (collective)."""
+        self.inner.load_state_dict(state_dict)

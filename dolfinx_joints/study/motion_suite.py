@@ -253,16 +253,10 @@ class MotionSuite(Summarised):
                 given.model, monitors=[monitor], options=given.options, solver=given.solver
             )
             one.static, one.stages, one.shared = given.static, list(given.stages), shared
-            checkpoint = Checkpoints(self._checkpoint(name), every=every, overwrite=True)
-            outcome = one.dynamics(
-                dt=dt,
-                steps=steps,
-                motion=motion,
-                checkpoint=checkpoint,
-                resume=resume,
-                **options,
-            )
-            on_root(self._comm, lambda: self._checkpoint(name).unlink())
+            path = self._checkpoint(name)
+            kept = Checkpoints(path, every=every, overwrite=True, resume=resume)
+            outcome = one.dynamics(dt=dt, steps=steps, motion=motion, checkpoint=kept, **options)
+            on_root(self._comm, path.unlink)
             return outcome
 
         def begun() -> Outcome:

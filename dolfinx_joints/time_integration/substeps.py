@@ -89,6 +89,7 @@ class Stepper:
         control: When steps are cut.
 
     Attributes:
+        scheme, solver, ledger: As given.
         counts: Accepted substeps and rejected attempts.
         chatter: Which joints chatter.
     """
@@ -97,7 +98,7 @@ class Stepper:
         self, scheme: Scheme, solver: StepSolver, ledger: EnergyLedger, control: StepControl
     ) -> None:
         """Keep the parts; no step is taken."""
-        self._scheme, self._solver, self._ledger = scheme, solver, ledger
+        self.scheme, self.solver, self.ledger = scheme, solver, ledger
         self.forces_over_steps = scheme.forces_over_steps
         self._control, self.counts = control, StepCounts()
         self.chatter, self._holds = Chatter(solver.system.contact), False
@@ -129,7 +130,7 @@ class Stepper:
                     raise located(failure, time=there) from None
                 self._level += 1
                 continue
-            row = self._ledger.after(after, report)
+            row = self.ledger.after(after, report)
             if self._rejects(state, after, report, row, shortest=shortest):
                 self._level += 1
                 continue
@@ -144,11 +145,11 @@ class Stepper:
         self, state: DynamicState, dt: float, end: float
     ) -> tuple[DynamicState, StepReport]:
         """A step of the scheme, under the water that the state at its start leads to."""
-        water = self._solver.system.water
+        water = self.solver.system.water
         if water is None or state.joints is None or state.water is None:
-            return self._scheme.advance(self._solver, state, dt, end)
+            return self.scheme.advance(self.solver, state, dt, end)
         water.begin_step(state.water, state.joints.state.gap)
-        after, report = self._scheme.advance(self._solver, state, dt, end)
+        after, report = self.scheme.advance(self.solver, state, dt, end)
         return replace(after, water=water.codes), report
 
     def state_dict(self) -> dict[str, Any]:
@@ -176,9 +177,9 @@ class Stepper:
         shortest: bool,
     ) -> bool:
         """Whether an attempt is rejected (collective)."""
-        if self._scheme.conserves(self._solver.system):
-            scale = max(self._ledger.scale, row.stored, abs(row.input))
-            missing = abs(row.body_imbalance - self._ledger.row.body_imbalance)
+        if self.scheme.conserves(self.solver.system):
+            scale = max(self.ledger.scale, row.stored, abs(row.input))
+            missing = abs(row.body_imbalance - self.ledger.row.body_imbalance)
             allowed = LARGEST_IMBALANCE * scale
             if missing > allowed > 0.0 and missing > self._rounding(before, after):
                 self.counts.unbalanced += 1
@@ -189,7 +190,7 @@ class Stepper:
                         f"{self._where(before, after)}: "
                         f"{missing / scale:.1e} of the largest energy is missing, "
                         f"{LARGEST_IMBALANCE:g} is allowed; the solve is not accurate enough"
-                        f"{stiff if self._solver.system.contact is not None else ''}."
+                        f"{stiff if self.solver.system.contact is not None else ''}."
                     )
                 return True
         if not shortest and self._too_rough(after, report):
@@ -197,7 +198,7 @@ class Stepper:
             self.counts.inaccurate += not self._holds
             if not self._holds:
                 return True
-        if self._control.landing and _changes(self._solver.system, before, after):
+        if self._control.landing and _changes(self.solver.system, before, after):
             if shortest:
                 self.counts.landed += 1
                 return False
@@ -210,7 +211,7 @@ class Stepper:
 
         In a body that moves far with little strain it is a difference of large forces.
         """
-        size = self._solver.system.stiffness.getDiagonal()
+        size = self.solver.system.stiffness.getDiagonal()
         way = after.displacement - before.displacement
         for factor in (after.displacement, way):
             size.pointwiseMult(size, factor)
@@ -218,7 +219,7 @@ class Stepper:
 
     def _where(self, before: DynamicState, after: DynamicState) -> str:
         """The joint with the largest work in the step, where there are joints (collective)."""
-        contact = self._solver.system.contact
+        contact = self.solver.system.contact
         if contact is None or before.joints is None or after.joints is None:
             return ""
         change = after.joints.state.gap - before.joints.state.gap
@@ -231,7 +232,7 @@ class Stepper:
         tolerance = self._control.tolerance
         if tolerance is None:
             return False
-        moved = self._solver.system.norm(after.displacement)
+        moved = self.solver.system.norm(after.displacement)
         return report.local_error > tolerance * max(self._largest, moved)
 
     def _calm(self, report: StepReport) -> bool:
@@ -244,7 +245,7 @@ class Stepper:
         if state.joints is not None:
             self.chatter.see(state.joints, report.dt, dt)
         if self._control.tolerance is not None:
-            moved = self._solver.system.norm(state.displacement)
+            moved = self.solver.system.norm(state.displacement)
             self._largest = max(self._largest, moved)
 
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ import ufl
 from shaken_wall import Killed, Killer
 
 from dolfinx_joints import (
+    Body,
     Checkpoints,
     Elastic,
     EnergyConsistent,
@@ -102,7 +104,7 @@ def test_stiff_block_on_massless_rock(column, case, scheme):
         joints=joints,
         supports=AXIAL,
         loads=[Gravity()],
-        redistribute_mass=case == "redistributed",
+        body=Body(redistribute_mass=case == "redistributed"),
     )
     omega = math.sqrt(1e9 / LOWER / (2400.0 * UPPER))
     simulation = Simulation(model)
@@ -134,7 +136,7 @@ def test_mass_in_one_direction_is_refused(column):
         material=MASSLESS,
         supports=[Fixed(group="base", components="z")],
         loads=[Traction(group="top", value=(1e5, 0.0, -1e5))],
-        extra_mass=moved,
+        body=Body(extra_mass=moved),
     )
     with pytest.raises(JointsError, match="singular .has a part of the body mass in some dir"):
         Simulation(model).dynamics(dt=0.01, steps=1)
@@ -333,7 +335,7 @@ def test_dashpots_are_held_in_statics(dam, new_path):
     moved = outcome.state.displacement.copy()
     moved.axpy(-1.0, static.displacement)
     assert moved.norm() < 1e-10 * static.displacement.norm()
-    again = Simulation(model).dynamics(dt=0.005, steps=5, checkpoint=keep, resume=True)
+    again = Simulation(model).dynamics(dt=0.005, steps=5, checkpoint=replace(keep, resume=True))
     moved = again.state.displacement.copy()
     moved.axpy(-1.0, static.displacement)
     assert moved.norm() < 1e-10 * static.displacement.norm()
@@ -367,7 +369,7 @@ def test_interrupted_run_goes_on(dam, new_path):
         broken.dynamics(**arguments, checkpoint=where)
     again = swapped(dam)[0]
     again.monitors.append(Killer())
-    rest = again.dynamics(**arguments, checkpoint=where, resume=True)
+    rest = again.dynamics(**arguments, checkpoint=replace(where, resume=True))
     difference = rest.state.displacement.copy()
     difference.axpy(-1.0, whole.state.displacement)
     allowed = 0.0 if MPI.COMM_WORLD.size == 1 else 1e-10
@@ -384,7 +386,9 @@ def test_dashpots_of_two_materials(blocks_file, two_rectangles_file, read, space
     file = blocks_file(angle=0.0) if space else two_rectangles_file(angle=0.0)
     supports = [ViscousBoundary(group=group) for group in ("base", "top", "sides")]
     materials = {"lower": ROCK, "upper": CONCRETE}
-    model = Model(read(file, joints=[]), material=materials, supports=supports, plane=plane)
+    model = Model(
+        read(file, joints=[]), material=materials, supports=supports, body=Body(plane=plane)
+    )
     gdim = model.gdim
 
     def of(solid):

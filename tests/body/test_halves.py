@@ -11,7 +11,7 @@ pytest.importorskip("dolfinx")
 
 from petsc4py import PETSc
 
-from dolfinx_joints import Elastic, Fixed, FrictionNoTension, Model, Spring
+from dolfinx_joints import Body, Elastic, Fixed, FrictionNoTension, Model, Spring
 from dolfinx_joints.body.halves import Halves
 
 MATERIAL = Elastic(young=24e9, poisson=0.2, density=2400.0)
@@ -37,7 +37,7 @@ def sloping(jointed):
 @pytest.mark.mpi
 @pytest.mark.parametrize("coupled", [False, True])
 def test_products_are_those_of_the_whole_matrices(jointed, coupled):
-    system = model(jointed, extra_mass=sloping(jointed) if coupled else None).system()
+    system = model(jointed, body=Body(extra_mass=sloping(jointed) if coupled else None)).system()
     products_agree(system)
 
 
@@ -49,7 +49,7 @@ def test_matrices_that_are_rounded_otherwise_have_halves(jointed, coupled):
     Each entry is changed by up to 8 ulp, so that neither K nor M is symmetric to the last bit and
     the three equal entries of a block of M differ.
     """
-    system = model(jointed, extra_mass=sloping(jointed) if coupled else None).system()
+    system = model(jointed, body=Body(extra_mass=sloping(jointed) if coupled else None)).system()
     rng = np.random.default_rng(system.stiffness.comm.rank)
     for matrix in (system.mass, system.stiffness):
         rounded = matrix.convert("aij", PETSc.Mat())
@@ -80,6 +80,6 @@ def products_agree(system):
 def test_a_stiffness_that_is_not_symmetric_has_no_half(jointed):
     # Whatever the model says of itself: half of it would be another matrix.
     ds = jointed.ds("top")
-    system = model(jointed, extra_stiffness=lambda u, v: 1e6 * u[0] * v[2] * ds).system()
+    system = model(jointed, body=Body(extra_stiffness=lambda u, v: 1e6 * u[0] * v[2] * ds)).system()
     assert system.symmetric
     assert Halves.of(system.mass, system.stiffness) is None

@@ -34,6 +34,7 @@ from dolfinx_joints import (
     Fixed,
     FormLoad,
     FrictionNoTension,
+    Joints,
     JointsError,
     Model,
     Simulation,
@@ -76,7 +77,11 @@ def jointed(request, blocks_file, two_rectangles_file, read):
 def held_at_base(jointed, rule="auto", **options):
     supports = [Fixed(group="base")]
     return Model(
-        jointed, material=CONCRETE, joints=LAW, supports=supports, quadrature=rule, **options
+        jointed,
+        material=CONCRETE,
+        joints=Joints(LAW, quadrature=rule),
+        supports=supports,
+        **options,
     )
 
 

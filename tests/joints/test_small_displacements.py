@@ -15,6 +15,7 @@ from dolfinx_joints import (
     Elastic,
     Fixed,
     FrictionNoTension,
+    Joints,
     MatrixSystem,
     Model,
     Prescribed,
@@ -45,10 +46,12 @@ def sheared(blocks_file, read):
         return Model(
             jointed,
             material=Elastic(young=1e9, poisson=0.0, density=2400.0),
-            joints=FrictionNoTension(
-                normal_stiffness=1e9, shear_stiffness=1e9, friction_angle_deg=0.0
+            joints=Joints(
+                FrictionNoTension(
+                    normal_stiffness=1e9, shear_stiffness=1e9, friction_angle_deg=0.0
+                ),
+                initial_gaps={"joint_1": gap},
             ),
-            initial_gaps={"joint_1": gap},
             supports=[
                 Fixed(group="base"),
                 Fixed(group="top", components=rest),

@@ -40,6 +40,8 @@ from dolfinx_joints import (
     EnergyConsistent,
     Fixed,
     Gravity,
+    InitialFields,
+    Joints,
     KeyedJoint,
     MatrixSystem,
     Model,
@@ -191,10 +193,12 @@ def test_energy_of_an_impact(blocks_file, read, comm):
         return 0.5 * k * np.minimum(gap[:, 0], 0.0) ** 2 + PHI * (1.0 - (1.0 + n) * np.exp(-n - s))
 
     law = PotentialJoint(adhesive, normal_stiffness=k, shear_stiffness=K_S)
-    model = blocks(read(blocks_file(angle=0.0)), law, initial_gaps={"joint_1": 3.0 * A})
+    model = blocks(read(blocks_file(angle=0.0)), Joints(law, initial_gaps={"joint_1": 3.0 * A}))
     kept, dt = Kept(), 1.25e-4  # 2 / dt is a number that the scheme need not round
     velocity = thrown(model, "upper", -1.0)
-    outcome = Simulation(model, monitors=[kept]).dynamics(dt=dt, steps=30, velocity=velocity)
+    outcome = Simulation(model, monitors=[kept]).dynamics(
+        dt=dt, steps=30, start=InitialFields(velocity=velocity)
+    )
 
     records = kept.records
     lines = energy_lines(model.system(), records, lambda state: density(state.gap))

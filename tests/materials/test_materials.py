@@ -14,6 +14,7 @@ pytest.importorskip("dolfinx")
 from dolfinx import mesh as dmesh
 
 from dolfinx_joints import (
+    Body,
     Elastic,
     Fixed,
     Model,
@@ -68,7 +69,7 @@ def turned_tensor(frame):
     return np.einsum("ai,bj,ck,dl,abcd->ijkl", frame, frame, frame, frame, local)
 
 
-def body(comm, kind, material, *, plane="strain", **options):
+def body(comm, kind, material, *, plane="strain", degree=1, **options):
     """A unit square or cube in a few cells, halves ``low`` and ``high`` along its last axis."""
     cell = getattr(dmesh.CellType, kind)
     if kind in ("hexahedron", "tetrahedron"):
@@ -88,7 +89,8 @@ def body(comm, kind, material, *, plane="strain", **options):
         },
     )
     supports = [Fixed(group="xyz"[i], components="xyz"[i]) for i in range(dim)]
-    return Model(jointed, material=material, plane=plane, supports=supports, **options)
+    options["body"] = Body(plane=plane, degree=degree)
+    return Model(jointed, material=material, supports=supports, **options)
 
 
 def displacement(model, gradient):

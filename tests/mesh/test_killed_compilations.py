@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -39,6 +40,9 @@ def test_files_that_are_compiled_are_waited_for():
     compiler = [sys.executable, "-c", "import time; time.sleep(60)", "libffcx_abc.c"]
     with subprocess.Popen(compiler) as process:
         try:
+            named = Path(f"/proc/{process.pid}/cmdline")
+            while b"libffcx_abc" not in named.read_bytes():  # empty for a moment after exec
+                time.sleep(0.01)
             assert killed_compilations._patience("libffcx_abc", 5.0) == float("inf")
             assert killed_compilations._patience("libffcx_def", 5.0) <= killed_compilations._LONGEST
         finally:

@@ -12,6 +12,8 @@ sigma_0 n on all other faces make it the solution; blocks tied by Nitsche's meth
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -25,6 +27,7 @@ from shaken_wall import swaying
 
 from benchmarks.shared.grids import case
 from dolfinx_joints import (
+    Body,
     Elastic,
     Fixed,
     FormLoad,
@@ -121,7 +124,7 @@ def agree(one, two, tolerance):
 
 @pytest.mark.parametrize("solver", ["monolithic", "condensed", "forms"])
 def test_springs_are_a_closed_joint(wall, solver):
-    tied = Simulation(laid(wall(), extra_stiffness=layer(wall()))).statics()
+    tied = Simulation(laid(wall(), body=Body(extra_stiffness=layer(wall())))).statics()
     static = Simulation(laid(wall(), joints=KEYED), solver=solver).statics()
     assert static.reports[-1].counts.open == 0
     assert difference(tied.displacement, static.displacement) <= 1e-12
@@ -134,7 +137,7 @@ def test_springs_are_a_quadratic_potential(wall):
         return 0.5 * (K_N * g[0] ** 2 + K_S * (g[1] ** 2 + g[2] ** 2))
 
     law = PotentialJoint(energy, normal_stiffness=K_N, shear_stiffness=K_S)
-    two = (upright(wall(), extra_stiffness=layer(wall())), upright(wall(), joints=law))
+    two = (upright(wall(), body=Body(extra_stiffness=layer(wall()))), upright(wall(), joints=law))
     agree(*(run(model) for model in two), tolerance=1e-11)
 
 
@@ -144,7 +147,8 @@ SOLVERS = [("dense", "direct"), ("compressed", "direct"), ("matrix-free", "itera
 @pytest.mark.parametrize("solver", ["forms", *SOLVERS])
 def test_solvers_agree_where_springs_stand_beside_a_law(wall, solver):
     """K couples two of four blocks; nothing but joints holds three of them."""
-    model = laid(wall(), joints=FRICTION, extra_stiffness=layer(wall(), "joint_2", 1e10, 1e9))
+    springs = Body(extra_stiffness=layer(wall(), "joint_2", 1e10, 1e9))
+    model = laid(wall(), joints=FRICTION, body=springs)
     expected = run(model, solver="monolithic")
     if solver == "forms":
         found = run(model, solver="forms")
@@ -157,7 +161,7 @@ def test_solvers_agree_where_springs_stand_beside_a_law(wall, solver):
 def test_springs_alone_hold_blocks_for_the_condensed_solver(wall):
     """No block is loose then, and the friction between them may be little."""
     smooth = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=2.0)
-    model = laid(wall(), joints=smooth, extra_stiffness=layer(wall(), None, 1e8, 1e8))
+    model = laid(wall(), joints=smooth, body=Body(extra_stiffness=layer(wall(), None, 1e8, 1e8)))
     auto, held = (run(model, solver=solver) for solver in ("auto", "monolithic"))
     assert (auto[1].solver, held[1].solver) == ("condensed", "monolithic")
     agree(auto, held, 1e-10)
@@ -170,9 +174,11 @@ def test_dashpots_are_a_viscous_joint(wall):
     rayleigh = Rayleigh(stiffness_factor=1e-3, mass_factor=0.5)
     expected = run(laid(wall(), joints=viscous, damping=rayleigh), motion=gently, steps=10)
     assert expected[1].state.joints.status.max(initial=1) == 1  # all of them stick
-    dashpots = {"extra_damping": layer(wall(), None, c_n, c_s), "damping": rayleigh}
-    beside = run(laid(wall(), joints=KEYED, **dashpots), motion=gently, steps=10)
-    springs = laid(wall(), extra_stiffness=layer(wall()), **dashpots)
+    dashpots = Body(extra_damping=layer(wall(), None, c_n, c_s))
+    beside = laid(wall(), joints=KEYED, body=dashpots, damping=rayleigh)
+    beside = run(beside, motion=gently, steps=10)
+    both = replace(dashpots, extra_stiffness=layer(wall()))
+    springs = laid(wall(), body=both, damping=rayleigh)
     alone = run(springs, motion=gently, steps=10)
     agree(beside, expected, 1e-11)
     agree(alone, expected, 1e-11)
@@ -199,7 +205,7 @@ def test_a_pressure_over_a_joint_opens_springs(wall):
     p, k, n = 1e5, 1e9, ufl.FacetNormal(wall().mesh)("-")
     load = FormLoad(form=lambda v: p * ufl.dot(ufl.jump(v), n) * wall().dS("joint_2"))
     tied = layer(wall(), None, k, k)
-    model = laid(wall(), extra_stiffness=tied, loads=[load])
+    model = laid(wall(), body=Body(extra_stiffness=tied), loads=[load])
     u = model.function(Simulation(model).statics().displacement)
     opening = ufl.dot(ufl.jump(u), n)
     for joint, expected in (("joint_1", 0.0), ("joint_2", p / k), ("joint_3", 0.0)):
@@ -253,8 +259,7 @@ def test_patch_with_nitsches_method(two_rectangles_file, blocks_file, read, cell
         material=CONCRETE,
         supports=[Fixed(group="base")],
         loads=[FormLoad(form=load)],
-        extra_stiffness=nitsche(jointed, **given),
-        symmetric=symmetric,
+        body=Body(extra_stiffness=nitsche(jointed, **given), symmetric=symmetric),
     )
     u = model.function(Simulation(model).statics().displacement)
     exact = fem.Function(model.V)
@@ -269,7 +274,7 @@ def test_modes_of_tied_blocks_tend_to_those_of_the_whole(wall):
     whole = modes(upright(wall(joints=[])).system(), 3).frequencies
     errors = []
     for k in (1e11, 1e13):
-        tied = upright(wall(), extra_stiffness=layer(wall(), None, k, k))
+        tied = upright(wall(), body=Body(extra_stiffness=layer(wall(), None, k, k)))
         errors.append(1.0 - modes(tied.system(), 3).frequencies / whole)
     assert np.all(errors[0] > 0.0)
     assert errors[0].max() < 1e-2
@@ -279,7 +284,9 @@ def test_modes_of_tied_blocks_tend_to_those_of_the_whole(wall):
 def test_energies_of_springs_are_strain_energy(wall):
     """Of dashpots, viscous; the ledger adds up, and `joint` is the law's alone."""
     springs, dashpots = layer(wall(), "joint_2", 1e9, 1e9), layer(wall(), "joint_1", 1e6, 1e6)
-    model = upright(wall(), joints=FRICTION, extra_stiffness=springs, extra_damping=dashpots)
+    model = upright(
+        wall(), joints=FRICTION, body=Body(extra_stiffness=springs, extra_damping=dashpots)
+    )
     _, outcome = run(model, steps=20)
     assert outcome.imbalance <= 1e-10
     assert outcome.energy.viscous > 1e-4 * outcome.energy.stored
@@ -297,10 +304,13 @@ def test_redistributed_mass_stays_in_its_block():
     jointed = mesh_from_arrays(
         COMM, cell=shape.name, x=x, cells=cells, facet_groups=dict(joints), joints=["a", "b"]
     )
-    given = {"material": CONCRETE, "joints": FRICTION, "redistribute_mass": True}
+    given = {"material": CONCRETE, "joints": FRICTION}
     found, expected = (
-        Model(jointed, **given, extra_stiffness=extra).redistribution
-        for extra in (layer(jointed), None)
+        Model(jointed, **given, body=body).redistribution
+        for body in (
+            Body(extra_stiffness=layer(jointed), redistribute_mass=True),
+            Body(redistribute_mass=True),
+        )
     )
     assert found.massless == expected.massless > 0
     found.mass.axpy(-1.0, expected.mass)
@@ -314,7 +324,7 @@ def test_extra_mass_over_a_joint(wall):
     model = upright(
         wall(),
         joints=FRICTION,
-        extra_mass=lambda u, v: m * ufl.inner(ufl.jump(u), ufl.jump(v)) * dS,
+        body=Body(extra_mass=lambda u, v: m * ufl.inner(ufl.jump(u), ufl.jump(v)) * dS),
     )
     moved = np.array([1.0, -2.0, 3.0])
     together = model.inertia_pattern(moved)
@@ -338,8 +348,10 @@ def test_any_number_of_ranks(wall, solver):
         model = upright(
             jointed,
             joints=FRICTION,
-            extra_stiffness=layer(jointed, "joint_1", 1e9, 1e9),
-            extra_damping=layer(jointed, "joint_2", 1e6, 1e6),
+            body=Body(
+                extra_stiffness=layer(jointed, "joint_1", 1e9, 1e9),
+                extra_damping=layer(jointed, "joint_2", 1e6, 1e6),
+            ),
         )
         model.loads.append(load)
         _, outcome = run(model, solver=solver)
@@ -354,6 +366,10 @@ def test_joints_without_law_and_form_are_refused(wall):
     with pytest.raises(
         MeshError, match=r"has joints \(joint_2\) but no law was given; pass joints"
     ):
-        upright(wall(), extra_stiffness=lambda u, v: ufl.inner(ufl.jump(u), ufl.jump(v)) * dS)
+        upright(
+            wall(), body=Body(extra_stiffness=lambda u, v: ufl.inner(ufl.jump(u), ufl.jump(v)) * dS)
+        )
     with pytest.raises(MeshError, match=r"has joints \(joint_1, joint_2, joint_3\) but no law"):
-        upright(wall(), extra_stiffness=lambda u, v: ufl.inner(u, v) * wall().ds("crest"))
+        upright(
+            wall(), body=Body(extra_stiffness=lambda u, v: ufl.inner(u, v) * wall().ds("crest"))
+        )

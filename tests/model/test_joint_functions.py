@@ -17,6 +17,7 @@ from dolfinx import fem
 from dolfinx.io import VTKFile, VTXWriter
 
 from dolfinx_joints import (
+    Body,
     Elastic,
     Fixed,
     FormLoad,
@@ -24,6 +25,7 @@ from dolfinx_joints import (
     Gravity,
     JointForces,
     JointFunctions,
+    Joints,
     MeshError,
     Model,
     Prescribed,
@@ -38,7 +40,7 @@ LAW = FrictionNoTension(normal_stiffness=1e10, shear_stiffness=1e10, friction_an
 PUSH = {"x": 3e-4, "z": -1e-4}  # of the top [m]: part of the joint slides
 
 
-def blocks(jointed, **parameters):
+def blocks(jointed, joints=LAW, **parameters):
     """Two blocks, the upper one moved along their inclined joint."""
     up = "xyz"[jointed.mesh.geometry.dim - 1]
     push = {"x": PUSH["x"], up: PUSH["z"]}
@@ -48,7 +50,7 @@ def blocks(jointed, **parameters):
     return Model(
         jointed,
         material=CONCRETE,
-        joints=LAW,
+        joints=joints,
         supports=[Fixed(group="base"), *pushed],
         loads=[Gravity()],
         **parameters,
@@ -70,7 +72,7 @@ def model(request, blocks_file, two_rectangles_file, read):
         "quad2": (two_rectangles_file, "quad", 2, "nodal"),
         "tri gauss": (two_rectangles_file, "tri", 1, "gauss"),
     }[request.param]
-    return blocks(read(file(cell=kind, order=order)), quadrature=rule)
+    return blocks(read(file(cell=kind, order=order)), Joints(LAW, quadrature=rule))
 
 
 def test_forms_are_the_sums_over_points(model):
@@ -132,7 +134,7 @@ def test_functions_follow_a_run(blocks_file, read):
 def test_paraview_shows_the_points(comm, blocks_file, read, new_path):
     """Written and read: with a rule at nodes, those of the file are the joint points."""
     pyvista = pytest.importorskip("pyvista")
-    model = blocks(read(blocks_file()), quadrature="nodal")
+    model = blocks(read(blocks_file()), Joints(LAW, quadrature="nodal"))
     functions = JointFunctions(model)
     fields = list(functions.fields.values())
     path, bp = new_path("joint.pvd"), new_path("joint.bp")
@@ -193,7 +195,7 @@ def test_coefficients_of_a_model_live_on_joints(comm, blocks_file, read):
         return k("-") * ufl.inner(ufl.jump(u), ufl.jump(v)) * dS
 
     plain = blocks(jointed)
-    model = blocks(jointed, extra_stiffness=bilinear, extra_damping=bilinear)
+    model = blocks(jointed, body=Body(extra_stiffness=bilinear, extra_damping=bilinear))
     u = fem.Function(model.V)
     u.interpolate(lambda x: np.array([[0.0], [0.0], [1.0]]) + 0.0 * x, jointed.cells("upper"))
     u.x.scatter_forward()

@@ -17,6 +17,7 @@ from dolfinx.mesh import CellType, create_box, create_rectangle, locate_entities
 from petsc4py import PETSc
 
 from dolfinx_joints import (
+    Body,
     Elastic,
     EnergyConsistent,
     Fixed,
@@ -73,7 +74,7 @@ def rigid_motions(model, group):
 @pytest.fixture
 def blocks(blocks_file, read):
     def make(parameters, **options):
-        options = {"redistribute_mass": True} | options
+        options = {"body": Body(redistribute_mass=True)} | options
         return Model(read(blocks_file(**parameters)), material=STONE, joints=LAW, **options)
 
     return make
@@ -85,7 +86,7 @@ def test_each_body_keeps_its_inertia(blocks, parameters):
 
     They agree to the rounding of some thousand products.
     """
-    plain, model = blocks(parameters, redistribute_mass=False), blocks(parameters)
+    plain, model = blocks(parameters, body=None), blocks(parameters)
     assert model.redistribution.massless > 0
     assert model.redistribution.kept == 0
     for group in ("lower", "upper"):
@@ -141,7 +142,7 @@ def test_any_number_of_ranks_gives_the_same(blocks, blocks_file, read, comm, par
         read(blocks_file(**parameters), on=MPI.COMM_SELF),
         material=STONE,
         joints=LAW,
-        redistribute_mass=True,
+        body=Body(redistribute_mass=True),
     )
     assert energy(blocks(parameters)) == pytest.approx(energy(alone), rel=1e-11)
 
@@ -167,7 +168,7 @@ def test_damping_by_mass_follows(blocks):
 
 
 def test_nothing_happens_unless_asked_for(blocks):
-    model = blocks(MESHES[0], redistribute_mass=False)
+    model = blocks(MESHES[0], body=None)
     assert model.redistribution is None
     assert model.mass is model.body_mass
     assert np.all(model.mass.getDiagonal().getArray(readonly=True) > 0.0)
@@ -194,7 +195,7 @@ def test_thin_layers_keep_their_mass(comm, cells):
     jointed = layered(comm, 6 + cells, joints=(3, 3 + cells))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        model = Model(jointed, material=STONE, joints=LAW, redistribute_mass=True)
+        model = Model(jointed, material=STONE, joints=LAW, body=Body(redistribute_mass=True))
     texts = comm.bcast([str(w.message) for w in caught], root=0)
     assert any("18 joint nodes keep their mass" in text for text in texts)
     assert (model.redistribution.massless, model.redistribution.kept) == (18, 18)
@@ -203,7 +204,10 @@ def test_thin_layers_keep_their_mass(comm, cells):
 def test_layer_of_three_cells(comm):
     """Two layers of nodes inside suffice; u = 2 u1 - u2."""
     model = Model(
-        layered(comm, 9, joints=(3, 6)), material=STONE, joints=LAW, redistribute_mass=True
+        layered(comm, 9, joints=(3, 6)),
+        material=STONE,
+        joints=LAW,
+        body=Body(redistribute_mass=True),
     )
     assert (model.redistribution.massless, model.redistribution.kept) == (36, 0)
 
@@ -214,7 +218,7 @@ def test_sources_lie_on_the_own_side_of_a_joint_that_ends(comm):
     crack = locate_entities(mesh, 1, lambda x: np.isclose(x[1], 0.0) & (x[0] < 1.01))
     tags = meshtags(mesh, 1, np.sort(crack), np.ones(len(crack), dtype=np.int32))
     jointed = split_mesh(mesh, tags, joints={"joint": 1}, groups={})
-    model = Model(jointed, material=STONE, joints=LAW, redistribute_mass=True)
+    model = Model(jointed, material=STONE, joints=LAW, body=Body(redistribute_mass=True))
     assert model.redistribution.massless == 8
     y = np.repeat(nodes_of(model)[:, 1], 2)
     above, below = np.where(y > 1e-9, 1.0, 0.0), np.where(y < -1e-9, 1.0, 0.0)

@@ -96,7 +96,7 @@ def test_free_decay_of_each_mode(wall, exact):
         material=CONCRETE,
         supports=[BASE],
         damping=damping,
-        extra_stiffness=lambda u, v: _tied(jointed, u, v),
+        body=dj.Body(extra_stiffness=lambda u, v: _tied(jointed, u, v)),
     )
     system = model.system()
     found = dj.modes(system, 4)
@@ -108,7 +108,7 @@ def test_free_decay_of_each_mode(wall, exact):
     outcome = dj.Simulation(model, monitors=[kept]).dynamics(
         dt=dt,
         steps=40,
-        displacement=model.function(start),
+        start=dj.InitialFields(displacement=model.function(start)),
         scheme=dj.EnergyConsistent(exact_modes=exact),
     )
     assert outcome.energy_error < 1e-11
@@ -144,7 +144,7 @@ CASES = {
     "water": (
         "condensed",
         dj.EnergyConsistent(),
-        {"reservoir": dj.ReservoirWaves(group="y_min", level=19.0, length=40.0)},
+        {"water": dj.ReservoirWaves(group="y_min", level=19.0, length=40.0)},
     ),
     "moving support": (
         "condensed",

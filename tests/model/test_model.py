@@ -17,11 +17,13 @@ from dolfinx.mesh import CellType, create_box, locate_entities, locate_entities_
 
 from dolfinx_joints import (
     BaseMotion,
+    Body,
     Elastic,
     Fixed,
     FormLoad,
     FrictionNoTension,
     Gravity,
+    Joints,
     MeshError,
     Model,
     Prescribed,
@@ -175,7 +177,7 @@ def test_confined_plane_column(plane, two_rectangles_file, read):
         material=Elastic(young=E, poisson=nu, density=RHO),
         supports=[Fixed(group="base", components="y"), Fixed(group="sides", components="x")],
         loads=[Traction(group="top", value=(0, push))],
-        plane=plane,
+        body=Body(plane=plane),
     )
     static = Simulation(model).statics()
     top = mean(model, static.displacement, "top", 1)
@@ -291,9 +293,11 @@ def test_extra_forms(bar):
         supports=[BASE],
         loads=[Traction(group="top", value=(0, 0, 1e6))],
         damping=Rayleigh(stiffness_factor=beta, mass_factor=alpha),
-        extra_stiffness=lambda u, v: k * ufl.inner(u, v) * top,
-        extra_mass=lambda u, v: m * ufl.inner(u, v) * top,
-        extra_damping=lambda u, v: c * ufl.inner(u, v) * top,
+        body=Body(
+            extra_stiffness=lambda u, v: k * ufl.inner(u, v) * top,
+            extra_mass=lambda u, v: m * ufl.inner(u, v) * top,
+            extra_damping=lambda u, v: c * ufl.inner(u, v) * top,
+        ),
     )
     u = Simulation(model).statics().displacement
     assert mean(model, u, "top", 2) == pytest.approx(1e6 / (E / LENGTH + k), rel=1e-11)
@@ -329,7 +333,9 @@ def test_damping_force(bar, spring, dashpot):
         material=BAR,
         supports=supports,
         damping=Rayleigh(stiffness_factor=beta, mass_factor=alpha),
-        extra_damping=(lambda u, v: c * ufl.inner(u, v) * bar.ds("top")) if dashpot else None,
+        body=Body(
+            extra_damping=(lambda u, v: c * ufl.inner(u, v) * bar.ds("top")) if dashpot else None
+        ),
     )
     system = model.system()
     assert (system.dashpots is None) is not (spring or dashpot)
@@ -503,9 +509,11 @@ def test_two_laws_and_an_initial_gap(wall_file, read, comm):
     model = Model(
         read(wall_file()),
         material=CONCRETE,
-        joints={"joint_1": LAW, "joint_2": soft, "joint_3": LAW},
+        joints=Joints(
+            {"joint_1": LAW, "joint_2": soft, "joint_3": LAW},
+            initial_gaps={"joint_1": 1e-3, "joint_2": lambda x: 1e-4 * (x[:, 2] - 1.0)},
+        ),
         supports=[BASE],
-        initial_gaps={"joint_1": 1e-3, "joint_2": lambda x: 1e-4 * (x[:, 2] - 1.0)},
     )
     u = model.mass.createVecRight()
     u.set(0.0)
@@ -556,7 +564,7 @@ def test_missing_and_unknown_joints(comm, blocks_file, wall_file, read):
     assert text == "The joint 'joint_2' has no law."
     for options in (
         {"joints": {"joint_1": LAW, "seam": LAW}},
-        {"joints": LAW, "initial_gaps": {"seam": 1e-3}},
+        {"joints": Joints(LAW, initial_gaps={"seam": 1e-3})},
     ):
         text = error_on_all_ranks(
             comm, MeshError, lambda options=options: Model(jointed, material=BAR, **options)
@@ -595,6 +603,6 @@ def test_options_out_of_range(comm, bar, blocks):
     text = error_on_all_ranks(comm, ValueError, short.system)
     assert text.startswith("Traction on 'top': value is (0.0, 1.0); it must be 3 finite numbers")
     text = error_on_all_ranks(
-        comm, ValueError, lambda: Model(blocks, joints=LAW, quadrature="lobatto", **base)
+        comm, ValueError, lambda: Model(blocks, joints=Joints(LAW, quadrature="lobatto"), **base)
     )
     assert text.startswith("quadrature is 'lobatto'; it must be one of auto, nodal, gauss")

@@ -18,6 +18,7 @@ from dolfinx_joints import (
     FrictionNoTension,
     Gravity,
     HydrostaticPressure,
+    Joints,
     Model,
     Orthotropic,
     PlausibilityWarning,
@@ -143,7 +144,8 @@ def test_water_that_misses_the_body(comm, wall, level, strange):
 def test_gaps_that_overlap(comm, wall, gap, texts):
     """At the top, 20 m up, the gap is 1 mm - 2 mm."""
     law = FrictionNoTension(**JOINT, friction_angle_deg=30.0)
-    given = {"material": Elastic(**CONCRETE), "joints": law, "initial_gaps": {"joint_2": gap}}
+    joints = Joints(law, initial_gaps={"joint_2": gap})
+    given = {"material": Elastic(**CONCRETE), "joints": joints}
     found = told(comm, jointed=wall, **given)
     assert [text[: text.index(";") + 1] for text in found] == texts
 

@@ -20,10 +20,12 @@ pytest.importorskip("dolfinx")
 from dolfinx.mesh import CellType, create_box, locate_entities, locate_entities_boundary
 
 from dolfinx_joints import (
+    Body,
     Elastic,
     Fixed,
     FrictionNoTension,
     Gravity,
+    Joints,
     Model,
     MohrCoulombJoint,
     Results,
@@ -64,8 +66,8 @@ def body(comm, end):
     return split_mesh(mesh, joints={"joint_1": cut}, groups=groups)
 
 
-def with_joint(comm, end, law, **options):
-    return Model(body(comm, end), material=STONE, joints=law, supports=[BASE], **options)
+def with_joint(comm, end, joints, **options):
+    return Model(body(comm, end), material=STONE, joints=joints, supports=[BASE], **options)
 
 
 @pytest.mark.parametrize(
@@ -80,7 +82,7 @@ def with_joint(comm, end, law, **options):
     ],
 )
 def test_number_and_area_of_tied_points(comm, degree, quadrature, points, tied, area):
-    model = with_joint(comm, END, LAW, degree=degree, quadrature=quadrature)
+    model = with_joint(comm, END, Joints(LAW, quadrature=quadrature), body=Body(degree=degree))
     operator = model.operator
     assert operator.num_points == points
     counts = model.contact.counts(np.full(len(operator.areas), Status.STICK, dtype=np.int8))
@@ -109,7 +111,7 @@ def test_tied_points_have_no_part_in_forces(comm):
     law = MohrCoulombJoint(
         normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0, cohesion=1e6
     )
-    model = with_joint(comm, END, law, initial_gaps={"joint_1": -1e-6})
+    model = with_joint(comm, END, Joints(law, initial_gaps={"joint_1": -1e-6}))
     still = model.stiffness.createVecRight()
     answer = model.contact.trial(still, model.contact.at_rest(still))
     found = JointForces(model)(answer)["joint_1"]

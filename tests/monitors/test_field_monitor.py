@@ -112,7 +112,7 @@ def test_plane_body(comm, two_rectangles_file, read, new_path, plane, cell, orde
         read(two_rectangles_file(cell=cell, order=order, angle=0.0)),
         material=CONCRETE,
         joints=LAW,
-        plane=plane,
+        body=dj.Body(plane=plane),
         supports=[
             dj.Fixed(group="base", components="y"),
             dj.Spring(group="sides", normal_stiffness=1.0),
@@ -156,7 +156,7 @@ def test_pressure_in_the_reservoir(comm, wall_file, read, new_path, waves, volum
     """p = -rho dphi/dt: all pressures in time make the potential; those on the face the force."""
     path, run, steps = new_path("lake.vtkhdf"), new_path("run.h5"), 6
     monitors = [dj.FieldMonitor(path, every=1), dj.ResultsMonitor(run, points=POINTS)]
-    model = wall(read(wall_file()), reservoir=waves())
+    model = wall(read(wall_file()), water=waves())
     outcome = dj.Simulation(model, monitors=monitors).dynamics(dt=DT, steps=steps, motion=shaking)
     lake, end = model.coupled, outcome.state
     phi = 1440.0 * np.concatenate(comm.allgather(lake.of_water(end.displacement)))

@@ -70,9 +70,8 @@ def run(model, folder, kill=None, resume=False):
         simulation.statics()
         simulation.save_static(folder / "run.static")
         simulation.load_static(folder / "run.static")
-    kept = dj.Checkpoints(folder / "run.ckpt", every=1)
-    given = {"dt": DT, "steps": 4, "motion": shaking, "checkpoint": kept}
-    simulation.dynamics(**given, resume=resume)
+    kept = dj.Checkpoints(folder / "run.ckpt", every=1, resume=resume)
+    simulation.dynamics(dt=DT, steps=4, motion=shaking, checkpoint=kept)
 
 
 def arrays_of_all(comm, model, folder):

@@ -61,7 +61,7 @@ def pushed_block(comm):
         joints=law,
         supports=[dj.Fixed(group="base")],
         loads=[dj.Gravity(), dj.Traction(group="top", value=(float(push), 0.0))],
-        plane="strain",
+        body=dj.Body(plane="strain"),
     )
 
 
@@ -93,7 +93,7 @@ def wedge(comm):
             dj.Spring(group="foot", normal_stiffness=spring, tangential_stiffness=spring),
         ],
         loads=[dj.Traction(group="head", value=(0.0, float(-LIMIT)), factor=lambda t: t)],
-        plane="strain",
+        body=dj.Body(plane="strain"),
     )
 
 
@@ -293,7 +293,7 @@ def test_a_body_without_joints(comm, new_path):
         material=dj.Elastic(young=young, poisson=0.0, density=DENSITY),
         supports=[dj.Fixed(group="base")],
         loads=[dj.Gravity()],
-        plane="strain",
+        body=dj.Body(plane="strain"),
     )
     path = new_path("column.h5")
     simulation = dj.Simulation(model, monitors=[dj.ResultsMonitor(path, points={"top": (1, 2)})])

@@ -229,7 +229,7 @@ def test_a_continued_run_keeps_its_stages(comm, column, new_path):
         writing = ResultsMonitor(path, points=POINTS, overwrite=True)
         simulation = Simulation(column(), monitors=[writing, Stop(last)])
         simulation.statics(name="all")
-        simulation.dynamics(dt=1e-3, steps=4, checkpoint=Checkpoints(kept, every=2), **how)
+        simulation.dynamics(dt=1e-3, steps=4, checkpoint=Checkpoints(kept, every=2, **how))
 
     with pytest.raises(KeyboardInterrupt):
         run(3)

@@ -20,6 +20,7 @@ from dolfinx_joints import (
     Fixed,
     FrictionNoTension,
     Gravity,
+    Joints,
     JointWater,
     KeyedJoint,
     MeshError,
@@ -78,7 +79,7 @@ def test_block_on_an_incline(blocks_file, read, cell, order, quadrature):
     # Upper block: 1 m x 1 m, its lower face z = 1 + (x - 1/2) tan a, its top z = 2.
     angle = math.radians(20.0)
     jointed = read(blocks_file(angle=20.0, cell=cell, order=order))
-    found = at_rest(blocks(jointed, quadrature=quadrature))
+    found = at_rest(blocks(jointed, law=Joints(LAW, quadrature=quadrature)))
     geometry = found.geometry
     assert geometry.area == pytest.approx(1.0 / math.cos(angle), rel=1e-12)
     normal = np.array([-math.sin(angle), 0.0, math.cos(angle)])
@@ -232,19 +233,19 @@ def test_a_continued_run_records_the_same(blocks_file, read, new_path, comm):
         def resume(self, model, stage, steps, last, state_dict):
             self.record = lambda record: None
 
-    def run(path, others, **options):
+    def run(path, others, checkpoint=None):
         monitor = ResultsMonitor(path, points={"top": (0.5, 0.5, 2.0)}, resultants=True)
         simulation = Simulation(blocks(jointed, loads=loads), monitors=[monitor, *others])
-        if not options.get("resume"):
+        if checkpoint is None or not checkpoint.resume:
             simulation.statics()
-        simulation.dynamics(dt=1e-3, steps=5, motion=shaking, **options)
+        simulation.dynamics(dt=1e-3, steps=5, motion=shaking, checkpoint=checkpoint)
         comm.barrier()
 
     whole, parted = new_path("whole.h5"), new_path("parted.h5")
     run(whole, [])
     with pytest.raises(KeyboardInterrupt):
         run(parted, [Stops()], checkpoint=Checkpoints(kept, every=2))
-    run(parted, [Stops()], checkpoint=Checkpoints(kept, every=2), resume=True)
+    run(parted, [Stops()], checkpoint=Checkpoints(kept, every=2, resume=True))
     if comm.rank == 0:
         with Results(whole) as one, Results(parted) as two:
             assert one.streams == two.streams
@@ -385,7 +386,7 @@ def test_a_curved_joint_is_safe_point_by_point(comm):
     # The mean of the normal over a right angle is 2 sqrt(2) / pi of 1, 0.90: no plane joint.
     jointed = mesh_from_arrays(comm, **quarter_ring("hexahedron", 2))
     fixed = [Fixed(group="outside")]
-    model = Model(jointed, material=SOLID, joints=LAW, supports=fixed, quadrature="gauss")
+    model = Model(jointed, material=SOLID, joints=Joints(LAW, quadrature="gauss"), supports=fixed)
     joints = Simulation(model).statics().joints
     shear = 1e6 * np.sign(model.operator.points[:, 0] - 1.0)
     traction = np.column_stack([np.full(len(shear), -3e6), shear, np.zeros_like(shear)])

@@ -445,17 +445,17 @@ def test_what_ends_the_other_ranks_is_shown_first(monkeypatch, capsys):
     assert "ValueError: too bad" in capsys.readouterr().err
 
 
-def marched(model, folder, *, steps=6, monitors=None, **options):
+def marched(model, folder, *, steps=6, monitors=None, resume=False):
     """A short run with results and checkpoints."""
     from dolfinx_joints import Checkpoints, ResultsMonitor, Simulation
 
     if monitors is None:
         monitors = [ResultsMonitor(folder / "run.h5", points=POINTS, every=1, overwrite=True)]
-    kept = Checkpoints(folder / "run.ckpt", every=2)
+    kept = Checkpoints(folder / "run.ckpt", every=2, resume=resume)
     run = Simulation(model, monitors=monitors)
-    if not options.get("resume"):
+    if not resume:
         run.statics()
-    return run.dynamics(dt=4e-3, steps=steps, motion=shaking, checkpoint=kept, **options)
+    return run.dynamics(dt=4e-3, steps=steps, motion=shaking, checkpoint=kept)
 
 
 class Then(Monitor):

@@ -17,6 +17,9 @@ from dolfinx_joints.simulation.monitor import Monitor
 NAN = float("nan")
 
 
+LAW = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0)
+
+
 @pytest.fixture
 def wall(wall_file, read):
     """Makes a small jointed wall with what is changed."""
@@ -24,9 +27,7 @@ def wall(wall_file, read):
     def make(**changes):
         arguments = {
             "material": dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
-            "joints": dj.FrictionNoTension(
-                normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0
-            ),
+            "joints": LAW,
             "supports": [dj.Fixed(group="base")],
             "loads": [dj.Gravity()],
         }
@@ -43,13 +44,16 @@ def wall(wall_file, read):
             {"loads": [dj.Traction(group="crest", value=(0, 0, 1), factor=lambda t: NAN)]},
             "The factor of Traction_crest at t = 0 s is nan; it must be",
         ),
-        ({"initial_gaps": {"joint_1": lambda x: np.zeros((2, 2))}}, "gave an array of shape"),
+        (
+            {"joints": dj.Joints(LAW, initial_gaps={"joint_1": lambda x: np.zeros((2, 2))})},
+            "gave an array of shape",
+        ),
         (
             {"loads": [dj.FormLoad(form=lambda v: None)]},
             "FormLoad: A load must be a linear UFL form of v",
         ),
         (
-            {"extra_stiffness": lambda u, v: ufl.inner(ufl.as_vector([1.0, 0, 0]), v) * ufl.dx},
+            {"body": dj.Body(extra_stiffness=lambda u, v: v[0] * ufl.dx)},
             "extra_stiffness must give a bilinear UFL form",
         ),
         ({"loads": dj.Gravity()}, "loads is Gravity.*; it must be a sequence of values"),
@@ -94,7 +98,7 @@ def test_memory_does_not_grow_with_the_steps(wall_file, comm):
         material=dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
         supports=[dj.Fixed(group="base")],
         loads=[dj.Gravity()],
-        degree=2,
+        body=dj.Body(degree=2),
     )
     dj.Simulation(model, monitors=[Watch()]).dynamics(dt=0.005, steps=140)
     assert sizes[-1] - sizes[40] < 10.0

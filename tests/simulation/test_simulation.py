@@ -14,7 +14,9 @@ from dolfinx_joints import (
     Fixed,
     FrictionNoTension,
     Gravity,
+    InitialFields,
     JointForces,
+    Joints,
     Model,
     Simulation,
     SolverOptions,
@@ -147,7 +149,9 @@ def test_loads_without_a_static_stage_are_warned_of(wall_file, read, recwarn):
     assert not started([Gravity(), push], static=True, loads=[ramp], motion=swaying)
     assert not started([ramp])
     assert not started([], motion=lambda t: np.array([1.0, 0.0, 0.0]))
-    assert not started([], displacement=lambda x: 1e-6 * x[:, [2, 1, 1]] * [1.0, 0.0, 0.0])
+    assert not started(
+        [], start=InitialFields(displacement=lambda x: 1e-6 * x[:, [2, 1, 1]] * [1.0, 0.0, 0.0])
+    )
 
 
 def test_loads_in_balance_with_an_initial_displacement_are_not_warned_of(wall, recwarn):
@@ -155,7 +159,7 @@ def test_loads_in_balance_with_an_initial_displacement_are_not_warned_of(wall, r
     before = Simulation(wall)
     standing = before.statics().displacement
     tied = Simulation(wall)
-    tied.dynamics(dt=DT, steps=1, displacement=standing)
+    tied.dynamics(dt=DT, steps=1, start=InitialFields(displacement=standing))
     assert not sudden(recwarn)
     tied.dynamics(dt=DT, steps=1)
     assert len(sudden(recwarn)) == (wall.jointed.mesh.comm.rank == 0)
@@ -176,14 +180,6 @@ def test_both_solvers_march_alike(wall):
     assert ends[0][1] == ends[1][1]
     assert ends[0][1].open > 0
     assert difference(ends[0][0], ends[1][0]) < 1e-8
-
-
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
-def test_start_and_velocity_exclude_each_other(wall):
-    simulation = Simulation(wall)
-    outcome = simulation.dynamics(dt=DT, steps=1)
-    with pytest.raises(ValueError, match="velocity and start are both given"):
-        simulation.dynamics(dt=DT, steps=1, start=outcome.state, velocity=outcome.state.velocity)
 
 
 @pytest.mark.parametrize("name", ["control", "start", "checkpoint", "scheme"])
@@ -233,12 +229,12 @@ def test_forces_of_records_have_the_impulse_of_their_steps(blocks_file, read, co
     model = Model(
         read(blocks_file(angle=0.0)),
         material=Elastic(young=24e9, poisson=0.2, density=2400.0),
-        joints=FrictionNoTension(
-            normal_stiffness=1e10, shear_stiffness=4e9, friction_angle_deg=30.0
+        joints=Joints(
+            FrictionNoTension(normal_stiffness=1e10, shear_stiffness=4e9, friction_angle_deg=30.0),
+            initial_gaps={"joint_1": 0.01},
         ),
         supports=[Fixed(group="base")],
         loads=[Gravity()],
-        initial_gaps={"joint_1": 0.01},
     )
     seen, steps = Impulses(), 24
     outcome = Simulation(model, monitors=[seen]).dynamics(dt=DT, steps=steps, control=control)

@@ -55,7 +55,7 @@ def square(comm, joint_law, *, cut, cells, shape, loads=(), corners=(10.0, 10.0)
         joints=joint_law,
         supports=[dj.Fixed(group="base")],
         loads=[dj.Gravity(), *loads],
-        plane="strain",
+        body=dj.Body(plane="strain"),
     )
 
 

@@ -8,6 +8,8 @@ left of the residual. Joint points change between open, stick and slip on the wa
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -34,18 +36,19 @@ WATER = [
     dj.Uplift(joint="joint_2", pressure=5e4),
 ]
 SWAYING = dj.Prescribed(group="crest", component="y", value=lambda t: 1e-3 * np.sin(60.0 * t))
+GAPS = {"joint_1": 1e-4, "joint_3": lambda x: 1e-5 * (x[:, 2] - 10.0)}
 
 # What is changed of a wall of three joints under its own weight.
 MODELS = {
     "plain": {},
-    "gaps": {"initial_gaps": {"joint_1": 1e-4, "joint_3": lambda x: 1e-5 * (x[:, 2] - 10.0)}},
+    "gaps": {"joints": dj.Joints(FRICTION, initial_gaps=GAPS)},
     "bonded": {"joints": BONDED},
     "viscous": {"joints": VISCOUS},
     "laws": {"joints": {"joint_1": BONDED, "joint_2": FRICTION, "joint_3": VISCOUS}},
     "plastic": {"material": FLOWING},
     "water": {"loads": [dj.Gravity(), *WATER]},
-    "massless": {"redistribute_mass": True},
-    "gauss": {"quadrature": 4},
+    "massless": {"body": dj.Body(redistribute_mass=True)},
+    "gauss": {"joints": dj.Joints(FRICTION, quadrature=4)},
     "moved": {"supports": [dj.Fixed(group="base"), SWAYING]},
 }
 # How the dynamic stage is run.
@@ -158,16 +161,16 @@ def test_goes_on_from_a_checkpoint(wall, new_path):
     """To the last digit on one rank, and the results file and its report name the solver."""
     kept, results = new_path("run.ckpt"), new_path("run.h5")
 
-    def run(monitors, **options):
+    def run(monitors, kept=None):
         simulation = wall("forms", monitors=monitors)
-        if not options.get("resume"):
+        if kept is None or not kept.resume:
             simulation.statics()
-        return simulation, simulation.dynamics(dt=DT, steps=STEPS, motion=shaking, **options)
+        return simulation, simulation.dynamics(dt=DT, steps=STEPS, motion=shaking, checkpoint=kept)
 
     checkpoint = dj.Checkpoints(kept, every=4)
     with pytest.raises(Killed):
-        run([Killer(6)], checkpoint=checkpoint)
-    _, again = run([Killer(None)], checkpoint=checkpoint, resume=True)
+        run([Killer(6)], checkpoint)
+    _, again = run([Killer(None)], replace(checkpoint, resume=True))
     crest = dj.Probe((10.0, 0.0, 20.0), group="joint_2-")
     simulation, whole = run([dj.ResultsMonitor(results, points={"crest": crest})])
     same(simulation, again.state, whole.state)

@@ -26,6 +26,7 @@ from mpi4py import MPI
 from shaken_wall import swaying
 
 from dolfinx_joints import (
+    Body,
     ConvergenceError,
     Elastic,
     EnergyConsistent,
@@ -33,6 +34,7 @@ from dolfinx_joints import (
     FrictionNoTension,
     GeneralizedAlpha,
     Gravity,
+    Joints,
     JointsError,
     KeyedJoint,
     Model,
@@ -192,8 +194,8 @@ def test_both_sets_march_alike(wall, monkeypatch, now):
 
 def test_gauss_points_and_a_mass_without_joint_nodes(wall):
     # More joint unknowns than dofs at the joint (G is singular), and nodes without mass.
-    for changes in ({"quadrature": "gauss"}, {"redistribute_mass": True}):
-        model = wall(**changes)
+    massless = Body(redistribute_mass=True)
+    for model in (wall(Joints(friction(), quadrature="gauss")), wall(body=massless)):
         path, _, outcome = march(model)
         assert outcome.imbalance <= 1e-10
         for compliance in ("compressed", "matrix-free"):
@@ -309,7 +311,7 @@ def test_an_unsymmetric_body(wall, compliance):
     def skew(u: Any, v: Any) -> Any:
         return 1e9 * (u[0] * v[2] - u[2] * v[0]) * ufl.dx
 
-    model = wall(extra_stiffness=skew, symmetric=False)
+    model = wall(body=Body(extra_stiffness=skew, symmetric=False))
     _, at_rest, end = march(model, compliance=compliance)
     _, expected_at_rest, expected = march(model, solver="monolithic")
     assert difference(at_rest.displacement, expected_at_rest.displacement) <= 1e-9
@@ -319,7 +321,7 @@ def test_an_unsymmetric_body(wall, compliance):
 @pytest.mark.mpi
 def test_clamped_points_that_carry_load_do_not_loosen_tolerances(wall):
     """A joint pressed 10 um together on its clamped base: some 1e4 N there, which nothing moves."""
-    model = wall(initial_gaps={"joint_2": -1e-5})
+    model = wall(Joints(friction(), initial_gaps={"joint_2": -1e-5}))
     outcome = Simulation(model).dynamics(dt=DT, steps=10, motion=swaying)
     assert outcome.counts.rejected == 0
     assert outcome.imbalance <= 1e-12

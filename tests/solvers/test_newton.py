@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from dolfinx_joints.laws.law import DISCRETE_GRADIENT, JointState
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC
 from dolfinx_joints.solvers.newton import NewtonSolver
+from dolfinx_joints.solvers.newton_loop import newton
 from dolfinx_joints.solvers.step_solver import SolveReport
 
 
@@ -109,6 +111,55 @@ def test_the_whole_correction_is_tried_where_no_halving_is_allowed():
     _, report = solver.solve(STATIC, b, x, state)
     assert x.array[0] == pytest.approx(1.5, rel=1e-14)
     assert report.iterations == 1
+
+
+class Creeping:
+    """A problem whose residual falls by one per cent with halved corrections, and is 1 at first.
+
+    Whole corrections double it, and the second one in a row leads to the solution.
+    """
+
+    def __init__(self):
+        self.shares = []
+
+    def start(self):
+        return SimpleNamespace(norm=1.0, whole=0)
+
+    def trial(self, at, correction, share):
+        self.shares.append(share)
+        whole = at.whole + 1 if share == 1.0 else 0
+        return SimpleNamespace(norm=at.norm * (2.0 if whole else 0.99), whole=whole)
+
+    def accepted(self, at):
+        return at
+
+    def solved(self, at, before, *, last):
+        return at.whole == 2
+
+    def correction(self, at, before):
+        return 1.0
+
+    def failure(self, at, before, iterations):
+        return ConvergenceError(iteration=iterations, residual=at.norm)
+
+
+def test_whole_corrections_leave_a_residual_that_hardly_falls():
+    # The residuals 1, 0.99, ... 0.99^5 have fallen by 5 % in five iterations, less than a tenth.
+    problem = Creeping()
+    at, norms = newton(problem, SolverOptions())
+    assert problem.shares == [1.0, 0.5] * 5 + [1.0, 1.0]
+    assert norms == pytest.approx([*0.99 ** np.arange(6), 2 * 0.99**5, 4 * 0.99**5], rel=1e-14)
+    assert at.norm == norms[-1]
+
+
+@pytest.mark.parametrize("most", [3, 30])
+def test_plastic_cells_take_no_whole_corrections(most):
+    problem = Creeping()
+    with pytest.raises(ConvergenceError) as failure:
+        newton(problem, SolverOptions(max_iterations=most), leaps=False)
+    assert problem.shares == [1.0, 0.5] * most
+    assert failure.value.iteration == most
+    assert failure.value.residual == pytest.approx(0.99**most, rel=1e-14)
 
 
 @pytest.mark.parametrize(

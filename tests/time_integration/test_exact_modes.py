@@ -339,11 +339,13 @@ def test_a_wall_on_any_number_of_ranks(comm, wall_file, read, solver):
 
     from shaken_wall import DT, shaking, wall
 
-    from dolfinx_joints import Simulation
+    from dolfinx_joints import Body, Simulation
 
     found = []
     for on in (comm, MPI.COMM_SELF):
-        simulation = Simulation(wall(read(wall_file(), on), redistribute_mass=True), solver=solver)
+        simulation = Simulation(
+            wall(read(wall_file(), on), body=Body(redistribute_mass=True)), solver=solver
+        )
         simulation.statics()
         outcome = simulation.dynamics(
             dt=DT,

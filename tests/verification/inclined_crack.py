@@ -21,6 +21,7 @@ from dolfinx_joints import (
     Fixed,
     FormLoad,
     FrictionNoTension,
+    Joints,
     Model,
     Simulation,
     Spring,
@@ -222,17 +223,19 @@ def solve_crack(
     model = Model(
         jointed,
         material=Elastic(young=crack.young, poisson=crack.poisson, density=0.0),
-        joints=FrictionNoTension(
-            normal_stiffness=normal_stiffness,
-            shear_stiffness=shear,
-            friction_angle_deg=crack.friction_angle_deg,
+        joints=Joints(
+            FrictionNoTension(
+                normal_stiffness=normal_stiffness,
+                shear_stiffness=shear,
+                friction_angle_deg=crack.friction_angle_deg,
+            ),
+            quadrature=quadrature,
         ),
         supports=[
             Spring(group="outer", normal_stiffness=hold, tangential_stiffness=hold),
             *([Fixed(group="faces", components="z")] if solid else []),
         ],
         loads=[FormLoad(form=lambda v: -crack.stress * n[1] * v[1] * jointed.ds("outer"))],
-        quadrature=quadrature,
     )
     static = Simulation(model).statics()
     operator, state = model.contact.operator, static.joints.state

@@ -21,6 +21,7 @@ from dolfinx_joints import (
     Fixed,
     FormLoad,
     FrictionNoTension,
+    Joints,
     Model,
     Simulation,
     read_msh,
@@ -123,14 +124,16 @@ def move_force(
     model = Model(
         jointed,
         material=Elastic(young=section.rigidity * k_n * h, poisson=0.0, density=0.0),
-        joints=FrictionNoTension(normal_stiffness=k_n, shear_stiffness=k_n, friction_angle_deg=30),
+        joints=Joints(
+            FrictionNoTension(normal_stiffness=k_n, shear_stiffness=k_n, friction_angle_deg=30),
+            quadrature=quadrature,
+        ),
         supports=[Fixed(group="base")],
         loads=[
             FormLoad(form=lambda v: -mean * v[2] * ds),
             # moment N e; the time stands for the eccentricity
             FormLoad(form=lambda v: -12.0 * mean / h**2 * x * v[2] * ds, factor=lambda e: e),
         ],
-        quadrature=quadrature,
     )
     simulation, operator = Simulation(model), model.contact.operator
     facets = jointed.pairs.count

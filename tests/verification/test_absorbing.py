@@ -33,6 +33,7 @@ from dolfinx.mesh import (
 )
 
 from dolfinx_joints import (
+    Body,
     Elastic,
     Fixed,
     FreeField,
@@ -114,7 +115,7 @@ def reflected(comm, cell, dim, cells, degree, wave):
     length = 0.5 * HEIGHT / speed
     push = Traction(group="top", value=1e5 * np.eye(dim)[axis], factor=pulse(length))
     supports = [ViscousBoundary(group="base"), *one_way(jointed, axis)]
-    model = Model(jointed, material=ROCK, supports=supports, degree=degree)
+    model = Model(jointed, material=ROCK, supports=supports, body=Body(degree=degree))
     dt = length / 100.0
     on_the_way = Simulation(model).dynamics(dt=dt, steps=150, loads=[push])
     # The front is down after 200 steps, the end after 300; a reflection is up again after 400.
@@ -173,7 +174,7 @@ def column_error(comm, wave):
     jointed = ground(comm, CellType.quadrilateral, [5.0, HEIGHT], [1, 20])
     axis = 1 if wave == "P" else 0
     supports = [ViscousBoundary(group="base"), *one_way(jointed, axis)]
-    model = Model(jointed, material=ROCK, supports=supports, degree=2)
+    model = Model(jointed, material=ROCK, supports=supports, body=Body(degree=2))
     length = 0.5 * HEIGHT / (PRESSURE if wave == "P" else SHEAR)
     return surface_error(comm, model, axis, length, ["base"])
 
@@ -194,7 +195,7 @@ def block_error(comm, cell, wave):
     jointed = ground(comm, cell, size, divisions)
     groups = ["base", *sides_of(jointed)]
     supports = [ViscousBoundary(group=group) for group in groups]
-    model = Model(jointed, material=ROCK, supports=supports, degree=2)
+    model = Model(jointed, material=ROCK, supports=supports, body=Body(degree=2))
     axis = len(size) - 1 if wave == "P" else 0
     length = 0.5 * HEIGHT / (PRESSURE if wave == "P" else SHEAR)
     return [surface_error(comm, model, axis, length, which)[0] for which in (groups, ["base"])]

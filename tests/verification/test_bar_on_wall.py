@@ -39,12 +39,14 @@ from dolfinx.mesh import (
 
 from benchmarks.shared.problems import bar_matrices
 from dolfinx_joints import (
+    Body,
     Elastic,
     EnergyConsistent,
     Fixed,
     GeneralizedAlpha,
     HilberHughesTaylor,
     ImplicitContact,
+    Joints,
     MatrixSystem,
     Model,
     Newmark,
@@ -172,11 +174,11 @@ def solid(comm, cells, *, courant, cell=CellType.hexahedron, degree=1, across=1)
     model = Model(
         split_mesh(mesh, joints={"joint": tip}, groups={"back": back}),
         material=Elastic(young=BAR.young, poisson=0.0, density=BAR.density),
-        joints=frictionless(normal_stiffness=1e4 * BAR.young / h),
-        initial_gaps={"joint": BAR.gap},
+        joints=Joints(
+            frictionless(normal_stiffness=1e4 * BAR.young / h), initial_gaps={"joint": BAR.gap}
+        ),
         supports=[Fixed(group="back"), Fixed(group="joint-")],
-        degree=degree,
-        redistribute_mass=True,
+        body=Body(degree=degree, redistribute_mass=True),
     )
     x = model.V.tabulate_dof_coordinates()[: model.V.dofmap.index_map.size_local]
     system = model.system()

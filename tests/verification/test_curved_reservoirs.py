@@ -98,7 +98,7 @@ def wall_and_water(comm, cell, degree, cells, place, radius, wall_cells, **optio
     )
     waves = dj.MeshedReservoir(group="wet", mesh=water, face="face", bottom=bottom, **options)
     fixed = [dj.Fixed(group="outer")]
-    return dj.Model(wall, material=RIGID, supports=fixed, degree=1, reservoir=waves)
+    return dj.Model(wall, material=RIGID, supports=fixed, body=dj.Body(degree=1), water=waves)
 
 
 def canal(comm, cell, degree, cells, radius=R, along=None, **options):

@@ -14,6 +14,8 @@ Its static part is the straight line between the ends.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -26,6 +28,7 @@ from dolfinx.mesh import CellType, create_rectangle, locate_entities
 from shaken_wall import DT, POINTS, STEPS, Killed, Killer, shaking, wall
 
 from dolfinx_joints import (
+    Body,
     Checkpoints,
     DifferingMotion,
     Elastic,
@@ -106,7 +109,8 @@ def rod(comm, cells, joints=None, **options):
         split_mesh(mesh, joints=split, groups=groups),
         material=ROCK,
         joints=joints,
-        **{"supports": [Fixed(group="left"), Fixed(group="right")], "degree": 2} | options,
+        **{"supports": [Fixed(group="left"), Fixed(group="right")], "body": Body(degree=2)}
+        | options,
     )
 
 
@@ -222,7 +226,7 @@ DAMPINGS = {
     "modes and mass": {
         "damping": ModalRatios(ratio=0.15, modes=2, beyond=Rayleigh(mass_factor=0.3))
     },
-    "form": {"extra_damping": drag},
+    "form": {"body": Body(degree=2, extra_damping=drag)},
 }
 
 
@@ -411,15 +415,15 @@ def stations():
     )
 
 
-def shaken(jointed, path, *, kill=None, **options):
+def shaken(jointed, path, *, kill=None, checkpoint=None):
     """A wall on a base that stations and a wave move, its joints opening and sliding."""
     monitors = [ResultsMonitor(path, points=POINTS, every=3, static_part=True), Killer(kill)]
     beyond = rayleigh(ratio=0.02, frequencies=(5.0, 40.0))
     model = wall(jointed, damping=ModalRatios(ratio=0.05, modes=2, beyond=beyond))
     simulation = Simulation(model, monitors=monitors)
-    if not options.get("resume"):
+    if checkpoint is None or not checkpoint.resume:
         simulation.statics()
-    return simulation.dynamics(dt=DT, steps=STEPS, motion=stations(), **options)
+    return simulation.dynamics(dt=DT, steps=STEPS, motion=stations(), checkpoint=checkpoint)
 
 
 NAMES = ("displacement", "static_displacement", "acceleration", "joint_slip", "reaction/base")
@@ -449,7 +453,7 @@ def test_a_jointed_wall_on_any_number_of_ranks(comm, wall_file, read, new_path):
     kept = Checkpoints(path / "run.ckpt", every=4)
     with pytest.raises(Killed):
         shaken(read(file), path / "resumed.h5", kill=7, checkpoint=kept)
-    shaken(read(file), path / "resumed.h5", checkpoint=kept, resume=True)
+    shaken(read(file), path / "resumed.h5", checkpoint=replace(kept, resume=True))
     comm.barrier()
     if comm.rank == 0:
         shaken(read(file, MPI.COMM_SELF), path / "alone.h5")

@@ -18,6 +18,7 @@ pytest.importorskip("matplotlib")
 from dolfinx.mesh import CellType
 
 from dolfinx_joints import (
+    Body,
     FreeField,
     Model,
     Results,
@@ -78,7 +79,7 @@ def incident(time):
 def march(comm, path, *, steps=540, supports=(), damping=None, **dynamics):
     jointed = ground(comm, CellType.quadrilateral, [WIDTH, HEIGHT], [1, 20])
     supports = [ViscousBoundary(group="base"), *one_way(jointed, 0), *supports]
-    model = Model(jointed, material=ROCK, supports=supports, degree=2, damping=damping)
+    model = Model(jointed, material=ROCK, supports=supports, body=Body(degree=2), damping=damping)
     monitor = ResultsMonitor(path, points=POINTS, every=100)
     Simulation(model, monitors=[monitor]).dynamics(dt=DT, steps=steps, **dynamics)
 

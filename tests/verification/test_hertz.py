@@ -203,10 +203,12 @@ def line_contact(cell="quad", order=1, *, quadrature="nodal", cells=9.5, length=
     model = dj.Model(
         strip(cell, 1.0 / cells, length),
         material=dict(zip(("lower", "upper"), exact.bodies, strict=True)),
-        joints=frictionless(exact, eps or COMPLIANCE[quadrature]),
-        initial_gaps={"joint_1": parabola(False)},
-        degree=order,
-        quadrature=quadrature,
+        joints=dj.Joints(
+            frictionless(exact, eps or COMPLIANCE[quadrature]),
+            initial_gaps={"joint_1": parabola(False)},
+            quadrature=quadrature,
+        ),
+        body=dj.Body(degree=order),
         supports=[dj.Fixed(group="axis", components="x"), dj.Fixed(group="base", components="y")],
         loads=[dj.Pressure(group="top", value=exact.load / 2 / length)],
     )
@@ -219,9 +221,11 @@ def point_contact(quadrature, *, eps, cells=4.5, length=8.0):
     model = dj.Model(
         block(1.0 / cells, length),
         material=dict(zip(("lower", "upper"), exact.bodies, strict=True)),
-        joints=frictionless(exact, eps),
-        initial_gaps={"joint_1": parabola(True)},
-        quadrature=quadrature,
+        joints=dj.Joints(
+            frictionless(exact, eps),
+            initial_gaps={"joint_1": parabola(True)},
+            quadrature=quadrature,
+        ),
         supports=[
             dj.Fixed(group="axis", components="x"),
             dj.Fixed(group="axis_y", components="y"),
@@ -330,10 +334,8 @@ def test_friction_does_not_matter_between_equal_bodies(cell, order, quadrature):
         model = dj.Model(
             jointed,
             material=HARD,
-            joints=law,
-            initial_gaps={"joint_1": parabola(False)},
-            degree=order,
-            quadrature=quadrature,
+            joints=dj.Joints(law, initial_gaps={"joint_1": parabola(False)}, quadrature=quadrature),
+            body=dj.Body(degree=order),
             supports=supports,
         )
         state = dj.Simulation(model).statics()

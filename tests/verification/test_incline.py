@@ -44,6 +44,7 @@ from dolfinx_joints import (
     FormLoad,
     FrictionNoTension,
     Gravity,
+    Joints,
     Model,
     Simulation,
     Spring,
@@ -197,10 +198,9 @@ def simulation(incline, loads, *, cell="hex", order=1, rule="auto", law=None):
     model = Model(
         jointed,
         material=Elastic(young=incline.young, poisson=0.0, density=incline.density),
-        joints=law or friction(incline),
+        joints=Joints(law or friction(incline), quadrature=rule),
         supports=[Fixed(group="base"), springs],
         loads=[load(jointed) for load in loads],
-        quadrature=rule,
     )
     return Simulation(model)
 

@@ -32,6 +32,7 @@ from dolfinx_joints import (
     Checkpoints,
     Elastic,
     Fixed,
+    InitialFields,
     Model,
     Monitor,
     Simulation,
@@ -117,7 +118,7 @@ def test_first_mode_from_a_velocity_and_from_a_displacement(given):
     model, seen = bar(), Seen()
     run = Simulation(model, monitors=[seen])
     expected = mode(model.V.tabulate_dof_coordinates()[: model.V.dofmap.index_map.size_local])
-    run.dynamics(dt=DT, steps=STEPS, velocity=given(model, SPEED))
+    run.dynamics(dt=DT, steps=STEPS, start=InitialFields(velocity=given(model, SPEED)))
     for n, u in enumerate(seen.rows):
         wanted = SPEED / OMEGA * math.sin(n * ANGLE) * expected.ravel()
         assert np.abs(u.array - wanted).max(initial=0.0) < 1e-9 * SPEED / OMEGA
@@ -125,7 +126,7 @@ def test_first_mode_from_a_velocity_and_from_a_displacement(given):
     assert seen.energy.kinetic == pytest.approx(kinetic, rel=1e-12)
     assert seen.energy.strain == 0.0
     assert seen.settings["initial velocity"].startswith("up to 0.5 ")
-    run.dynamics(dt=DT, steps=STEPS, displacement=given(model, AMPLITUDE))
+    run.dynamics(dt=DT, steps=STEPS, start=InitialFields(displacement=given(model, AMPLITUDE)))
     for n, u in enumerate(seen.rows):
         wanted = AMPLITUDE * math.cos(n * ANGLE) * expected.ravel()
         assert np.abs(u.array - wanted).max(initial=0.0) < 1e-9 * AMPLITUDE
@@ -149,7 +150,7 @@ def test_an_initial_displacement_comes_on_top_of_the_static_state():
     nodes = model.V.dofmap.list[cells[middle > LENGTH / 2]]
     right.x.array.reshape(-1, 2)[nodes.ravel(), 0] = -moved
     right.x.scatter_forward()
-    run.dynamics(dt=1e-7, steps=1, displacement=right)
+    run.dynamics(dt=1e-7, steps=1, start=InitialFields(displacement=right))
     stored = 0.5 * STIFFNESS * (pressure / STIFFNESS + moved) ** 2
     assert seen.energy.joint == pytest.approx(stored, rel=1e-9)
     strain = 0.5 * pressure**2 / YOUNG * LENGTH
@@ -162,12 +163,13 @@ def test_an_initial_displacement_comes_on_top_of_the_static_state():
 
 def test_a_run_with_other_initial_fields_is_not_resumed(new_path):
     model, file = bar(), new_path("run.ckpt")
-    keep = Checkpoints(file, every=3)
 
     def run(steps=4, speed=SPEED, *, resume=False):
-        kept = {"checkpoint": keep, "resume": resume}
-        given = {"velocity": lambda x: speed * mode(x), "displacement": lambda x: 1e-3 * mode(x)}
-        return Simulation(model).dynamics(dt=DT, steps=steps, **given, **kept)
+        kept = Checkpoints(file, every=3, resume=resume)
+        start = InitialFields(
+            velocity=lambda x: speed * mode(x), displacement=lambda x: 1e-3 * mode(x)
+        )
+        return Simulation(model).dynamics(dt=DT, steps=steps, start=start, checkpoint=kept)
 
     whole = run()
     again = run(resume=True)
@@ -191,4 +193,4 @@ def test_a_run_with_other_initial_fields_is_not_resumed(new_path):
 )
 def test_fields_that_do_not_fit_are_refused(fields, text):
     with pytest.raises(ValueError, match=text):
-        Simulation(bar()).dynamics(dt=DT, steps=1, **fields)
+        Simulation(bar()).dynamics(dt=DT, steps=1, start=InitialFields(**fields))

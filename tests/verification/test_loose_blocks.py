@@ -39,6 +39,7 @@ from dolfinx_joints import (
     Fixed,
     FrictionNoTension,
     Gravity,
+    Joints,
     JointsError,
     KeyedJoint,
     Model,
@@ -362,8 +363,10 @@ def test_a_bar_pressed_on_a_wall(kind):
     model = Model(
         stack(4, (0.5, 0.5), HEIGHT),
         material=Elastic(young=YOUNG, poisson=0.0, density=0.0),
-        joints={"joint_1": friction(1e16), "joint_2": RIGID, "joint_3": friction(1e16)},
-        initial_gaps={"joint_2": gap},
+        joints=Joints(
+            {"joint_1": friction(1e16), "joint_2": RIGID, "joint_3": friction(1e16)},
+            initial_gaps={"joint_2": gap},
+        ),
         supports=[
             Fixed(group="base"),
             Fixed(group="top", components="xy"),
@@ -388,8 +391,7 @@ def test_a_rigid_joint_that_closes_and_opens():
     model = Model(
         stack(2, (0.5, 0.5), HEIGHT),
         material=Elastic(young=YOUNG, poisson=0.0, density=0.0),
-        joints=RIGID,
-        initial_gaps={"joint_1": gap},
+        joints=Joints(RIGID, initial_gaps={"joint_1": gap}),
         supports=[
             Fixed(group="base"),
             Fixed(group="top", components="xy"),

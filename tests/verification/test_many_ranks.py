@@ -81,11 +81,11 @@ MODELS = {
             dj.SiltPressure(group="y_min", level=5.0, density=900.0, coefficient=0.5),
             dj.JointWater(joint="joint_1", reached_from="y_min", **WATER),
         ],
-        "added_mass": lambda jointed: [dj.WestergaardMass(group="y_min", **WATER)],
+        "water": lambda jointed: dj.WestergaardMass(group="y_min", **WATER),
     },
     "uplift": {"loads": lambda jointed: [dj.Uplift(joint="joint_1", pressure=5e4)]},
     "reservoir": {
-        "added_mass": lambda jointed: [dj.ReservoirMass(group="y_min", **WATER)],
+        "water": lambda jointed: dj.ReservoirMass(group="y_min", **WATER),
     },
     "temperature": {"loads": lambda jointed: [winter(jointed)]},
     "rigid": {"joints": lambda jointed: dj.RigidJoint(friction_angle_deg=30.0)},
@@ -96,7 +96,10 @@ MODELS = {
         ),
     },
     "plastic": {"material": lambda jointed: FLOWING},
-    "quadratic": {"degree": lambda jointed: 2, "quadrature": lambda jointed: 4},
+    "quadratic": {
+        "body": lambda jointed: dj.Body(degree=2),
+        "joints": lambda jointed: dj.Joints(LAW, quadrature=4),
+    },
     "dashpots": {"supports": lambda jointed: GROUND["supports"]()},
 }
 
@@ -169,7 +172,7 @@ def run(jointed, comm, path, *, kind="plain", envelopes=True, more=(), **options
     model = model_of(jointed(comm), kind)
     results = dj.ResultsMonitor(path, points=POINTS, every=3, envelopes=envelopes, resultants=True)
     simulation = dj.Simulation(model, monitors=[results, *more], options=NEWTON)
-    if not options.get("resume"):
+    if "checkpoint" not in options or not options["checkpoint"].resume:
         simulation.statics(steps=2)
     return simulation.dynamics(dt=DT, steps=STEPS, motion=shaking, **options)
 
@@ -254,12 +257,13 @@ def test_checkpoints(jointed, kind, first, new_path):
     path, kept, own = new_path("run.h5"), new_path("run.ckpt"), alone(new_path)
     run(jointed, MPI.COMM_SELF, own, kind=kind, more=[Killer(None)])
     begun = COMM if first == "all" else MPI.COMM_SELF
-    options = {"kind": kind, "checkpoint": dj.Checkpoints(kept, every=4)}
+    checkpoint = dj.Checkpoints(kept, every=4)
     if first == "all" or COMM.rank == 0:
         with pytest.raises(Killed):
-            run(jointed, begun, path, more=[Killer(7)], **options)
+            run(jointed, begun, path, kind=kind, more=[Killer(7)], checkpoint=checkpoint)
     COMM.barrier()
-    run(jointed, COMM, path, more=[Killer(None)], resume=True, **options)
+    checkpoint = replace(checkpoint, resume=True)
+    run(jointed, COMM, path, kind=kind, more=[Killer(None)], checkpoint=checkpoint)
     COMM.barrier()
     same_files(path, own)
 

@@ -34,10 +34,12 @@ from mpi4py import MPI
 from whole_vectors import whole_layout
 
 from dolfinx_joints import (
+    Body,
     Elastic,
     Fixed,
     FrictionNoTension,
     Gravity,
+    Joints,
     Model,
     Simulation,
     SolverOptions,
@@ -183,17 +185,19 @@ class Scene:
         self.model = Model(
             jointed,
             material=Elastic(young=2e9, poisson=0.2, density=2400.0),
-            joints=FrictionNoTension(
-                normal_stiffness=4e9, shear_stiffness=2e9, friction_angle_deg=friction
+            joints=Joints(
+                FrictionNoTension(
+                    normal_stiffness=4e9, shear_stiffness=2e9, friction_angle_deg=friction
+                ),
+                initial_gaps={"joint_2": 2e-6},
+                quadrature=case.rule,
             ),
-            initial_gaps={"joint_2": 2e-6},
             supports=[
                 Fixed(group="base"),
                 Spring(group="top", normal_stiffness=3e8, tangential_stiffness=3e8),
             ],
             loads=self._loads(),
-            degree=case.degree,
-            quadrature=case.rule,
+            body=Body(degree=case.degree),
         )
         self.snapshots = []
 

@@ -24,6 +24,7 @@ from dolfinx import mesh as dmesh
 from vtk_files import on_root, read_vtk
 
 from dolfinx_joints import (
+    Body,
     CheckpointError,
     Checkpoints,
     ConvergenceError,
@@ -167,7 +168,7 @@ def test_tension_without_change_of_volume(comm, steps):
 @pytest.mark.parametrize(("kind", "degree"), [("quadrilateral", 1), ("triangle", 2)])
 def test_plane_strain_compression(comm, kind, degree):
     # The stress out of the plane settles exponentially with the plastic flow.
-    model = pressed(block(comm, kind), rock(fit="plane strain"), degree=degree)
+    model = pressed(block(comm, kind), rock(fit="plane strain"), body=Body(degree=degree))
     state = Simulation(model, options=NEWTON).quasi_statics(np.linspace(0.0, 0.06, 13))
     assert -model.resultant(state.reaction, "y+")[1] == pytest.approx(LIMIT, rel=1e-10)
 
@@ -176,16 +177,15 @@ def test_plane_strain_compression(comm, kind, degree):
 def test_pressure_beyond_the_limit_is_refused(comm, kind):
     """With a joint, by forces: 0.95 of the limit stands, and of more a load factor is told."""
     jointed = block(comm, kind, joint=True)
-    plane = {"plane": "strain"} if jointed.mesh.geometry.dim == 2 else {}
     axes = "xyz"[: jointed.mesh.geometry.dim]
 
     def statics(share):
         loads = [Pressure(group=f"{a}+", value=SIDE) for a in axes[:-1]]
         loads.append(Pressure(group=f"{axes[-1]}+", value=share * LIMIT))
         plates = [Fixed(group=f"{a}-", components=a) for a in axes]
-        rocks = rock(fit="plane strain") if plane else rock()
+        rocks = rock(fit="plane strain") if len(axes) == 2 else rock()
         return Simulation(
-            Model(jointed, material=rocks, joints=LAW, supports=plates, loads=loads, **plane)
+            Model(jointed, material=rocks, joints=LAW, supports=plates, loads=loads)
         ).statics()
 
     statics(0.95)
@@ -217,7 +217,7 @@ def test_bursting_tube(comm):
     model = Model(
         quarter_tube(comm, 6),
         material=rock(friction_angle_deg=0.0, fit="plane strain"),
-        degree=2,
+        body=Body(degree=2),
         supports=[Fixed(group="flat", components="y"), Fixed(group="upright", components="x")],
         loads=[Pressure(group="inside", value=burst, factor=lambda t: t)],
     )
@@ -384,7 +384,7 @@ def test_what_it_does_not_do_is_said(comm, new_path):
     with pytest.raises(ValueError, match="Stress envelopes are recorded of elastic bodies"):
         SurfaceStress(model, NodeNumbering(model.V))
     with pytest.raises(ValueError, match=r"Plastic materials are for plane='strain'"):
-        standing(block(comm, "triangle"), rock(), plane="stress")
+        standing(block(comm, "triangle"), rock(), body=Body(plane="stress"))
     warm = Temperature(value=10.0, reference=0.0, expansion=1e-5)
     with pytest.raises(ValueError, match="Temperature acts on cells of DruckerPrager"):
         Model(block(comm), material=rock(), loads=[Gravity(), warm])

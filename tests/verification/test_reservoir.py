@@ -34,6 +34,7 @@ from dolfinx.mesh import (
 )
 
 from dolfinx_joints import (
+    Body,
     Elastic,
     FrictionNoTension,
     Model,
@@ -62,7 +63,7 @@ def tagged(mesh, degree=1, *, joint=None, place=None):
     if place is not None:
         mesh.geometry.x[:] = place(mesh.geometry.x)
     split = split_mesh(mesh, joints=joints, groups={"up": face})
-    return Model(split, material=CONCRETE, joints=LAW if joints else None, degree=degree)
+    return Model(split, material=CONCRETE, joints=LAW if joints else None, body=Body(degree=degree))
 
 
 def plane(comm, cells, degree=1, cell=CellType.quadrilateral, **options):
@@ -277,7 +278,7 @@ def test_part_of_the_model(comm):
     """It has inertia and no weight."""
     bare = plane(comm, 6)
     added = ReservoirMass(group="up", level=DEPTH)
-    wet = Model(bare.jointed, material=CONCRETE, added_mass=[added])
+    wet = Model(bare.jointed, material=CONCRETE, water=added)
     a = np.array([1.0, 0.0])
     every = field(bare, along(0))
     water = energy(bare, added.matrix(bare), along(0), along(0))
@@ -296,8 +297,8 @@ def test_bad_input(comm, monkeypatch):
     refused("the level is 13 m, but the face ends at 12 m", level=13.0)
     refused("upstream is .*; it must be a horizontal vector", upstream=(1.0, 1.0))
     refused("100 % of the wet face do not look along upstream", upstream=(1.0, 0.0))
-    with pytest.raises(ValueError, match="a WestergaardMass or a ReservoirMass"):
-        Model(model.jointed, material=CONCRETE, added_mass=[3])
+    with pytest.raises(ValueError, match="water is 3; it must be a reservoir or an added mass"):
+        Model(model.jointed, material=CONCRETE, water=3)
     monkeypatch.setattr(reservoir, "available_bytes", lambda comm: 1e3)
     refused("its 3 wet nodes make a full matrix, which may take .* GB")
 

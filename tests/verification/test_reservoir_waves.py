@@ -101,7 +101,7 @@ def tagged(mesh, groups, place=None):
 def rigid_dam(comm, waves, cells=16):
     mesh = create_rectangle(comm, [[0.0, 0.0], [20.0, H]], [1, cells], CellType.quadrilateral)
     jointed = tagged(mesh, {"up": lambda x: x[0] < 1e-9, "down": lambda x: x[0] > 20.0 - 1e-9})
-    return dj.Model(jointed, material=RIGID, supports=[dj.Fixed(group="down")], reservoir=waves)
+    return dj.Model(jointed, material=RIGID, supports=[dj.Fixed(group="down")], water=waves)
 
 
 def response(model, axis, frequencies, steps, per_period=40):
@@ -220,7 +220,7 @@ def test_frequency_response_of_a_dam_that_bends_is_that_of_a_run_in_time(comm):
         jointed,
         material=CONCRETE,
         supports=[dj.Fixed(group="base")],
-        reservoir=waves,
+        water=waves,
         damping=dj.ModalRatios(ratio=0.3, modes=2, beyond=dj.Rayleigh(mass_factor=4.0)),
     )
     dt, frequencies = 2.0**-7, np.array([0.7, 1.6, 2.5])
@@ -473,7 +473,7 @@ def jointed_dam(wall_file, read):
             bottom_reflection=0.8,
             gravity_waves=gravity_waves,
         )
-        return wall(read(wall_file(divisions=(8, 2, 6)), on), reservoir=waves, **options)
+        return wall(read(wall_file(divisions=(8, 2, 6)), on), water=waves, **options)
 
     return make
 
@@ -487,9 +487,13 @@ def test_fast_sound_is_the_added_mass(comm):
     water = {"group": "up", "level": H, "length": 4.0 * H}
     waves = dj.ReservoirWaves(**water, sound_speed=1e5, far_end="rigid", layers=96)
     crests = []
-    for given in ({"reservoir": waves}, {"added_mass": [dj.ReservoirMass(**water)]}, {}):
+    for before in (waves, dj.ReservoirMass(**water), None):
         model = dj.Model(
-            jointed, material=CONCRETE, supports=[dj.Fixed(group="base")], degree=2, **given
+            jointed,
+            material=CONCRETE,
+            supports=[dj.Fixed(group="base")],
+            water=before,
+            body=dj.Body(degree=2),
         )
         kept = Crest(model)
         dj.Simulation(model, monitors=[kept]).dynamics(
@@ -573,9 +577,7 @@ def test_errors(comm, wall_file, read, given, message):
     with pytest.raises(ValueError, match=message):
         wall(
             read(wall_file()),
-            reservoir=dj.ReservoirWaves(
-                **{"group": "y_min", "level": 19.0, "length": 50.0} | given
-            ),
+            water=dj.ReservoirWaves(**{"group": "y_min", "level": 19.0, "length": 50.0} | given),
         )
 
 
@@ -595,7 +597,7 @@ def test_water_with_waves_and_an_added_mass_is_doubted(comm, wall_file, read):
     mass = dj.WestergaardMass(group="y_min", level=19.0)
     with warnings.catch_warnings(record=True):
         warnings.simplefilter("always")
-        model = wall(read(wall_file()), reservoir=waves, added_mass=[mass])
+        model = wall(read(wall_file()), water=[mass, waves])
     expected = [
         "WestergaardMass on 'y_min': the water before it has waves already, with a mass of "
     ]
@@ -609,7 +611,9 @@ def test_what_waves_do_not_go_with(comm, jointed_dam):
         dj.Simulation(model).dynamics(**run, scheme=dj.EnergyConsistent(exact_modes=4))
     by_forms = dj.Simulation(model, solver="forms")
     by_forms.statics()  # the water is at rest: the body alone
-    with pytest.raises(dj.JointsError, match=r"model with reservoir=\. Use solver=.monolithic"):
+    with pytest.raises(
+        dj.JointsError, match=r"and a reservoir with waves\. Use solver=.monolithic"
+    ):
         by_forms.dynamics(**run)
     options = dj.SolverOptions(linear="iterative")
     with pytest.raises(ValueError, match="without waves in"):

@@ -48,10 +48,12 @@ import ufl
 from dolfinx.mesh import CellType, create_box, create_rectangle, locate_entities
 
 from dolfinx_joints import (
+    Body,
     Elastic,
     Fixed,
     FormLoad,
     FrictionNoTension,
+    Joints,
     Model,
     Prescribed,
     Simulation,
@@ -152,8 +154,7 @@ def simulation(cell, order, k_n, gap):
     model = Model(
         bar(cell, order),
         material=Elastic(young=YOUNG, poisson=0.0, density=0.0),
-        joints=friction(k_n),
-        initial_gaps={"joint_1": gap},
+        joints=Joints(friction(k_n), initial_gaps={"joint_1": gap}),
         supports=[
             Fixed(group="base"),
             Fixed(group="top", components="xy"),
@@ -173,16 +174,13 @@ def pushed(cell, degree, rule, plane, *, k_n, held, gap=0.0):
     model = Model(
         jointed,
         material=Elastic(young=YOUNG, poisson=POISSON, density=0.0),
-        joints=friction(k_n),
-        initial_gaps={"joint_1": gap},
+        joints=Joints(friction(k_n), initial_gaps={"joint_1": gap}, quadrature=rule),
         supports=[
             Fixed(group="base", components=axis),
             Prescribed(group="top", component=axis, value=lambda time: -PUSH * time),
             *(Fixed(group=name, components=normal) for name, normal in rollers),
         ],
-        degree=degree,
-        quadrature=rule,
-        plane=plane,
+        body=Body(degree=degree, plane=plane),
     )
     size = gap if isinstance(gap, float) else float(gap(np.zeros((1, 3)))[0])
     return Simulation(model), SeriesBar(modulus(dim, plane, held), k_n, size)
@@ -305,12 +303,10 @@ def test_bending_and_a_wedge(cell, rule):
     model = Model(
         jointed,
         material=Elastic(young=YOUNG, poisson=0.0, density=0.0),
-        joints=friction(k_n),
-        initial_gaps={"joint_1": wedge},
+        joints=Joints(friction(k_n), initial_gaps={"joint_1": wedge}, quadrature=rule),
         supports=[Fixed(group="base")],
         loads=[FormLoad(form=lambda v: stress(here[0]) * v[axis] * jointed.ds("top"))],
-        degree=2,
-        quadrature=rule,
+        body=Body(degree=2),
     )
     state = Simulation(model).statics()
     x = model.operator.points[:, 0]

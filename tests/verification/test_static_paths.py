@@ -322,8 +322,7 @@ def test_a_block_without_friction_does_not_drift(kind, solver, gap):
     model = dj.Model(
         dj.split_mesh(mesh, joints={"joint": level[1]}, groups={"base": level[0]}),
         material=dj.Elastic(young=30e9, poisson=0.0, density=2400.0),
-        joints=SMOOTH[kind],
-        initial_gaps={"joint": gap},
+        joints=dj.Joints(SMOOTH[kind], initial_gaps={"joint": gap}),
         supports=[dj.Fixed(group="base")],
         loads=[dj.Gravity()],
     )

@@ -34,6 +34,7 @@ from dolfinx.mesh import (
 )
 
 from dolfinx_joints import (
+    Body,
     Elastic,
     Fixed,
     FrictionNoTension,
@@ -92,7 +93,7 @@ def model_of(jointed, loads, *, plane="strain", **options):
         joints=LAW if jointed.joint_names else None,
         supports=[*supports, Fixed(group="ends", components=axes[-1])],
         loads=loads,
-        plane=plane,
+        body=Body(plane=plane),
         **options,
     )
 
@@ -181,7 +182,7 @@ def test_gradient_through_the_thickness_bends_without_stress(comm, cell):
     slope = 6.0  # K/m
     load = Temperature(value=lambda x: slope * x[0] + 3.0, reference=3.0, expansion=ALPHA)
     jointed = bar(comm, cell, joint=False)
-    model = Model(jointed, material=CONCRETE, loads=[load], degree=2)
+    model = Model(jointed, material=CONCRETE, loads=[load], body=Body(degree=2))
     u = model.stiffness.createVecRight()
     x, y, z = model.V.tabulate_dof_coordinates()[: u.getLocalSize() // 3].T
     bent = np.stack([(x**2 - y**2 - z**2) / 2.0, x * y, x * z], axis=1)

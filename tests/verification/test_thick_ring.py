@@ -26,9 +26,11 @@ pytest.importorskip("dolfinx")
 from rings import HEIGHT, INSIDE, JOINT, OUTSIDE, quarter_ring
 
 from dolfinx_joints import (
+    Body,
     Elastic,
     Fixed,
     FrictionNoTension,
+    Joints,
     Model,
     Pressure,
     Simulation,
@@ -73,13 +75,15 @@ def ring(comm, cell, boxes, *, stiffness=2e10, degree=2, quadrature="auto"):
     return Model(
         jointed,
         material=CONCRETE,
-        joints=FrictionNoTension(
-            normal_stiffness=stiffness, shear_stiffness=0.5 * stiffness, friction_angle_deg=30.0
+        joints=Joints(
+            FrictionNoTension(
+                normal_stiffness=stiffness, shear_stiffness=0.5 * stiffness, friction_angle_deg=30.0
+            ),
+            quadrature=quadrature,
         ),
         supports=[Fixed(group=name, components=planes[name]) for name in here],
         loads=[Pressure(group="inside", value=PRESSURE)],
-        degree=2,
-        quadrature=quadrature,
+        body=Body(degree=2),
     )
 
 

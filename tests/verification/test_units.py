@@ -30,6 +30,7 @@ from dolfinx_joints import (
     FrictionNoTension,
     Gravity,
     HydrostaticPressure,
+    Joints,
     JointWater,
     Model,
     MohrCoulombJoint,
@@ -257,11 +258,10 @@ def run(scene, units):
     model = Model(
         mesh(units),
         material=Elastic(young=units.pressure(2e9), poisson=0.2, density=units.density(2400.0)),
-        joints=law(units),
-        initial_gaps={"joint_2": units(2e-6, m=1)},
+        joints=Joints(law(units), initial_gaps={"joint_2": units(2e-6, m=1)}),
         supports=supports(units),
         damping=Rayleigh(mass_factor=units(1.0, s=-1), stiffness_factor=units(1e-4, s=1)),
-        added_mass=[mass] if scene == "water" else [],
+        water=[mass] if scene == "water" else [],
         loads=[Gravity(acceleration=units.acceleration(np.array([0.0, -9.81]))), *loads(units)],
     )
     rows = []

@@ -213,10 +213,9 @@ def simulation(
     model = dj.Model(
         jointed,
         material=dj.Elastic(young=rigidity * K_N * t, poisson=0.2, density=DENSITY),
-        joints=law(friction_angle_deg=angle, **stiffness),
+        joints=dj.Joints(law(friction_angle_deg=angle, **stiffness), quadrature=quadrature),
         supports=[dj.Fixed(group="base")],
         loads=[dj.Gravity()],
-        quadrature=quadrature,
     )
     return dj.Simulation(model)
 

@@ -31,6 +31,7 @@ from scipy.integrate import quad
 
 from dolfinx_joints import (
     BaseMotion,
+    Body,
     Elastic,
     Fixed,
     FrictionNoTension,
@@ -181,7 +182,9 @@ def test_entries_of_a_leaning_cube(comm, degree):
         a, b = np.array([0.6, 0.8, 0.0]), np.array([0.64, -0.48, 0.6])
         return x @ np.array([a, b, np.cross(a, b)])
 
-    check_entries(model_of(skin(comm, CellType.hexahedron, lean), degree=degree), "skin", 5.0)
+    check_entries(
+        model_of(skin(comm, CellType.hexahedron, lean), body=Body(degree=degree)), "skin", 5.0
+    )
 
 
 def test_depth_of_the_reservoir(wall):
@@ -272,7 +275,7 @@ def test_first_frequency_of_a_full_reservoir(read, wall_file):
     jointed = read(wall_file(joints=0, order=2, **sizes))
     held = {"supports": [Fixed(group="base"), Fixed(group="y_min", components="y")]}
     water = WestergaardMass(group="x_min", level=20.0)
-    dry, wet = model_of(jointed, **held), model_of(jointed, added_mass=[water], **held)
+    dry, wet = model_of(jointed, **held), model_of(jointed, water=water, **held)
     without, full = modes(dry.system(), 1), modes(wet.system(), 1)
     shape = without.shapes[0]
     moved = water.matrix(dry).createVecLeft()
@@ -299,7 +302,7 @@ def test_ground_motion_moves_the_water_too(read, wall_file):
     """F = -(M + M_a) iota a_g; self weight is that of the body alone."""
     jointed = read(wall_file())
     water = WestergaardMass(group="x_min", level=15.0)
-    model = model_of(jointed, added_mass=[water])
+    model = model_of(jointed, water=water)
     patterns = BaseMotion(acceleration=lambda t: (1.0, 0.0, 0.0)).patterns(model)
     body = CONCRETE.density * 20.0 * 4.0 * 20.0
     expected = -body - 7.0 / 12.0 * RHO * 15.0**2 * 4.0
@@ -317,11 +320,11 @@ def test_added_mass_feels_the_absolute_acceleration(read, wall_file):
     jointed = read(wall_file(), joints=[])
     water = WestergaardMass(group="x_min", level=15.0)
     a, dt, steps = 3.0, 0.005, 10
-    still = model_of(jointed, supports=[Fixed(group="base")], added_mass=[water])
+    still = model_of(jointed, supports=[Fixed(group="base")], water=water)
     relative = Simulation(still).dynamics(dt=dt, steps=steps, motion=lambda t: (a, 0.0, 0.0))
     pushed = Prescribed(group="base", component="x", value=lambda t: 0.5 * a * t**2)
     supports = [Fixed(group="base", components="yz"), pushed]
-    moving = model_of(jointed, supports=supports, added_mass=[water])
+    moving = model_of(jointed, supports=supports, water=water)
     absolute = Simulation(moving).dynamics(dt=dt, steps=steps)
     ground = 0.5 * a * (steps * dt) ** 2
     difference = absolute.state.displacement.copy()
@@ -338,8 +341,8 @@ def test_energies_balance(read, wall_file, redistribute):
         supports=[Fixed(group="base")],
         damping=rayleigh(ratio=0.05, frequencies=(5.0, 25.0)),
         loads=[Gravity(), HydrostaticPressure(group="y_min", level=17.0)],
-        added_mass=[WestergaardMass(group="y_min", level=17.0)],
-        redistribute_mass=redistribute,
+        water=WestergaardMass(group="y_min", level=17.0),
+        body=Body(redistribute_mass=redistribute),
     )
     simulation = Simulation(model)
     simulation.statics()

@@ -122,7 +122,7 @@ def wall(comm: Any, cells: int) -> dj.Model:
         dj.split_mesh(mesh, groups={"base": base, "faces": faces}),
         material=CONCRETE,
         supports=[dj.Fixed(group="base"), dj.Fixed(group="faces", components="xz")],
-        degree=2,
+        body=dj.Body(degree=2),
     )
 
 

@@ -84,7 +84,7 @@ def model(cells: int) -> dj.Model:
             dj.Fixed(group="joint_1-"),
             dj.Fixed(group="sides", components="y"),
         ],
-        redistribute_mass=True,
+        body=dj.Body(redistribute_mass=True),
     )
 
 
@@ -96,8 +96,10 @@ def run(quick: bool) -> Outcome:
     bar.dynamics(
         dt=dt,
         steps=round(1.4e-4 / dt),
-        velocity=lambda x: np.column_stack(
-            [np.where(x[:, 0] > -1e-9, -VELOCITY, 0.0), 0.0 * x[:, 0]]
+        start=dj.InitialFields(
+            velocity=lambda x: np.column_stack(
+                [np.where(x[:, 0] > -1e-9, -VELOCITY, 0.0), 0.0 * x[:, 0]]
+            )
         ),
     )
     time, struck, free, pressure = np.array(ends.rows).T

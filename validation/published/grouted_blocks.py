@@ -75,14 +75,15 @@ def openings(
     model = dj.Model(
         mesh(comm, size),
         material=dj.Elastic(young=3e12, poisson=0.25, density=2400.0),
-        joints=dj.FrictionNoTension(
-            normal_stiffness=STIFFNESS, shear_stiffness=STIFFNESS, friction_angle_deg=40.0
+        joints=dj.Joints(
+            dj.FrictionNoTension(
+                normal_stiffness=STIFFNESS, shear_stiffness=STIFFNESS, friction_angle_deg=40.0
+            ),
+            quadrature="nodal",
         ),
         supports=[dj.Fixed(group="base")],
         loads=[dj.Gravity(acceleration=(0.0, -9.81))],
-        plane=plane,
-        degree=degree,
-        quadrature="nodal",
+        body=dj.Body(plane=plane, degree=degree),
     )
     run = dj.Simulation(model)
     run.statics(joints="inactive")

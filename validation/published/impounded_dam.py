@@ -127,13 +127,15 @@ def along_joint(
     model = dj.Model(
         mesh(cells),
         material={"dam": concrete, "rock": dj.Elastic(young=3e12, poisson=0.0, density=0.0)},
-        joints=dj.FrictionNoTension(
-            normal_stiffness=STIFFNESS, shear_stiffness=STIFFNESS, friction_angle_deg=89.0
+        joints=dj.Joints(
+            dj.FrictionNoTension(
+                normal_stiffness=STIFFNESS, shear_stiffness=STIFFNESS, friction_angle_deg=89.0
+            ),
+            quadrature="nodal",
         ),
         supports=[dj.Fixed(group="bottom")],
         loads=[dj.Gravity(acceleration=(0.0, -GRAVITY)), *water[: 2 if wet else 1]],
-        degree=degree,
-        quadrature="nodal",
+        body=dj.Body(degree=degree),
     )
     run = dj.Simulation(model)
     run.statics(loads=model.loads[:1])

@@ -70,10 +70,13 @@ def slider(share: float) -> tuple[np.ndarray, np.ndarray]:
     model = dj.Model(
         jointed,
         material=dj.Elastic(young=2.1e11, poisson=0.0, density=7800.0),
-        joints=dj.FrictionNoTension(
-            normal_stiffness=STIFFNESS,
-            shear_stiffness=STIFFNESS,
-            friction_angle_deg=float(np.degrees(np.arctan(FRICTION))),
+        joints=dj.Joints(
+            dj.FrictionNoTension(
+                normal_stiffness=STIFFNESS,
+                shear_stiffness=STIFFNESS,
+                friction_angle_deg=float(np.degrees(np.arctan(FRICTION))),
+            ),
+            initial_gaps={"joint_1": DISTANCE},
         ),
         supports=[
             dj.Fixed(group="ground"),
@@ -82,7 +85,6 @@ def slider(share: float) -> tuple[np.ndarray, np.ndarray]:
             dj.Spring(group="top", normal_stiffness=ACROSS / LENGTH),
         ],
         loads=[press, push] if share else [press],
-        initial_gaps={"joint_1": DISTANCE},
     )
     run = dj.Simulation(model)
     state = run.statics(loads=[press])

@@ -63,8 +63,11 @@ def plate(cells: int) -> tuple[dj.Model, dj.Simulation]:
     model = dj.Model(
         jointed,
         material=dj.Elastic(young=1.3e11, poisson=0.2, density=7800.0),
-        joints=dj.FrictionNoTension(
-            normal_stiffness=1e16, shear_stiffness=1e16, friction_angle_deg=45.0
+        joints=dj.Joints(
+            dj.FrictionNoTension(
+                normal_stiffness=1e16, shear_stiffness=1e16, friction_angle_deg=45.0
+            ),
+            quadrature="nodal",
         ),
         supports=[
             dj.Fixed(group="ground"),
@@ -72,8 +75,7 @@ def plate(cells: int) -> tuple[dj.Model, dj.Simulation]:
             dj.Fixed(group="symmetry", components="x"),
         ],
         loads=[dj.Pressure(group="top", value=5e7), dj.Pressure(group="side", value=15e7)],
-        degree=2,
-        quadrature="nodal",
+        body=dj.Body(degree=2),
     )
     return model, dj.Simulation(model)
 

@@ -90,7 +90,9 @@ def run(quick: bool) -> Outcome:
     away.getArray().reshape(-1, 2)[upper, 0] = START
     half = math.pi / math.sqrt(SPRING / MASS)
     parts = 50 if quick else 100
-    outcome = simulation.dynamics(dt=half / parts, steps=5 * parts, displacement=away)
+    outcome = simulation.dynamics(
+        dt=half / parts, steps=5 * parts, start=dj.InitialFields(displacement=away)
+    )
     time, x = np.array(watch.rows).T
     rows = [
         Row(

@@ -106,8 +106,7 @@ def run(quick: bool, *, fine: bool = False) -> Outcome:
             dj.Fixed(group="pin", components="x"),
             dj.Prescribed(group="top", component="y", value=lambda t: -PRESSED * min(t, 2 - t)),
         ],
-        plane="stress",
-        degree=2,
+        body=dj.Body(plane="stress", degree=2),
     )
     simulation = dj.Simulation(model)
     times = np.linspace(0.0, 2.0, 41)

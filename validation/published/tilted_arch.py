@@ -59,14 +59,16 @@ def simulation(acceleration: float, thickness: float, half_angle: float, n: int)
     model = dj.Model(
         jointed,
         material=dj.Elastic(young=2e14, poisson=0.2, density=2400.0),
-        joints=dj.FrictionNoTension(
-            normal_stiffness=1e10,
-            shear_stiffness=1e10,
-            friction_angle_deg=math.degrees(math.atan(FRICTION)),
+        joints=dj.Joints(
+            dj.FrictionNoTension(
+                normal_stiffness=1e10,
+                shear_stiffness=1e10,
+                friction_angle_deg=math.degrees(math.atan(FRICTION)),
+            ),
+            quadrature="nodal",
         ),
         supports=[dj.Fixed(group="base")],
         loads=[dj.Gravity(acceleration=(acceleration * GRAVITY, -GRAVITY))],
-        quadrature="nodal",
     )
     return dj.Simulation(model, options=dj.SolverOptions(max_iterations=60))
 

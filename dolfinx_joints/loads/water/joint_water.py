@@ -187,7 +187,6 @@ class WaterInJoint:
     def __init__(self, name: str, load: JointWater, model: LoadedBody) -> None:
         """Find both pressures of each point (collective)."""
         self.name, self._load, self._here = name, load, joint_points(model, load)
-        self.settings = repr((load.joint, load.aperture, load.reached_from, load.in_dynamics))
         assert model.operator is not None
         depth = np.maximum(load.level - model.operator.points[:, model.gdim - 1], 0.0)
         full = np.where(self._here, load.density * load.gravity * depth, 0.0)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.loads.load import Codes, FollowsJoints, Load
 from dolfinx_joints.loads.loaded_body import LoadedBody
-from dolfinx_joints.loads.water.joint_water import Uplift, Wetness, label, opening_force
+from dolfinx_joints.loads.water.joint_water import Uplift, label, opening_force
 from dolfinx_joints.mesh.cells import Floats
 
 
@@ -113,23 +112,6 @@ class JointWaters:
             part.name: 0.5
             * float(part.factor(start) * before.dot(x) + part.factor(end) * after.dot(x))
             for part, before, after in ends
-        }
-
-    def facts(self, times: Floats) -> dict[str, Any]:
-        """Facts that distinguish these loads from others, by name, besides their pressures."""
-        found: dict[str, Any] = {}
-        for part in self._parts:
-            factors = [part.factor(float(t)) for t in times]
-            found[f"load {part.name}, factor"] = np.array(factors)
-            found[f"water of {part.name}"] = part.settings
-        return found
-
-    def at_points(self) -> dict[str, Floats]:
-        """Pressures of each load at the local joint points for each code, (n, codes), [Pa]."""
-        of_codes = [np.full(self.codes.shape, code, dtype=np.int8) for code in Wetness]
-        return {
-            f"load {part.name}": np.column_stack([part.pressure(codes) for codes in of_codes])
-            for part in self._parts
         }
 
     def toggled(self, codes: Codes, others: Codes) -> NDArray[np.int64]:

@@ -9,43 +9,33 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.laws.law import BACKWARD_EULER
+from dolfinx_joints.solvers.step_solver import Solution, SolverAround, StepEquation, StepSolver
 
 if TYPE_CHECKING:
-    from petsc4py import PETSc
-
-    from dolfinx_joints.laws.law import JointState, Response, Rule
     from dolfinx_joints.loads.water.pressures_in_joints import JointWaters
-    from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
-    from dolfinx_joints.solvers.step_solver import SolveReport, StepSolver
 
 # Solves of one static load step before openings and pressures are given up.
 MOST_SOLVES = 100
 
 
-class JointWaterIteration:
+class JointWaterIteration(SolverAround):
     """Solves a static load step again until the water is that of the openings it leads to.
 
     It begins with the water of the last load step. Where water opens and opening lets water in,
-    openings only grow on the way, and the smallest that agree are found.
+    openings only grow on the way, and the smallest that agree are found. The right-hand side is
+    left with the forces of the water.
     """
 
-    def __init__(self, water: JointWaters, solver: StepSolver) -> None:
-        """Take the water and the solver."""
-        self._water, self._solver, self.name = water, solver, solver.name
+    def __init__(self, water: JointWaters, inner: StepSolver) -> None:
+        """Keep the water and the solver."""
+        super().__init__(inner)
+        self._water = water
 
-    def solve(
-        self,
-        effective: MatrixCoefficients,
-        b: PETSc.Vec,
-        x: PETSc.Vec,
-        state: JointState | None,
-        rule: Rule = BACKWARD_EULER,
-    ) -> tuple[Response | None, SolveReport]:
-        """Solve for ``x`` and the water; ``b`` is left with its forces (collective)."""
-        start, seen = x.copy(), [self._water.codes]
+    def _solve(self, equation: StepEquation) -> Solution:
+        """Solve for the displacement and the water (collective)."""
+        start, seen = equation.x.copy(), [self._water.codes]
         while True:
-            response, report = self._solver.solve(effective, b, x, state, rule)
+            response, report = self.inner.solve(*equation)
             assert response is not None
             codes = self._water.by_opening(response.state.gap)
             toggled = self._water.toggled(codes, seen[-1])
@@ -61,5 +51,5 @@ class JointWaterIteration:
                     "load steps, a larger aperture, or a given Uplift."
                 )
             seen.append(codes)
-            self._water.change(codes, b)
-            start.copy(x)
+            self._water.change(codes, equation.b)
+            start.copy(equation.x)

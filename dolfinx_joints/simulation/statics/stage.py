@@ -173,7 +173,7 @@ class _Equilibrium:
         """
         self._system, self._stays, self._unloaded = system, stays, before is None
         self._chosen = solver.inner if isinstance(solver, HoldingBonds) else solver
-        self.solver: StepSolver | JointWaterIteration = solver
+        self.solver = solver
         self.displacement = u = system.stiffness.createVecRight()
         u.set(0.0)
         if before is not None:

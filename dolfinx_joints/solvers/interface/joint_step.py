@@ -59,6 +59,11 @@ class Iterate:
     reach: float
     size: float
 
+    @property
+    def scale(self) -> float:
+        """Largest force, which residuals are relative to."""
+        return self.largest or self.worst or 1.0
+
 
 class JointStep:
     """The residual r(f) of one step.
@@ -86,7 +91,7 @@ class JointStep:
         rule: Rule,
     ) -> None:
         """Prepare the laws (collective)."""
-        self.condensed, self._contact, self._comm = condensed, contact, contact.operator.comm
+        self.condensed, self.contact, self._comm = condensed, contact, contact.operator.comm
         self.trial_gap, self.state, self.rule = trial_gap, state, rule
         own, springs = condensed.compliance.own, condensed.springs
         if springs is not None:
@@ -98,20 +103,18 @@ class JointStep:
 
     def at_trial_gap(self, trial_gap: Floats) -> JointStep:
         """Return the same step from another trial gap, shape (n, 3), [m] (collective)."""
-        return JointStep(self._contact, self.condensed, trial_gap, self.state, self.rule)
+        return JointStep(self.contact, self.condensed, trial_gap, self.state, self.rule)
 
     def response(self, at: Iterate) -> Response:
         """Return the response of the joints at an iterate."""
         return self._laws.response(at.answers)
 
-    def judged(self, at: Iterate, scale: float, tolerance: float) -> tuple[float, float]:
+    def judged(self, at: Iterate, tolerance: float) -> tuple[float, float]:
         """Return the residual to be judged and the largest that is accepted.
 
-        Args:
-            at: The iterate.
-            scale: The largest force.
-            tolerance: Residual asked for, relative to it.
+        Both and the tolerance are relative to the largest force.
         """
+        scale = at.scale
         relative, rounding = at.worst / scale, self.rounding(at) / scale
         if self.condensed.springs is None:
             # A point that closes just at the end of the step carries a force dominated by rounding.

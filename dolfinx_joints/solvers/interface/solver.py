@@ -24,11 +24,8 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.dealt import Dealt
-from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.joints.contact import Contact
-from dolfinx_joints.joints.internal_forces import JointInternalForces
-from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import (
     Cache,
@@ -36,34 +33,29 @@ from dolfinx_joints.solvers.effective_matrix import (
     unconstrained_dofs,
 )
 from dolfinx_joints.solvers.interface.condensed import Condensed, Solved
-from dolfinx_joints.solvers.interface.iteration import Iteration, NotConvergedError
-from dolfinx_joints.solvers.interface.joint_step import BALANCED, JointStep
-from dolfinx_joints.solvers.interface.predictor import (
-    STATIC_TOLERANCE,
-    AcceptedForces,
-    tractions_of,
-)
+from dolfinx_joints.solvers.interface.joint_forces import JointForces
+from dolfinx_joints.solvers.interface.joint_step import JointStep
+from dolfinx_joints.solvers.interface.predictor import AcceptedForces, tractions_of
 from dolfinx_joints.solvers.newton import SETTLED
-from dolfinx_joints.solvers.step_solver import SolveReport, SolverOptions, solve_failure
+from dolfinx_joints.solvers.newton_loop import newton
+from dolfinx_joints.solvers.step_solver import (
+    Solution,
+    SolveReport,
+    SolverOptions,
+    StepEquation,
+    StepSolver,
+)
 
 Floats = NDArray[np.float64]
 
 # What dense compliances, one per step length, may take together.
 KEPT_BYTES = 2_000_000_000
 
-# The linear systems inside are solved to this part of their right-hand sides at first; later as
-# well as the iteration converges (Eisenstat and Walker 1996). The iteration goes on to `ENOUGH` of
-# the tolerance if rounding lets it: the energy balance sees what is left.
-INNER_TOLERANCE, ENOUGH = 0.03, 0.01
-
-# Static stages have few solves: iterate down to rounding error, relative to the largest force.
-STATIC_ENOUGH = 1e-14
-
 # Times that a static solution is corrected by the gaps of the body itself.
 REFINEMENTS = 3
 
 
-class InterfaceSolver:
+class InterfaceSolver(StepSolver):
     """Semi-smooth Newton on the joint forces.
 
     The result equals that of `NewtonSolver`. The compliance matrix is computed once per set of
@@ -82,9 +74,6 @@ class InterfaceSolver:
         carried: Tractions of the accepted state that static solves start from, shape (n, 3), [Pa].
             Those of its gaps unless given; rigid joints, whose tractions do not follow from gaps,
             start without.
-        follows_path: Whether static solves start from the elastic predictor alone. Else they
-            start from the forces of the last solve, or from open joints, and may find another
-            branch of equilibria.
     """
 
     def __init__(self, system: MatrixSystem, options: SolverOptions | None = None) -> None:
@@ -100,27 +89,19 @@ class InterfaceSolver:
         self._points = self._operator.createVecLeft()
         self._nodal, self._moved = (self._operator.createVecRight() for _ in range(2))
         nothing = np.zeros(local)
-        self.follows_path = True
         self.carried: Floats | None = None
         self._accepted = AcceptedForces()
         self._last: tuple[Condensed | None, Floats, Floats] = (None, nothing, nothing)
         self._before: tuple[Condensed | None, Floats, Floats] = self._last
-        operator, newton = self._operator, self.options  # a reference to self would keep it alive
-        self._enough = ENOUGH * newton.relative_tolerance
+        operator, limits = self._operator, self.options  # a reference to self would keep it alive
         self._condensed = Cache(
-            lambda key: Condensed(system, key[0], operator, key[1], newton),
+            lambda key: Condensed(system, key[0], operator, key[1], limits),
             size=int(min(8, max(2, KEPT_BYTES // (8 * size**2 or 1)))),
         )
 
-    def solve(
-        self,
-        effective: MatrixCoefficients,
-        b: PETSc.Vec,
-        x: PETSc.Vec,
-        state: JointState | None,
-        rule: Rule = BACKWARD_EULER,
-    ) -> tuple[Response | None, SolveReport]:
-        """Solve for ``x`` in place; see `NewtonSolver.solve` (collective)."""
+    def _solve(self, equation: StepEquation) -> Solution:
+        """Solve the equation of a step (collective)."""
+        effective, b, x, state, rule = equation
         assert state is not None
         condensed: Condensed = self._condensed((effective, 1.0 / rule.weight))
         factored, condensed.used = not condensed.used, True
@@ -171,7 +152,7 @@ class InterfaceSolver:
             self._expand(condensed, found.force, x)
         else:
             if condensed.springs is not None and not self._settled(moved):
-                raise self._failure(step, found.response, found.iterations, found.relative)
+                raise self.failure(found.response, step.state, found.iterations, found.relative)
         if self.follows_path:
             self._accepted.solved(found.response.traction, *self._last[1:])
         return found
@@ -182,40 +163,14 @@ class InterfaceSolver:
         Raises:
             ConvergenceError: No solution was found.
         """
-        options, static = self.options, step.condensed.static
-        iteration = Iteration(
-            step,
-            tolerance=options.relative_tolerance,
-            enough=self._static_enough(step) if static else self._enough,
-            inner=STATIC_TOLERANCE if static else INNER_TOLERANCE,
-            max_iterations=options.max_iterations,
-            max_cuts=options.max_cuts,
-        )
-        try:
-            at, iterations, relative = iteration.solve(starts)
-        except NotConvergedError as end:
-            # A tangent that is not finite shows in the iterate after the one that has it.
-            tried = [step.response(each) for each in (end.at, end.before)]
-            response = next((r for r in tried if self._contact.not_finite(r)), tried[0])
-            raise self._failure(step, response, end.iterations, end.relative) from None
+        problem = JointForces(self, step, starts)
+        at, norms = newton(problem, self.options)
         return Solved(
             force=at.force - at.residual,
             response=step.response(at),
-            iterations=iterations,
-            relative=relative,
+            iterations=len(norms) - 1,
+            relative=problem.relative(at),
         )
-
-    @staticmethod
-    def _static_enough(step: JointStep) -> float:
-        """Return the residual over the largest force at which a static iteration ends: rounding."""
-        return STATIC_ENOUGH if step.condensed.springs is None else BALANCED
-
-    def _failure(
-        self, step: JointStep, response: Response, iterations: int, relative: float
-    ) -> ConvergenceError:
-        """Return the error of a step that did not converge (collective)."""
-        joints = JointInternalForces(self._contact)
-        return solve_failure(joints, response, step.state, iterations, relative, self.options)
 
     def _settled(self, moved: Floats) -> bool:
         """Whether forces changed little: those of a block that nothing holds go on (collective)."""

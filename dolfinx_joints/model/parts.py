@@ -1,0 +1,126 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Parts that a model is given: joints, water, and the options of its body; their checks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import ufl
+
+from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.errors import MeshError
+from dolfinx_joints.common.parameters import check_kind_of, offers, shown
+from dolfinx_joints.joints.contact import InitialGap
+from dolfinx_joints.laws.law import AnyLaw
+from dolfinx_joints.loads.load import AddedMass
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
+
+if TYPE_CHECKING:
+    from dolfinx_joints.loads.water.water import Reservoir
+
+BilinearForm = Callable[[Any, Any], Any]
+
+
+@dataclass(frozen=True)
+@checked
+class Joints:
+    """Laws of the joints, with the options that apply to joints alone.
+
+    Args:
+        laws: One law for all joints, or one per joint name.
+        initial_gaps: Initial normal gap of named joints, a number or a function of the points [m].
+        quadrature: Rule on the joints: ``auto``, ``nodal``, ``gauss``, or the degree that a Gauss
+            rule is exact for; see `facet_rule`.
+    """
+
+    laws: AnyLaw | Mapping[str, AnyLaw] | None
+    _: KW_ONLY
+    initial_gaps: Mapping[str, InitialGap] = field(default_factory=dict)
+    quadrature: str | int = "auto"
+
+
+@dataclass(frozen=True, kw_only=True)
+@checked
+class Body:
+    """Options of the body: its discretisation, user-defined forms, and where its mass acts.
+
+    Args:
+        degree: Degree of the displacement, that of the mesh unless given.
+        plane: ``strain`` or ``stress`` in 2-D.
+        extra_stiffness: Bilinear form (u, v) added to K, over joints too (`JointedMesh.dS`).
+        extra_mass: Bilinear form (u, v) added to M.
+        extra_damping: Bilinear form (u, v) added to C.
+        symmetric: Whether the extra forms are symmetric.
+        redistribute_mass: Give the mass of joint nodes to the body behind them, so that contact
+            tractions do not ring (`Model.redistribution`); gravity acts where the mass then is.
+    """
+
+    degree: Literal[1, 2] | None = None
+    plane: Literal["strain", "stress"] = "strain"
+    extra_stiffness: BilinearForm | None = None
+    extra_mass: BilinearForm | None = None
+    extra_damping: BilinearForm | None = None
+    symmetric: bool = True
+    redistribute_mass: bool = False
+
+    def forms(self, name: str, u: Any, v: Any) -> list[Any]:
+        """Return the user-defined form of a name in a list, empty without one."""
+        extra = getattr(self, name)
+        if extra is None:
+            return []
+        form = extra(u, v)
+        check_form(form, 2, f"{name} must give a bilinear UFL form of (u, v)")
+        return [form]
+
+
+def divided(water: Any) -> tuple[list[AddedMass], list[Reservoir]]:
+    """Return the added masses and the reservoirs with waves, at most one, of a model."""
+    given = list(water) if isinstance(water, Sequence) else [] if water is None else [water]
+    for each in given:
+        known = offers(each, "water") or offers(each, "matrix")
+        check_kind_of("water", each, known, "a reservoir or an added mass, or some of them")
+    reservoirs = [each for each in given if offers(each, "water")]
+    if len(reservoirs) > 1:
+        raise ValueError("water has two reservoirs with waves; a model can have one.")
+    return [each for each in given if not offers(each, "water")], reservoirs
+
+
+def check_form(form: Any, arguments: int, what: str) -> None:
+    """Check the number of arguments of a UFL form."""
+    found = len(form.arguments()) if isinstance(form, ufl.Form) else 0
+    if found != arguments:
+        raise ValueError(f"{what}; this one has {found} arguments: {shown(form, str)}.")
+
+
+def check_tied(jointed: JointedMesh, forms: list[Any]) -> None:
+    """Check that forms in K integrate over every joint, where no joint has a law (collective).
+
+    Raises:
+        MeshError: They leave a joint out.
+    """
+    over = [jointed.joints_of(integral) or () for form in forms for integral in form.integrals()]
+    tied = {position for positions in over for position in positions}
+    left = [name for i, name in enumerate(jointed.joint_names) if i not in tied]
+    if left:
+        raise MeshError(
+            f"The mesh has joints ({', '.join(left)}) but no law was given; pass joints=, tie them "
+            "by an extra_stiffness over jointed.dS(), or read the mesh with joints=[] for a "
+            "monolithic body."
+        )
+
+
+def check_joints(jointed: JointedMesh, joints: Any, initial_gaps: Any) -> None:
+    """Check that laws and gaps are given where the mesh has joints."""
+    for what, given in (("laws", joints), ("initial gaps", initial_gaps)):
+        if not jointed.joint_names and isinstance(given, Mapping) and given:
+            names = ", ".join(map(str, given))
+            raise MeshError(f"The mesh has no joints, but {what} were given for {names}.")
+    if not jointed.joint_names and joints is not None and not isinstance(joints, Mapping):
+        raise MeshError(
+            f"The mesh has no joints, but the law {type(joints).__name__} was given for them; name "
+            "the surface group of each joint 'joint...' in the mesh or list it in joints= of the "
+            "reader. A monolithic body takes no joints= in Model."
+        )

@@ -1,0 +1,115 @@
+# Copyright (C) 2026 The dolfinx_joints developers
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The joint forces of one step as a problem of Newton's method, which is semi-smooth on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dolfinx_joints.common.errors import ConvergenceError
+from dolfinx_joints.solvers.interface.corrections import Correction
+from dolfinx_joints.solvers.interface.joint_step import BALANCED, Iterate, JointStep
+from dolfinx_joints.solvers.interface.predictor import STATIC_TOLERANCE
+from dolfinx_joints.solvers.newton_loop import forcing
+from dolfinx_joints.solvers.step_solver import StepSolver
+
+Floats = NDArray[np.float64]
+
+# The linear systems inside are solved to this part of their right-hand sides at first. The
+# iteration continues to ENOUGH of the tolerance if rounding allows it: the energy balance depends
+# on the residual. Static stages have few solves: iterate down to rounding error, relative to the
+# largest force.
+INNER_TOLERANCE, ENOUGH, STATIC_ENOUGH = 0.03, 0.01, 1e-14
+
+# Corrections add the rounding error of single precision to S f. If it exceeds STALE of the
+# residual, S f is computed anew; if it will exceed NEXT of the next residual, were convergence
+# quadratic, the next S f is computed in double precision. Both are omitted if the error is below
+# LITTLE of the target residual; with W the true error was up to eight times the estimate.
+STALE, NEXT, LITTLE = 0.1, 0.3, 0.03
+
+
+class JointForces:
+    """The equation r(f) = 0 of a step.
+
+    Args:
+        solver: Solver of the step.
+        step: The step.
+        starts: Forces f and S f; the iteration starts from those with the smallest residual.
+    """
+
+    def __init__(
+        self, solver: StepSolver, step: JointStep, starts: Sequence[tuple[Floats, Floats]]
+    ) -> None:
+        """Choose the tolerances."""
+        self._solver, self._step, self._starts = solver, step, starts
+        condensed, self._tolerance = step.condensed, solver.options.relative_tolerance
+        self._corrections = condensed.corrections
+        self._enough, self._inner = ENOUGH * self._tolerance, INNER_TOLERANCE
+        if condensed.static:
+            self._enough = STATIC_ENOUGH if condensed.springs is None else BALANCED
+            self._inner = STATIC_TOLERANCE
+
+    def start(self) -> Iterate:
+        """Return the iterate of the best start (collective)."""
+        tried = [self._step.evaluate(*start) for start in self._starts]
+        return min(tried, key=lambda each: each.norm)
+
+    def accepted(self, at: Iterate) -> Iterate:
+        """Return the iterate with S f as exact as its residual needs (collective)."""
+        if at.error > max(STALE * at.worst, self._little(at)):
+            at = self._step.evaluate(at.force, self._corrections.product(at.force))
+        if at.worst and not at.largest:
+            # The laws give no force at all: without any, nothing is left of rounding either.
+            nothing = np.zeros_like(at.force)
+            at = min(at, self._step.evaluate(nothing, nothing), key=lambda each: each.norm)
+        return at
+
+    def solved(self, at: Iterate, before: Iterate | None, *, last: bool) -> bool:
+        """Return True if the residual is small, or accepted and no longer falls."""
+        relative, accepted = self._step.judged(at, self._tolerance)
+        ends = last or (before is not None and at.worst >= 0.5 * before.worst)
+        return relative <= self._enough or (relative <= accepted and ends)
+
+    def correction(self, at: Iterate, before: Iterate | None) -> Correction:
+        """Return Newton's correction of f (collective)."""
+        relative, size = self.relative(at), at.worst
+        fallen = 1.0 if before is None else size / before.worst
+        tolerance = forcing(self._inner, fallen, self._enough / relative)
+        # Entries of r that are already converged are left out: they cost no product.
+        least = 0.1 * self._enough * at.scale
+        error = at.error + self._corrections.rough * size
+        exactly = error > max(NEXT * relative * size, self._little(at))
+        correction = self._corrections.solve(
+            at.residual, at.tangent, least, tolerance, couples=not exactly
+        )
+        if exactly:
+            coupled = at.coupled - self._corrections.product(at.force - correction.step)
+            return Correction(correction.step, coupled, -at.error)
+        return correction
+
+    def trial(self, at: Iterate, correction: Correction, share: float) -> Iterate:
+        """Return the iterate that a share of a correction leads to (collective)."""
+        return self._step.evaluate(
+            at.force - share * correction.step,
+            at.coupled - share * correction.coupled,
+            at.error + share * correction.error,
+        )
+
+    def failure(self, at: Iterate, before: Iterate | None, iterations: int) -> ConvergenceError:
+        """Return the error of an iteration that did not converge (collective)."""
+        # A tangent that is not finite shows in the iterate after the one that has it.
+        tried = [self._step.response(each) for each in (at, before or at)]
+        spoilt = (each for each in tried if self._step.contact.not_finite(each))
+        response = next(spoilt, tried[0])
+        return self._solver.failure(response, self._step.state, iterations, self.relative(at))
+
+    def relative(self, at: Iterate) -> float:
+        """Return the residual relative to the largest force."""
+        return self._step.judged(at, self._tolerance)[0]
+
+    def _little(self, at: Iterate) -> float:
+        """Return the error of S f that is negligible."""
+        return LITTLE * self._enough * (at.largest or at.worst)

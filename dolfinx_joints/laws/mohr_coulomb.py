@@ -145,25 +145,25 @@ def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> N
     safe = size if size > 0.0 else 1.0
     ratio = -mu * t_n / safe if slides else 1.0
     # Derivatives: of the trial shear traction, of the slip length, then of the tractions.
-    way = was - elastic
+    way, along = was - elastic, answer.tangent[i]
     rate = -(was / way) / way if landing else 0.0
-    along, across = answer.tangent[i], np.zeros((2, 3), gap.dtype)
-    longer = np.zeros(3, gap.dtype)
-    for a in range(2):
-        across[a, 0], across[a, 1 + a] = k_s * rate * slip[a], k_s * theta
     direction = (trial[0] / safe, trial[1] / safe)
     along[0, 0] = k_n
     for b in range(3):
-        stretch = direction[0] * across[0, b] + direction[1] * across[1, b]
+        across = (
+            k_s * (rate * slip[0] if b == 0 else theta if b == 1 else 0.0),
+            k_s * (rate * slip[1] if b == 0 else theta if b == 2 else 0.0),
+        )
+        stretch = direction[0] * across[0] + direction[1] * across[1]
         if slides:
-            scale = hardening if hardening > 0.0 else 1.0
-            longer[b] = (stretch + (mu * k_n if b == 0 else 0.0)) / scale
-            along[0, b] -= k_n * tan_psi * longer[b]
+            longer = stretch + (mu * k_n if b == 0 else 0.0)
+            along[0, b] -= k_n * tan_psi * longer / (hardening if hardening > 0.0 else 1.0)
         for a in range(2):
-            turned = across[a, b] - (direction[a] * stretch if slides else 0.0)
-            along[1 + a, b] = ratio * turned
             if slides:
-                along[1 + a, b] -= direction[a] * mu * along[0, b]
+                turned = across[a] - direction[a] * stretch
+                along[1 + a, b] = ratio * turned - direction[a] * mu * along[0, b]
+            else:
+                along[1 + a, b] = ratio * across[a]
     rubs = mu > 0.0 and k_s > 0.0
     answer.status[i] = (SLIP if slides else STICK) if rubs else FRICTIONLESS
     answer.traction[i, 0] = t_n

@@ -62,7 +62,7 @@ class Bonded(NamedTuple):
     tensile_strength: float
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def bonded_point(i: int, start: Start, answer: Answer) -> None:
     """Answer of a point at the end of a step, at its gap: with its bond, or without."""
     put_nothing(i, answer)
@@ -89,7 +89,7 @@ def bonded_point(i: int, start: Start, answer: Answer) -> None:
     answer.history[i, 3] = start.history[i, 3]
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def _overload(gap_n: float, slip: Vector, law: Bonded) -> float:
     """Return the load of a bond over its strength at a normal gap and an elastic slip [m]."""
     t_n = law.normal_stiffness * gap_n
@@ -99,7 +99,7 @@ def _overload(gap_n: float, slip: Vector, law: Bonded) -> float:
     return max(_ratio(pulled, law.tensile_strength), _ratio(shear, strength))
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def _ratio(load: float, strength: float) -> float:
     """Return what `overload` does, of one load."""
     if not load > 0.0:
@@ -109,7 +109,7 @@ def _ratio(load: float, strength: float) -> float:
     return min(load / strength, LARGEST_OVERLOAD)
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> None:
     """Write the answer of a point without a bond; ``slip`` is the elastic one of a stuck point."""
     k_n, k_s, mu, tan_psi = (

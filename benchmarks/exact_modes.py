@@ -107,7 +107,7 @@ def closed_joints() -> None:
 
 def struck(problem: Problem, modes: int, away: float, near: float) -> tuple[int, float]:
     """Steps and error of the mass: long steps where the stop is open before and after."""
-    solver, ledger = make_solver(problem.system, rule=scheme(0).rule), EnergyLedger(problem.system)
+    solver, ledger = make_solver(problem.system), EnergyLedger(problem.system)
     state, exact = first_state(problem, solver), problem.motion.exact
     ledger.start(state)
     steps, squares, before = 0, 0.0, 0.0
@@ -241,7 +241,7 @@ def cost(name: str, counts: list[int], steps: int) -> None:
     motion = dj.BaseMotion(acceleration=scene.strong_shaking(steps * dt))
     runs, taken = [], []
     for each in (0, *counts):
-        solver = make_solver(model.system([motion]), rule=scheme(0).rule)
+        solver = make_solver(model.system([motion]))
         state = initial_state(solver, dt=dt, displacement=static.displacement, joints=static.joints)
         runs.append([scheme(each), solver, state])
     for _ in range(steps):

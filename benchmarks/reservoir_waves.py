@@ -206,7 +206,7 @@ def cost(name: str, steps: int) -> None:
                 )
                 static = dj.Simulation(model).statics(steps=scene.load_steps)
                 system = model.system([motion], waves=dt if wet else None)
-                solver = make_solver(system, rule=dj.EnergyConsistent.rule)
+                solver = make_solver(system)
                 state = initial_state(
                     solver, dt=dt, displacement=static.displacement, joints=static.joints
                 )

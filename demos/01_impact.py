@@ -120,7 +120,7 @@ def march(
         ),
     )
     scheme = scheme or Newmark()
-    solver = make_solver(system, rule=scheme.rule)
+    solver = make_solver(system)
     velocity = system.mass.createVecRight()
     velocity.setArray([problem.initial_velocity])
     state = initial_state(solver, velocity=velocity)

@@ -148,7 +148,7 @@ def march(
     """
     operator = problem.system.contact.operator
     began = clock.process_time()
-    stepper_solver = make_solver(problem.system, rule=scheme.rule)
+    stepper_solver = make_solver(problem.system)
     state = first_state(problem, stepper_solver)
     ledger = EnergyLedger(problem.system)
     first = given = ledger.start(state).stored

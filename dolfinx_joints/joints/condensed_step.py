@@ -52,7 +52,7 @@ class ContactStep:
         """Prepare what all evaluations share (collective)."""
         self._laws, self._comm, self._state = laws, comm, state
         # Compiled loops raise no errors, so that ranks need not exchange them.
-        self._may_fail = any(part.compiled is None for part in laws)
+        self._may_fail = any(part.compiled_over(rule) is None for part in laws)
         with raised_together(comm):
             if len(laws) == 1:
                 self._steps = [PointStep(laws[0], rule, compliance, state)]
@@ -106,12 +106,12 @@ class PointStep:
     def __init__(self, part: LawPoints, rule: Rule, compliance: Floats, state: JointState) -> None:
         """Prepare what all evaluations share."""
         self._part, self._rule, self._compliance, self._state = part, rule, compliance, state
-        self._law = law = part.compiled
+        self._law = law = part.compiled_over(rule)
         if law is not None:
             if part.variables < state.internal.shape[1]:
                 self._state = replace(state, internal=state.internal[:, : part.variables])
             self._rule = law.rule_of_loop(rule)
-            self._loop = law.loops[self._rule.name]
+            self._loop = law.loop(self._rule)
             self._start = law.loop_start(self._rule, self._state)
 
     def answer(self, trial_gap: Floats) -> Answer | Response:

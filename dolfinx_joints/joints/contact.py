@@ -218,10 +218,6 @@ class Contact:
         """Bonds that may break in a step from a state."""
         return Bonds(self._laws, self.operator.comm, state)
 
-    def not_condensed(self, rule: Rule) -> tuple[str, ...]:
-        """Kinds of the laws that the condensed solver cannot ask under a rule."""
-        return tuple(sorted({part.kind for part in self._laws if not part.condenses(rule)}))
-
     def without_losses(self, rule: Rule) -> tuple[str, ...]:
         """Kinds of the laws whose numerical loss under a rule is a difference of other works."""
         return tuple(sorted({part.kind for part in self._laws if not part.states_losses(rule)}))

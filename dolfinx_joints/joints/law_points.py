@@ -36,6 +36,7 @@ from dolfinx_joints.laws.law import (
 )
 from dolfinx_joints.laws.losses import losses_of
 from dolfinx_joints.laws.points.compiled_law import CompiledLaw
+from dolfinx_joints.laws.points.on_compliance import on_compliance
 
 if TYPE_CHECKING:
     from dolfinx_joints.laws.rigid import RigidJoint
@@ -67,7 +68,6 @@ class LawPoints:
         accounts: Whether it states its losses in steps that it answered at their end.
         brittle: Whether it has bonds that break for good.
         stops: Whether its points do not rebound.
-        compiled: The law if its answers are those of its compiled loops, else None.
 
     Raises:
         ValueError: Its internal variables are not what `LawWithHistory` says.
@@ -87,18 +87,15 @@ class LawPoints:
                 "beside a method initial_variables(gap)."
             )
         self.variables = len(names)
-        step = law.for_step(math.inf) if isinstance(law, RateDependentLaw) else law
+        rates = isinstance(law, RateDependentLaw)
+        self._law_of_steps: Callable[[float], AnyLaw] = law.for_step if rates else lambda dt: law
+        step = self._law_of_steps(math.inf)
         alone = step.law if isinstance(step, DashpotStep) else step
         self.balances = isinstance(alone, EnergyConsistentLaw | CondensedEnergyConsistentLaw)
         self.accounts = isinstance(alone, LawWithLosses)
         self.brittle = has_bonds(alone)
-        self.compiled: CompiledLaw | None = None
-        if isinstance(law, CompiledLaw) and law.has_loops_alone():
-            self.compiled = law
         self._rigid: RigidJoint | None = law if isinstance(law, RigidJoint) else None
         self.stops = self._rigid is not None and self._rigid.restitution == 0
-        self._methods = _methods(law)
-        self._condensed = _condensed_methods(law)
 
     def among(self, chosen: NDArray[np.bool_]) -> LawPoints:
         """Those of its points that are chosen of all local points."""
@@ -140,9 +137,14 @@ class LawPoints:
             )
         return first
 
-    def condenses(self, rule: Rule) -> bool:
-        """Whether the condensed solver can ask the law under a rule."""
-        return rule.name in self._condensed
+    def law_over(self, rule: Rule) -> AnyLaw:
+        """Return the law of a step of the length of a rule."""
+        return self._law_of_steps(rule.dt)
+
+    def compiled_over(self, rule: Rule) -> CompiledLaw | None:
+        """Return the same if its answers are those of its compiled loops, else None."""
+        law = self.law_over(rule)
+        return law if isinstance(law, CompiledLaw) and law.has_loops_alone() else None
 
     def ask(
         self, rule: Rule, gap: Floats, compliance: Floats | None, state: JointState
@@ -152,13 +154,17 @@ class LawPoints:
         Raises:
             ValueError: The law returned something else.
         """
-        if compliance is not None:
-            response = self._condensed[rule.name](gap, compliance, state)
-        elif isinstance(self.law, RateDependentLaw):
-            response = _methods(self.law.for_step(rule.dt))[rule.name](gap, state)
-        else:
-            response = self._methods[rule.name](gap, state)
-        return self._checked(response, len(gap))
+        law = self.law_over(rule)
+
+        def answer(at: Floats) -> Response:
+            return self._checked(_methods(law)[rule.name](at, state), len(gap))
+
+        if compliance is None:
+            return answer(gap)
+        condensed = _condensed_methods(law).get(rule.name)
+        if condensed is not None:
+            return self._checked(condensed(gap, compliance, state), len(gap))
+        return on_compliance(answer, state.gap, gap, compliance, law.closed_stiffness())
 
     def put(self, given: Response, answer: Response) -> None:
         """Write the answer of its points into that of all local points."""
@@ -183,8 +189,7 @@ class LawPoints:
             if self._rigid is not None and self.stops:
                 lost = lost._replace(impact=self._rigid.impact(before, answer))
             return lost
-        law = self.law.for_step(rule.dt) if isinstance(self.law, RateDependentLaw) else self.law
-        return losses_of(law, before, answer, traction)
+        return losses_of(self.law_over(rule), before, answer, traction)
 
     def _checked(self, response: Response, count: int) -> Response:
         if not (isinstance(response, Response) and isinstance(response.state, JointState)):
@@ -214,8 +219,8 @@ def _methods(law: AnyLaw) -> dict[str, Callable[..., Response]]:
 
 
 def _condensed_methods(law: AnyLaw) -> dict[str, Callable[..., Response]]:
-    """The same on a point's own compliance, where there are such; none of laws with rates."""
-    if not isinstance(law, CondensedLaw) or isinstance(law, RateDependentLaw):
+    """The same on a point's own compliance, where the law has such."""
+    if not isinstance(law, CondensedLaw):
         return {}
     methods = {"backward_euler": law.condensed_backward_euler}
     if isinstance(law, CondensedEnergyConsistentLaw):

@@ -33,6 +33,7 @@ from dolfinx_joints.laws.law import (
 from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction
 from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw
 from dolfinx_joints.laws.points.discrete_gradient import (
+    discrete_gradient_point,
     discrete_gradient_points,
     stored_by,
     whole_step_from,
@@ -102,58 +103,69 @@ def friction_work(before: Vector, t_s: Vector, plastic: Vector, d_s: float) -> f
     return m_1 * p_1 + m_2 * p_2
 
 
+@register_jitable
+def backward_euler_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:
+    """Answer of a point at the end of a step; its gap in the answer is the trial gap at first."""
+    put_nothing(i, answer)
+    law, gap, end = law_of(i, start.laws), start.gap[i], answer.gap[i]
+    d_n, d_s, mu = law.normal_compliance, law.shear_compliance, law.friction
+    h_n, opening = end[0], max(gap[0], 0.0)
+    e_1, e_2 = start.history[i, 0], start.history[i, 1]
+    slip_1, slip_2 = end[1] - gap[1], end[2] - gap[2]
+    if h_n > 0.0:
+        # Open: t = 0, and what slip there is becomes plastic; in flight none meets friction.
+        theta = 0.0 if opening > 0.0 else 1.0
+        plastic = (theta * slip_1 + e_1, theta * slip_2 + e_2)
+        answer.dissipation[i] = friction_work((e_1, e_2), (0.0, 0.0), plastic, d_s)
+        return
+    t_n, stiffness = normal_traction(h_n, c_n, law)  # (4)
+    shear = trial_traction(  # (6), (8)
+        (e_1 + slip_1, e_2 + slip_2), opening, t_n, stiffness, c_s, law
+    )
+    slides = yield_function(t_n, shear.traction, mu) > 0.0  # (5)
+    if slides:
+        shear = return_to_limit(shear, t_n, stiffness, mu)  # (7), (10)
+    answer.status[i] = closed_status(slides, law)
+    put_traction(i, t_n, stiffness, shear, answer.traction, answer.tangent)
+    t_1, t_2 = shear.traction
+    if c_n > 0.0:  # of a stiff joint the traction holds more digits of the overlap
+        end[0] = d_n * t_n
+    end[1] -= c_s * t_1
+    end[2] -= c_s * t_2
+    kept = answer.history[i]
+    if d_s < np.inf:
+        kept[0], kept[1] = d_s * t_1, d_s * t_2  # end of (7)
+    theta = d_n * t_n / (d_n * t_n - opening) if opening > 0.0 else 1.0  # (8)
+    plastic = (
+        theta * (end[1] - gap[1]) - (kept[0] - e_1),
+        theta * (end[2] - gap[2]) - (kept[1] - e_2),
+    )
+    answer.dissipation[i] = friction_work((e_1, e_2), (t_1, t_2), plastic, d_s)
+
+
+@register_jitable
+def backward_euler_point(i: int, start: Start, answer: Answer) -> None:
+    """Answer of a point at the end of a step, at its gap."""
+    backward_euler_on(i, 0.0, 0.0, start, answer)
+
+
 @njit(cache=True, error_model="numpy")
 def backward_euler_points(
     compliance: Floats, start: Start, answer: Answer, first: int, stride: int
 ) -> None:
-    """Answer at the end of a step of the points ``first``, ``first + stride`` and so on.
-
-    The gap of the answer is the trial gap at first.
-    """
-    traction, tangent, end_gap, end_slip, dissipation, status = answer
-    gap, elastic_slip, trial_gap = start.gap, start.history, answer.gap
-    for i in range(first, len(trial_gap), stride):
-        put_nothing(i, answer)
-        law = law_of(i, start.laws)
-        d_n, d_s, mu = law.normal_compliance, law.shear_compliance, law.friction
+    """Answer at the end of a step of the points ``first``, ``first + stride`` and so on."""
+    for i in range(first, len(answer.gap), stride):
         j = i if len(compliance) > 1 else 0
-        c_n, c_s = compliance[j, 0], compliance[j, 1]
-        h_n, opening = trial_gap[i, 0], max(gap[i, 0], 0.0)
-        e_1, e_2 = elastic_slip[i, 0], elastic_slip[i, 1]
-        slip_1, slip_2 = trial_gap[i, 1] - gap[i, 1], trial_gap[i, 2] - gap[i, 2]
-        if h_n > 0.0:
-            # Open: t = 0, and what slip there is becomes plastic; in flight none meets friction.
-            theta = 0.0 if opening > 0.0 else 1.0
-            plastic = (theta * slip_1 + e_1, theta * slip_2 + e_2)
-            dissipation[i] = friction_work((e_1, e_2), (0.0, 0.0), plastic, d_s)
-            continue
-        t_n, stiffness = normal_traction(h_n, c_n, law)  # (4)
-        shear = trial_traction(  # (6), (8)
-            (e_1 + slip_1, e_2 + slip_2), opening, t_n, stiffness, c_s, law
-        )
-        slides = yield_function(t_n, shear.traction, mu) > 0.0  # (5)
-        if slides:
-            shear = return_to_limit(shear, t_n, stiffness, mu)  # (7), (10)
-        status[i] = closed_status(slides, law)
-        put_traction(i, t_n, stiffness, shear, traction, tangent)
-        t_1, t_2 = shear.traction
-        if c_n > 0.0:  # of a stiff joint the traction holds more digits of the overlap
-            end_gap[i, 0] = d_n * t_n
-        end_gap[i, 1] -= c_s * t_1
-        end_gap[i, 2] -= c_s * t_2
-        if d_s < np.inf:
-            end_slip[i, 0], end_slip[i, 1] = d_s * t_1, d_s * t_2  # end of (7)
-        theta = d_n * t_n / (d_n * t_n - opening) if opening > 0.0 else 1.0  # (8)
-        plastic = (
-            theta * (end_gap[i, 1] - gap[i, 1]) - (end_slip[i, 0] - e_1),
-            theta * (end_gap[i, 2] - gap[i, 2]) - (end_slip[i, 1] - e_2),
-        )
-        dissipation[i] = friction_work((e_1, e_2), (t_1, t_2), plastic, d_s)
+        backward_euler_on(i, compliance[j, 0], compliance[j, 1], start, answer)
 
 
 LOOPS = {
     BACKWARD_EULER.name: backward_euler_points,
     DISCRETE_GRADIENT.name: discrete_gradient_points,
+}
+POINTS = {
+    BACKWARD_EULER.name: backward_euler_point,
+    DISCRETE_GRADIENT.name: discrete_gradient_point,
 }
 
 
@@ -182,6 +194,7 @@ class FrictionNoTension(CompiledEnergyConsistentLaw):
     """
 
     loops: ClassVar[Mapping[str, Any]] = LOOPS
+    points: ClassVar[Mapping[str, Any]] = POINTS
 
     normal_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
     shear_stiffness: Annotated[float, at.Ge(0), at.Unit("Pa/m")]

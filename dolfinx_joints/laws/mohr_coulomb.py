@@ -5,30 +5,44 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import annotated_types as at
 import numpy as np
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
 from dolfinx_joints.laws.law import (
+    BACKWARD_EULER,
     BORNE,
     BROKEN,
     HELD,
     INTACT,
+    LARGEST_OVERLOAD,
+    NO_COMPLIANCE,
     Floats,
     JointState,
     Losses,
     Response,
-    Status,
-    bond_under,
-    overload,
+    Rule,
 )
 from dolfinx_joints.laws.losses import Way, losses_on, work
-from dolfinx_joints.laws.points.return_mapping import contact_fraction
+from dolfinx_joints.laws.points.compiled_law import CompiledLaw
+from dolfinx_joints.laws.points.return_mapping import (
+    FRICTIONLESS,
+    SLIP,
+    STICK,
+    Answer,
+    Start,
+    Vector,
+    contact_fraction,
+    put_nothing,
+    response_of,
+)
 
 # Opening at the start of a step, relative to the slip of the step, that counts as rounding error:
 # the point touches and may ride up on its slip. The traction jumps between touching and open. The
@@ -37,9 +51,131 @@ from dolfinx_joints.laws.points.return_mapping import contact_fraction
 TOUCHING = 1e-9
 
 
+class Bonded(NamedTuple):
+    """Parameters of a point, as `MohrCoulombJoint.loop_start` puts them."""
+
+    normal_stiffness: float
+    shear_stiffness: float
+    friction: float
+    dilatancy: float
+    cohesion: float
+    tensile_strength: float
+
+
+@register_jitable(forceinline=True)
+def bonded_point(i: int, start: Start, answer: Answer) -> None:
+    """Answer of a point at the end of a step, at its gap: with its bond, or without."""
+    put_nothing(i, answer)
+    row = start.laws[i if len(start.laws) > 1 else 0]
+    law = Bonded(row[0], row[1], row[2], row[3], row[4], row[5])
+    gap, before, bond = answer.gap[i], start.gap[i], start.history[i, 2]
+    slip = (
+        start.history[i, 0] + gap[1] - before[1],
+        start.history[i, 1] + gap[2] - before[2],
+    )
+    ratio = _overload(gap[0], slip, law)
+    if bond != HELD and not (bond == INTACT and ratio <= 1.0 + BORNE):
+        _slide(i, slip, law, start, answer)
+        return
+    k_n, k_s = law.normal_stiffness, law.shear_stiffness
+    answer.tangent[i, 0, 0], answer.tangent[i, 1, 1], answer.tangent[i, 2, 2] = k_n, k_s, k_s
+    answer.traction[i, 0] = k_n * gap[0]
+    answer.status[i] = STICK if k_s > 0.0 else FRICTIONLESS
+    for a in range(2):
+        answer.traction[i, 1 + a] = k_s * slip[a]
+        answer.history[i, a] = slip[a] if k_s > 0.0 else 0.0
+    overloaded = bond == HELD and ratio > 1.0 + BORNE
+    answer.history[i, 2] = -ratio if overloaded else INTACT  # as `bond_under`
+    answer.history[i, 3] = start.history[i, 3]
+
+
+@register_jitable(forceinline=True)
+def _overload(gap_n: float, slip: Vector, law: Bonded) -> float:
+    """Return the load of a bond over its strength at a normal gap and an elastic slip [m]."""
+    t_n = law.normal_stiffness * gap_n
+    shear = law.shear_stiffness * np.sqrt(slip[0] * slip[0] + slip[1] * slip[1])
+    pulled = t_n if t_n > BORNE * law.cohesion else 0.0  # a bond may have no strength here
+    strength = law.cohesion - law.friction * t_n
+    return max(_ratio(pulled, law.tensile_strength), _ratio(shear, strength))
+
+
+@register_jitable(forceinline=True)
+def _ratio(load: float, strength: float) -> float:
+    """Return what `overload` does, of one load."""
+    if not load > 0.0:
+        return 0.0
+    if not strength > 0.0:
+        return LARGEST_OVERLOAD
+    return min(load / strength, LARGEST_OVERLOAD)
+
+
+@register_jitable(forceinline=True)
+def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> None:
+    """Write the answer of a point without a bond; ``slip`` is the elastic one of a stuck point."""
+    k_n, k_s, mu, tan_psi = (
+        law.normal_stiffness,
+        law.shear_stiffness,
+        law.friction,
+        law.dilatancy,
+    )
+    gap, before, dilation = answer.gap[i], start.gap[i], start.history[i, 3]
+    was = 0.0
+    if start.history[i, 2] == BROKEN:
+        was = before[0] - dilation
+        moved = np.sqrt((gap[1] - before[1]) ** 2 + (gap[2] - before[2]) ** 2)
+        was = min(was, 0.0) if was <= TOUCHING * moved else was
+    # Riding up on its whole slip a point may stay closed: where t_n < 0 comes out below.
+    stays, length = was <= 0.0 and k_s > 0.0, np.sqrt(slip[0] * slip[0] + slip[1] * slip[1])
+    rise = tan_psi * length if stays else 0.0
+    elastic = gap[0] - dilation
+    answer.history[i, 2], answer.history[i, 3] = BROKEN, dilation
+    if elastic > rise:
+        # A point that leaves has ridden up on its slip until then, on a straight path.
+        if stays:
+            answer.history[i, 3] += rise * (-was / (elastic - rise - was))
+        return
+    landing = was > 0.0
+    theta = -min(elastic, 0.0) / (was - min(elastic, 0.0)) if landing else 1.0  # (8)
+    trial, size = (k_s * theta * slip[0], k_s * theta * slip[1]), k_s * theta * length
+    excess = size + mu * k_n * elastic
+    hardening = k_s + mu * k_n * tan_psi
+    slides = excess > 0.0
+    plastic = excess / (hardening if hardening > 0.0 else 1.0) if slides else 0.0
+    t_n = k_n * (elastic - tan_psi * plastic)
+    safe = size if size > 0.0 else 1.0
+    ratio = -mu * t_n / safe if slides else 1.0
+    # Derivatives: of the trial shear traction, of the slip length, then of the tractions.
+    way, along = was - elastic, answer.tangent[i]
+    rate = -(was / way) / way if landing else 0.0
+    direction = (trial[0] / safe, trial[1] / safe)
+    along[0, 0] = k_n
+    for b in range(3):
+        across = (
+            k_s * (rate * slip[0] if b == 0 else theta if b == 1 else 0.0),
+            k_s * (rate * slip[1] if b == 0 else theta if b == 2 else 0.0),
+        )
+        stretch = direction[0] * across[0] + direction[1] * across[1]
+        if slides:
+            longer = stretch + (mu * k_n if b == 0 else 0.0)
+            along[0, b] -= k_n * tan_psi * longer / (hardening if hardening > 0.0 else 1.0)
+        for a in range(2):
+            if slides:
+                turned = across[a] - direction[a] * stretch
+                along[1 + a, b] = ratio * turned - direction[a] * mu * along[0, b]
+            else:
+                along[1 + a, b] = ratio * across[a]
+    rubs = mu > 0.0 and k_s > 0.0
+    answer.status[i] = (SLIP if slides else STICK) if rubs else FRICTIONLESS
+    answer.traction[i, 0] = t_n
+    for a in range(2):
+        answer.traction[i, 1 + a] = ratio * trial[a]
+        answer.history[i, a] = ratio * trial[a] / k_s if k_s > 0.0 else 0.0
+    answer.history[i, 3] += tan_psi * plastic
+
+
 @dataclass(frozen=True, kw_only=True)
 @checked
-class MohrCoulombJoint:
+class MohrCoulombJoint(CompiledLaw):
     """Friction joint with a brittle bond and with dilatancy, a Mohr-Coulomb joint.
 
     Intact: t_n = k_n gap_n in tension too and t_s = k_s e, as long as t_n <= f_t and
@@ -52,7 +188,7 @@ class MohrCoulombJoint:
     raises its pressure: t_n = k_n (gap_n - p). A point is open where that would be positive. p only
     grows, also where slip reverses, and stays on opening; there is no limit to it, so psi is meant
     for small slip. With c = f_t = psi = 0 this is `FrictionNoTension`. Points with an initial gap
-    have no bond. It is no `CondensedLaw`: models take the monolithic solver.
+    have no bond.
 
     Internal variables: ``broken`` (0 or 1) and ``dilation`` p [m].
 
@@ -69,6 +205,7 @@ class MohrCoulombJoint:
         ValueError: Two parameters contradict each other.
     """
 
+    points: ClassVar[Mapping[str, Any]] = {BACKWARD_EULER.name: bonded_point}
     internal_variables: ClassVar[tuple[str, ...]] = ("broken", "dilation")
     breaks: ClassVar[bool] = True
 
@@ -130,100 +267,28 @@ class MohrCoulombJoint:
             breaking bonds set free) and status; an intact point counts as sticking, without shear
             stiffness as frictionless.
         """
-        k_n, k_s = self.normal_stiffness, self.shear_stiffness
-        slip = state.elastic_slip + gap[:, 1:] - state.gap[:, 1:]
-        bond = state.internal[:, 0]
-        bonded, held = bond < BROKEN, bond == HELD
-        ratio = self._overload(gap[:, 0], slip)
-        holds = held | ((bond == INTACT) & (ratio <= 1.0 + BORNE))
-        traction = np.column_stack([k_n * gap[:, :1], k_s * slip])
-        tangent = np.zeros((len(gap), 3, 3))
-        tangent[:] = np.diag([k_n, k_s, k_s])
-        bond = np.where(held, bond_under(ratio), np.where(holds, INTACT, BROKEN))
-        internal = np.column_stack([bond, state.internal[:, 1]])
-        bonded_status = Status.STICK if k_s > 0.0 else Status.FRICTIONLESS
-        status = np.full(len(gap), bonded_status, dtype=np.int8)
-        loose = np.flatnonzero(~holds)
-        if len(loose):
-            was = np.where(bonded, 0.0, _start_gap(state, gap))[loose]
-            answer = self._slide(gap[loose, 0], slip[loose], was, state.internal[loose, 1])
-            traction[loose], tangent[loose], internal[loose, 1], status[loose] = answer
-        elastic_slip: NDArray[Any] = traction[:, 1:] / (k_s or 1.0)
-        after = JointState(gap=gap.copy(), elastic_slip=elastic_slip, internal=internal)
-        way = self._way(state, after)
-        return Response(
-            traction=traction,
-            tangent=tangent,
-            state=after,
-            dissipation=work(0.5 * (self._tractions(state) + traction), way.plastic),
-            status=status,
+        return self.condensed_backward_euler(gap, NO_COMPLIANCE, state)
+
+    def loop_start(self, rule: Rule, state: JointState) -> Start:
+        """Elastic slip and internal variables at the start."""
+        parameters = (
+            self.normal_stiffness,
+            self.shear_stiffness,
+            coefficient_of(self),
+            self.dilatancy_coefficient,
+            self.cohesion,
+            self.tensile_strength,
         )
+        history = np.column_stack([state.elastic_slip, state.internal])
+        return Start(state.gap, history, np.array([parameters]))
 
-    def _overload(self, gap_n: Floats, slip: Floats) -> Floats:
-        """Load of a bond over its strength at a normal gap (n,) and an elastic slip (n, 2), [m]."""
-        t_n, mu = self.normal_stiffness * gap_n, coefficient_of(self)
-        shear = self.shear_stiffness * np.hypot(slip[:, 0], slip[:, 1])
-        pulled = np.where(t_n > BORNE * self.cohesion, t_n, 0.0)  # a bond may have no strength here
-        tensile = overload(pulled, np.full_like(t_n, self.tensile_strength))
-        return np.maximum(tensile, overload(shear, self.cohesion - mu * t_n))
-
-    def _slide(
-        self, gap_n: Floats, slip: Floats, was: Floats, dilation: Floats
-    ) -> tuple[Floats, Floats, Floats, Floats]:
-        """Traction, tangent, dilation and status of points without a bond.
-
-        Args:
-            gap_n: Normal gap, shape (n,), [m].
-            slip: Elastic slip at the start plus slip of the step, shape (n, 2), [m].
-            was: Normal gap less dilation at the start, shape (n,), [m].
-            dilation: At the start, shape (n,), [m].
-        """
-        k_n, k_s, mu = self.normal_stiffness, self.shear_stiffness, coefficient_of(self)
-        tan_psi = self.dilatancy_coefficient
-        # Riding up on its whole slip a point may stay closed: where t_n < 0 comes out below.
-        stays = (was <= 0.0) & (k_s > 0.0)
-        rise = np.where(stays, tan_psi * np.hypot(slip[:, 0], slip[:, 1]), 0.0)
-        closed = gap_n - dilation <= rise
-        elastic = np.where(closed, gap_n - dilation, 0.0)
-        fraction = contact_fraction(was, np.minimum(elastic, 0.0))
-        trial = np.where(closed, k_s * fraction, 0.0)[:, None] * slip
-        size = np.hypot(trial[:, 0], trial[:, 1])
-        excess = np.where(closed, size + mu * k_n * elastic, 0.0)
-        slides = excess > 0.0
-        hardening = (k_s + mu * k_n * tan_psi) or 1.0
-        length = np.where(slides, excess / hardening, 0.0)
-        t_n = k_n * (elastic - tan_psi * length)
-        safe = np.where(size > 0.0, size, 1.0)
-        direction = trial / safe[:, None]
-        ratio = np.where(slides, -mu * t_n / safe, closed)
-        # Derivatives of the trial shear traction, then of the slip length, then of the tractions.
-        turned = np.zeros((len(gap_n), 2, 3))
-        landing = closed & (was > 0.0)
-        way = np.where(landing, was - elastic, 1.0)
-        rate = np.where(landing, -(was / way) / way, 0.0)
-        turned[:, :, 0] = (k_s * rate)[:, None] * slip
-        turned[:, 0, 1] = turned[:, 1, 2] = np.where(closed, k_s * fraction, 0.0)
-        stretch = np.einsum("ni,nij->nj", direction, turned)
-        longer = stretch / hardening
-        longer[:, 0] += mu * k_n / hardening
-        longer *= slides[:, None]
-        tangent = np.zeros((len(gap_n), 3, 3))
-        tangent[:, 0, 0] = np.where(closed, k_n, 0.0)
-        tangent[:, 0] -= k_n * tan_psi * longer
-        normal = np.where(slides[:, None], -mu * tangent[:, 0], 0.0)
-        across = turned - np.where(slides, 1.0, 0.0)[:, None, None] * (
-            direction[:, :, None] * stretch[:, None, :]
-        )
-        tangent[:, 1:] = direction[:, :, None] * normal[:, None, :] + ratio[:, None, None] * across
-        rubs = mu > 0.0 and k_s > 0.0
-        closed_status = np.where(slides, Status.SLIP, Status.STICK) if rubs else Status.FRICTIONLESS
-        status = np.where(closed, closed_status, Status.OPEN)
-        traction = np.column_stack([t_n, ratio[:, None] * trial])
-        # A point that leaves has ridden up on its slip until then, on a straight path.
-        leaving = stays & ~closed
-        way = np.where(leaving, gap_n - dilation - rise - was, 1.0)
-        rise = np.where(leaving, rise * (-was / way), tan_psi * length)
-        return traction, tangent, dilation + rise, status
+    def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
+        """Return the answer with the work of friction and dilatancy, and of bonds that break."""
+        slip, internal = answer.history[:, :2], answer.history[:, 2:]
+        found = response_of(answer, elastic_slip=slip, internal=internal)
+        mean = 0.5 * (self._tractions(state) + self._tractions(found.state))
+        lost = work(mean, self._way(state, found.state).plastic)
+        return replace(found, dissipation=answer.dissipation + lost)
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Losses of an end-point step (30); what breaking bonds set free counts as friction."""

@@ -49,7 +49,7 @@ from dolfinx_joints.laws.law import (
     overload,
 )
 from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction, work
-from dolfinx_joints.laws.points.return_mapping import on_compliance
+from dolfinx_joints.laws.points.on_compliance import on_compliance
 
 Bools = NDArray[np.bool_]
 
@@ -309,10 +309,13 @@ class ShearKeyJoint:
         """Answer at a gap, or on a compliance, and the load of the teeth over their strength."""
         if compliance is None:
             return self._answer(rule, gap, state)
-        stiffness = np.array([self.normal_stiffness, self.shear_stiffness, self.shear_stiffness])
-        return on_compliance(
-            lambda end: self._answer(rule, end, state), state.gap, gap, compliance, stiffness
-        )
+        ratio = np.zeros(len(gap))
+
+        def answer(end: Floats) -> Response:
+            found, ratio[:] = self._answer(rule, end, state)
+            return found
+
+        return on_compliance(answer, state.gap, gap, compliance, self.closed_stiffness()), ratio
 
     def _answer(self, rule: Rule, gap: Floats, state: JointState) -> tuple[Response, Floats]:
         """The sum over the faces (9a), and the load of the teeth over their strength (9b)."""

@@ -4,14 +4,18 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
+from numba.extending import register_jitable
 
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.laws.law import (
     EnergyConsistentLaw,
@@ -21,6 +25,7 @@ from dolfinx_joints.laws.law import (
     LawWithHistory,
     Losses,
     Response,
+    Rule,
     Status,
     has_bonds,
     variables_of,
@@ -28,8 +33,11 @@ from dolfinx_joints.laws.law import (
 )
 from dolfinx_joints.laws.losses import losses_of, work
 from dolfinx_joints.laws.mohr_coulomb import MohrCoulombJoint
-from dolfinx_joints.laws.points.return_mapping import contact_fraction
+from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw, CompiledLaw
+from dolfinx_joints.laws.points.return_mapping import Answer, Start, empty_answer
 from dolfinx_joints.laws.shear_keys import ShearKeyJoint
+
+OPEN = int(Status.OPEN)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +51,7 @@ class ViscousJoint:
         t_s = eta_s gap_s' dt_c / dt,            dt_c the part of the step in contact,
 
     where the point is closed at the end of the step; t_s is never larger than the pressure, else it
-    would stop at once where the joint opens. In statics the dashpots are at rest. It is no
-    `CondensedLaw`: models take the monolithic path.
+    would stop at once where the joint opens. In statics the dashpots are at rest.
 
     Attributes:
         law: The law without dashpots, without dilatancy or shear keys.
@@ -105,12 +112,27 @@ class ViscousJoint:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DashpotStep:
-    """A law with dashpots over a step of given length: their viscosities over dt [Pa/m]."""
+class DashpotStep(CompiledEnergyConsistentLaw):
+    """A law with dashpots over a step of given length: their viscosities over dt [Pa/m].
+
+    Around a law without points it is evaluated in Python.
+    """
 
     law: Law
     normal: float
     shear: float
+
+    @property
+    def points(self) -> Mapping[str, Any]:  # type: ignore[override]
+        """Points of the law with the dashpots."""
+        law = self.law
+        if not isinstance(law, CompiledLaw):
+            return {}
+        return {name: with_dashpots(point) for name, point in law.points.items()}
+
+    def has_loops_alone(self) -> bool:  # type: ignore[override]
+        """Return True if the law's points are compiled."""
+        return isinstance(self.law, CompiledLaw) and self.law.has_loops_alone()
 
     def closed_stiffness(self) -> tuple[float, float]:
         """k_n and k_s of the law, [Pa/m]."""
@@ -130,6 +152,19 @@ class DashpotStep:
             return self.backward_euler(gap, state)
         return self._with_dashpots(self.law.discrete_gradient(gap, state), gap, state)
 
+    def loop_start(self, rule: Rule, state: JointState) -> Start:
+        """Return what the law's points take, with stiffnesses and viscosities before."""
+        assert isinstance(self.law, CompiledLaw)
+        inner = self.law.loop_start(rule, state)
+        own = (*self.closed_stiffness(), self.normal, self.shear)
+        rows = np.tile(own, (len(inner.laws), 1))
+        return inner._replace(laws=np.hstack([rows, inner.laws]))
+
+    def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
+        """Return the answer as the law does."""
+        assert isinstance(self.law, CompiledLaw)
+        return self.law.loop_response(rule, answer, state)
+
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Those of the law under what the dashpots leave of a traction, and all work on these."""
         start = before
@@ -141,48 +176,89 @@ class DashpotStep:
         lost = losses_of(self.law, before, alone, traction - dash)
         return lost._replace(friction=lost.friction + work(dash, answer.state.gap - before.gap))
 
-    def _with_dashpots(self, answer: Response, gap: Floats, state: JointState) -> Response:
-        """The answer with the tractions of dashpots where the point is closed at the end."""
-        closed = answer.status != Status.OPEN
-        before, after = state.gap[:, 0], np.minimum(gap[:, 0], 0.0)
-        pressed = after - np.minimum(before, 0.0)
-        # The dashpot alone may not pull: it gives up where it would outweigh the pressure.
-        most = np.maximum(-answer.traction[:, 0], 0.0)
-        dash_n = np.where(closed, np.minimum(self.normal * pressed, most), 0.0)
-        acts = closed & (dash_n == self.normal * pressed)
-        fraction = contact_fraction(before, after)
-        slip = gap[:, 1:] - state.gap[:, 1:]
-        tangent = answer.tangent.copy()
-        tangent[~acts & closed & (answer.traction[:, 0] <= 0.0), 0] = 0.0
-        tangent[:, 0, 0] += np.where(acts & (gap[:, 0] <= 0.0), self.normal, 0.0)
-        t_n = answer.traction[:, 0] + dash_n
-        rates: Floats = np.zeros((len(gap), 2, 3))
-        landing = closed & (before > 0.0) & (gap[:, 0] <= 0.0)
-        way = np.where(landing, before - after, 1.0)
-        rates[:, :, 0] = np.where(landing, -self.shear * (before / way) / way, 0.0)[:, None] * slip
-        rates[:, 0, 1] = rates[:, 1, 2] = np.where(closed, self.shear * fraction, 0.0)
-        dash_s = np.where(closed, self.shear * fraction, 0.0)[:, None] * slip
-        falling = np.where(t_n[:, None] < 0.0, -tangent[:, 0], 0.0)
-        dash_s, rates = _at_most(dash_s, rates, np.maximum(-t_n, 0.0), falling)
-        tangent[:, 1:] += rates
-        dash = np.column_stack([dash_n, dash_s])
-        return replace(
-            answer,
-            traction=answer.traction + dash,
-            tangent=tangent,
-            dissipation=answer.dissipation + work(dash, gap - state.gap),
+    def _with_dashpots(self, found: Response, gap: Floats, state: JointState) -> Response:
+        """The answer of a law that is evaluated in Python, with the tractions of the dashpots."""
+        answer = empty_answer(gap, np.empty((len(gap), 0)))
+        arrays = {name: getattr(found, name).astype(gap.dtype) for name in _CHANGED}
+        answer = answer._replace(status=found.status.astype(np.int8), **arrays)
+        loop = dashpot_points if gap.dtype == np.float64 else dashpot_points.py_func
+        loop(self.normal, self.shear, state.gap.astype(gap.dtype), answer)
+        return replace(found, **{name: getattr(answer, name) for name in _CHANGED})
+
+
+_CHANGED = ("traction", "tangent", "dissipation")
+
+
+@functools.cache
+def with_dashpots(point: Any) -> Any:
+    """Return the point of a law with dashpots, of the law's own."""
+
+    @register_jitable(forceinline=True)
+    def both(i: int, start: Start, answer: Answer) -> None:
+        row = start.laws[i if len(start.laws) > 1 else 0]
+        point(i, Start(start.gap, start.history, start.laws[:, 4:]), answer)
+        add_dashpots(i, row[2], row[3], start.gap[i], answer)
+
+    return both
+
+
+@njit(cache=True, error_model="numpy")
+def dashpot_points(normal: float, shear: float, before: Floats, answer: Answer) -> None:
+    """Add dashpots to the answers of all points."""
+    for i in range(len(before)):
+        add_dashpots(i, normal, shear, before[i], answer)
+
+
+@register_jitable(forceinline=True)
+def add_dashpots(i: int, normal: float, shear: float, before: Floats, answer: Answer) -> None:
+    """Add the tractions of dashpots to the answer of a point that is closed at the end.
+
+    Args:
+        i: Number of the point.
+        normal: eta_n / dt [Pa/m].
+        shear: eta_s / dt [Pa/m].
+        before: Gap at the start, shape (3,), [m].
+        answer: Of the law.
+    """
+    if answer.status[i] == OPEN:
+        return
+    gap, traction, tangent = answer.gap[i], answer.traction[i], answer.tangent[i]
+    end = min(gap[0], 0.0)
+    pressed = normal * (end - min(before[0], 0.0))
+    # The dashpot alone may not pull: it gives up where it would outweigh the pressure.
+    dash_n, acts = pressed, True
+    if pressed > max(-traction[0], 0.0):
+        dash_n, acts = max(-traction[0], 0.0), False
+    if not acts and traction[0] <= 0.0:
+        for b in range(3):
+            tangent[0, b] = 0.0
+    if acts and gap[0] <= 0.0:
+        tangent[0, 0] += normal
+    opening = max(before[0], 0.0)
+    theta, rate = 1.0, 0.0
+    if opening > 0.0:  # (8)
+        theta = -end / (opening - end)
+        if gap[0] <= 0.0:
+            rate = -(opening / (opening - end)) / (opening - end)
+    slip = (gap[1] - before[1], gap[2] - before[2])
+    shear_1, shear_2, t_n = shear * theta * slip[0], shear * theta * slip[1], traction[0] + dash_n
+    size, limit = np.sqrt(shear_1 * shear_1 + shear_2 * shear_2), max(-t_n, 0.0)
+    bound, safe = size >= limit, size if size > 0.0 else 1.0
+    direction, share = (shear_1 / safe, shear_2 / safe), limit / safe if size >= limit else 1.0
+    for b in range(3):
+        rates = (
+            shear * (rate * slip[0] if b == 0 else theta if b == 1 else 0.0),
+            shear * (rate * slip[1] if b == 0 else theta if b == 2 else 0.0),
         )
-
-
-def _at_most(
-    shear: Floats, rates: Floats, limit: Floats, limit_rates: Floats
-) -> tuple[Floats, Floats]:
-    """Shear tractions (n, 2) shortened to a limit (n,), and their derivatives (n, 2, 3)."""
-    size = np.hypot(shear[:, 0], shear[:, 1])
-    bound = size >= limit
-    safe = np.where(size > 0.0, size, 1.0)
-    direction = shear / safe[:, None]
-    ratio = np.where(bound, limit / safe, 1.0)
-    across = rates - direction[:, :, None] * np.einsum("ni,nij->nj", direction, rates)[:, None]
-    turned = direction[:, :, None] * limit_rates[:, None] + ratio[:, None, None] * across
-    return ratio[:, None] * shear, np.where(bound[:, None, None], turned, rates)
+        along = direction[0] * rates[0] + direction[1] * rates[1]
+        falls = -tangent[0, b] if t_n < 0.0 else 0.0
+        for a in range(2):
+            if bound:  # never larger than the pressure
+                across = rates[a] - direction[a] * along
+                tangent[1 + a, b] += direction[a] * falls + share * across
+            else:
+                tangent[1 + a, b] += rates[a]
+    dash = (dash_n, share * shear_1, share * shear_2)
+    for a in range(3):
+        traction[a] += dash[a]
+        answer.dissipation[i] += dash[a] * (gap[a] - before[a])

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from petsc4py import PETSc
 
 from dolfinx_joints.common.summary import Rows, Summarised, names, number
-from dolfinx_joints.laws.law import BACKWARD_EULER, Response, StatusCounts
+from dolfinx_joints.laws.law import Response, StatusCounts
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.static_energy import Jump, StaticEnergy
 from dolfinx_joints.solvers.step_solver import SolveReport
@@ -153,11 +153,8 @@ def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) 
 
 
 def _solver(outcome: Outcome, model: Model) -> str:
-    """The solver of a run, and which laws left no choice."""
-    missing = () if model.contact is None else model.contact.not_condensed(BACKWARD_EULER)
+    """The solver of a run, and what left no choice."""
     text = f"{outcome.solver} solver"
-    if outcome.solver == "monolithic" and missing:
-        text += f" (no condensed form in {', '.join(missing)})"
     if model.bulk is not None:
         text += f" (plastic cells of {', '.join(model.bulk.kinds)})"
     if outcome.backward_euler_laws:

@@ -315,7 +315,7 @@ class Simulation:
             kept = [SupportForces(self.model)] if self.model.absorbing else []
             shaking: list[Load] = [*moved_by(motion, dt), *kept, *loads]
             system = on_ground(differing, self.model.system(shaking, waves=dt, shared=self.shared))
-            solver = make_solver(system, self._options, self.solver, scheme.rule)
+            solver = make_solver(system, self._options, self.solver)
             times = ends_of_steps(state.time if state else 0.0, dt, steps)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
             facts |= {"start at": float(times[0]), "step control": control}

@@ -16,7 +16,6 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import diagonal_compliance
-from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import iterates
 from dolfinx_joints.solvers.first_that_works import HoldingBonds, OtherStarts, StaticSolver
@@ -38,7 +37,6 @@ def make_solver(
     system: MatrixSystem,
     options: SolverOptions | None = None,
     kind: SolverKind = "auto",
-    rule: Rule = BACKWARD_EULER,
     *,
     static_steps: int = 0,
 ) -> StepSolver:
@@ -47,16 +45,15 @@ def make_solver(
     Args:
         system: The system.
         options: Tolerances and limits.
-        kind: ``condensed``, ``monolithic``, or ``auto``: condensed where all laws have
-            condensed forms, monolithic elsewhere and where the bulk is solved by iteration and
-            joints are not too stiff beside its elements (`LARGEST_RATIO`). Plastic cells take the
+        kind: ``condensed``, ``monolithic``, or ``auto``: condensed, but monolithic where the bulk
+            is solved by iteration and joints are not too stiff beside its elements
+            (`LARGEST_RATIO`). Plastic cells take the
             monolithic one alone. ``forms`` is the monolithic solver with joints assembled by
             interior-facet integrals, a reference. If the shortest static increment does not
             converge, other starts are tried, and with ``auto`` other solvers and pseudo-time.
-        rule: Response that the time scheme will ask the laws for.
         static_steps: Number of static load steps to be solved; 0 in dynamics.
     """
-    solver = _solver_of(system, options, kind, rule, static_steps)
+    solver = _solver_of(system, options, kind, static_steps)
     brittle = system.contact is not None and system.contact.brittle
     return HoldingBonds(solver) if brittle else solver
 
@@ -65,12 +62,11 @@ def _solver_of(
     system: MatrixSystem,
     options: SolverOptions | None,
     kind: SolverKind,
-    rule: Rule,
     static_steps: int,
 ) -> StepSolver:
     """Return a solver of steps whose bonds are what the state says (collective)."""
     contact = system.contact
-    first = _first_solver(system, options, kind, rule, static_steps)
+    first = _first_solver(system, options, kind, static_steps)
     if not static_steps or contact is None or system.bulk is not None:
         return first
     from dolfinx_joints.solvers.interface.solver import InterfaceSolver
@@ -95,7 +91,6 @@ def _first_solver(
     system: MatrixSystem,
     options: SolverOptions | None,
     kind: SolverKind,
-    rule: Rule,
     static_steps: int,
 ) -> NewtonSolver | InterfaceSolver:
     """Return the solver that takes all steps if it converges (collective)."""
@@ -123,14 +118,6 @@ def _first_solver(
     from dolfinx_joints.solvers.interface.solver import InterfaceSolver
     from dolfinx_joints.solvers.interface.whole import WholeSolver
 
-    missing = contact.not_condensed(rule)
-    if missing and (kind == "condensed" or rigid):
-        why = "Rigid joints need the condensed solver. " if rigid else ""
-        raise JointsError(
-            f"{why}The condensed solver needs laws with condensed forms; {missing[0]} has none."
-        )
-    if missing:
-        return NewtonSolver(system, options)
     if kind == "auto" and _takes_whole(system, contact, options or SolverOptions()):
         return WholeSolver(system, options)
     return InterfaceSolver(system, _for_steps(options, contact, static_steps))

@@ -18,12 +18,11 @@ class WithRates(FrictionNoTension):
     """Also a `RateDependentLaw`."""
 
     def for_step(self, dt):
-        return self
+        return self, dt
 
 
-def test_condensed_forms_of_laws_with_rates_are_not_asked():
-    """They know nothing of the length of the step: what depends on it would be lost."""
-    parameters = {"normal_stiffness": 1e9, "shear_stiffness": 1e9, "friction_angle_deg": 30.0}
-    laws = [kind(**parameters) for kind in (FrictionNoTension, WithRates)]
-    found = [LawPoints(law, np.arange(1)).condenses(BACKWARD_EULER) for law in laws]
-    assert found == [True, False]
+def test_laws_with_rates_are_asked_for_the_length_of_the_step():
+    law = WithRates(normal_stiffness=1e9, shear_stiffness=1e9, friction_angle_deg=30.0)
+    points = LawPoints(law, np.arange(1))
+    assert points.law_over(BACKWARD_EULER.over(0.5)) == (law, 0.5)
+    assert points.compiled_over(BACKWARD_EULER.over(0.5)) is None

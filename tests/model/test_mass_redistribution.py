@@ -320,7 +320,7 @@ def test_a_free_body_is_stepped_as_rigid():
     system, _, x = bar(8)
     moved = redistribute(system, x)
     scheme = EnergyConsistent()
-    solver = make_solver(moved, rule=scheme.rule)
+    solver = make_solver(moved)
     v = moved.mass.createVecRight()
     v.set(2.0)
     state = initial_state(solver, velocity=v)

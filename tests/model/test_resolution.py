@@ -101,7 +101,7 @@ def test_ten_steps_leave_three_percent_of_a_period():
     assert of_step(dt) == pytest.approx(1.0 / period)
     system = MatrixSystem.from_arrays(mass=3.0, stiffness=3.0 * (2 * np.pi / period) ** 2)
     scheme = EnergyConsistent()
-    solver = make_solver(system, None, "auto", scheme.rule)
+    solver = make_solver(system, None, "auto")
     one = system.mass.createVecRight()
     one.set(1.0)
     states = [initial_state(solver, displacement=one)]

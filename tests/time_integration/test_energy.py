@@ -37,7 +37,7 @@ def run(system, dt, steps, *, kind="auto", u0=None, v0=None, scheme=None):
         return v
 
     scheme = scheme or Newmark()
-    solver = make_solver(system, SolverOptions(relative_tolerance=1e-13), kind, scheme.rule)
+    solver = make_solver(system, SolverOptions(relative_tolerance=1e-13), kind)
     state = initial_state(solver, dt=dt, displacement=vector(u0), velocity=vector(v0))
     ledger = EnergyLedger(system)
     rows, path = [ledger.start(state)], [state.displacement.getArray().copy()]

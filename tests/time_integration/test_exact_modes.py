@@ -24,7 +24,6 @@ from dolfinx_joints import (
     frictionless,
 )
 from dolfinx_joints.exact import ImpactOscillator
-from dolfinx_joints.laws.law import DISCRETE_GRADIENT
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.exact_steps import scaled
@@ -41,7 +40,7 @@ def vector(system, values):
 def march(system, lengths, *, exact=0, u0=None, v0=None, kind="auto"):
     """All states of a run in steps of some lengths [s], and its ledger."""
     scheme = EnergyConsistent(exact_modes=exact)
-    solver = make_solver(system, None, kind, scheme.rule)
+    solver = make_solver(system, None, kind)
     start = {"displacement": u0, "velocity": v0}
     given = {name: vector(system, x) for name, x in start.items() if x is not None}
     states, ledger = [initial_state(solver, dt=lengths[0], **given)], EnergyLedger(system)
@@ -60,7 +59,7 @@ def test_a_mode_that_is_exact_has_no_local_error():
     errors = []
     for exact in (0, 1):
         scheme = EnergyConsistent(exact_modes=exact)
-        solver = make_solver(system, rule=scheme.rule)
+        solver = make_solver(system)
         state = initial_state(solver, dt=dt, velocity=vector(system, [1.0]))
         for _ in range(5):
             state, report = scheme.advance(solver, state, dt)
@@ -203,7 +202,7 @@ def test_a_mass_that_strikes_a_stop(gap):
     )
     errors = []
     for scheme in (EnergyConsistent(), EnergyConsistent(exact_modes=1)):
-        solver, ledger = make_solver(system, rule=DISCRETE_GRADIENT), EnergyLedger(system)
+        solver, ledger = make_solver(system), EnergyLedger(system)
         state = initial_state(solver, velocity=vector(system, 1.0))
         ledger.start(state)
         squares, before = 0.0, 0.0
@@ -241,7 +240,7 @@ def test_steps_in_flight_are_as_long_as_allowed():
     system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0)
     counts = []
     for exact_modes in (0, 1):
-        solver, ledger = make_solver(system, rule=DISCRETE_GRADIENT), EnergyLedger(system)
+        solver, ledger = make_solver(system), EnergyLedger(system)
         state = initial_state(solver, velocity=vector(system, 1.0))
         ledger.start(state)
         control = StepControl(tolerance=1e-4)

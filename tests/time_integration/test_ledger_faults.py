@@ -71,7 +71,7 @@ def run(scheme, law=None, *, moving=None, steps=400):
     moving = scheme != Newmark() if moving is None else moving
     system = scene(law or FrictionNoTension(**FRICTION), moving=moving)
     assert scheme.conserves(system)
-    solver = make_solver(system, SolverOptions(relative_tolerance=1e-13), rule=scheme.rule)
+    solver = make_solver(system, SolverOptions(relative_tolerance=1e-13))
     state, ledger = initial_state(solver, dt=1e-3), EnergyLedger(system)
     ledger.start(state)
     seen, of_joint = set(), 0.0

@@ -39,7 +39,7 @@ def vector(system, values):
 def march(system, dt, steps, *, scheme=None, kind="auto", newton=None, u0=None, v0=None):
     """All states of a run with equal steps."""
     scheme = scheme or Newmark()
-    solver = make_solver(system, newton, kind, scheme.rule)
+    solver = make_solver(system, newton, kind)
     states = [
         initial_state(
             solver,
@@ -92,7 +92,7 @@ def test_local_error_is_that_of_the_second_step(scheme):
     # dt, and the next order is a hundredth of it at w dt = 0.02.
     dt = 0.02 / OMEGA
     system = MatrixSystem.from_arrays(mass=3.0, stiffness=3 * OMEGA**2)
-    solver = make_solver(system, None, "auto", scheme.rule)
+    solver = make_solver(system, None, "auto")
     start = initial_state(solver, velocity=vector(system, 1.0))
     first, _ = scheme.advance(solver, start, dt)
     second, report = scheme.advance(solver, first, dt)
@@ -268,7 +268,7 @@ def test_a_support_that_stops_stays_at_rest(scheme):
     system = dataclasses.replace(
         plain, constrained=np.array([0]), values=lambda t: np.array([1e-3 * min(t / 0.02, 1.0)])
     )
-    solver, dt = make_solver(system, rule=scheme.rule), 1e-3
+    solver, dt = make_solver(system), 1e-3
     state = initial_state(solver, dt=dt)
     ledger = EnergyLedger(system)
     ledger.start(state)
@@ -294,7 +294,7 @@ def test_moving_supports_keep_the_balance(scheme):
         constrained=np.array([0, 2]),
         values=lambda t: np.array([np.sin(7 * t) + t**3, abs(t - 0.31)]),
     )
-    solver = make_solver(system, rule=scheme.rule)
+    solver = make_solver(system)
     state = initial_state(solver, dt=0.01)
     ledger = EnergyLedger(system)
     ledger.start(state)

@@ -59,7 +59,7 @@ def vector(system, values):
 def stepper(scheme, system=None, control=None, *, time=0.0, v0=1.0):
     """A stepper of a mass on a spring (or of a system), its ledger, and its first state."""
     system = system or MatrixSystem.from_arrays(mass=1.0, stiffness=1.0)
-    solver = make_solver(system, rule=DISCRETE_GRADIENT)
+    solver = make_solver(system)
     state = initial_state(solver, time=time, velocity=vector(system, v0))
     ledger = EnergyLedger(system)
     ledger.start(state)

@@ -114,7 +114,7 @@ class Run(NamedTuple):
 
 def march(system, velocity, *, courant, size, scheme):
     """Steps of courant * size / c until 20 microseconds after the rebound."""
-    solver = make_solver(system, rule=scheme.rule)
+    solver = make_solver(system)
     state = initial_state(solver, velocity=velocity)
     ledger = EnergyLedger(system)
     ledger.start(state)

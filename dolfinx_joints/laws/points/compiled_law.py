@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 from dolfinx_joints.laws.law import (
@@ -16,27 +17,35 @@ from dolfinx_joints.laws.law import (
     Response,
     Rule,
 )
+from dolfinx_joints.laws.points.on_compliance import loop_of
 from dolfinx_joints.laws.points.return_mapping import Answer, Start, solve_points
 
 
 class CompiledLaw(ABC):
-    """Base class of laws that bring a compiled loop; see `CondensedLaw`.
+    """Base class of laws whose points are compiled; see `CondensedLaw`.
 
-    A loop ``loop(compliance, start, answer, first, stride)`` writes the answer of the points
-    ``first``, ``first + stride`` and so on, each on its own compliance; `backward_euler_points` in
-    `friction` is one. It finds what `loop_start` gives and the trial gap in ``answer.gap``, and
-    writes all arrays of the `Answer`, its history included. Compile it with
-    ``numba.njit(cache=True)``; numba then keeps the machine code beside the file.
+    ``point(i, start, answer)`` writes the answer of the point ``i`` at the gap ``answer.gap[i]``:
+    all arrays of the `Answer`, its history included. It finds what `loop_start` gives, whose first
+    two parameters are k_n and k_s, and is decorated by numba's ``register_jitable``. Newton's
+    method of `on_compliance` finds it on the compliance of the structure. `bonded_point` in
+    `mohr_coulomb` is one.
 
-    A law with the loop of `BACKWARD_EULER` alone uses it over whole steps as well. A law of finite
+    A law that is solved there in closed form has a ``loop(compliance, start, answer, first,
+    stride)`` instead, which writes the answer of the points ``first``, ``first + stride`` and so
+    on, and begins with the trial gap in ``answer.gap``. It is compiled by ``njit(cache=True)`` of
+    `common.kernels`. `backward_euler_points` in `friction` is one.
+
+    What is given for `BACKWARD_EULER` alone is used over whole steps as well. A law of finite
     stiffness also needs ``backward_euler``, for statics and the monolithic solver: this is
     ``condensed_backward_euler`` with `NO_COMPLIANCE`.
 
     Attributes:
-        loops: Compiled loops by the name of the rule.
+        points: Points by the name of the rule.
+        loops: Loops by the name of the rule; those of the points unless given.
     """
 
-    loops: ClassVar[Mapping[str, Any]]
+    points: ClassVar[Mapping[str, Any]] = MappingProxyType({})
+    loops: ClassVar[Mapping[str, Any]] = MappingProxyType({})
 
     @abstractmethod
     def loop_start(self, rule: Rule, state: JointState) -> Start:
@@ -54,7 +63,12 @@ class CompiledLaw(ABC):
 
     def rule_of_loop(self, rule: Rule) -> Rule:
         """Return the rule whose loop answers under a rule."""
-        return rule if rule.name in self.loops else BACKWARD_EULER
+        return rule if rule.name in {**self.points, **self.loops} else BACKWARD_EULER
+
+    def loop(self, rule: Rule) -> Any:
+        """Return the compiled loop of a rule."""
+        given = self.loops.get(rule.name)
+        return loop_of(self.points[rule.name]) if given is None else given
 
     def condensed_backward_euler(
         self, trial_gap: Floats, compliance: Floats, state: JointState
@@ -67,7 +81,7 @@ class CompiledLaw(ABC):
     ) -> Response:
         rule = self.rule_of_loop(rule)
         start = self.loop_start(rule, state)
-        answer = solve_points(self.loops[rule.name], trial_gap, compliance, start)
+        answer = solve_points(self.loop(rule), trial_gap, compliance, start)
         return self.loop_response(rule, answer, state)
 
     @classmethod

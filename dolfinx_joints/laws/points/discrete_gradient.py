@@ -167,68 +167,76 @@ def trial_traction(normal: Normal, q: Vector, h: Vector, c_s: float) -> Shear:
     return Shear((t_1, t_2), by_normal, (0.5 * k, 0.5 * k, 0.0))
 
 
+@register_jitable
+def discrete_gradient_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:
+    """Answer of a point over a whole step; its gap in the answer is the trial gap at first."""
+    traction, tangent, end_gap, end_stored, dissipation, status = answer
+    gap, stored, trial_gap = start.gap, start.history, answer.gap
+    put_nothing(i, answer)
+    law = law_of(i, start.laws)
+    mu = law.friction
+    h_1, h_2 = trial_gap[i, 1] - gap[i, 1], trial_gap[i, 2] - gap[i, 2]
+    q_1, q_2 = stored[i, 1], stored[i, 2]
+    h_n, g_n = trial_gap[i, 0] - gap[i, 0], gap[i, 0]
+    if law.rebounds:
+        normal = normal_traction(h_n, c_n, g_n, stored[i, 0], law)
+        closed = not normal.gap > 0.0
+        stays = closed and g_n <= 0.0
+    else:
+        normal = _stops(h_n, c_n, g_n, stored[i, 8], stored[i, 9] > 0.0)
+        # Its gap stays as the impact left it.
+        closed = normal.traction < 0.0
+        stays = closed and stored[i, 9] > 0.0
+        end_stored[i, 9] = 1.0 if closed else 0.0
+    t_n, slides, lost = normal.traction, False, 0.0
+    shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0)), q_1, q_2
+    # A rigid point that nothing can move tangentially has no shear to be found.
+    if np.isfinite(normal.zeta) and t_n < 0.0 and normal.zeta + c_s > 0.0:
+        trial = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
+        before = stored[i, 3:8] if stays else np.zeros(5, stored.dtype)
+        shear, slides = friction_with_turns(trial, Limit(t_n, normal.stiffness, mu), before)
+        if slides:
+            (o_1, o_2), (t_1, t_2) = trial.traction, shear.traction
+            k = 2.0 * normal.zeta * normal.zeta + c_s
+            slip_1, slip_2 = k * (o_1 - t_1), k * (o_2 - t_2)
+            lost = t_1 * slip_1 + t_2 * slip_2  # D below (16)
+            if stays:
+                end_stored[i, 3], end_stored[i, 4] = slip_1, slip_2
+                end_stored[i, 7] = max(0.5 * lost, 0.0)
+        if stays:
+            end_stored[i, 5], end_stored[i, 6] = stored[i, 3], stored[i, 4]
+        end_1 = 2.0 * normal.zeta * shear.traction[0] - q_1  # z of (16)
+        end_2 = 2.0 * normal.zeta * shear.traction[1] - q_2
+    put_traction(i, t_n, normal.stiffness, shear, traction, tangent)
+    limit, size = mu * np.sqrt(2.0 * law.ratio * normal.energy), np.hypot(end_1, end_2)
+    if size > limit:  # e1 of (16)
+        end_1, end_2 = end_1 * (limit / size), end_2 * (limit / size)
+        lost += 0.5 * (size - limit) * (size + limit)  # D below (16)
+    end_stored[i, 0] = normal.energy
+    end_stored[i, 1], end_stored[i, 2] = end_1, end_2
+    t_1, t_2 = shear.traction
+    end_gap[i, 0] = normal.gap
+    end_gap[i, 1] -= c_s * t_1
+    end_gap[i, 2] -= c_s * t_2
+    dissipation[i] = lost
+    if closed:
+        status[i] = closed_status(slides, law)
+
+
+@register_jitable
+def discrete_gradient_point(i: int, start: Start, answer: Answer) -> None:
+    """Answer of a point over a whole step, at its gap."""
+    discrete_gradient_on(i, 0.0, 0.0, start, answer)
+
+
 @njit(cache=True, error_model="numpy")
 def discrete_gradient_points(
     compliance: Floats, start: Start, answer: Answer, first: int, stride: int
 ) -> None:
-    """Answer over a whole step of the points ``first``, ``first + stride`` and so on.
-
-    The gap of the answer is the trial gap at first.
-    """
-    traction, tangent, end_gap, end_stored, dissipation, status = answer
-    gap, stored, trial_gap = start.gap, start.history, answer.gap
-    for i in range(first, len(trial_gap), stride):
-        put_nothing(i, answer)
-        law = law_of(i, start.laws)
-        mu = law.friction
+    """Answer over a whole step of the points ``first``, ``first + stride`` and so on."""
+    for i in range(first, len(answer.gap), stride):
         j = i if len(compliance) > 1 else 0
-        c_n, c_s = compliance[j, 0], compliance[j, 1]
-        h_1, h_2 = trial_gap[i, 1] - gap[i, 1], trial_gap[i, 2] - gap[i, 2]
-        q_1, q_2 = stored[i, 1], stored[i, 2]
-        h_n, g_n = trial_gap[i, 0] - gap[i, 0], gap[i, 0]
-        if law.rebounds:
-            normal = normal_traction(h_n, c_n, g_n, stored[i, 0], law)
-            closed = not normal.gap > 0.0
-            stays = closed and g_n <= 0.0
-        else:
-            normal = _stops(h_n, c_n, g_n, stored[i, 8], stored[i, 9] > 0.0)
-            # Its gap stays as the impact left it.
-            closed = normal.traction < 0.0
-            stays = closed and stored[i, 9] > 0.0
-            end_stored[i, 9] = 1.0 if closed else 0.0
-        t_n, slides, lost = normal.traction, False, 0.0
-        shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0)), q_1, q_2
-        # A rigid point that nothing can move tangentially has no shear to be found.
-        if np.isfinite(normal.zeta) and t_n < 0.0 and normal.zeta + c_s > 0.0:
-            trial = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
-            before = stored[i, 3:8] if stays else np.zeros(5, stored.dtype)
-            shear, slides = friction_with_turns(trial, Limit(t_n, normal.stiffness, mu), before)
-            if slides:
-                (o_1, o_2), (t_1, t_2) = trial.traction, shear.traction
-                k = 2.0 * normal.zeta * normal.zeta + c_s
-                slip_1, slip_2 = k * (o_1 - t_1), k * (o_2 - t_2)
-                lost = t_1 * slip_1 + t_2 * slip_2  # D below (16)
-                if stays:
-                    end_stored[i, 3], end_stored[i, 4] = slip_1, slip_2
-                    end_stored[i, 7] = max(0.5 * lost, 0.0)
-            if stays:
-                end_stored[i, 5], end_stored[i, 6] = stored[i, 3], stored[i, 4]
-            end_1 = 2.0 * normal.zeta * shear.traction[0] - q_1  # z of (16)
-            end_2 = 2.0 * normal.zeta * shear.traction[1] - q_2
-        put_traction(i, t_n, normal.stiffness, shear, traction, tangent)
-        limit, size = mu * np.sqrt(2.0 * law.ratio * normal.energy), np.hypot(end_1, end_2)
-        if size > limit:  # e1 of (16)
-            end_1, end_2 = end_1 * (limit / size), end_2 * (limit / size)
-            lost += 0.5 * (size - limit) * (size + limit)  # D below (16)
-        end_stored[i, 0] = normal.energy
-        end_stored[i, 1], end_stored[i, 2] = end_1, end_2
-        t_1, t_2 = shear.traction
-        end_gap[i, 0] = normal.gap
-        end_gap[i, 1] -= c_s * t_1
-        end_gap[i, 2] -= c_s * t_2
-        dissipation[i] = lost
-        if closed:
-            status[i] = closed_status(slides, law)
+        discrete_gradient_on(i, compliance[j, 0], compliance[j, 1], start, answer)
 
 
 def whole_step_from(

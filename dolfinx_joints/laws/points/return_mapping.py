@@ -5,7 +5,7 @@
 Plain functions of numbers in the order of the theory (docs/theory), numbers of its equations beside
 the lines; loops over points, compiled by numba, take them as they stand. `friction` has the loop
 for the end of a step, `discrete_gradient` that for a whole one, each with a `normal_traction` and a
-`trial_traction`. `on_compliance` is for laws that have no closed form there.
+`trial_traction`; `points.on_compliance` is for laws that have no closed form there.
 
 A point sits on the compliance c of the structure, gap = trial_gap - c t; c = 0 gives the law by
 itself. In tractions the law's own compliances d = 1/k add to c, so that a rigid joint (d = 0) is a
@@ -14,30 +14,18 @@ case like any other.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.laws.law import Floats, JointState, Response
 
 Vector = tuple[float, float]
 
 # Values of `Status`.
 STICK, SLIP, FRICTIONLESS = 1, 2, 3
-Flagged = tuple[Response, NDArray[Any]]
-
-# Limits of Newton's method on a compliance, and its tolerance relative to the rounding errors of a
-# point. Measured on random steps of shear keys, with a compliance of the structure of 0.1 to 10 000
-# times that of the joint: of 450 400 points 4 are not found. With 12 halvings, and without the two
-# rules of `on_compliance`, 512 of 345 600 were not.
-MOST_ITERATIONS, MOST_CUTS, ROUNDING = 100, 16, 16.0 * float(np.finfo(float).eps)
-# Part of Newton's step that is taken where its length is not found by the residual.
-BEYOND_KINKS = 0.5
 
 
 class Coulomb(NamedTuple):
@@ -234,68 +222,3 @@ def contact_fraction(before: Floats, after: Floats) -> Floats:
     if not opening.any():
         return np.ones(len(before))
     return np.where(opening > 0.0, -after / np.where(opening > 0.0, opening - after, 1.0), 1.0)
-
-
-def on_compliance(
-    answer: Callable[[Floats], Flagged],
-    gap: Floats,
-    trial_gap: Floats,
-    compliance: Floats,
-    stiffness: Floats,
-) -> Flagged:
-    """Solve gap = trial_gap - compliance * t for each point by itself, by Newton's method.
-
-    The residual is smooth in pieces, between kinks at which a face opens or starts to slip. A step
-    is halved until it makes the residual smaller. Two rules keep the method from stalling at a
-    kink, which it would leave or not by the last bit of its numbers:
-
-    - If no part of a step makes the residual smaller, half of the step is taken. It ends beyond the
-      kink, where Newton's direction is another.
-    - If the determinant of the Jacobian is negative, half of the step is taken backwards. Friction
-      is not associated, which makes such pieces. The path along which the residual falls to zero
-      runs backwards in them (Smale 1976), towards a piece with a positive determinant.
-
-    Args:
-        answer: Gives the answer at a gap of shape (n, 3), [m], and a flag for each point.
-        gap: That at the start of the step, where few points slide.
-        trial_gap: Gap if the point carried no traction, shape (n, 3), [m].
-        compliance: Normal and tangential compliance, shape (n or 1, 2), [m/Pa].
-        stiffness: That of a sticking point in the three directions, for a measure of residuals.
-
-    Returns:
-        The answer, its tangent being d traction / d trial_gap, and the flags.
-
-    Raises:
-        ConvergenceError: A point was not found.
-    """
-    c, identity = np.repeat(compliance, (1, 2), axis=1), np.eye(3)
-    scale, known = 1.0 + c * stiffness, np.maximum(np.abs(gap), np.abs(trial_gap)).max(axis=1)
-
-    def missed(gap: Floats) -> tuple[Response, NDArray[np.bool_], Floats]:
-        found, flags = answer(gap)
-        return found, flags, gap + c * found.traction - trial_gap
-
-    found, flags, wrong = missed(gap)
-    for _ in range(MOST_ITERATIONS):
-        stiff = c * np.abs(found.tangent).max(axis=2)
-        rounding = (1.0 + stiff) * np.maximum(known, np.abs(gap).max(axis=1))[:, None]
-        rounding += np.abs(c * found.traction)
-        far = (np.abs(wrong) > ROUNDING * rounding.max(axis=1, keepdims=True)).any(axis=1)
-        if not far.any():
-            break
-        jacobian = identity + c[:, :, None] * found.tangent
-        newton = np.where(far[:, None], np.linalg.solve(jacobian, wrong[:, :, None])[:, :, 0], 0.0)
-        backwards = np.linalg.det(jacobian) < 0.0
-        step = np.where(backwards[:, None], -BEYOND_KINKS * newton, newton)
-        size = np.abs(wrong / scale).max(axis=1)
-        for cut in range(MOST_CUTS + 1):
-            found, flags, left = missed(gap - step)
-            worse = far & ~backwards & ~(np.abs(left / scale).max(axis=1) < size)
-            if not worse.any():
-                break
-            step[worse] = (0.5 * step if cut < MOST_CUTS - 1 else BEYOND_KINKS * newton)[worse]
-        gap, wrong = gap - step, left
-    else:
-        raise ConvergenceError(iteration=MOST_ITERATIONS, residual=float(np.abs(wrong).max()))
-    tangent = np.linalg.solve(identity + found.tangent * c[:, None, :], found.tangent)
-    return replace(found, tangent=np.asarray(tangent, dtype=np.float64)), flags

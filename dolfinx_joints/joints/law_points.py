@@ -87,8 +87,9 @@ class LawPoints:
                 "beside a method initial_variables(gap)."
             )
         self.variables = len(names)
-        rates = isinstance(law, RateDependentLaw)
-        self._law_of_steps: Callable[[float], AnyLaw] = law.for_step if rates else lambda dt: law
+        self._law_of_steps: Callable[[float], AnyLaw] = lambda dt: law
+        if isinstance(law, RateDependentLaw):
+            self._law_of_steps = law.for_step
         step = self._law_of_steps(math.inf)
         alone = step.law if isinstance(step, DashpotStep) else step
         self.balances = isinstance(alone, EnergyConsistentLaw | CondensedEnergyConsistentLaw)

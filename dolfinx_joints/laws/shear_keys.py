@@ -51,13 +51,15 @@ from dolfinx_joints.laws.law import (
 from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction, work
 from dolfinx_joints.laws.points.on_compliance import on_compliance
 
-Bools = NDArray[np.bool_]
-
 # Faces, in the order of the axes and offsets.
 BASE, FORWARD, CREST, BACKWARD = range(4)
 
 # Columns of the internal variables; then the elastic slips on the teeth's faces.
 KEYS, LIFT, TEETH = 0, 1, slice(2, 6)
+
+
+def _summed(values: Floats) -> Floats:
+    return np.asarray(values.reshape(-1, 3).sum(axis=1))
 
 
 class Faces(NamedTuple):
@@ -187,7 +189,7 @@ class ShearKeyJoint:
 
     def stored_energy(self, state: JointState) -> Floats:
         """Elastic energy of the faces that are in contact, shape (n,), [J/m^2]."""
-        return self._sum(self._friction.stored_energy(self._faces(state.gap, state).before))
+        return _summed(self._friction.stored_energy(self._faces(state.gap, state).before))
 
     def backward_euler(self, gap: Floats, state: JointState) -> Response:
         """Tractions at the end of a step to a gap of shape (n, 3), [m], with their tangent."""
@@ -289,7 +291,7 @@ class ShearKeyJoint:
         answer.state.internal[held, KEYS] = bond_under(ratio[held])
         return answer
 
-    def _sheared(self, state: JointState, here: Bools) -> JointState:
+    def _sheared(self, state: JointState, here: NDArray[np.bool_]) -> JointState:
         """The state without the teeth of some points, whose base bears the larger pressure."""
         faces = self._faces(state.gap, state)
         local = self._tractions(faces.before)
@@ -340,7 +342,7 @@ class ShearKeyJoint:
             traction=traction.sum(axis=1),
             tangent=np.einsum("nfki,nfkl,nflj->nij", axes, tangent, axes, optimize=True),
             state=after,
-            dissipation=self._sum(single.dissipation) + self._let_go(faces, single.state, after),
+            dissipation=_summed(single.dissipation) + self._let_go(faces, single.state, after),
             status=np.where(sticks, np.int8(Status.STICK), status.max(axis=1)),
         ), ratio
 
@@ -376,8 +378,8 @@ class ShearKeyJoint:
         released = self.stored_energy(before) - self.stored_energy(state)
         released += self._let_go(faces, single.state, after)
         return Losses(
-            friction=self._sum(friction) + released,
-            numerical=self._sum(numerical) + work(rest, after.gap - before.gap),
+            friction=_summed(friction) + released,
+            numerical=_summed(numerical) + work(rest, after.gap - before.gap),
         )
 
     @cached_property
@@ -396,8 +398,3 @@ class ShearKeyJoint:
         """Vectors of faces (3 n, 3) in the axes of the joint, shape (n, 3, 3)."""
         turned: Floats = np.einsum("nfij,nfi->nfj", axes, local.reshape(-1, 3, 3))
         return turned
-
-    @staticmethod
-    def _sum(values: Floats) -> Floats:
-        """Sum over the faces of values (3 n,), shape (n,)."""
-        return np.asarray(values.reshape(-1, 3).sum(axis=1))

@@ -106,33 +106,20 @@ class ViscousJoint:
 
     def for_step(self, dt: float) -> EnergyConsistentLaw:
         """The law of a step of length dt [s], infinite in statics."""
-        return DashpotStep(
+        compiled = isinstance(self.law, CompiledLaw) and self.law.has_loops_alone()
+        kind = CompiledDashpotStep if compiled else DashpotStep
+        return kind(
             law=self.law, normal=self.normal_viscosity / dt, shear=self.shear_viscosity / dt
         )
 
 
 @dataclass(frozen=True, kw_only=True)
-class DashpotStep(CompiledEnergyConsistentLaw):
-    """A law with dashpots over a step of given length: their viscosities over dt [Pa/m].
-
-    Around a law without points it is evaluated in Python.
-    """
+class DashpotStep:
+    """A law with dashpots over a step of given length: their viscosities over dt [Pa/m]."""
 
     law: Law
     normal: float
     shear: float
-
-    @property
-    def points(self) -> Mapping[str, Any]:  # type: ignore[override]
-        """Points of the law with the dashpots."""
-        law = self.law
-        if not isinstance(law, CompiledLaw):
-            return {}
-        return {name: with_dashpots(point) for name, point in law.points.items()}
-
-    def has_loops_alone(self) -> bool:  # type: ignore[override]
-        """Return True if the law's points are compiled."""
-        return isinstance(self.law, CompiledLaw) and self.law.has_loops_alone()
 
     def closed_stiffness(self) -> tuple[float, float]:
         """k_n and k_s of the law, [Pa/m]."""
@@ -151,19 +138,6 @@ class DashpotStep(CompiledEnergyConsistentLaw):
         if not isinstance(self.law, EnergyConsistentLaw):
             return self.backward_euler(gap, state)
         return self._with_dashpots(self.law.discrete_gradient(gap, state), gap, state)
-
-    def loop_start(self, rule: Rule, state: JointState) -> Start:
-        """Return what the law's points take, with stiffnesses and viscosities before."""
-        assert isinstance(self.law, CompiledLaw)
-        inner = self.law.loop_start(rule, state)
-        own = (*self.closed_stiffness(), self.normal, self.shear)
-        rows = np.tile(own, (len(inner.laws), 1))
-        return inner._replace(laws=np.hstack([rows, inner.laws]))
-
-    def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
-        """Return the answer as the law does."""
-        assert isinstance(self.law, CompiledLaw)
-        return self.law.loop_response(rule, answer, state)
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Those of the law under what the dashpots leave of a traction, and all work on these."""
@@ -184,6 +158,29 @@ class DashpotStep(CompiledEnergyConsistentLaw):
         loop = dashpot_points if gap.dtype == np.float64 else dashpot_points.py_func
         loop(self.normal, self.shear, state.gap.astype(gap.dtype), answer)
         return replace(found, **{name: getattr(answer, name) for name in _CHANGED})
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompiledDashpotStep(DashpotStep, CompiledEnergyConsistentLaw):
+    """The same of a law whose points are compiled."""
+
+    law: CompiledLaw  # type: ignore[assignment]
+
+    @property
+    def points(self) -> Mapping[str, Any]:  # type: ignore[override]
+        """Points of the law with the dashpots."""
+        return {name: with_dashpots(point) for name, point in self.law.points.items()}
+
+    def loop_start(self, rule: Rule, state: JointState) -> Start:
+        """Return what the law's points take, with stiffnesses and viscosities before."""
+        inner = self.law.loop_start(rule, state)
+        own = (*self.closed_stiffness(), self.normal, self.shear)
+        rows = np.tile(own, (len(inner.laws), 1))
+        return inner._replace(laws=np.hstack([rows, inner.laws]))
+
+    def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
+        """Return the answer as the law does."""
+        return self.law.loop_response(rule, answer, state)
 
 
 _CHANGED = ("traction", "tangent", "dissipation")

@@ -75,7 +75,7 @@ class Faces(NamedTuple):
     axes: Floats
     before: JointState
     gap: Floats
-    kept: Bools
+    kept: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -106,11 +106,10 @@ class ViscousJoint:
 
     def for_step(self, dt: float) -> EnergyConsistentLaw:
         """The law of a step of length dt [s], infinite in statics."""
-        compiled = isinstance(self.law, CompiledLaw) and self.law.has_loops_alone()
-        kind = CompiledDashpotStep if compiled else DashpotStep
-        return kind(
-            law=self.law, normal=self.normal_viscosity / dt, shear=self.shear_viscosity / dt
-        )
+        law, normal, shear = self.law, self.normal_viscosity / dt, self.shear_viscosity / dt
+        if isinstance(law, CompiledLaw) and law.has_loops_alone():
+            return CompiledDashpotStep(law=law, normal=normal, shear=shear)
+        return DashpotStep(law=law, normal=normal, shear=shear)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -220,7 +220,7 @@ def _methods(law: AnyLaw) -> dict[str, Callable[..., Response]]:
 
 
 def _condensed_methods(law: AnyLaw) -> dict[str, Callable[..., Response]]:
-    """The same on a point's own compliance, where the law has such."""
+    """Return the law's own methods on the compliance of the structure; most laws have none."""
     if not isinstance(law, CondensedLaw):
         return {}
     methods = {"backward_euler": law.condensed_backward_euler}

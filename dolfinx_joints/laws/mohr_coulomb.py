@@ -101,7 +101,7 @@ def _overload(gap_n: float, slip: Vector, law: Bonded) -> float:
 
 @register_jitable(forceinline=True)
 def _ratio(load: float, strength: float) -> float:
-    """Return what `overload` does, of one load."""
+    """Return one load over its strength, as `overload` does for arrays."""
     if not load > 0.0:
         return 0.0
     if not strength > 0.0:

@@ -161,7 +161,7 @@ class DashpotStep:
 
 @dataclass(frozen=True, kw_only=True)
 class CompiledDashpotStep(DashpotStep, CompiledEnergyConsistentLaw):
-    """The same of a law whose points are compiled."""
+    """A `DashpotStep` whose law is compiled, so that its points are compiled as well."""
 
     law: CompiledLaw  # type: ignore[assignment]
 
@@ -171,7 +171,7 @@ class CompiledDashpotStep(DashpotStep, CompiledEnergyConsistentLaw):
         return {name: with_dashpots(point) for name, point in self.law.points.items()}
 
     def loop_start(self, rule: Rule, state: JointState) -> Start:
-        """Return what the law's points take, with stiffnesses and viscosities before."""
+        """Return the start of the law, with stiffnesses and viscosities as its first parameters."""
         inner = self.law.loop_start(rule, state)
         own = (*self.closed_stiffness(), self.normal, self.shear)
         rows = np.tile(own, (len(inner.laws), 1))
@@ -187,7 +187,7 @@ _CHANGED = ("traction", "tangent", "dissipation")
 
 @functools.cache
 def with_dashpots(point: Any) -> Any:
-    """Return the point of a law with dashpots, of the law's own."""
+    """Return the compiled point of a law with dashpots, given that of the law without."""
 
     @register_jitable(forceinline=True)
     def both(i: int, start: Start, answer: Answer) -> None:
@@ -221,7 +221,7 @@ def add_dashpots(i: int, normal: float, shear: float, before: Floats, answer: An
     gap, traction, tangent = answer.gap[i], answer.traction[i], answer.tangent[i]
     end = min(gap[0], 0.0)
     pressed = normal * (end - min(before[0], 0.0))
-    # The dashpot alone may not pull: it gives up where it would outweigh the pressure.
+    # The dashpot pulls at most as strongly as the joint is pressed: no tension in the sum.
     dash_n, acts = pressed, True
     if pressed > max(-traction[0], 0.0):
         dash_n, acts = max(-traction[0], 0.0), False

@@ -88,7 +88,7 @@ def script(changed=None):
 
 
 def facts(changed=None):
-    """What the script finds in this process."""
+    """Return the facts that the script computes in this process."""
     module = ModuleType("script")
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(sys.modules, "script", module)
@@ -203,7 +203,7 @@ def test_each_argument_of_a_model_counts(name, wall_file, read):
 
 
 def test_equal_models_have_equal_facts(wall_file, read):
-    """Whether joints share one law or have equal ones makes no difference."""
+    """Joints that share one law, and joints with equal laws, have equal facts."""
     names = read(wall_file()).joint_names
     apart = {name: replace(shaken_wall.LAW) for name in names}
     assert first_difference(facts_of(read(wall_file())), facts_of(read(wall_file()))) is None

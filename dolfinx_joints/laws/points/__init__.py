@@ -1,3 +1,3 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What laws do at one point, compiled: return mapping, discrete gradient, compliance."""
+"""Compiled answers of laws at one point, at its gap or on the compliance of the structure."""

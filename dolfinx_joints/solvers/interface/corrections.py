@@ -160,7 +160,7 @@ class CompiledCorrections:
         return out
 
     def _tie(self) -> None:
-        """Make W once it would have saved what it costs: a run may go on as long (collective)."""
+        """Make W if it would have saved a quarter of its cost until now (collective)."""
         memory, split = self._memory, self._compliance.split
         cost = 2.3 * float(split.size) ** 3
         if memory.ties or self._stuck is None or memory.missed[0] * OPERATIONS_PER_ENTRY <= cost:

@@ -3,89 +3,69 @@
 """Thresholds of the solvers: tolerances, sizes at which a method changes, limits of iterations.
 
 Each comment says what a value trades and where it comes from; `tests/solvers/test_limits.py` names
-the test or the page that shows the effect. Options of the user are in `SolverOptions`, options of
+the test or the page that shows its effect. Options of the user are in `SolverOptions`, options of
 PETSc next to the solvers that they set. Read a value as ``limits.NAME``, so that a test can replace
-it; compiled loops take the value at their first call.
+it; compiled loops take it when they are compiled.
 """
-
-from __future__ import annotations
 
 import sys
 
-# ---- Rounding
-
+# ROUNDING
 EPSILON = sys.float_info.epsilon
 
-# Rounding error of A x relative to |A| |x|: a few roundings of each entry.
-PRODUCT_ROUNDING = 4.0 * EPSILON
+# Rounding error of A x relative to |A| |x|, and of joint forces relative to the gaps that they
+# follow from, which are sums over many dofs.
+PRODUCT_ROUNDING, GAP_ROUNDING = 4.0 * EPSILON, 64.0 * EPSILON
 
-# Rounding error of joint forces relative to the gaps that they follow from: these are sums over
-# many dofs.
-GAP_ROUNDING = 64.0 * EPSILON
-
-# Error of a product in single precision, and what rounding leaves of a direction of GMRES: some ten
-# roundings of 6e-8.
+# Error of a product in single precision, and what is rounding error of a direction of GMRES: some
+# ten roundings of 6e-8.
 SINGLE_ROUNDING = 1e-6
 
-# Largest residual accepted as rounding error, relative to the forces. Without it joints some
-# millions of times stiffer than the body do not converge; a larger one would hide errors.
-LARGEST_ROUNDING = 1e-6
+# Largest residual accepted as rounding error, relative to the forces: of joints some millions of
+# times stiffer than the body; where rounding exceeds all joint forces, as of points that only just
+# close as a step ends; and of forces of artificial springs, if blocks fall far before contact. The
+# steps fail with smaller values; larger ones would accept errors, or mechanisms.
+LARGEST_ROUNDING, LARGEST_CONTACT_ROUNDING, LARGEST_SPRING_ROUNDING = 1e-6, 1e-3, 1e-8
 
-# The same where rounding exceeds all joint forces: points that only just close as a step ends.
-LARGEST_CONTACT_ROUNDING = 1e-3
-
-# The same for the share of joint forces that is rounding error of the artificial springs. Blocks
-# that fall far before they are in contact reach it; mechanisms exceed it.
-LARGEST_SPRING_ROUNDING = 1e-8
-
-# Residual of unsupported blocks left to rounding, relative to the largest force: to correct it would
-# move blocks that can rest anywhere.
+# Residual of unsupported blocks left to rounding, relative to the largest force: its correction
+# would move blocks that can rest anywhere.
 BALANCED = 1e-12
 
 # Condition estimate |A| |x| / |f| for random forces f above which a tangent of statics is singular:
 # two digits below the inverse of the rounding unit.
 SINGULAR_GROWTH = 0.01 / EPSILON
 
-# Residual of the first solve with a factor above which the matrix is singular: LU of singular
-# matrices may end without an error and leaves residuals of one and more. Regular matrices of a
-# condition up to 1e13 stay below.
-FACTOR_RESIDUAL = 1e-2
+# Relative residual of the first solve with a factor above which the matrix is singular: LU of such
+# matrices may end without an error. It is stricter for K of blocks, since springs on a supported
+# block do no harm.
+FACTOR_RESIDUAL, SUPPORTED_RESIDUAL = 1e-2, 1e-6
 
-# The same for K, above which blocks count as unsupported. It is stricter because springs on a
-# supported block do no harm.
-SUPPORTED_RESIDUAL = 1e-6
-
-# ---- Newton's method
-
+# NEWTON'S METHOD
 # If the residual is not below LEAST_FALL of the one PATIENCE iterations ago, WHOLE_CORRECTIONS
 # corrections are taken whole: halved ones may creep towards a kink that is no solution.
 PATIENCE, LEAST_FALL, WHOLE_CORRECTIONS = 5, 0.9, 2
 
-# Part of the accepted residual that inexact corrections aim at (Eisenstat and Walker 1996).
-FORCING_MARGIN = 0.3
-
-# Part of the residual that the first corrections may leave, those of the body by multigrid, of the
-# joint forces in time steps, and in statics, which have few solves. Smaller values take more
-# products, larger ones more iterations.
+# Part of the residual that the first corrections may leave: of the body by multigrid, of joint
+# forces in time steps, and in statics, which have few solves. Smaller values take more products,
+# larger ones more iterations.
 BODY_FORCING, JOINT_FORCING, STATIC_FORCING = 0.1, 0.03, 3e-4
 
-# Part of the residual that the last correction of the body may leave: energy balances to rounding.
-POLISH = 0.01
+# Part of the accepted residual that later ones aim at, and of the residual that the last correction
+# of the body may leave, so that the energy balances to rounding.
+FORCING_MARGIN, POLISH = 0.3, 0.01
 
 # The iteration on joint forces continues to this part of the tolerance if rounding allows it, since
 # the energy balance depends on the residual; in statics to this part of the largest force.
 END_OF_STEPS, END_OF_STATICS = 0.01, 1e-14
 
-# An accepted residual is final if a correction leaves more than this part of it.
-STALLED = 0.5
+# An accepted residual is final if a correction leaves more than STALLED of it; entries below
+# CONVERGED_ENTRIES of the target residual cost no product.
+STALLED, CONVERGED_ENTRIES = 0.5, 0.1
 
-# Entries of a residual below this part of its target are converged and cost no product.
-CONVERGED_ENTRIES = 0.1
-
-# Corrections add the rounding error of single precision to S f. If it exceeds STALE of the residual,
-# S f is computed anew; if it will exceed STALE_NEXT of the next residual, were convergence
-# quadratic, the next S f is computed in double precision. Both are omitted if the error is below
-# NEGLIGIBLE of the target residual; with W the true error was up to eight times the estimate.
+# Corrections add the rounding error of single precision to S f. If it exceeds STALE of the
+# residual, S f is computed anew; if it will exceed STALE_NEXT of the next residual, were
+# convergence quadratic, the next S f is computed in double precision. Both are omitted if the error
+# is below NEGLIGIBLE of the target residual; with W the true error was up to 8 times the estimate.
 STALE, STALE_NEXT, NEGLIGIBLE = 0.1, 0.3, 0.03
 
 # Parts of the closed joints' stiffness tried in turn where a tangent is singular: the smallest that
@@ -96,15 +76,13 @@ REGULARISATIONS = (0.0, 1e-4, 1e-2)
 # that of a block without support does.
 SETTLED = 1e-5
 
-# ---- Statics of joints
-
+# STATICS OF JOINTS
 # Times that a static solution is corrected by the gaps of the body: stiff joints turn the rounding
 # errors of gaps into forces.
 REFINEMENTS = 3
 
-# Residual over the largest force up to which statics start on the line through the last two accepted
-# states, which saves iterations under loads in proportion. Otherwise they start from the elastic
-# predictor, which cannot leave the path.
+# Residual over the largest force up to which statics start on the line through the last two
+# accepted states, which saves iterations under loads that grow in proportion.
 ON_LINE = 1e-3
 
 # A point that only its own spring supports has c s = 1, and 1 / (1 - c s) is infinite; any smaller
@@ -124,24 +102,22 @@ RIGID_DAMPING = 1e-8
 RIGID_OPENING = 10.0
 
 # 1/dt^2 of the first and the last step in pseudo-time relative to |K|/|M|, its fall in a step, and
-# the most steps: slower falls find as many equilibria, faster ones fewer.
+# the most steps: other falls find fewer or as many equilibria.
 PSEUDO_FIRST, PSEUDO_LAST, PSEUDO_FALL, PSEUDO_STEPS = 1e-2, 1e-15, 0.1, 20
 
-# Where rounding leaves more inertia than the tolerance, the last step in pseudo-time changes no more
-# than this part of x; on a mechanism it changes most of it.
+# Where rounding leaves more inertia than the tolerance, the last step in pseudo-time changes no
+# more than this part of x; on a mechanism it changes most of it.
 PSEUDO_SETTLED = 1e-3
 
-# ---- Corrections of joint forces
-
+# CORRECTIONS OF JOINT FORCES
 # Products that GMRES may spend on one correction; the correction found by then is used.
 MOST_PRODUCTS = 100
 
-# Products that a correction takes on average on the walls of the benchmarks, to compare the costs of
-# active set and complement.
+# Products that a correction takes on average, to compare the costs of active set and complement.
 TYPICAL_PRODUCTS = 10
 
-# Tolerances of systems in single precision, and with S compressed to ROUGH_COMPRESSION: tighter ones
-# are not reached and would spend all products.
+# Finest tolerances of systems in single precision, and with S compressed to ROUGH_COMPRESSION:
+# tighter ones are not reached and would spend all products.
 FINEST_SINGLE, FINEST_COMPRESSED = 1e-5, 1e-3
 
 # Part of its square that a new direction of GMRES keeps if one pass makes it orthogonal.
@@ -150,13 +126,13 @@ ORTHOGONAL_REST = 0.01
 # Difference of T and T0, which are between 0 and 1, that is rounding: the point sticks.
 SAME_TANGENT = 1e-12
 
-# Entries read without W, over m^3, after which W is made. It costs 2.3 m^3 operations, ten in the
-# time of an entry in double precision and five of one in single; it is made when a quarter of that
-# has been spent, because most runs are long.
+# Entries read without W, over m^3, after which W is made. It costs 2.3 m^3 operations, five in the
+# time of an entry in single precision, and is made when a quarter of that has been spent, because
+# most runs are long.
 COMPLEMENT_COST = 2.3 / 20.0
 
-# Pivot of I + T0 S below which W is not used: points that stick tie each other, and W amplifies what
-# corrections leave of their systems.
+# Pivot of I + T0 S below which W is not used: points that stick tie each other, and W amplifies
+# what corrections leave of their systems.
 COMPLEMENT_PIVOT = 0.03
 
 # Share of nonzero entries in a vector above which half of a symmetric S is read faster than the
@@ -167,8 +143,7 @@ NONZERO_SHARE = 0.6
 # more rarely, but cost more in each product.
 SET_EXCESS, SET_SPARE = 1.4, 20
 
-# ---- Compliance of the joints
-
+# COMPLIANCE OF THE JOINTS
 # Joint unknowns up to which the compliance is dense. Beyond, a compressed one is not only smaller,
 # its products are also faster.
 LARGEST_DENSE = 2000
@@ -177,12 +152,9 @@ LARGEST_DENSE = 2000
 # precision, 0.15 GB over all ranks, and W, 0.3 GB.
 LARGEST_WHOLE = 6000
 
-# Joint unknowns from which all columns are made at once: that takes another factorization.
-SMALLEST_AT_ONCE = 300
-
-# Error of columns made at once, relative to the largest entry, that is not rounding: MUMPS was seen
-# to return wrong ones, correct ones differ by 3e-15.
-AT_ONCE_ERROR = 1e-8
+# Joint unknowns from which all columns are made at once, which takes another factorization; and the
+# error, relative to the largest entry, that is not rounding: MUMPS was seen to return wrong ones.
+SMALLEST_AT_ONCE, AT_ONCE_ERROR = 300, 1e-8
 
 # Points where the diagonal is solved for to scale an estimate, and columns that are compared.
 SAMPLES = 8
@@ -210,11 +182,9 @@ STORE_GROWTH = 1_000_000
 
 # Matrices kept, one per step length: on the condensed path as many as dense compliances fit into
 # KEPT_BYTES, from FEWEST_KEPT to MOST_KEPT; of tangents TANGENTS_KEPT, FEWEST_KEPT if iterated.
-KEPT_BYTES = 2_000_000_000
-FEWEST_KEPT, TANGENTS_KEPT, MOST_KEPT = 2, 4, 8
+KEPT_BYTES, FEWEST_KEPT, TANGENTS_KEPT, MOST_KEPT = 2_000_000_000, 2, 4, 8
 
-# ---- Solvers of the body
-
+# SOLVERS OF THE BODY
 # Mean entries of a column of the factor up to which one in blocks of a node is faster, and rows of
 # the matrix beyond which it pays late, for its set-up and columns of compliances.
 NODE_BLOCK_COLUMN, NODE_BLOCK_ROWS = 150.0, 25_000

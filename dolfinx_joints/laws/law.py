@@ -207,7 +207,7 @@ class LawWithLosses(Protocol):
 
 @runtime_checkable
 class CondensedLaw(Protocol):
-    """A law that the condensed solver takes; models with any other take the monolithic path.
+    """A law with its own answer on a compliance; of others `on_compliance` finds it.
 
     A law that is not a `Law` besides, as a rigid joint, carries nothing that follows from its gap.
     """

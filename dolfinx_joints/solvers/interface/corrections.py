@@ -37,6 +37,9 @@ from dolfinx_joints.solvers.interface.compiled.ranks import lengths_of, ranks_of
 
 Floats = NDArray[np.float64]
 
+# Sets of points of which parts of S or W are kept: names in checkpoints, and in `Memory`.
+SETS = {"kept": "active", "changed": "changed"}
+
 
 class Correction(NamedTuple):
     """A correction of the scaled forces.
@@ -148,13 +151,17 @@ class CompiledCorrections:
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state that later corrections depend on (collective)."""
-        first, memory = self._blocks[self._comm.rank], self._memory
-        sets = {"kept": memory.active, "changed": memory.changed}
-        return {"missed": float(memory.missed[0])} | {
-            name: Dealt(self._comm, points.points[: points.number[0]] + first)
-            for name, points in sets.items()
-            if points.number[0] >= 0
+        return {"missed": float(self._memory.missed[0])} | {
+            name: Dealt(self._comm, self._numbers(name))
+            for name in SETS
+            if getattr(self._memory, SETS[name]).number[0] >= 0
         }
+
+    def _numbers(self, name: str) -> NDArray[np.int64]:
+        """Return the numbers, of all ranks' points, of the rank's points in a set."""
+        last = getattr(self._memory, SETS[name]).number[0]
+        own: NDArray[np.int64] = getattr(self._memory, SETS[name]).points[:last]
+        return own + self._blocks[self._comm.rank]
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Restore what another's ``state_dict`` gave (collective)."""

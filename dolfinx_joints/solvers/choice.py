@@ -44,10 +44,10 @@ def make_solver(
         options: Tolerances and limits.
         kind: ``condensed``, ``monolithic``, or ``auto``: condensed, but monolithic where the bulk
             is solved by iteration and joints are not too stiff beside its elements
-            (`STIFF_AT_NODES`). Plastic cells take the
-            monolithic one alone. ``forms`` is the monolithic solver with joints assembled by
-            interior-facet integrals, a reference. If the shortest static increment does not
-            converge, other starts are tried, and with ``auto`` other solvers and pseudo-time.
+            (`STIFF_AT_NODES`). Plastic cells take the monolithic one alone. ``forms`` is the
+            monolithic solver with joints assembled by interior-facet integrals, a reference. If the
+            shortest static increment does not converge, other starts are tried, and with ``auto``
+            other solvers and pseudo-time.
         static_steps: Number of static load steps to be solved; 0 in dynamics.
     """
     solver = _solver_of(system, options, kind, static_steps)
@@ -140,10 +140,7 @@ def _by_forms(system: MatrixSystem, contact: Contact) -> MatrixSystem:
 
 
 def _for_steps(options: SolverOptions | None, contact: Contact, static_steps: int) -> SolverOptions:
-    """Return options without a stored compliance if the solves are too few to pay for it.
-
-    Smaller ones are made at once in less time.
-    """
+    """Return options without a stored compliance if the solves are too few to pay for it."""
     options, unknowns = options or SolverOptions(), 3 * contact.operator.num_points
     few = unknowns > limits.LARGEST_WHOLE
     few = few and 0 < limits.STATIC_SOLVE_COLUMNS * static_steps < unknowns

@@ -17,6 +17,7 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import diagonal_compliance
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.effective_matrix import iterates
 from dolfinx_joints.solvers.first_that_works import HoldingBonds, OtherStarts, StaticSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
@@ -24,10 +25,6 @@ from dolfinx_joints.solvers.step_solver import SolverOptions, StepSolver
 
 if TYPE_CHECKING:
     from dolfinx_joints.solvers.interface.solver import InterfaceSolver
-
-# Stiffness of a closed joint point beside that of the nodes around it, up to which the whole is
-# solved in few iterations; the same of points that are not at nodes (docs/decisions).
-LARGEST_RATIO, LARGEST_ELSEWHERE = 1e3, 10.0
 
 SolverKind = Literal["auto", "condensed", "monolithic", "forms"]
 
@@ -47,10 +44,10 @@ def make_solver(
         options: Tolerances and limits.
         kind: ``condensed``, ``monolithic``, or ``auto``: condensed, but monolithic where the bulk
             is solved by iteration and joints are not too stiff beside its elements
-            (`LARGEST_RATIO`). Plastic cells take the
-            monolithic one alone. ``forms`` is the monolithic solver with joints assembled by
-            interior-facet integrals, a reference. If the shortest static increment does not
-            converge, other starts are tried, and with ``auto`` other solvers and pseudo-time.
+            (`STIFF_AT_NODES`). Plastic cells take the monolithic one alone. ``forms`` is the
+            monolithic solver with joints assembled by interior-facet integrals, a reference. If the
+            shortest static increment does not converge, other starts are tried, and with ``auto``
+            other solvers and pseudo-time.
         static_steps: Number of static load steps to be solved; 0 in dynamics.
     """
     solver = _solver_of(system, options, kind, static_steps)
@@ -132,7 +129,7 @@ def _takes_whole(system: MatrixSystem, contact: Contact, options: SolverOptions)
     closed = operator.areas[:, None] * np.repeat(contact.closed_stiffness(), (1, 2), axis=1)
     ratio = float((own * closed).max(initial=0.0))
     at_nodes = getattr(operator, "quadrature", None) in ("auto", "nodal")
-    largest = LARGEST_RATIO if at_nodes else LARGEST_ELSEWHERE
+    largest = limits.STIFF_AT_NODES if at_nodes else limits.STIFF_ELSEWHERE
     return bool(operator.comm.allreduce(ratio, MPI.MAX) <= largest)
 
 
@@ -143,15 +140,10 @@ def _by_forms(system: MatrixSystem, contact: Contact) -> MatrixSystem:
 
 
 def _for_steps(options: SolverOptions | None, contact: Contact, static_steps: int) -> SolverOptions:
-    """Return options without a stored compliance if the solves are too few to pay for it.
-
-    A static solve takes some 250 products, and a column of the compliance in a block of them a
-    seventh of a back-substitution; smaller ones are made at once in less.
-    """
-    from dolfinx_joints.solvers.compliance.compliance import LARGEST_WHOLE
-
+    """Return options without a stored compliance if the solves are too few to pay for it."""
     options, unknowns = options or SolverOptions(), 3 * contact.operator.num_points
-    few = unknowns > LARGEST_WHOLE and 0 < 7 * 250 * static_steps < unknowns
+    few = unknowns > limits.LARGEST_WHOLE
+    few = few and 0 < limits.STATIC_SOLVE_COLUMNS * static_steps < unknowns
     if few and options.compliance == "auto":
         return replace(options, compliance="matrix-free")
     return options

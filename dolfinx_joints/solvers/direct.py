@@ -13,15 +13,12 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.diagnosis import NO_MEMORY, of_error, reported_by_package, why_singular
 from dolfinx_joints.solvers.multigrid.bulk import options_set
 from dolfinx_joints.solvers.node_blocks import NodeBlocks
 
 Floats = NDArray[np.float64]
-
-# Columns that `DirectSolver.solve_block` is best given at once: fewer read the factor more often
-# per column, more gain nothing (measurements in docs/decisions).
-BLOCK = 64
 
 # MUMPS' option for the per cent by which its workspace exceeds the estimate.
 WORKSPACE = "mat_mumps_icntl_14"
@@ -104,7 +101,7 @@ class DirectSolver:
         """Solve A X = B for many right-hand sides at once (collective).
 
         A factor is read once per block and not once per column, which makes a column several
-        times cheaper; `BLOCK` columns are a good number.
+        times cheaper; `BLOCK_COLUMNS` are a good number.
 
         Args:
             right: Owned rows of B, shape (local rows, columns), [N]; all ranks give as many
@@ -167,13 +164,13 @@ class DirectSolver:
         residual = b.duplicate()
         self._matrix.mult(x, residual)
         residual.axpy(-1.0, b)
-        return bool(residual.norm() <= 1e-2 * b.norm())
+        return bool(residual.norm() <= limits.FACTOR_RESIDUAL * b.norm())
 
     def _solves_block(self, b: PETSc.Mat, x: PETSc.Mat) -> bool:
         """The same for a block."""
         residual = self._matrix.matMult(x)
         residual.axpy(-1.0, b)
-        solves = bool(residual.norm() <= 1e-2 * b.norm())
+        solves = bool(residual.norm() <= limits.FACTOR_RESIDUAL * b.norm())
         residual.destroy()
         return solves
 

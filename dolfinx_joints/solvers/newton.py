@@ -23,13 +23,14 @@ from dolfinx_joints.common.errors import ConvergenceError, JointsError
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.laws.law import DISCRETE_GRADIENT, Response
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.effective_matrix import (
     Cache,
     EffectiveMatrix,
     iterates,
     unconstrained_dofs,
 )
-from dolfinx_joints.solvers.multigrid.bulk import STEP_TOLERANCE, IterativeSolver
+from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 from dolfinx_joints.solvers.newton_loop import Problem, forcing, newton
 from dolfinx_joints.solvers.step_solver import (
     Solution,
@@ -41,17 +42,6 @@ from dolfinx_joints.solvers.step_solver import (
 from dolfinx_joints.solvers.tangent import Tangent
 
 Floats = NDArray[np.float64]
-
-EPSILON = float(np.finfo(np.float64).eps)
-
-# Parts of the closed joints' stiffness tried in turn where a tangent is singular.
-REGULARISATIONS = (0.0, 1e-4, 1e-2)
-
-# A static solution accepted for rounding moves by no more than this part of it in a correction.
-SETTLED = 1e-5
-
-# Corrections of iterative solvers leave this part of the residual at first, the last one that.
-INNER_TOLERANCE, POLISH = 0.1, 0.01
 
 
 class NewtonSolver(StepSolver):
@@ -82,15 +72,15 @@ class NewtonSolver(StepSolver):
         self.options = options or SolverOptions()
         self.unconstrained = free = unconstrained_dofs(system)
         product = None if internal_forces is None else internal_forces.tangent_matrix(free)
-        kept = 2 if iterates(system, self.options.linear) else 4  # large, and soon made anew
-        limits = self.options  # a reference to self in the cache would keep it alive
+        iterated = iterates(system, self.options.linear)  # large, and soon made anew
+        chosen = self.options  # a reference to self in the cache would keep it alive
         self._tangents = Cache(
             lambda key: Tangent(
-                EffectiveMatrix.of(system, key, linear=limits.linear),
+                EffectiveMatrix.of(system, key, linear=chosen.linear),
                 product,
-                limits.linear_options,
+                chosen.linear_options,
             ),
-            size=kept,
+            size=limits.FEWEST_KEPT if iterated else limits.TANGENTS_KEPT,
         )
 
     def _solve(self, equation: StepEquation) -> Solution:
@@ -100,7 +90,7 @@ class NewtonSolver(StepSolver):
         if self.system.internal_forces is None:
             loose = matrix.inertia and matrix.change is None
             loose = loose and isinstance(matrix.solver, IterativeSolver)
-            options = {"tolerance": STEP_TOLERANCE} if loose else {}
+            options = {"tolerance": limits.STEP_TOLERANCE} if loose else {}
             factored = int(matrix.solve_linear(*linear, **options))
             return None, SolveReport(iterations=1, factorizations=factored, solver=self.name)
         if not self.follows_path:
@@ -194,8 +184,8 @@ class BodyProblem(Problem[AnyIterate, PETSc.Vec], ABC):
         without support would keep drifting.
         """
         fallen = 1.0 if before is None else at.norm / before.norm
-        correction = self._correct(at, forcing(INNER_TOLERANCE, fallen, at.target))
-        settled = at.accepted and correction.norm() <= SETTLED * at.change.norm()
+        correction = self._correct(at, forcing(limits.BODY_FORCING, fallen, at.target))
+        settled = at.accepted and correction.norm() <= limits.SETTLED * at.change.norm()
         return None if settled else correction
 
     def polished(self, at: AnyIterate) -> AnyIterate:
@@ -203,7 +193,7 @@ class BodyProblem(Problem[AnyIterate, PETSc.Vec], ABC):
 
         The energy is then balanced to rounding.
         """
-        better = self.trial(at, self._correct(at, POLISH), 1.0)
+        better = self.trial(at, self._correct(at, limits.POLISH), 1.0)
         return better if better.norm < at.norm else at
 
     def failure(
@@ -228,7 +218,7 @@ class BodyProblem(Problem[AnyIterate, PETSc.Vec], ABC):
         is added: the correction only, not the equilibrium, depends on it.
         """
         right, tolerance = self.right_hand_side(at, tolerance)
-        for part in REGULARISATIONS:
+        for part in limits.REGULARISATIONS:
             try:
                 solver = self._tangent.update(self.stiffness(at, part))
                 self.factorizations += int(solver.solve(right, self._correction, tolerance))
@@ -281,8 +271,8 @@ class _Displacement(BodyProblem[BodyIterate]):
         norm, scale = float(unbalanced.norm()), max(self._first_scale, *sizes) or 1.0
         largest = float(change.norm(PETSc.NormType.NORM_INFINITY))
         of_laws = self.internal_forces.rounding(response, largest)
-        rounding = 4.0 * EPSILON * (self.matrix.norm * float(change.norm()) + of_laws)
-        tolerance = max(self.wanted, min(rounding / scale, 1e-6))
+        rounding = limits.PRODUCT_ROUNDING * (self.matrix.norm * float(change.norm()) + of_laws)
+        tolerance = max(self.wanted, min(rounding / scale, limits.LARGEST_ROUNDING))
         return BodyIterate(
             change=change,
             response=response,

@@ -8,11 +8,8 @@ import math
 from typing import Protocol, TypeVar
 
 from dolfinx_joints.common.errors import ConvergenceError
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.step_solver import SolverOptions
-
-# If the residual has not fallen to this part in so many iterations, so many corrections are taken
-# whole.
-PATIENCE, FALL, WHOLE = 5, 0.9, 2
 
 
 class Iterate(Protocol):
@@ -86,8 +83,9 @@ def newton(
         correction = problem.correction(at, before)
         if correction is None:
             return at, norms
-        if leaps and len(norms) - first > PATIENCE and norms[-1] > FALL * norms[-1 - PATIENCE]:
-            whole = WHOLE
+        if leaps and len(norms) - first > limits.PATIENCE:
+            slow = norms[-1] > limits.LEAST_FALL * norms[-1 - limits.PATIENCE]
+            whole = limits.WHOLE_CORRECTIONS if slow else whole
         cuts = 0 if whole else options.max_cuts
         if whole:
             whole, first = whole - 1, len(norms)
@@ -120,4 +118,4 @@ def forcing(first: float, fallen: float, target: float) -> float:
         fallen: Residual over that of the iterate before, 1 at the start.
         target: Residual accepted over the residual.
     """
-    return max(min(first, fallen**2), 0.3 * target)
+    return max(min(first, fallen**2), limits.FORCING_MARGIN * target)

@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-Floats = NDArray[np.float64]
+from dolfinx_joints.solvers import limits
 
-# Mean entries of a column of the factor up to which this one is faster, and the size of a matrix
-# beyond which it pays late, for its set-up and columns of compliances (docs/decisions).
-LONGEST_COLUMN, LARGEST = 150.0, 25_000
+Floats = NDArray[np.float64]
 
 # Dofs of a node for which PETSc has loops that are written out.
 BLOCKS = (2, 3)
@@ -58,7 +56,7 @@ class NodeBlocks:
     def serves(matrix: PETSc.Mat, entries: float) -> bool:
         """Whether it is faster than a supernodal factor of so many entries."""
         size = matrix.getSize()[0]
-        short = entries <= LONGEST_COLUMN * size and size <= LARGEST
+        short = entries <= limits.NODE_BLOCK_COLUMN * size and size <= limits.NODE_BLOCK_ROWS
         return short and matrix.getBlockSize() in BLOCKS
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:

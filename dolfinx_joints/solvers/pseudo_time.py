@@ -9,15 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from dolfinx_joints.common.errors import ConvergenceError, JointsError
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.step_solver import Solution, SolverAround, StepEquation
-
-# 1/dt^2 of the first and the last step relative to |K|/|M|, what the next one has of it, and the
-# most steps tried (measured in docs/decisions).
-FIRST, LAST, NEXT, MOST = 1e-2, 1e-15, 0.1, 20
-
-# Where rounding leaves more inertia than wanted, the last step changes no more than this part of x;
-# on a mechanism it is most of it.
-SETTLED = 1e-3
 
 
 class PseudoTime(SolverAround):
@@ -44,7 +37,8 @@ class PseudoTime(SolverAround):
         stiffness, mass = self.system.stiffness, self.system.mass
         known, right, force = x.copy(), b.duplicate(), b.duplicate()
         unit = float(stiffness.norm()) / (float(mass.norm()) or np.inf)
-        rate, share, tries, iterations, factorizations = FIRST * unit, NEXT, 0, 0, 0
+        rate, share = limits.PSEUDO_FIRST * unit, limits.PSEUDO_FALL
+        tries, iterations, factorizations = 0, 0, 0
         moving: ConvergenceError | None = None
         while True:
             mass.mult(known, right)
@@ -54,7 +48,7 @@ class PseudoTime(SolverAround):
                 effective = replace(equation.effective, mass=rate)
                 response, report = self.inner.solve(effective, right, x, state, equation.rule)
             except ConvergenceError as failure:
-                if failure.law is not None or tries == MOST or not rate > 0.0:
+                if failure.law is not None or tries == limits.PSEUDO_STEPS or not rate > 0.0:
                     raise
                 known.copy(x)
                 share **= 0.5
@@ -70,7 +64,8 @@ class PseudoTime(SolverAround):
             known.axpy(-1.0, x)
             mass.mult(known, right)
             inertia = rate * float(right.norm()) / (forces or 1.0)
-            rounded = inertia <= report.residual and known.norm() <= SETTLED * x.norm()
+            rounded = known.norm() <= limits.PSEUDO_SETTLED * x.norm()
+            rounded = rounded and inertia <= report.residual
             if inertia <= self.options.relative_tolerance or rounded:
                 return response, replace(
                     report,
@@ -80,7 +75,7 @@ class PseudoTime(SolverAround):
                     residuals=(),
                 )
             moving = self.failure(response, state, iterations, inertia)
-            if rate <= LAST * unit or tries == MOST:
+            if rate <= limits.PSEUDO_LAST * unit or tries == limits.PSEUDO_STEPS:
                 raise moving
             x.copy(known)
             rate *= share

@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.joints.operator import TangentMatrix
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.diagnosis import SINGULAR
 from dolfinx_joints.solvers.direct import DirectSolver
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
@@ -23,10 +24,6 @@ if TYPE_CHECKING:
     from dolfinx_joints.solvers.multigrid.tangent import TangentMultigrid
 
 Floats = NDArray[np.float64]
-
-# Condition estimate |A| |x| / |f| for random forces f above which the matrix counts as singular: a
-# hundredth of the inverse of the rounding unit.
-LARGEST_GROWTH = 0.01 / float(np.finfo(float).eps)
 
 
 class Tangent:
@@ -136,7 +133,7 @@ class _Sum:
         """
         self._solver.solve(forces, moved)
         growth = float(self._total.norm(PETSc.NormType.NORM_INFINITY)) * float(moved.norm())
-        if not growth <= LARGEST_GROWTH * float(forces.norm()):
+        if not growth <= limits.SINGULAR_GROWTH * float(forces.norm()):
             raise JointsError(SINGULAR)
 
     def destroy(self) -> None:

@@ -28,6 +28,7 @@ from dolfinx_joints import (
 )
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.simulation.monitor import Monitor
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.interface import corrections
 from dolfinx_joints.solvers.interface.compiled import products, ranks
 from dolfinx_joints.solvers.interface.corrections import CompiledCorrections
@@ -80,11 +81,11 @@ def march(model: Any, steps: int = 20, **options: Any) -> tuple[np.ndarray, Any]
 def test_as_with_petsc(comm, wall_file, read, monkeypatch, laws, compliance):
     """To the tolerance of the iteration; with and without W."""
     if compliance == "auto":  # compressed, beside whole rows of S
-        monkeypatch.setattr("dolfinx_joints.solvers.compliance.compliance.LARGEST_DENSE", 10)
+        monkeypatch.setattr(limits, "LARGEST_DENSE", 10)
     model = wall(read(wall_file(divisions=(8, 2, 3))), joints=LAWS[laws])
     runs = []
-    for tied in (40.0, 1e30):
-        monkeypatch.setattr(corrections, "OPERATIONS_PER_ENTRY", tied)
+    for cost in (limits.COMPLEMENT_COST, 0.0):
+        monkeypatch.setattr(limits, "COMPLEMENT_COST", cost)
         runs.append(march(model, compliance=compliance))
     monkeypatch.setattr(CompiledCorrections, "serves", lambda *_: False)
     expected, by_petsc = march(model, compliance=compliance)
@@ -99,7 +100,7 @@ def test_as_with_petsc(comm, wall_file, read, monkeypatch, laws, compliance):
 def test_with_w_from_the_first_step(wall_file, read, monkeypatch, compliance):
     """All compiled parts within a few steps of a few points."""
     model = wall(read(wall_file(divisions=(4, 1, 1))), joints=SOFT)
-    monkeypatch.setattr(corrections, "OPERATIONS_PER_ENTRY", 1e30)
+    monkeypatch.setattr(limits, "COMPLEMENT_COST", 0.0)
     found, _ = march(model, steps=3, compliance=compliance)
     monkeypatch.setattr(CompiledCorrections, "serves", lambda *_: False)
     expected, _ = march(model, steps=3, compliance=compliance)
@@ -129,7 +130,7 @@ def test_points_that_do_not_stick_have_the_room_that_w_needs(wall_file, read, mo
         return solve(self, *given, **options)
 
     monkeypatch.setattr(CompiledCorrections, "solve", watched)
-    monkeypatch.setattr("dolfinx_joints.solvers.compliance.compliance.LARGEST_DENSE", 10)
+    monkeypatch.setattr(limits, "LARGEST_DENSE", 10)
     march(wall(read(wall_file(divisions=(8, 2, 3))), joints=SOFT))
     compiled = made[-1]
     beside = compiled._inner

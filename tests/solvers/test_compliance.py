@@ -19,7 +19,7 @@ from mpi4py import MPI
 from whole_vectors import Whole, all_of
 
 import dolfinx_joints as dj
-from dolfinx_joints.solvers.compliance import compliance as module
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.compliance import Compliance
 from dolfinx_joints.solvers.compliance.row_matrix import RowMatrix
 from dolfinx_joints.solvers.compliance.schur_complement import CONTROLS, schur_complement
@@ -248,7 +248,7 @@ def test_parts_of_what_is_kept(scene, kind):
 @pytest.mark.parametrize("name", ["wall", "blocks", "plane"])
 def test_the_rough_one_is_near(scene, name, kind, monkeypatch):
     # Each block to 1e-4 of the diagonal, and there are some ten of them in a row.
-    monkeypatch.setattr(module, "LARGEST_DENSE", 0)  # with a dense S none is made for so few points
+    monkeypatch.setattr(limits, "LARGEST_DENSE", 0)  # with a dense S none is made for so few points
     case = scene(name)
     found = case.compliance(kind)
     x = np.random.default_rng(6).normal(size=case.size)
@@ -291,7 +291,7 @@ def test_which_kind_auto_takes(scene, monkeypatch):
     assert case.compliance("auto").kind == "dense"
     assert isinstance(case.compliance("auto").split, RowMatrix)
     assert scene("plane", linear="iterative").compliance("auto").kind == "matrix-free"
-    monkeypatch.setattr(module, "LARGEST_DENSE", case.size - 1)
+    monkeypatch.setattr(limits, "LARGEST_DENSE", case.size - 1)
     assert case.compliance("auto").kind == "compressed"
     monkeypatch.setattr(case.joints, "points", None)
     assert case.compliance("auto").kind == "dense"
@@ -351,7 +351,7 @@ def test_all_columns_in_other_units(scene):
 def test_columns_one_by_one_after_a_failure(scene, kind, monkeypatch, caplog):
     # MUMPS is given 5 % of the workspace that it estimates.
     case = scene("blocks")
-    monkeypatch.setattr(module, "SMALLEST_AT_ONCE", 1)
+    monkeypatch.setattr(limits, "SMALLEST_AT_ONCE", 1)
     monkeypatch.setitem(CONTROLS, 14, -95)
     caplog.set_level("WARNING", "dolfinx_joints")
     found, force = case.compliance(kind), forces(case.size)[0]
@@ -371,8 +371,8 @@ def test_what_is_made_at_once(scene, monkeypatch):
 
     def at_once(kind: str, least: int, most: int) -> bool:
         made.clear()
-        monkeypatch.setattr(module, "SMALLEST_AT_ONCE", least)
-        monkeypatch.setattr(module, "LARGEST_WHOLE", most)
+        monkeypatch.setattr(limits, "SMALLEST_AT_ONCE", least)
+        monkeypatch.setattr(limits, "LARGEST_WHOLE", most)
         case.compliance(kind)
         return bool(made)
 

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from dolfinx_joints.common.errors import JointsError
-from dolfinx_joints.solvers import node_blocks
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.direct import DirectSolver
 from dolfinx_joints.solvers.node_blocks import NodeBlocks
 
@@ -66,8 +66,8 @@ def test_freed_when_destroyed():
 def test_solves_one_at_a_time_where_it_is_faster(monkeypatch):
     matrix = strip(3)
     found = {}
-    for largest in (node_blocks.LARGEST, 0):
-        monkeypatch.setattr(node_blocks, "LARGEST", largest)
+    for largest in (limits.NODE_BLOCK_ROWS, 0):
+        monkeypatch.setattr(limits, "NODE_BLOCK_ROWS", largest)
         solver = DirectSolver(matrix, symmetric=True, often=True)
         found[largest] = solved(solver, matrix)
         solver.destroy()

@@ -16,8 +16,7 @@ from shaken_wall import DT, shaking, wall
 
 import dolfinx_joints as dj
 from dolfinx_joints.simulation.differing_ground import DifferingGround
-from dolfinx_joints.solvers import node_blocks
-from dolfinx_joints.solvers.compliance import compliance
+from dolfinx_joints.solvers import limits
 
 PREFIX = "dolfinx_joints_"
 GUIDE = Path(__file__).parents[2] / "docs/guide/solvers.md"
@@ -62,8 +61,8 @@ USES = {
 
 @pytest.mark.parametrize("use", USES)
 def test_the_user_sees_the_solver(use, wall_file, read, capfd, monkeypatch):
-    monkeypatch.setattr(compliance, "SMALLEST_AT_ONCE", 1)
-    monkeypatch.setattr(node_blocks, "LARGEST", 10**6 if use == "node_blocks" else 0)
+    monkeypatch.setattr(limits, "SMALLEST_AT_ONCE", 1)
+    monkeypatch.setattr(limits, "NODE_BLOCK_ROWS", 10**6 if use == "node_blocks" else 0)
     name = use.partition(" ")[0]
     kind = "pc" if name in ("node_blocks", "tied", "compliance", "frequency") else "ksp"
     option = f"{PREFIX}{name}_{kind}_view"

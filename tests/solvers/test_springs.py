@@ -11,7 +11,8 @@ pytest.importorskip("petsc4py")
 
 from dolfinx_joints import FrictionNoTension, MatrixSystem, RigidJoint
 from dolfinx_joints.laws.law import JointState, variables_of
-from dolfinx_joints.solvers.interface.springs import LARGEST_SHARE, JointSprings
+from dolfinx_joints.solvers import limits
+from dolfinx_joints.solvers.interface.springs import JointSprings
 
 COUNT = 300
 K_N, K_S = 1e10, 4e9  # Pa/m
@@ -52,7 +53,9 @@ def test_stiffness_by_hand():
     springs = JointSprings(chain(friction(2.0, 1.0)))
     expected = [[8 * 2 / 10, 8 * 1 / 9], [2 * 2 / 4, 2 * 1 / 3]]
     np.testing.assert_allclose(springs.stiffness, expected, rtol=1e-14)
-    np.testing.assert_allclose(springs.largest_compliance, LARGEST_SHARE / springs.stiffness)
+    np.testing.assert_allclose(
+        springs.largest_compliance, limits.SPRING_COMPLIANCE / springs.stiffness
+    )
     found = springs.matrix.getValues(range(6), range(6))
     wide = np.repeat(springs.stiffness, (1, 2), axis=1)
     np.testing.assert_allclose(found, np.diag((AREAS[:, None] * wide).ravel()), rtol=1e-14)
@@ -77,7 +80,7 @@ def springs():
 def random_points(springs):
     """Free gaps, own compliances with shares c s of 0.01 to 0.9, and gaps before."""
     rng = np.random.default_rng(2)
-    own = rng.uniform(0.01, LARGEST_SHARE, (COUNT, 2)) / springs.stiffness
+    own = rng.uniform(0.01, limits.SPRING_COMPLIANCE, (COUNT, 2)) / springs.stiffness
     before = 1e-6 * rng.normal(size=(COUNT, 3))
     return 1e-5 * rng.normal(size=(COUNT, 3)), own, before
 

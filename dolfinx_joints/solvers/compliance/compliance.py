@@ -19,11 +19,11 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.operator import GapOperator
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.low_rank import LowRankMatrix
 from dolfinx_joints.solvers.compliance.ranked_low_rank import RankedLowRankMatrix
 from dolfinx_joints.solvers.compliance.row_matrix import Parts, RowMatrix
 from dolfinx_joints.solvers.compliance.unit_forces import UnitForces
-from dolfinx_joints.solvers.direct import BLOCK
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 from dolfinx_joints.solvers.rounds import Rounds
@@ -31,21 +31,6 @@ from dolfinx_joints.solvers.rounds import Rounds
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 AnyLowRank = LowRankMatrix | RankedLowRankMatrix
-
-# Beyond this size the compressed S is not only smaller, its products are also faster; a rough one
-# inside corrections pays beyond it too.
-LARGEST_DENSE = 2000
-
-# The whole of S is kept in single precision beside a compressed one up to so many unknowns, 0.15 GB
-# over all ranks; rank 0 may have all of G for a moment.
-LARGEST_WHOLE = 6000
-
-# Columns are solved for where there are fewer, since all at once take another factorization.
-SMALLEST_AT_ONCE = 300
-
-# Error of the compressed S, relative to its unit diagonal, and of a rougher one inside corrections,
-# whose products take a fifth of the time.
-TOLERANCE, ROUGH_TOLERANCE = 1e-12, 1e-4
 
 
 class Part(Protocol):
@@ -109,7 +94,7 @@ class Compliance:
         dead: Directions in which a point cannot move, such as the third in a plane, shape (n, 3).
         split: S.
         forms: What the compiled iteration has made of S, None before.
-        rough: S to `ROUGH_TOLERANCE`; None where S is small, the places of the points are not
+        rough: S to `ROUGH_COMPRESSION`; None where S is small, the places of the points are not
             known, or nothing is kept and the bulk is factored.
     """
 
@@ -135,7 +120,7 @@ class Compliance:
         if self.kind == "dense":
             columns = self._dense(operator, joints, largest)
             self.split = RowMatrix(columns, self._comm)
-            if joints.points is not None and size > LARGEST_DENSE:
+            if joints.points is not None and size > limits.LARGEST_DENSE:
                 self.rough = self.roughly(columns)
             return
         known = self._at_once(size) if self.kind == "compressed" else None
@@ -144,14 +129,14 @@ class Compliance:
         if self.kind == "matrix-free":
             self.split = _Products(self._forces.product, self.scale, self.dead, self._comm)
             if isinstance(effective.solver, IterativeSolver):
-                rough = partial(self._forces.rough_product, tolerance=ROUGH_TOLERANCE)
+                rough = partial(self._forces.rough_product, tolerance=limits.ROUGH_COMPRESSION)
                 self.rough = _Products(rough, self.scale, self.dead, self._comm)
             return
         scale = np.where(self.dead.ravel(), 0.0, self.scale)
         gaps = self._forces.gaps if known is None else lambda numbers: known[numbers].T
-        fine = self._compressed(gaps, scale, TOLERANCE)
+        fine = self._compressed(gaps, scale, limits.COMPRESSION)
         self.split = self._products(fine)
-        self.rough = self._products(fine.rougher(ROUGH_TOLERANCE))
+        self.rough = self._products(fine.rougher(limits.ROUGH_COMPRESSION))
 
     def _dense(self, operator: PETSc.Mat, joints: GapOperator, largest: Floats | None) -> Floats:
         """The rank's columns of S, shape (size, local); sets the scale (collective)."""
@@ -168,7 +153,7 @@ class Compliance:
         return columns
 
     def roughly(self, columns: Floats) -> Compressed:
-        """A matrix like S to `ROUGH_TOLERANCE` from the rank's columns of it (collective)."""
+        """A matrix like S to `ROUGH_COMPRESSION` from the rank's columns of it (collective)."""
         stop = self._comm.scan(columns.shape[1])
         mine = slice(stop - columns.shape[1], stop)
 
@@ -179,7 +164,7 @@ class Compliance:
             return part
 
         ones = np.ones(columns.shape[1])
-        rough = self._compressed(of_unit_diagonal, ones, ROUGH_TOLERANCE, np.float32)
+        rough = self._compressed(of_unit_diagonal, ones, limits.ROUGH_COMPRESSION, np.float32)
         return Compressed(rough, ones, self.dead, self._comm, self.effective.rounds)
 
     def _products(self, matrix: AnyLowRank) -> Split:
@@ -187,15 +172,15 @@ class Compliance:
 
     def _at_once(self, size: int) -> Floats | None:
         """The rank's columns of G, shape (size, local), None where at once is no better, [m/N]."""
-        fits = self.keeps_rows and SMALLEST_AT_ONCE <= size <= LARGEST_WHOLE
+        fits = self.keeps_rows and limits.SMALLEST_AT_ONCE <= size <= limits.LARGEST_WHOLE
         return self._forces.at_once() if fits and self.effective.positive else None
 
     def _columns(self, size: int) -> Floats:
         """The rank's columns of G, shape (size, local), [m/N]."""
         columns = np.empty((size, self._forces.local))
         progress = Progress("compliance of the joints", size, "columns", self._comm.rank)
-        for first in range(0, size, BLOCK):
-            numbers = np.arange(first, min(first + BLOCK, size))
+        for first in range(0, size, limits.BLOCK_COLUMNS):
+            numbers = np.arange(first, min(first + limits.BLOCK_COLUMNS, size))
             columns[numbers] = self._forces.gaps(numbers).T
             progress.advance(len(numbers))
         progress.finish()
@@ -261,7 +246,7 @@ def _chosen(kind: str, size: int, effective: EffectiveMatrix, joints: GapOperato
         return kind
     if isinstance(effective.solver, IterativeSolver):
         return "matrix-free"
-    return "dense" if size <= LARGEST_DENSE or joints.points is None else "compressed"
+    return "dense" if size <= limits.LARGEST_DENSE or joints.points is None else "compressed"
 
 
 class _Products:

@@ -19,20 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.solvers import limits
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-# Points per smallest cluster; 48 take as much and somewhat longer (measured in docs/decisions).
-LEAF = 96
-
-# A block of low rank is tried where the smaller cluster's diameter is at most this many times the
-# distance of the two, and kept where it takes at most this part of the dense one.
-ADMISSIBLE = 4.0
-WORTH = 0.9
-
-# Entries that the store of the blocks grows by.
-GROWTH = 1_000_000
 
 DENSE = -1
 
@@ -64,7 +54,7 @@ class Cluster:
 
 
 def clusters(
-    points: Floats, leaf: int = LEAF, joint: NDArray[Any] | None = None
+    points: Floats, leaf: int = limits.CLUSTER_POINTS, joint: NDArray[Any] | None = None
 ) -> tuple[Ints, list[Cluster]]:
     """Points bisected across the longest edge of their box until ``leaf`` or fewer are left.
 
@@ -137,9 +127,9 @@ class LowRankMatrix:
         *,
         scale: Floats,
         joint: NDArray[Any] | None = None,
-        tolerance: float = 1e-12,
+        tolerance: float = limits.COMPRESSION,
         dtype: Any = np.float64,
-        leaf: int = LEAF,
+        leaf: int = limits.CLUSTER_POINTS,
         symmetric: bool = True,
     ) -> None:
         """Take the columns panel by panel."""
@@ -218,7 +208,7 @@ class LowRankMatrix:
             end = self._filled + part.size
             if end > len(self.data):
                 # In place: a copy of all blocks would double what they take.
-                self.data.resize(end + GROWTH, refcheck=False)
+                self.data.resize(end + limits.STORE_GROWTH, refcheck=False)
             self.data[self._filled : end] = part.ravel()
             self._filled = end
 
@@ -293,7 +283,7 @@ def _admissible(a: Cluster, b: Cluster) -> bool:
     """Whether two clusters are far from each other for their size."""
     gap = np.maximum(0.0, np.maximum(a.low - b.high, b.low - a.high))
     size = min(float(np.linalg.norm(c.high - c.low)) for c in (a, b))
-    return size <= ADMISSIBLE * float(np.linalg.norm(gap))
+    return size <= limits.ADMISSIBLE_SIZE * float(np.linalg.norm(gap))
 
 
 def factors_if_worth(block: Floats, tolerance: float) -> tuple[Floats, Floats] | None:
@@ -305,7 +295,7 @@ def factors_if_worth(block: Floats, tolerance: float) -> tuple[Floats, Floats] |
     rank = int(np.count_nonzero(values > tolerance))
     root = np.sqrt(values[:rank])
     factors = (left[:, :rank] * root).T, root[:, None] * right[:rank]
-    return factors if sum(f.size for f in factors) <= WORTH * block.size else None
+    return factors if sum(f.size for f in factors) <= limits.LOW_RANK_SHARE * block.size else None
 
 
 def rank_of(factor: Floats, tolerance: float) -> int:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.blocks_between_ranks import (
     DENSE,
     FACTOR,
@@ -27,7 +28,6 @@ from dolfinx_joints.solvers.compliance.blocks_between_ranks import (
     reduce,
 )
 from dolfinx_joints.solvers.compliance.low_rank import (
-    LEAF,
     Cluster,
     LowRankMatrix,
     factors_if_worth,
@@ -148,9 +148,9 @@ class RankedLowRankMatrix:
         *,
         scale: Floats,
         joint: NDArray[Any],
-        tolerance: float = 1e-12,
+        tolerance: float = limits.COMPRESSION,
         dtype: Any = np.float64,
-        leaf: int = LEAF,
+        leaf: int = limits.CLUSTER_POINTS,
         symmetric: bool = True,
     ) -> None:
         """Take the columns panel by panel, those of rank 0 first (collective)."""

@@ -17,6 +17,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import on_root
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.diagnosis import reported_by_package
 
 Floats = NDArray[np.float64]
@@ -26,9 +27,6 @@ CONTROLS = {31: 1, 14: 60}
 
 # Its CNTL(1): a positive matrix needs no pivots, and entries of B, in other units, have no say.
 THRESHOLD = 1
-
-# Rows that are mirrored at once.
-ROWS = 256
 
 
 def schur_complement(matrix: PETSc.Mat, operator: PETSc.Mat) -> Floats:
@@ -98,8 +96,8 @@ def _whole(factor: PETSc.Mat, size: int) -> Floats:
     _call("MatFactorGetSchurComplement", factor.handle, ctypes.byref(dense), None)
     _call("MatDenseGetArray", dense, ctypes.byref(entries))
     whole = np.ctypeslib.as_array(entries, (size, size))
-    for first in range(0, size, ROWS):
-        stop = min(first + ROWS, size)
+    for first in range(0, size, limits.BLOCK_COLUMNS):
+        stop = min(first + limits.BLOCK_COLUMNS, size)
         corner = whole[first:stop, first:stop]
         corner[:] = np.triu(corner) + np.triu(corner, 1).T
         whole[stop:, first:stop] = whole[first:stop, stop:].T

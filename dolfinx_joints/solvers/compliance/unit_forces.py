@@ -15,22 +15,15 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import of_ranks, summed
 from dolfinx_joints.common.progress import LOGGER
 from dolfinx_joints.joints.operator import diagonal_compliance
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.low_rank import unknowns_of
 from dolfinx_joints.solvers.compliance.schur_complement import schur_complement
-from dolfinx_joints.solvers.direct import BLOCK, DirectSolver, multiplied
+from dolfinx_joints.solvers.direct import DirectSolver, multiplied
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
-
-# Points at which the diagonal is found by solving, where it is not needed exactly, and columns that
-# are compared.
-SAMPLES = 8
-
-# Error of columns that are made at once, relative to the largest entry, beyond which something has
-# gone wrong.
-LARGEST_ERROR = 1e-8
 
 
 class UnitForces:
@@ -78,8 +71,9 @@ class UnitForces:
         """
         columns = np.empty((self.local, len(numbers)))
         # More right-hand sides at once take memory of the size of the body and no less time.
-        for first in range(0, len(numbers), BLOCK):
-            columns[:, first : first + BLOCK] = self._block(numbers[first : first + BLOCK])
+        for first in range(0, len(numbers), limits.BLOCK_COLUMNS):
+            some = slice(first, first + limits.BLOCK_COLUMNS)
+            columns[:, some] = self._block(numbers[some])
         return columns
 
     def at_once(self) -> Floats | None:
@@ -88,14 +82,14 @@ class UnitForces:
         None, with a warning, where the way over a Schur complement fails.
         """
         size, rank = self._operator.getSize()[0], self._operator.comm.rank
-        some = np.unique(np.linspace(0, size - 1, SAMPLES).astype(np.int64))
+        some = np.unique(np.linspace(0, size - 1, limits.SAMPLES).astype(np.int64))
         known = self.gaps(some)  # sees whether the bulk is singular
         if rank == 0:
             LOGGER.info("compliance of the joints: %d columns at once, by a factorization", size)
         try:
             columns = schur_complement(self._effective.constrained, self._operator)
-            for first in range(0, size, BLOCK):
-                numbers = np.arange(first, min(first + BLOCK, size))
+            for first in range(0, size, limits.BLOCK_COLUMNS):
+                numbers = np.arange(first, min(first + limits.BLOCK_COLUMNS, size))
                 columns[numbers] -= self._of_modes(numbers).T
             self._compare(columns[some].T, known)
         except (JointsError, PETSc.Error, MemoryError) as error:
@@ -108,7 +102,7 @@ class UnitForces:
         """Raise an error if columns are not those that have been solved for (collective)."""
         mine = np.array([np.abs(each).max(initial=0.0) for each in (found - known, known)])
         error, largest = of_ranks(self._operator.comm.tompi4py(), mine).max(axis=0)
-        if not error <= LARGEST_ERROR * largest:
+        if not error <= limits.AT_ONCE_ERROR * largest:
             raise JointsError(f"all at once it would be wrong by {error:.1e} of {largest:.1e} m/N")
 
     def _block(self, numbers: Rows) -> Floats:
@@ -199,7 +193,7 @@ class UnitForces:
         comm = self._operator.comm.tompi4py()
         estimate = diagonal_compliance(self._operator, self._effective.constrained.getDiagonal())
         size = self._operator.getSize()[0]
-        points = np.unique(np.linspace(0, size // 3 - 1, SAMPLES).astype(np.int64))
+        points = np.unique(np.linspace(0, size // 3 - 1, limits.SAMPLES).astype(np.int64))
         numbers = unknowns_of(points)
         start, stop = self._operator.getOwnershipRange()
         gaps = self.gaps(numbers)

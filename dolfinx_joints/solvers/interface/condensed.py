@@ -19,7 +19,8 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.solvers.compliance.compliance import TOLERANCE, Compliance
+from dolfinx_joints.solvers import limits
+from dolfinx_joints.solvers.compliance.compliance import Compliance
 from dolfinx_joints.solvers.effective_matrix import (
     EffectiveMatrix,
     MatrixCoefficients,
@@ -48,10 +49,6 @@ class Solved:
     response: Response
     iterations: int
     relative: float
-
-
-# Openings of rigid points are resolved to so many residuals of the step.
-RESOLVED = 10.0
 
 
 class Condensed:
@@ -188,10 +185,10 @@ class Condensed:
             return
         comm, compliance = self._contact.operator.comm, self.compliance
         largest = comm.allreduce(float(np.abs(found.force).max(initial=0.0)), MPI.MAX)
-        resolved = RESOLVED * max(found.relative, TOLERANCE) * largest * compliance.scale[::3]
+        resolved = limits.RIGID_OPENING * max(found.relative, limits.COMPRESSION) * largest
         rigid = np.isinf(self._contact.closed_stiffness()[:, 0]) & ~compliance.dead[:, 0]
         gap = found.response.state.gap[:, 0]
-        gap[rigid & (gap > 0.0) & (gap <= resolved)] = 0.0
+        gap[rigid & (gap > 0.0) & (gap <= resolved * compliance.scale[::3])] = 0.0
 
     def _stuck(self) -> Floats:
         """T0 of sticking points, shape (n, 3): c / (c + weight / k)."""
@@ -225,4 +222,4 @@ def _is_regular(matrix: EffectiveMatrix, unconstrained: PETSc.Vec) -> bool:
     rest = load.duplicate()
     matrix.constrained.mult(moved, rest)
     rest.axpy(-1.0, load)
-    return bool(rest.norm() <= 1e-6 * load.norm())
+    return bool(rest.norm() <= limits.SUPPORTED_RESIDUAL * load.norm())

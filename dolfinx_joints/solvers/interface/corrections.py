@@ -20,21 +20,11 @@ from scipy.linalg import cholesky, solve_triangular
 
 from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.mpi import blocks_of, rank_of, sent_to
-from dolfinx_joints.solvers.compliance.compliance import (
-    LARGEST_WHOLE,
-    ROUGH_TOLERANCE,
-    Compliance,
-    Compressed,
-)
+from dolfinx_joints.solvers import limits
+from dolfinx_joints.solvers.compliance.compliance import Compliance, Compressed
 from dolfinx_joints.solvers.compliance.ranked_low_rank import RankedLowRankMatrix
 from dolfinx_joints.solvers.compliance.row_matrix import Parts, RowMatrix
-from dolfinx_joints.solvers.interface.compiled.corrections import (
-    COUPLED,
-    FINEST_SINGLE,
-    STEP,
-    Memory,
-    correct,
-)
+from dolfinx_joints.solvers.interface.compiled.corrections import COUPLED, STEP, Memory, correct
 from dolfinx_joints.solvers.interface.compiled.krylov import space_of
 from dolfinx_joints.solvers.interface.compiled.products import (
     Dense,
@@ -46,26 +36,6 @@ from dolfinx_joints.solvers.interface.compiled.products import (
 from dolfinx_joints.solvers.interface.compiled.ranks import lengths_of, ranks_of
 
 Floats = NDArray[np.float64]
-
-# Products that GMRES may spend on one correction; the correction found by then is used.
-MOST_PRODUCTS = 100
-
-# Systems with a compressed S of `ROUGH_TOLERANCE` are solved to this tolerance at best.
-FINEST_COMPRESSED = 1e-3
-
-# Error of products in single precision, relative to them.
-SINGLE_ERROR = 1e-6
-
-# W is not made for more unknowns: it takes 0.3 GB for so many, all ranks together.
-LARGEST_TIED = 6000
-
-# W costs 2.3 m^3 operations, of which ten fit into the time of one entry of a product. It is made
-# when a quarter of that has been spent without it: most runs go on for long.
-OPERATIONS_PER_ENTRY = 40.0
-
-# A pivot of I + T0 S, whose diagonal is one, below which W is so large that what corrections leave
-# of their systems, times W, is no longer small: points that stick tie each other.
-SINGULAR = 0.03
 
 # Sets of points of which parts of S or W are kept: names in checkpoints, and in `Memory`.
 SETS = {"kept": "active", "changed": "changed"}
@@ -106,11 +76,11 @@ class CompiledCorrections:
         self._blocks = blocks_of(comm, size // 3)
         points = int(self._blocks[-1])
         single = isinstance(self._inner, Dense)
-        ties = compliance.split.size <= LARGEST_TIED and (
+        ties = compliance.split.size <= limits.LARGEST_WHOLE and (
             isinstance(compliance.split, RowMatrix) or compliance.keeps_rows
         )
         self._stuck = stuck if ties else None
-        self.rough = SINGLE_ERROR if single else ROUGH_TOLERANCE
+        self.rough = limits.SINGLE_ROUNDING if single else limits.ROUGH_COMPRESSION
         self._memory = Memory(
             active=kept_of(size // 3, points, self._inner),
             changed=kept_of(0, 0, self._inner),
@@ -119,8 +89,8 @@ class CompiledCorrections:
             has_stuck=self._stuck is not None,
             stuck=np.empty(0) if self._stuck is None else self._stuck.ravel(),
             missed=np.zeros(1),
-            finest=FINEST_SINGLE if single else FINEST_COMPRESSED,
-            space=space_of(size, min(MOST_PRODUCTS, 3 * points)),
+            finest=limits.FINEST_SINGLE if single else limits.FINEST_COMPRESSED,
+            space=space_of(size, min(limits.MOST_PRODUCTS, 3 * points)),
             vectors=np.empty((6, size)),
             numbers=np.empty((2, size // 3), dtype=np.int64),
         )
@@ -162,8 +132,8 @@ class CompiledCorrections:
     def _tie(self) -> None:
         """Make W if it would have saved a quarter of its cost until now (collective)."""
         memory, split = self._memory, self._compliance.split
-        cost = 2.3 * float(split.size) ** 3
-        if memory.ties or self._stuck is None or memory.missed[0] * OPERATIONS_PER_ENTRY <= cost:
+        cost = limits.COMPLEMENT_COST * float(split.size) ** 3
+        if memory.ties or self._stuck is None or memory.missed[0] <= cost:
             return
         whole = split.whole()
         columns = None if whole is None else _tied(whole, self._stuck.ravel(), self._comm)
@@ -221,7 +191,7 @@ def _tied(whole: Floats, stuck: Floats, comm: Any) -> Floats | None:
     inner[np.diag_indices(len(inner))] += 1.0
     try:
         lower = cholesky(inner, lower=True, overwrite_a=True, check_finite=False)
-        regular = float(np.diag(lower).min()) ** 2 > SINGULAR
+        regular = float(np.diag(lower).min()) ** 2 > limits.COMPLEMENT_PIVOT
     except np.linalg.LinAlgError:
         regular = False
     del inner
@@ -254,7 +224,7 @@ def _forms_of(compliance: Compliance, comm: Any) -> tuple[Dense | LowRank, Dense
         else:
             assert isinstance(rough, Compressed)
             assert isinstance(split, RowMatrix | Compressed)
-            few = compliance.keeps_rows and split.size <= LARGEST_WHOLE
+            few = compliance.keeps_rows and split.size <= limits.LARGEST_WHOLE
             inner = _blocks_of(rough, split.columns() if few else None, comm)
         compliance.forms = form, inner
     made: tuple[Dense | LowRank, Dense | LowRank] = compliance.forms

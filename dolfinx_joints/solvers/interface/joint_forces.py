@@ -10,25 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import ConvergenceError
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.interface.corrections import Correction
-from dolfinx_joints.solvers.interface.joint_step import BALANCED, Iterate, JointStep
-from dolfinx_joints.solvers.interface.predictor import STATIC_TOLERANCE
+from dolfinx_joints.solvers.interface.joint_step import Iterate, JointStep
 from dolfinx_joints.solvers.newton_loop import forcing
 from dolfinx_joints.solvers.step_solver import StepSolver
 
 Floats = NDArray[np.float64]
-
-# The linear systems inside are solved to this part of their right-hand sides at first. The
-# iteration continues to ENOUGH of the tolerance if rounding allows it: the energy balance depends
-# on the residual. Static stages have few solves: iterate down to rounding error, relative to the
-# largest force.
-INNER_TOLERANCE, ENOUGH, STATIC_ENOUGH = 0.03, 0.01, 1e-14
-
-# Corrections add the rounding error of single precision to S f. If it exceeds STALE of the
-# residual, S f is computed anew; if it will exceed NEXT of the next residual, were convergence
-# quadratic, the next S f is computed in double precision. Both are omitted if the error is below
-# LITTLE of the target residual; with W the true error was up to eight times the estimate.
-STALE, NEXT, LITTLE = 0.1, 0.3, 0.03
 
 
 class JointForces:
@@ -47,10 +35,10 @@ class JointForces:
         self._solver, self._step, self._starts = solver, step, starts
         condensed, self._tolerance = step.condensed, solver.options.relative_tolerance
         self._corrections = condensed.corrections
-        self._enough, self._inner = ENOUGH * self._tolerance, INNER_TOLERANCE
+        self._enough, self._inner = limits.END_OF_STEPS * self._tolerance, limits.JOINT_FORCING
         if condensed.static:
-            self._enough = STATIC_ENOUGH if condensed.springs is None else BALANCED
-            self._inner = STATIC_TOLERANCE
+            self._enough = limits.END_OF_STATICS if condensed.springs is None else limits.BALANCED
+            self._inner = limits.STATIC_FORCING
 
     def start(self) -> Iterate:
         """Return the iterate of the best start (collective)."""
@@ -59,7 +47,7 @@ class JointForces:
 
     def accepted(self, at: Iterate) -> Iterate:
         """Return the iterate with S f as exact as its residual needs (collective)."""
-        if at.error > max(STALE * at.worst, self._little(at)):
+        if at.error > max(limits.STALE * at.worst, self._little(at)):
             at = self._step.evaluate(at.force, self._corrections.product(at.force))
         if at.worst and not at.largest:
             # The laws give no force at all: without any, nothing is left of rounding either.
@@ -70,7 +58,7 @@ class JointForces:
     def solved(self, at: Iterate, before: Iterate | None, *, last: bool) -> bool:
         """Return True if the residual is small, or accepted and no longer falls."""
         relative, accepted = self._step.judged(at, self._tolerance)
-        ends = last or (before is not None and at.worst >= 0.5 * before.worst)
+        ends = last or (before is not None and at.worst >= limits.STALLED * before.worst)
         return relative <= self._enough or (relative <= accepted and ends)
 
     def correction(self, at: Iterate, before: Iterate | None) -> Correction:
@@ -79,9 +67,9 @@ class JointForces:
         fallen = 1.0 if before is None else size / before.worst
         tolerance = forcing(self._inner, fallen, self._enough / relative)
         # Entries of r that are already converged are left out: they cost no product.
-        least = 0.1 * self._enough * at.scale
+        least = limits.CONVERGED_ENTRIES * self._enough * at.scale
         error = at.error + self._corrections.rough * size
-        exactly = error > max(NEXT * relative * size, self._little(at))
+        exactly = error > max(limits.STALE_NEXT * relative * size, self._little(at))
         correction = self._corrections.solve(
             at.residual, at.tangent, least, tolerance, couples=not exactly
         )
@@ -112,4 +100,4 @@ class JointForces:
 
     def _little(self, at: Iterate) -> float:
         """Return the error of S f that is negligible."""
-        return LITTLE * self._enough * (at.largest or at.worst)
+        return limits.NEGLIGIBLE * self._enough * (at.largest or at.worst)

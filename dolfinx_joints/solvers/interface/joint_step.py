@@ -14,19 +14,10 @@ from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.joints.condensed_step import PointAnswers
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import JointState, Response, Rule
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.interface.condensed import Condensed
 
 Floats = NDArray[np.float64]
-
-EPSILON = float(np.finfo(np.float64).eps)
-
-# Residual of unsupported blocks over the largest force that is left to rounding: to correct it
-# would move blocks that can rest anywhere.
-BALANCED = 1e-12
-
-# Largest share of the joint forces of unsupported blocks that may be rounding error of the forces
-# of the artificial springs. It is reached where a block falls far before it is in contact.
-LOOSE_ROUNDING = 1e-8
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -118,19 +109,20 @@ class JointStep:
         relative, rounding = at.worst / scale, self.rounding(at) / scale
         if self.condensed.springs is None:
             # A point that closes just at the end of the step carries a force dominated by rounding.
-            return relative, max(tolerance, min(rounding, 1e-6 if rounding < 1.0 else 1e-3))
-        accepted = max(tolerance, min(rounding, LOOSE_ROUNDING))
+            most = limits.LARGEST_ROUNDING if rounding < 1.0 else limits.LARGEST_CONTACT_ROUNDING
+            return relative, max(tolerance, min(rounding, most))
+        accepted = max(tolerance, min(rounding, limits.LARGEST_SPRING_ROUNDING))
         # The artificial spring forces on a mechanism dominate the joint forces.
         return (max(relative, rounding) if rounding > accepted else relative), accepted
 
     def is_balanced(self, at: Iterate) -> bool:
         """Return True if rounding alone is left, and unsupported blocks have not moved far."""
-        return max(at.worst, self.rounding(at)) <= BALANCED * at.largest
+        return max(at.worst, self.rounding(at)) <= limits.BALANCED * at.largest
 
     @staticmethod
     def rounding(at: Iterate) -> float:
         """Return the scaled force that rounding of the gaps may leave."""
-        return 64.0 * EPSILON * (at.reach + at.size)
+        return limits.GAP_ROUNDING * (at.reach + at.size)
 
     def forces(self, traction: Floats) -> Floats:
         """Return the scaled forces of tractions of shape (n, 3), zero where no point can move."""

@@ -17,19 +17,12 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.compliance import Compliance
 from dolfinx_joints.solvers.compliance.row_matrix import RowMatrix
-from dolfinx_joints.solvers.interface.corrections import (
-    FINEST_COMPRESSED,
-    MOST_PRODUCTS,
-    Correction,
-)
+from dolfinx_joints.solvers.interface.corrections import Correction
 
 Floats = NDArray[np.float64]
-
-# Added to the diagonal of I + T S if joints are rigid: the matrix is singular where points that
-# stick tie each other, and corrections would follow the rounding error there.
-DAMPING = 1e-8
 
 
 class KrylovCorrections:
@@ -48,8 +41,8 @@ class KrylovCorrections:
         self._split = compliance.split
         self._inner, self._finest = compliance.split, 0.0
         if compliance.rough is not None and not isinstance(compliance.split, RowMatrix):
-            self._inner, self._finest = compliance.rough, FINEST_COMPRESSED
-        self._diagonal = 1.0 + DAMPING * rigid
+            self._inner, self._finest = compliance.rough, limits.FINEST_COMPRESSED
+        self._diagonal = 1.0 + limits.RIGID_DAMPING * rigid
         self._every = np.arange(self._split.local)
         sizes = (self._split.local, self._split.size)
         self._matrix = PETSc.Mat().createPython((sizes, sizes), self, comm=comm)
@@ -57,7 +50,7 @@ class KrylovCorrections:
         self._solver.setOptionsPrefix("dolfinx_joints_corrections_")
         self._solver.setOperators(self._matrix)
         self._solver.setType(PETSc.KSP.Type.GMRES)
-        self._solver.setGMRESRestart(MOST_PRODUCTS)
+        self._solver.setGMRESRestart(limits.MOST_PRODUCTS)
         self._solver.getPC().setType(PETSc.PC.Type.NONE)
         self._solver.setFromOptions()
         self._right, self._found = self._matrix.createVecs()
@@ -74,7 +67,7 @@ class KrylovCorrections:
         """Solve (I + T S) d = r; see `CompiledCorrections.solve` (collective)."""
         self._tangent = tangent
         self._right.setArray(np.where(np.abs(residual) > least, residual, 0.0))
-        most = min(MOST_PRODUCTS, self._split.size)
+        most = min(limits.MOST_PRODUCTS, self._split.size)
         rtol = max(tolerance, self._finest)
         self._solver.setTolerances(rtol=rtol, atol=0.0, divtol=np.inf, max_it=most)
         self._solver.solve(self._right, self._found)

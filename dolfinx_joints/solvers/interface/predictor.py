@@ -9,17 +9,10 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import JointState
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.interface.joint_step import JointStep
 
 Floats = NDArray[np.float64]
-
-# Residual of the linear systems of static solves at first, relative to their right-hand sides: few
-# solves are made, and each correction is to use the whole of its linearisation.
-STATIC_TOLERANCE = 3e-4
-
-# Residual over the largest force below which forces on the line through the last two accepted
-# states are close to a solution on the same path.
-ON_LINE = 1e-3
 
 
 class AcceptedForces:
@@ -57,7 +50,7 @@ class AcceptedForces:
             (f0, s0), (f1, s1) = self._forces
             line = 2.0 * f1 - f0, 2.0 * s1 - s0
             at = step.evaluate(*line)
-            if at.worst <= ON_LINE * at.largest:
+            if at.worst <= limits.ON_LINE * at.largest:
                 return line
         return elastic_predictor(step, traction)
 
@@ -84,7 +77,8 @@ def elastic_predictor(step: JointStep, traction: Floats) -> tuple[Floats, Floats
     tangent = step.at_trial_gap(here).evaluate(force, coupled).tangent
     change = ((step.trial_gap - here).ravel() / compliance.scale).reshape(-1, 3)
     right = -np.einsum("nij,nj->ni", tangent, change).ravel()
-    correction = condensed.corrections.solve(right, tangent, 0.0, STATIC_TOLERANCE, couples=True)
+    tolerance = limits.STATIC_FORCING
+    correction = condensed.corrections.solve(right, tangent, 0.0, tolerance, couples=True)
     return force - correction.step, coupled - correction.coupled
 
 

@@ -27,6 +27,7 @@ from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.effective_matrix import (
     Cache,
     MatrixCoefficients,
@@ -36,7 +37,6 @@ from dolfinx_joints.solvers.interface.condensed import Condensed, Solved
 from dolfinx_joints.solvers.interface.joint_forces import JointForces
 from dolfinx_joints.solvers.interface.joint_step import JointStep
 from dolfinx_joints.solvers.interface.predictor import AcceptedForces, tractions_of
-from dolfinx_joints.solvers.newton import SETTLED
 from dolfinx_joints.solvers.newton_loop import newton
 from dolfinx_joints.solvers.step_solver import (
     Solution,
@@ -47,12 +47,6 @@ from dolfinx_joints.solvers.step_solver import (
 )
 
 Floats = NDArray[np.float64]
-
-# What dense compliances, one per step length, may take together.
-KEPT_BYTES = 2_000_000_000
-
-# Times that a static solution is corrected by the gaps of the body itself.
-REFINEMENTS = 3
 
 
 class InterfaceSolver(StepSolver):
@@ -93,10 +87,11 @@ class InterfaceSolver(StepSolver):
         self._accepted = AcceptedForces()
         self._last: tuple[Condensed | None, Floats, Floats] = (None, nothing, nothing)
         self._before: tuple[Condensed | None, Floats, Floats] = self._last
-        operator, limits = self._operator, self.options  # a reference to self would keep it alive
+        operator, chosen = self._operator, self.options  # a reference to self would keep it alive
+        fitting = limits.KEPT_BYTES // (8 * size**2 or 1)
         self._condensed = Cache(
-            lambda key: Condensed(system, key[0], operator, key[1], limits),
-            size=int(min(8, max(2, KEPT_BYTES // (8 * size**2 or 1)))),
+            lambda key: Condensed(system, key[0], operator, key[1], chosen),
+            size=int(min(limits.MOST_KEPT, max(limits.FEWEST_KEPT, fitting))),
         )
 
     def _solve(self, equation: StepEquation) -> Solution:
@@ -135,7 +130,7 @@ class InterfaceSolver(StepSolver):
             starts = [*self._starts(condensed), (nothing, nothing)]
         found = self._iterate(step, starts)
         self._expand_all(condensed, found.force, x)
-        for _ in range(REFINEMENTS):
+        for _ in range(limits.REFINEMENTS):
             # Start from the gaps of the body: stiff joints turn their rounding errors to forces.
             if condensed.springs is not None:
                 self._balance(condensed, b, x)
@@ -176,7 +171,7 @@ class InterfaceSolver(StepSolver):
         """Whether forces changed little: those of a block that nothing holds go on (collective)."""
         sizes = [np.abs(each).max(initial=0.0) for each in (moved, self._last[1])]
         most, largest = of_ranks(self._contact.operator.comm, np.array(sizes)).max(axis=0)
-        return bool(most <= SETTLED * largest)
+        return bool(most <= limits.SETTLED * largest)
 
     def state_dict(self) -> dict[str, Any]:
         """State that the next steps start from: matrices, forces of the last step and before.

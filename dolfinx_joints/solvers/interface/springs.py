@@ -19,15 +19,9 @@ from petsc4py import PETSc
 
 from dolfinx_joints.joints.operator import diagonal_compliance
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers import limits
 
 Floats = NDArray[np.float64]
-
-# A point that nothing but its own spring holds has c s = 1; any c below does as well.
-LARGEST_SHARE = 0.9
-
-# Share of the artificial springs kept in the Newton matrix. Without it the matrix is singular if a
-# block is open or frictionless. The equilibrium does not depend on it.
-KEPT_SHARE = 1e-6
 
 
 class JointSprings:
@@ -57,7 +51,7 @@ class JointSprings:
         work.diagonalScale(L=rows)
         self.matrix: PETSc.Mat = operator.matrix.transposeMatMult(work)
         with np.errstate(divide="ignore"):
-            self.largest_compliance: Floats = LARGEST_SHARE / self.stiffness
+            self.largest_compliance: Floats = limits.SPRING_COMPLIANCE / self.stiffness
 
     @staticmethod
     def _wide(values: Floats) -> Floats:
@@ -98,5 +92,5 @@ class JointSprings:
         s = self._wide(self.stiffness)
         rest = 1.0 - s * self._wide(own)
         found = tangent / rest[:, :, None]
-        found[:, [0, 1, 2], [0, 1, 2]] -= (1.0 - KEPT_SHARE) * s
+        found[:, [0, 1, 2], [0, 1, 2]] -= (1.0 - limits.SPRING_REGULARISATION) * s
         return traction - s * (gap - before), found / rest[:, None, :]

@@ -24,7 +24,8 @@ from petsc4py import PETSc
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.joints.operator import diagonal_compliance
 from dolfinx_joints.laws.law import Response
-from dolfinx_joints.solvers.newton import EPSILON, BodyIterate, BodyProblem, NewtonSolver
+from dolfinx_joints.solvers import limits
+from dolfinx_joints.solvers.newton import BodyIterate, BodyProblem, NewtonSolver
 from dolfinx_joints.solvers.step_solver import StepEquation
 from dolfinx_joints.solvers.tangent import Tangent
 
@@ -143,22 +144,23 @@ class _BothEquations(BodyProblem[_Iterate]):
         forces = float(np.hypot(self.force.norm(), unbalanced.norm()))
         self.force.aypx(-1.0, unbalanced)
         self.force.pointwiseMult(self.force, self.free)
-        rounding = 4.0 * EPSILON * self.matrix.norm * float(change.norm()) / scale
+        rounding = limits.PRODUCT_ROUNDING * self.matrix.norm * float(change.norm()) / scale
         joints, of_joints, more = self._in_joints(response, left, np.abs(gap), traction)
         norm = float(np.sqrt(energy + more))
         # In the joints relative to their largest force, in the equilibrium to its largest part.
         relative = np.array([joints, float(self.force.norm()) / scale])
-        tolerance = np.maximum(self.wanted, np.minimum([of_joints, rounding], [1e-3, 1e-6]))
-        largest = float(relative.max())
+        largest = [limits.LARGEST_CONTACT_ROUNDING, limits.LARGEST_ROUNDING]
+        tolerance = np.maximum(self.wanted, np.minimum([of_joints, rounding], largest))
+        worst = float(relative.max())
         return _Iterate(
             change=change,
             response=response,
             unbalanced=unbalanced,
             norm=norm,
             unit=self._unit or norm or 1.0,
-            relative=largest,
+            relative=worst,
             accepted=bool(np.all(relative <= tolerance)),
-            target=self.wanted / (largest or 1.0),
+            target=self.wanted / (worst or 1.0),
             traction=traction,
             left=left,
             inverse=np.linalg.inv(np.eye(3) - response.tangent * self._c[:, None, :]),
@@ -179,4 +181,4 @@ class _BothEquations(BodyProblem[_Iterate]):
         )
         worst, largest, rounding = every[:, :3].max(axis=0)
         largest = largest or worst or 1.0
-        return worst / largest, 64.0 * EPSILON * rounding / largest, float(every[:, 3].sum())
+        return worst / largest, limits.GAP_ROUNDING * rounding / largest, float(every[:, 3].sum())

@@ -13,22 +13,14 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
+from dolfinx_joints.solvers import limits
 
 Floats = NDArray[np.float64]
-
-# Residual relative to the right-hand side: what direct solvers leave at the matrices of time steps.
-TOLERANCE = 1e-13
-
-# The same in linear steps. CG's residual does no work in its own step, being orthogonal to the
-# solution; the next step makes it good, and the work it does there is all that the ledger sees.
-STEP_TOLERANCE = 1e-9
-
-ROUNDING = float(np.finfo(np.float64).eps)
 
 OPTIONS: dict[str, Any] = {
     "ksp_type": "cg",
     "ksp_norm_type": "unpreconditioned",
-    "ksp_rtol": TOLERANCE,
+    "ksp_rtol": limits.MULTIGRID_TOLERANCE,
     "ksp_max_it": 500,
     "pc_type": "gamg",
     "pc_mg_cycle_type": "w",  # on larger bodies V-cycles take more iterations
@@ -36,7 +28,6 @@ OPTIONS: dict[str, Any] = {
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_pc_type": "pbjacobi",
 }
-
 
 # P^T A P on several ranks without copies of A P and P, which would double what levels take. It is
 # slower where products are made again and again.
@@ -99,7 +90,9 @@ class IterativeSolver:
         """Set the preconditioner up anew at the next solve."""
         self._stale = True
 
-    def solve(self, b: PETSc.Vec, x: PETSc.Vec, tolerance: float = TOLERANCE) -> bool:
+    def solve(
+        self, b: PETSc.Vec, x: PETSc.Vec, tolerance: float = limits.MULTIGRID_TOLERANCE
+    ) -> bool:
         """Solve A x = b; whether the preconditioner was set up for it (collective).
 
         Args:
@@ -149,7 +142,7 @@ class IterativeSolver:
         self.matrix.mult(x, residual)
         residual.axpy(-1.0, b)
         norm = self.matrix.norm(PETSc.NormType.NORM_INFINITY)
-        return bool(residual.norm() <= ROUNDING * norm * x.norm())
+        return bool(residual.norm() <= limits.EPSILON * norm * x.norm())
 
     def _free_blocked(self) -> None:
         if self._blocked is not None:

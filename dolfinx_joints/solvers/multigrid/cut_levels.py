@@ -19,14 +19,11 @@ from scipy.sparse import csr_array
 
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.common.mpi import blocks_of, rank_of, rows_at, sent_to
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.multigrid.bulk import OPTIONS, made_once, options_set
 from dolfinx_joints.solvers.multigrid.coincident import tie
 
 Ints = NDArray[np.int64]
-
-# Functions cut to few nodes depend on each other: this part of their diagonal keeps blocks regular.
-# What it changes is in no function of the body.
-REGULARISATION = 1e-10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,7 +276,8 @@ def _regularise(matrix: PETSc.Mat, size: int, parts: Ints) -> None:
     """Add a little to the diagonal of functions that were cut (collective)."""
     diagonal = matrix.getDiagonal()
     blocks = diagonal.getArray().reshape(-1, size)
-    blocks += np.where(parts > 1, REGULARISATION * blocks.max(axis=1, initial=0.0), 0.0)[:, None]
+    share = np.where(parts > 1, limits.CUT_REGULARISATION, 0.0)
+    blocks += (share * blocks.max(axis=1, initial=0.0))[:, None]
     blocks[blocks == 0.0] = 1.0
     matrix.setDiagonal(diagonal)
     matrix.assemble()

@@ -17,6 +17,7 @@ from typing import Any
 from petsc4py import PETSc
 
 from dolfinx_joints.joints.operator import JointTangent, TangentMatrix
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.modal_change import ModalChange
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver, gave_up, options_set
 from dolfinx_joints.solvers.multigrid.coincident import BlockInverse, tie, tied_nodes
@@ -39,10 +40,6 @@ OPTIONS: dict[str, Any] = {
     "mg_coarse_ksp_type": "preonly",
     "mg_coarse_pc_type": "redundant",
 }
-
-
-# Joints that add less to the diagonal of A than this part of it need no levels of their own.
-SOFT = 5.0
 
 
 @dataclass(kw_only=True, eq=False)
@@ -79,7 +76,7 @@ def _is_stiff(added: PETSc.Mat, matrix: PETSc.Mat) -> bool:
     """Whether K is stiff beside A at some node (collective)."""
     share, diagonal = added.getDiagonal(), matrix.getDiagonal()
     share.pointwiseDivide(share, diagonal)
-    return bool(share.max()[1] > SOFT)
+    return bool(share.max()[1] > limits.TIED_STIFFNESS)
 
 
 class TangentMultigrid:

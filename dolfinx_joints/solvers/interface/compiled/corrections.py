@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit, part
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.interface.compiled.krylov import Space, dot, gmres
 from dolfinx_joints.solvers.interface.compiled.products import (
     Kept,
@@ -34,13 +35,6 @@ from dolfinx_joints.solvers.interface.compiled.ranks import each_of_ranks, large
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-# Products that a correction takes as a rule, what reading an entry in single precision costs beside
-# one in double, and a change of T (between 0 and 1) that is none.
-PRODUCTS, SINGLE, SAME = 10, 0.5, 1e-12
-
-# Tolerance that systems in single precision are solved to at best.
-FINEST_SINGLE = 1e-5
 
 
 class Memory(NamedTuple):
@@ -118,7 +112,7 @@ def correct(
                 hold(memory.tied, memory.changed, numbers[1], changed)
                 _correct_changed(tangent, tolerance, memory)
                 return
-            memory.missed[0] += SINGLE * (first - second)
+            memory.missed[0] += first - second
     hold(inner, memory.active, numbers[0], active)
     _correct_active(inner, tangent, tolerance, couples, memory)
 
@@ -126,7 +120,7 @@ def correct(
 @part
 def _cost_of_system(inner: Any, points: int) -> float:
     """Entries that the products of a system of so many points read."""
-    return PRODUCTS * min(9.0 * float(points) ** 2, cost(inner, 3 * points))
+    return limits.TYPICAL_PRODUCTS * min(9.0 * float(points) ** 2, cost(inner, 3 * points))
 
 
 @part
@@ -134,7 +128,7 @@ def _differing(tangent: Floats, stuck: Floats, from_stuck: bool, found: Ints) ->
     """Points whose block differs from zero, or from T0: their numbers, and how many there are."""
     count = 0
     for i in range(len(tangent)):
-        differs, same = False, SAME if from_stuck else 0.0
+        differs, same = False, limits.SAME_TANGENT if from_stuck else 0.0
         for a in range(3):
             for b in range(3):
                 expected = stuck[3 * i + a] if a == b and from_stuck else 0.0

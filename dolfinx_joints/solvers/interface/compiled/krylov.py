@@ -15,19 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit, part
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.low_rank import SUMS
 from dolfinx_joints.solvers.interface.compiled.products import Kept, multiply_part, turn
 from dolfinx_joints.solvers.interface.compiled.ranks import Ranks, sum_over
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
-
-
-# What is left of a direction that depends on the others, relative to it.
-ROUNDING = 1e-6
-
-# Part of its square that a direction keeps where once is enough to make it orthogonal.
-AGAIN = 0.01
 
 # Columns of `Space.small` behind the triangle.
 LEFT, COLUMN, COSINE, SINE, SHIFT = -1, -2, -3, -4, -5
@@ -161,7 +155,7 @@ def _orthogonalise(space: Space, size: int, j: int, shift: float, ranks: Ranks) 
     square, last = space.sums[j + 1], space.sums[j]
     whole = np.sqrt(max(square + 2.0 * shift * last + shift * shift, 0.0))
     rest = _take_off(space, size, j)
-    if not rest > AGAIN * square:
+    if not rest > limits.ORTHOGONAL_REST * square:
         _along(space, size, j, ranks)
         rest = _take_off(space, size, j)
     small[j, COLUMN] += shift
@@ -173,7 +167,7 @@ def _orthogonalise(space: Space, size: int, j: int, shift: float, ranks: Ranks) 
         small[i, j], small[i + 1, COLUMN] = c * a + s * b, c * b - s * a
     last = small[j, COLUMN]
     norm = np.hypot(last, length)
-    if norm <= ROUNDING * whole:  # singular: what this direction would add is rounding, made large
+    if norm <= limits.SINGLE_ROUNDING * whole:  # singular: the direction would be rounding error
         norm, length = 0.0, 0.0
     c, s = (last / norm, length / norm) if norm > 0.0 else (1.0, 0.0)
     small[j, j], small[j, COSINE], small[j, SINE] = norm, c, s
@@ -183,7 +177,7 @@ def _orthogonalise(space: Space, size: int, j: int, shift: float, ranks: Ranks) 
         each = np.float32(1.0 / length)
         for k in range(size):
             new[k] *= each
-    return not length > ROUNDING * whole
+    return not length > limits.SINGLE_ROUNDING * whole
 
 
 @part

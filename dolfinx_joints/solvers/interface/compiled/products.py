@@ -15,6 +15,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit, part
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.blocks_between_ranks import (
     add_at_places,
     expand_and_return,
@@ -34,15 +35,6 @@ from dolfinx_joints.solvers.interface.compiled.ranks import (
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Singles = NDArray[np.float32]
-
-
-# Part of the entries of a vector that are not zero, beyond which half of a symmetric S costs less
-# to read than its columns of these.
-MANY = 0.6
-
-# Sets grow to so many times the points wanted and some more before they are taken anew, and are
-# held while they have no more than so many times those.
-GROWN, HELD, SPARE = 1.25, 1.4, 20
 
 
 class Dense(NamedTuple):
@@ -147,7 +139,7 @@ def _dense_product(split: Dense, values: Floats, out: Floats) -> None:
         if every[k] != 0.0:
             split.nonzero[count] = k
             count += 1
-    if split.by_half and count > MANY * len(every):
+    if split.by_half and count > limits.NONZERO_SHARE * len(every):
         for k in range(len(values)):
             split.work[0, k] = values[k]
         multiply_lower(split.columns, split.work[0], product)
@@ -283,9 +275,9 @@ def hold(split: Any, kept: Kept, wanted: Ints, count: int) -> None:
         mine = np.array([float(known), float(count), float(both)])
         every = each_of_ranks(split.ranks, mine)
         knowns, counts, boths = every[:, 0].sum(), every[:, 1].sum(), every[:, 2].sum()
-        if boths == counts and knowns <= HELD * counts + SPARE:
+        if boths == counts and knowns <= limits.SET_EXCESS * counts + limits.SET_SPARE:
             return
-        if knowns + counts - boths > GROWN * counts + SPARE:
+        if knowns + counts - boths > limits.SET_EXCESS * counts + limits.SET_SPARE:
             known = -1
     if known < 0:
         take(split, kept, wanted, count)

@@ -19,11 +19,9 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.kernels import part
+from dolfinx_joints.solvers import limits
 
 Floats = NDArray[np.float64]
-
-# Most numbers of a rank in one sum.
-MOST = 1024
 
 
 def _function(name: str, arguments: str) -> Any:
@@ -48,7 +46,7 @@ class Ranks(NamedTuple):
         byte: MPI's handle of the type of one byte.
         rank: This one.
         size: Their number.
-        room: For what the ranks sum, shape (size, `MOST`).
+        room: For what the ranks sum, shape (size, products of GMRES + 1).
     """
 
     comm: int
@@ -72,7 +70,7 @@ class Lengths(NamedTuple):
 
 def ranks_of(comm: Any) -> Ranks:
     """Those of an mpi4py communicator, which has to live as long."""
-    room = np.empty((comm.size, MOST))
+    room = np.empty((comm.size, limits.MOST_PRODUCTS + 1))
     # An address or, with MPICH, a number of 32 bits, which is passed in the same register.
     return Ranks(MPI._handleof(comm), MPI._handleof(MPI.BYTE), comm.rank, comm.size, room)
 
@@ -114,7 +112,7 @@ def each_of_ranks(ranks: Ranks, mine: Floats) -> Floats:
 
 @part
 def sum_over(ranks: Ranks, values: Floats) -> None:
-    """Replace values, at most `MOST`, by their sums over the ranks (collective)."""
+    """Replace values, as many as `Ranks.room` takes, by their sums over the ranks (collective)."""
     if ranks.size == 1:
         return
     every = each_of_ranks(ranks, values)

@@ -22,7 +22,6 @@ from dolfinx_joints.laws.law import (
     BROKEN,
     HELD,
     INTACT,
-    LARGEST_OVERLOAD,
     NO_COMPLIANCE,
     Floats,
     JointState,
@@ -39,7 +38,9 @@ from dolfinx_joints.laws.points.return_mapping import (
     Answer,
     Start,
     Vector,
+    bond_under,
     contact_fraction,
+    overload,
     put_nothing,
     response_of,
 )
@@ -84,8 +85,7 @@ def bonded_point(i: int, start: Start, answer: Answer) -> None:
     for a in range(2):
         answer.traction[i, 1 + a] = k_s * slip[a]
         answer.history[i, a] = slip[a] if k_s > 0.0 else 0.0
-    overloaded = bond == HELD and ratio > 1.0 + BORNE
-    answer.history[i, 2] = -ratio if overloaded else INTACT  # as `bond_under`
+    answer.history[i, 2] = bond_under(bond, ratio)
     answer.history[i, 3] = start.history[i, 3]
 
 
@@ -96,17 +96,7 @@ def _overload(gap_n: float, slip: Vector, law: Bonded) -> float:
     shear = law.shear_stiffness * np.sqrt(slip[0] * slip[0] + slip[1] * slip[1])
     pulled = t_n if t_n > BORNE * law.cohesion else 0.0  # a bond may have no strength here
     strength = law.cohesion - law.friction * t_n
-    return max(_ratio(pulled, law.tensile_strength), _ratio(shear, strength))
-
-
-@register_jitable
-def _ratio(load: float, strength: float) -> float:
-    """Return what `overload` does, of one load."""
-    if not load > 0.0:
-        return 0.0
-    if not strength > 0.0:
-        return LARGEST_OVERLOAD
-    return min(load / strength, LARGEST_OVERLOAD)
+    return max(overload(pulled, law.tensile_strength), overload(shear, strength))
 
 
 @register_jitable

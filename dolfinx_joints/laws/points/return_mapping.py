@@ -20,7 +20,15 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from dolfinx_joints.laws.law import Floats, JointState, Response
+from dolfinx_joints.laws.law import (
+    BORNE,
+    HELD,
+    INTACT,
+    LARGEST_OVERLOAD,
+    Floats,
+    JointState,
+    Response,
+)
 
 Vector = tuple[float, float]
 
@@ -154,6 +162,20 @@ def law_of(i: int, laws: Floats) -> Coulomb:
     """Parameters of the point ``i``."""
     row = laws[i if len(laws) > 1 else 0]
     return Coulomb(row[0], row[1], row[2], row[3], row[4] != 0.0)
+
+
+@register_jitable
+def overload(load: float, strength: float) -> float:
+    """Return a load over its strength, `LARGEST_OVERLOAD` if there is no strength."""
+    if not load > 0.0:
+        return 0.0
+    return min(load / strength, LARGEST_OVERLOAD) if strength > 0.0 else LARGEST_OVERLOAD
+
+
+@register_jitable
+def bond_under(bond: float, ratio: float) -> float:
+    """Return what a bond is that has not broken under a ratio of load to strength."""
+    return -ratio if bond == HELD and ratio > 1.0 + BORNE else INTACT
 
 
 @register_jitable

@@ -87,7 +87,9 @@ class LawPoints:
                 "beside a method initial_variables(gap)."
             )
         self.variables = len(names)
-        step = law.for_step(math.inf) if isinstance(law, RateDependentLaw) else law
+        rates = isinstance(law, RateDependentLaw)
+        self._law_of_steps: Callable[[float], AnyLaw] = law.for_step if rates else lambda dt: law
+        step = self._law_of_steps(math.inf)
         alone = step.law if isinstance(step, DashpotStep) else step
         self.balances = isinstance(alone, EnergyConsistentLaw | CondensedEnergyConsistentLaw)
         self.accounts = isinstance(alone, LawWithLosses)
@@ -137,7 +139,7 @@ class LawPoints:
 
     def law_over(self, rule: Rule) -> AnyLaw:
         """Return the law of a step of the length of a rule."""
-        return self.law.for_step(rule.dt) if isinstance(self.law, RateDependentLaw) else self.law
+        return self._law_of_steps(rule.dt)
 
     def compiled_over(self, rule: Rule) -> CompiledLaw | None:
         """Return the same if its answers are those of its compiled loops, else None."""

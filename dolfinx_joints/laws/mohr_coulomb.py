@@ -63,7 +63,7 @@ class Bonded(NamedTuple):
     tensile_strength: float
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def bonded_point(i: int, start: Start, answer: Answer) -> None:
     """Answer of a point at the end of a step, at its gap: with its bond, or without."""
     put_nothing(i, answer)
@@ -89,7 +89,7 @@ def bonded_point(i: int, start: Start, answer: Answer) -> None:
     answer.history[i, 3] = start.history[i, 3]
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def _overload(gap_n: float, slip: Vector, law: Bonded) -> float:
     """Return the load of a bond over its strength at a normal gap and an elastic slip [m]."""
     t_n = law.normal_stiffness * gap_n
@@ -99,7 +99,7 @@ def _overload(gap_n: float, slip: Vector, law: Bonded) -> float:
     return max(overload(pulled, law.tensile_strength), overload(shear, strength))
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> None:
     """Write the answer of a point without a bond; ``slip`` is the elastic one of a stuck point."""
     k_n, k_s, mu, tan_psi = (
@@ -135,25 +135,25 @@ def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> N
     safe = size if size > 0.0 else 1.0
     ratio = -mu * t_n / safe if slides else 1.0
     # Derivatives: of the trial shear traction, of the slip length, then of the tractions.
-    way = was - elastic
+    way, along = was - elastic, answer.tangent[i]
     rate = -(was / way) / way if landing else 0.0
-    along, across = answer.tangent[i], np.zeros((2, 3), gap.dtype)
-    longer = np.zeros(3, gap.dtype)
-    for a in range(2):
-        across[a, 0], across[a, 1 + a] = k_s * rate * slip[a], k_s * theta
     direction = (trial[0] / safe, trial[1] / safe)
     along[0, 0] = k_n
     for b in range(3):
-        stretch = direction[0] * across[0, b] + direction[1] * across[1, b]
+        across = (
+            k_s * (rate * slip[0] if b == 0 else theta if b == 1 else 0.0),
+            k_s * (rate * slip[1] if b == 0 else theta if b == 2 else 0.0),
+        )
+        stretch = direction[0] * across[0] + direction[1] * across[1]
         if slides:
-            scale = hardening if hardening > 0.0 else 1.0
-            longer[b] = (stretch + (mu * k_n if b == 0 else 0.0)) / scale
-            along[0, b] -= k_n * tan_psi * longer[b]
+            longer = stretch + (mu * k_n if b == 0 else 0.0)
+            along[0, b] -= k_n * tan_psi * longer / (hardening if hardening > 0.0 else 1.0)
         for a in range(2):
-            turned = across[a, b] - (direction[a] * stretch if slides else 0.0)
-            along[1 + a, b] = ratio * turned
             if slides:
-                along[1 + a, b] -= direction[a] * mu * along[0, b]
+                turned = across[a] - direction[a] * stretch
+                along[1 + a, b] = ratio * turned - direction[a] * mu * along[0, b]
+            else:
+                along[1 + a, b] = ratio * across[a]
     rubs = mu > 0.0 and k_s > 0.0
     answer.status[i] = (SLIP if slides else STICK) if rubs else FRICTIONLESS
     answer.traction[i, 0] = t_n

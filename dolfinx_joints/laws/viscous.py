@@ -193,7 +193,7 @@ _CHANGED = ("traction", "tangent", "dissipation")
 def with_dashpots(point: Any) -> Any:
     """Return the point of a law with dashpots, of the law's own."""
 
-    @register_jitable
+    @register_jitable(forceinline=True)
     def both(i: int, start: Start, answer: Answer) -> None:
         row = start.laws[i if len(start.laws) > 1 else 0]
         point(i, Start(start.gap, start.history, start.laws[:, 4:]), answer)
@@ -209,7 +209,7 @@ def dashpot_points(normal: float, shear: float, before: Floats, answer: Answer) 
         add_dashpots(i, normal, shear, before[i], answer)
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def add_dashpots(i: int, normal: float, shear: float, before: Floats, answer: Answer) -> None:
     """Add the tractions of dashpots to the answer of a point that is closed at the end.
 
@@ -241,40 +241,24 @@ def add_dashpots(i: int, normal: float, shear: float, before: Floats, answer: An
         if gap[0] <= 0.0:
             rate = -(opening / (opening - end)) / (opening - end)
     slip = (gap[1] - before[1], gap[2] - before[2])
-    dash, rates = np.zeros(3, gap.dtype), np.zeros((2, 3), gap.dtype)
-    for a in range(2):
-        dash[1 + a] = shear * theta * slip[a]
-        rates[a, 0], rates[a, 1 + a] = shear * rate * slip[a], shear * theta
-    _shorten(dash, rates, traction[0] + dash_n, tangent)
-    dash[0] = dash_n
+    shear_1, shear_2, t_n = shear * theta * slip[0], shear * theta * slip[1], traction[0] + dash_n
+    size, limit = np.sqrt(shear_1 * shear_1 + shear_2 * shear_2), max(-t_n, 0.0)
+    bound, safe = size >= limit, size if size > 0.0 else 1.0
+    direction, share = (shear_1 / safe, shear_2 / safe), limit / safe if size >= limit else 1.0
+    for b in range(3):
+        rates = (
+            shear * (rate * slip[0] if b == 0 else theta if b == 1 else 0.0),
+            shear * (rate * slip[1] if b == 0 else theta if b == 2 else 0.0),
+        )
+        along = direction[0] * rates[0] + direction[1] * rates[1]
+        falls = -tangent[0, b] if t_n < 0.0 else 0.0
+        for a in range(2):
+            if bound:  # never larger than the pressure
+                across = rates[a] - direction[a] * along
+                tangent[1 + a, b] += direction[a] * falls + share * across
+            else:
+                tangent[1 + a, b] += rates[a]
+    dash = (dash_n, share * shear_1, share * shear_2)
     for a in range(3):
         traction[a] += dash[a]
         answer.dissipation[i] += dash[a] * (gap[a] - before[a])
-    for a in range(2):
-        for b in range(3):
-            tangent[1 + a, b] += rates[a, b]
-
-
-@register_jitable
-def _shorten(dash: Floats, rates: Floats, t_n: float, tangent: Floats) -> None:
-    """Shorten shear tractions to the pressure, and turn their derivatives with it, in place.
-
-    Args:
-        dash: The tractions are ``dash[1:]``, [Pa].
-        rates: Their derivatives by the gap, shape (2, 3), [Pa/m].
-        t_n: Normal traction [Pa].
-        tangent: Of which the first row is the derivative of ``t_n``.
-    """
-    size, limit = np.sqrt(dash[1] * dash[1] + dash[2] * dash[2]), max(-t_n, 0.0)
-    if size < limit:
-        return
-    safe = size if size > 0.0 else 1.0
-    direction = (dash[1] / safe, dash[2] / safe)
-    for b in range(3):
-        along = direction[0] * rates[0, b] + direction[1] * rates[1, b]
-        fall = -tangent[0, b] if t_n < 0.0 else 0.0
-        for a in range(2):
-            across = rates[a, b] - direction[a] * along
-            rates[a, b] = direction[a] * fall + limit / safe * across
-    for a in range(2):
-        dash[1 + a] *= limit / safe

@@ -283,25 +283,30 @@ def test_the_same_solve_again_starts_from_its_solution(wall):
     assert difference(second, first) <= 1e-12
 
 
-def test_what_a_solver_cannot_do_is_refused(wall):
-    # A user-defined law without condensed forms, and one that is rigid beside it.
-    class Plain:
-        def __init__(self, law: Any) -> None:
-            self.backward_euler = law.backward_euler
-            self.stored_energy = law.stored_energy
-            self.closed_stiffness = law.closed_stiffness
+class Plain:
+    """A law of the user with the three methods of `Law` alone, those of another."""
 
-    system = wall(Plain(friction())).system()
-    sentence = r"^The condensed solver needs laws with condensed forms; Plain has none\.$"
-    with pytest.raises(JointsError, match=sentence):
-        make_solver(system, kind="condensed")
+    def __init__(self, law: Any) -> None:
+        self.backward_euler = law.backward_euler
+        self.stored_energy = law.stored_energy
+        self.closed_stiffness = law.closed_stiffness
+
+
+def test_a_law_with_three_methods_marches_as_the_law_that_it_is(wall):
+    """Also beside rigid joints; by backward Euler, as `Plain` says nothing of whole steps."""
+    scheme = GeneralizedAlpha(spectral_radius=0.8)
+    path, _, outcome = march(wall(friction()), scheme=scheme)
+    other, _, found = march(wall(Plain(friction())), scheme=scheme)
+    assert found.solver == outcome.solver == "condensed"
+    assert far(other.gaps, path.gaps) <= 1e-9
+    assert far(other.tractions, path.tractions) <= 1e-8
     rigid = RigidJoint(friction_angle_deg=30.0)
-    laws = {"joint_1": Plain(friction()), "joint_2": rigid, "joint_3": rigid}
-    mixed = wall(laws).system()
-    with pytest.raises(JointsError, match="^Rigid joints need the condensed solver. The condensed"):
-        make_solver(mixed)
+    laws = {"joint_1": friction(), "joint_2": rigid, "joint_3": rigid}
+    path, _, _ = march(wall(laws), steps=5, scheme=scheme)
+    other, _, _ = march(wall({**laws, "joint_1": Plain(friction())}), steps=5, scheme=scheme)
+    assert far(other.gaps, path.gaps) <= 1e-9
     with pytest.raises(JointsError, match="no stiffness: modes and the solvers 'monolithic' and"):
-        modes(mixed, 1)
+        modes(wall(laws).system(), 1)
 
 
 @pytest.mark.parametrize("compliance", COMPLIANCES)

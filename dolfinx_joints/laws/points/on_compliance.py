@@ -51,15 +51,19 @@ class Search(NamedTuple):
         size: Largest residual at the base, shape (n,), [m].
         counts: Corrections, halvings of this one, and whether it is taken without a comparison,
             shape (n, 3).
+        matrix: Room for three equations, shape (3, 3).
+        right: Room for their right-hand sides, shape (3, 3).
     """
 
     base: Floats
     correction: Floats
     size: Floats
     counts: NDArray[np.int64]
+    matrix: Floats
+    right: Floats
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def search_of(count: int, kind: Any) -> Search:
     """Begin the search of so many points."""
     return Search(
@@ -67,13 +71,15 @@ def search_of(count: int, kind: Any) -> Search:
         np.zeros((count, 3), kind),
         np.zeros(count, kind),
         np.zeros((count, 3), np.int64),
+        np.zeros((3, 3), kind),
+        np.zeros((3, 3), kind),
     )
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def advance(
     at: int,
-    trial_gap: Floats,
+    trial_gap: Any,
     compliance: Any,
     known: float,
     gap: Floats,
@@ -85,7 +91,7 @@ def advance(
 
     Args:
         at: Number of the point in the search.
-        trial_gap: h, shape (3,), [m].
+        trial_gap: h, three numbers [m].
         compliance: Normal and tangential c [m/Pa], k_n and k_s of the law [Pa/m].
         known: Largest number that the gap follows from [m].
         gap: That of the answer, shape (3,), [m].
@@ -115,7 +121,7 @@ def advance(
             gap[a] = base[a] - share * correction[a]
         return GOES_ON
     is_far = False
-    jacobian, right = np.zeros((3, 3), gap.dtype), np.zeros((3, 1), gap.dtype)
+    jacobian, right = search.matrix, search.right
     for a in range(3):
         c = compliance[0] if a == 0 else compliance[1]
         right[a, 0] = gap[a] + c * traction[a] - trial_gap[a]
@@ -127,7 +133,7 @@ def advance(
         return FOUND
     if counts[0] == MOST_ITERATIONS:
         return LOST
-    determinant = _solve(jacobian, right)
+    determinant = _solve(jacobian, right, 1)
     counts[0], counts[1], counts[2] = counts[0] + 1, 0, 1 if determinant < 0.0 else 0
     search.size[at] = size
     share = -BEYOND_KINKS if determinant < 0.0 else 1.0
@@ -137,9 +143,9 @@ def advance(
     return GOES_ON
 
 
-@register_jitable
-def _solve(matrix: Floats, right: Floats) -> float:
-    """Solve three equations for each column, in place, with pivots; return the determinant."""
+@register_jitable(forceinline=True)
+def _solve(matrix: Floats, right: Floats, columns: int) -> float:
+    """Solve three equations for some columns, in place, with pivots; return the determinant."""
     determinant = 1.0
     for a in range(3):
         pivot = a
@@ -150,16 +156,16 @@ def _solve(matrix: Floats, right: Floats) -> float:
             determinant = -determinant
             for b in range(3):
                 matrix[a, b], matrix[pivot, b] = matrix[pivot, b], matrix[a, b]
-            for b in range(right.shape[1]):
+            for b in range(columns):
                 right[a, b], right[pivot, b] = right[pivot, b], right[a, b]
         determinant *= matrix[a, a]
         for b in range(a + 1, 3):
             factor = matrix[b, a] / matrix[a, a]
             for k in range(a, 3):
                 matrix[b, k] -= factor * matrix[a, k]
-            for k in range(right.shape[1]):
+            for k in range(columns):
                 right[b, k] -= factor * right[a, k]
-    for k in range(right.shape[1]):
+    for k in range(columns):
         for a in range(2, -1, -1):
             for b in range(a + 1, 3):
                 right[a, k] -= matrix[a, b] * right[b, k]
@@ -167,16 +173,19 @@ def _solve(matrix: Floats, right: Floats) -> float:
     return determinant
 
 
-@register_jitable
-def by_trial_gap(compliance: Any, tangent: Floats) -> None:
+@register_jitable(forceinline=True)
+def by_trial_gap(compliance: Any, tangent: Floats, search: Search) -> None:
     """Replace d t / d g = K of a point by d t / d h = K (I + C K)^-1; rows of zeros stay so."""
-    matrix, right = np.zeros((3, 3), tangent.dtype), tangent.T.copy()
+    matrix, right = search.matrix, search.right
     for a in range(3):
         for b in range(3):
             matrix[b, a] = tangent[a, b] * (compliance[0] if a == 0 else compliance[1])
+            right[b, a] = tangent[a, b]
         matrix[a, a] += 1.0
-    _solve(matrix, right)
-    tangent[:] = right.T
+    _solve(matrix, right, 3)
+    for a in range(3):
+        for b in range(3):
+            tangent[a, b] = right[b, a]
 
 
 @functools.cache
@@ -190,22 +199,23 @@ def solver_of(point: Callable[..., None]) -> Callable[..., None]:
             ``register_jitable``.
 
     Returns:
-        ``solve(i, c_n, c_s, start, answer)``, which begins with the trial gap in ``answer.gap[i]``.
-        Numbers of a point that is not found are NaN.
+        ``solve(i, c_n, c_s, start, answer, search)``, which begins with the trial gap in
+        ``answer.gap[i]`` and takes room for one point. Numbers of a point that is not found are
+        NaN.
     """
 
-    @register_jitable
-    def solve(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:
+    @register_jitable(forceinline=True)
+    def solve(i: int, c_n: float, c_s: float, start: Start, answer: Answer, search: Search) -> None:
         if c_n == 0.0 and c_s == 0.0:
             point(i, start, answer)
             return
         row = start.laws[i if len(start.laws) > 1 else 0]
-        gap, trial_gap = answer.gap[i], answer.gap[i].copy()
-        compliance = (c_n, c_s, row[0], row[1])
-        search, known = search_of(1, gap.dtype), 0.0 * c_n
+        gap, known, compliance = answer.gap[i], 0.0 * c_n, (c_n, c_s, row[0], row[1])
+        trial_gap = (gap[0], gap[1], gap[2])
         for a in range(3):
-            known = max(known, max(abs(trial_gap[a]), abs(start.gap[i, a])))
+            known = max(known, max(abs(gap[a]), abs(start.gap[i, a])))
             gap[a] = start.gap[i, a]
+            search.counts[0, a] = 0
         point(i, start, answer)
         traction, tangent = answer.traction[i], answer.tangent[i]
         judged = advance(0, trial_gap, compliance, known, gap, traction, tangent, search)
@@ -214,7 +224,7 @@ def solver_of(point: Callable[..., None]) -> Callable[..., None]:
             judged = advance(0, trial_gap, compliance, known, gap, traction, tangent, search)
         if judged == LOST:
             traction[0] = np.nan
-        by_trial_gap(compliance, tangent)
+        by_trial_gap(compliance, tangent, search)
 
     return solve
 
@@ -226,9 +236,10 @@ def loop_of(point: Callable[..., None]) -> Any:
 
     @njit(cache=True, error_model="numpy")
     def points(compliance: Floats, start: Start, answer: Answer, first: int, stride: int) -> None:
+        search = search_of(1, answer.gap.dtype)
         for i in range(first, len(answer.gap), stride):
             j = i if len(compliance) > 1 else 0
-            solve(i, compliance[j, 0], compliance[j, 1], start, answer)
+            solve(i, compliance[j, 0], compliance[j, 1], start, answer, search)
 
     return points
 
@@ -299,4 +310,4 @@ def on_compliance(
     matrix = np.eye(3) + wide[:, :, None] * found.tangent
     right = found.tangent.transpose(0, 2, 1).astype(np.float64)
     tangent = np.linalg.solve(matrix.transpose(0, 2, 1).astype(np.float64), right)
-    return replace(found, tangent=tangent.transpose(0, 2, 1).copy())
+    return replace(found, tangent=np.ascontiguousarray(tangent.transpose(0, 2, 1), np.float64))

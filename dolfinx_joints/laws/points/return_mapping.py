@@ -164,7 +164,7 @@ def law_of(i: int, laws: Floats) -> Coulomb:
     return Coulomb(row[0], row[1], row[2], row[3], row[4] != 0.0)
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def overload(load: float, strength: float) -> float:
     """Return a load over its strength, `LARGEST_OVERLOAD` if there is no strength."""
     if not load > 0.0:
@@ -172,7 +172,7 @@ def overload(load: float, strength: float) -> float:
     return min(load / strength, LARGEST_OVERLOAD) if strength > 0.0 else LARGEST_OVERLOAD
 
 
-@register_jitable
+@register_jitable(forceinline=True)
 def bond_under(bond: float, ratio: float) -> float:
     """Return what a bond is that has not broken under a ratio of load to strength."""
     return -ratio if bond == HELD and ratio > 1.0 + BORNE else INTACT

@@ -143,7 +143,7 @@ def _tooth(f: int, gap: Floats, teeth: Teeth) -> tuple[float, float, float]:
     return sine, teeth.cosine * gap[0] - sine * across + play * teeth.sine, gap[0] - teeth.depth
 
 
-@register_jitable(forceinline=True)
+@register_jitable
 def choose_faces(gap: Floats, history: Floats, teeth: Teeth, faces: Faces) -> float:
     """Choose the faces of a point at the start of a step; return their elastic energy [J/m^2].
 
@@ -188,7 +188,7 @@ def choose_faces(gap: Floats, history: Floats, teeth: Teeth, faces: Faces) -> fl
     return energy
 
 
-@register_jitable(forceinline=True)
+@register_jitable
 def shear_off(gap: Floats, history: Floats, teeth: Teeth, faces: Faces) -> Floats:
     """Return the history of a point without its teeth; its base bears the largest pressure.
 
@@ -215,7 +215,7 @@ def shear_off(gap: Floats, history: Floats, teeth: Teeth, faces: Faces) -> Float
     return sheared
 
 
-@register_jitable(forceinline=True)
+@register_jitable
 def finish(
     i: int, history: Floats, teeth: Teeth, faces: Faces, answer: Answer, ends: Answer
 ) -> None:
@@ -310,18 +310,18 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
         for i in range(first, len(answer.gap), stride):
             c = compliance[i if len(compliance) > 1 else 0]
             gap, history, trial_gap = start.gap[i], start.history[i], answer.gap[i].copy()
-            bond = history[KEYS]
-            energy, released = choose_faces(gap, history, teeth, faces), 0.0
-            solve(i, c[0], c[1], begun, answer, search)
-            ratio = answer.history[i, KEYS]
-            if bond == RELEASED or (bond == INTACT and ratio > 1.0 + BORNE):
-                history = shear_off(gap, history, teeth, faces)
-                released = energy - choose_faces(gap, history, teeth, faces)
-                answer.gap[i] = trial_gap
+            energy = first_energy = choose_faces(gap, history, teeth, faces)
+            while True:
                 solve(i, c[0], c[1], begun, answer, search)
+                bond, ratio = history[KEYS], answer.history[i, KEYS]
+                if bond != RELEASED and not (bond == INTACT and ratio > 1.0 + BORNE):
+                    break
+                history = shear_off(gap, history, teeth, faces)
+                energy = choose_faces(gap, history, teeth, faces)
+                answer.gap[i] = trial_gap
             finish(i, history, teeth, faces, answer, ends)
-            answer.dissipation[i] += released
-            if history[KEYS] < BROKEN:
+            answer.dissipation[i] += first_energy - energy
+            if bond < BROKEN:
                 answer.history[i, KEYS] = bond_under(bond, ratio)
 
     return loop

@@ -206,22 +206,20 @@ def solver_of(point: Callable[..., None]) -> Callable[..., None]:
 
     @register_jitable(forceinline=True)
     def solve(i: int, c_n: float, c_s: float, start: Start, answer: Answer, search: Search) -> None:
-        if c_n == 0.0 and c_s == 0.0:
-            point(i, start, answer)
-            return
+        alone = c_n == 0.0 and c_s == 0.0
         row = start.laws[i if len(start.laws) > 1 else 0]
         gap, known, compliance = answer.gap[i], 0.0 * c_n, (c_n, c_s, row[0], row[1])
         trial_gap = (gap[0], gap[1], gap[2])
         for a in range(3):
             known = max(known, max(abs(gap[a]), abs(start.gap[i, a])))
-            gap[a] = start.gap[i, a]
+            gap[a] = trial_gap[a] if alone else start.gap[i, a]
             search.counts[0, a] = 0
-        point(i, start, answer)
-        traction, tangent = answer.traction[i], answer.tangent[i]
-        judged = advance(0, trial_gap, compliance, known, gap, traction, tangent, search)
+        traction, tangent, judged = answer.traction[i], answer.tangent[i], GOES_ON
         while judged == GOES_ON:
             point(i, start, answer)
-            judged = advance(0, trial_gap, compliance, known, gap, traction, tangent, search)
+            judged = FOUND
+            if not alone:
+                judged = advance(0, trial_gap, compliance, known, gap, traction, tangent, search)
         if judged == LOST:
             traction[0] = np.nan
         by_trial_gap(compliance, tangent, search)

@@ -11,10 +11,10 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 import annotated_types as at
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.kernels import inline
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
@@ -63,7 +63,7 @@ class Bonded(NamedTuple):
     tensile_strength: float
 
 
-@register_jitable(forceinline=True)
+@inline
 def bonded_point(i: int, start: Start, answer: Answer) -> None:
     """Answer of a point at the end of a step, at its gap: with its bond, or without."""
     put_nothing(i, answer)
@@ -89,7 +89,7 @@ def bonded_point(i: int, start: Start, answer: Answer) -> None:
     answer.history[i, 3] = start.history[i, 3]
 
 
-@register_jitable(forceinline=True)
+@inline
 def _overload(gap_n: float, slip: Vector, law: Bonded) -> float:
     """Return the load of a bond over its strength at a normal gap and an elastic slip [m]."""
     t_n = law.normal_stiffness * gap_n
@@ -99,7 +99,7 @@ def _overload(gap_n: float, slip: Vector, law: Bonded) -> float:
     return max(overload(pulled, law.tensile_strength), overload(shear, strength))
 
 
-@register_jitable(forceinline=True)
+@inline
 def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> None:
     """Write the answer of a point without a bond; ``slip`` is the elastic one of a stuck point."""
     k_n, k_s, mu, tan_psi = (

@@ -24,7 +24,7 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.common.kernels import inline, njit
 from dolfinx_joints.laws.law import BORNE, BROKEN, INTACT, RELEASED, Floats
 from dolfinx_joints.laws.points.on_compliance import search_of, solver_of
 from dolfinx_joints.laws.points.return_mapping import STICK, Answer, Start, bond_under, overload
@@ -102,20 +102,20 @@ class KeyStart(NamedTuple):
     ends: Answer
 
 
-@register_jitable(forceinline=True)
+@inline
 def teeth_of(laws: Floats) -> Teeth:
     """Return the parameters of all points; columns 2 to 6 are those of the friction of faces."""
     r, k_n, k_s = laws[0, 7:], laws[0, 0], laws[0, 1]
     return Teeth(k_n, k_s, r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9])
 
 
-@register_jitable(forceinline=True)
+@inline
 def turned(first: Any, second: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
     """Return two components of a vector in axes turned about the third, or back by -sine."""
     return cosine * first - sine * second, sine * first + cosine * second
 
 
-@register_jitable(forceinline=True)
+@inline
 def _turn_back(a: int, b: int, turn: Any, traction: Floats, tangent: Floats) -> None:
     """Write a traction and its tangent in the axes before a `turned`, in place."""
     c, s = turn
@@ -126,7 +126,7 @@ def _turn_back(a: int, b: int, turn: Any, traction: Floats, tangent: Floats) -> 
         tangent[a, k], tangent[b, k] = turned(tangent[a, k], tangent[b, k], c, -s)
 
 
-@register_jitable(forceinline=True)
+@inline
 def gap_on_faces(gap: Floats, plane: Floats, teeth: Teeth, local: Floats) -> None:
     """Write the gap of a point in the axes of its faces, shape (3, 3), [m]."""
     across, along = turned(gap[1], gap[2], teeth.key_cosine, teeth.key_sine)
@@ -135,7 +135,7 @@ def gap_on_faces(gap: Floats, plane: Floats, teeth: Teeth, local: Floats) -> Non
         local[f, 0], local[f, 2] = normal + plane[f, 2], along
 
 
-@register_jitable(forceinline=True)
+@inline
 def _tooth(f: int, gap: Floats, teeth: Teeth) -> tuple[float, float, float]:
     """Return the sine of the tooth ``f``, and the normal gaps of its flank and its crest [m]."""
     sine, play = (teeth.sine, teeth.forward) if f == 1 else (-teeth.sine, teeth.backward)
@@ -143,7 +143,7 @@ def _tooth(f: int, gap: Floats, teeth: Teeth) -> tuple[float, float, float]:
     return sine, teeth.cosine * gap[0] - sine * across + play * teeth.sine, gap[0] - teeth.depth
 
 
-@register_jitable
+@inline
 def choose_faces(gap: Floats, history: Floats, teeth: Teeth, faces: Faces) -> float:
     """Choose the faces of a point at the start of a step; return their elastic energy [J/m^2].
 
@@ -215,7 +215,7 @@ def shear_off(gap: Floats, history: Floats, teeth: Teeth, faces: Faces) -> Float
     return sheared
 
 
-@register_jitable
+@inline
 def finish(
     i: int, history: Floats, teeth: Teeth, faces: Faces, answer: Answer, ends: Answer
 ) -> None:
@@ -255,7 +255,7 @@ def finish(
 def keyed_loop(face_point: Callable[..., None]) -> Any:
     """Return the compiled loop of shear keys whose faces have this friction; see `CompiledLaw`."""
 
-    @register_jitable(forceinline=True)
+    @inline
     def point(i: int, start: KeyStart, answer: Answer) -> None:
         """Write the sum over the faces (9a); the load of the teeth (9b) is in the history."""
         teeth, faces, ends = teeth_of(start.laws), start.faces, start.ends

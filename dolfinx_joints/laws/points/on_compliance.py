@@ -26,7 +26,7 @@ from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import ConvergenceError
-from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.common.kernels import inline, njit
 from dolfinx_joints.laws.law import Floats, Response
 from dolfinx_joints.laws.points.return_mapping import Answer, Start
 
@@ -63,7 +63,7 @@ class Search(NamedTuple):
     right: Floats
 
 
-@register_jitable(forceinline=True)
+@register_jitable
 def search_of(count: int, kind: Any) -> Search:
     """Begin the search of so many points."""
     return Search(
@@ -76,7 +76,7 @@ def search_of(count: int, kind: Any) -> Search:
     )
 
 
-@register_jitable(forceinline=True)
+@inline
 def advance(
     at: int,
     trial_gap: Any,
@@ -143,7 +143,7 @@ def advance(
     return GOES_ON
 
 
-@register_jitable(forceinline=True)
+@inline
 def _solve(matrix: Floats, right: Floats, columns: int) -> float:
     """Solve three equations for some columns, in place, with pivots; return the determinant."""
     determinant = 1.0
@@ -173,7 +173,7 @@ def _solve(matrix: Floats, right: Floats, columns: int) -> float:
     return determinant
 
 
-@register_jitable(forceinline=True)
+@inline
 def by_trial_gap(compliance: Any, tangent: Floats, search: Search) -> None:
     """Replace d t / d g = K of a point by d t / d h = K (I + C K)^-1; rows of zeros stay so."""
     matrix, right = search.matrix, search.right
@@ -204,7 +204,7 @@ def solver_of(point: Callable[..., None]) -> Callable[..., None]:
         NaN.
     """
 
-    @register_jitable(forceinline=True)
+    @inline
     def solve(i: int, c_n: float, c_s: float, start: Start, answer: Answer, search: Search) -> None:
         alone = c_n == 0.0 and c_s == 0.0
         row = start.laws[i if len(start.laws) > 1 else 0]

@@ -305,14 +305,6 @@ class RateDependentLaw(Law, Protocol):
 AnyLaw: TypeAlias = Law | CondensedLaw
 
 
-def gap_under(trial_gap: Floats, compliance: Floats, traction: Floats) -> Floats:
-    """The gap that a traction leaves of a trial gap, shape (n, 3), [m]."""
-    gap = trial_gap.copy()
-    gap[:, 0] -= compliance[:, 0] * traction[:, 0]
-    gap[:, 1:] -= compliance[:, 1:] * traction[:, 1:]
-    return gap
-
-
 def check_law(name: str, law: Any) -> None:
     """Check that a value is a joint law; a class in the place of an object is none.
 

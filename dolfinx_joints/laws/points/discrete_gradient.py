@@ -192,8 +192,8 @@ def discrete_gradient_on(i: int, c_n: float, c_s: float, start: Start, answer: A
     # A rigid point that nothing can move tangentially has no shear to be found.
     if np.isfinite(normal.zeta) and t_n < 0.0 and normal.zeta + c_s > 0.0:
         trial = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
-        row, keeps = stored[i], 1.0 if stays else 0.0
-        before = (keeps * row[3], keeps * row[4], keeps * row[5], keeps * row[6], keeps * row[7])
+        row = stored[i]
+        before = (row[3], row[4], row[5], row[6], row[7]) if stays else (0.0, 0.0, 0.0, 0.0, 0.0)
         shear, slides = friction_with_turns(trial, Limit(t_n, normal.stiffness, mu), before)
         if slides:
             (o_1, o_2), (t_1, t_2) = trial.traction, shear.traction

@@ -30,8 +30,9 @@ from typing import NamedTuple
 import numpy as np
 
 from dolfinx_joints.common.kernels import inline
-from dolfinx_joints.laws.law import Floats
 from dolfinx_joints.laws.points.return_mapping import Shear, Vector, return_to_limit, yield_function
+
+Slips = tuple[float, float, float, float, float]
 
 
 class Limit(NamedTuple):
@@ -65,13 +66,13 @@ class Course(NamedTuple):
 
 
 @inline
-def friction_with_turns(trial: Shear, limit: Limit, slips: Floats) -> tuple[Shear, bool]:
+def friction_with_turns(trial: Shear, limit: Limit, slips: Slips) -> tuple[Shear, bool]:
     """Shear traction of a closed point, and whether it slips.
 
     Args:
         trial: Trial traction, isotropic by the tangential gap.
         limit: Limit of friction.
-        slips: p1, p2 [m] and R [J/m^2], shape (5,), see `JointState`.
+        slips: p1, p2 [m] and R [J/m^2], see `JointState`.
     """
     course = _course(slips)
     if course.speed == 0.0:
@@ -103,7 +104,7 @@ def friction_with_turns(trial: Shear, limit: Limit, slips: Floats) -> tuple[Shea
 
 
 @inline
-def _course(slips: Floats) -> Course:
+def _course(slips: Slips) -> Course:
     """(17a); without speed where no stop and no turn is foreseen."""
     nothing = Course((0.0, 0.0), 0.0, 0.0, 0.0)
     size = np.sqrt(slips[0] * slips[0] + slips[1] * slips[1])

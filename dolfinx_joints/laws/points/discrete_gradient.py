@@ -208,7 +208,8 @@ def discrete_gradient_on(i: int, c_n: float, c_s: float, start: Start, answer: A
         end_1 = 2.0 * normal.zeta * shear.traction[0] - q_1  # z of (16)
         end_2 = 2.0 * normal.zeta * shear.traction[1] - q_2
     put_traction(i, t_n, normal.stiffness, shear, traction, tangent)
-    limit, size = mu * np.sqrt(2.0 * law.ratio * normal.energy), np.hypot(end_1, end_2)
+    limit = mu * np.sqrt(2.0 * law.ratio * normal.energy)
+    size = np.sqrt(end_1 * end_1 + end_2 * end_2)
     if size > limit:  # e1 of (16)
         end_1, end_2 = end_1 * (limit / size), end_2 * (limit / size)
         lost += 0.5 * (size - limit) * (size + limit)  # D below (16)

@@ -306,10 +306,10 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
             np.zeros(3, np.int8),
         )
         begun = KeyStart(start.gap, start.history, start.laws, faces, ends)
-        search = search_of(1, kind)
+        search, trial_gap = search_of(1, kind), np.zeros(3, kind)
         for i in range(first, len(answer.gap), stride):
             c = compliance[i if len(compliance) > 1 else 0]
-            gap, history, trial_gap = start.gap[i], start.history[i], answer.gap[i].copy()
+            gap, history, trial_gap[:] = start.gap[i], start.history[i], answer.gap[i]
             energy = first_energy = choose_faces(gap, history, teeth, faces)
             while True:
                 solve(i, c[0], c[1], begun, answer, search)

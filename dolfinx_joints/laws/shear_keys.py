@@ -175,12 +175,14 @@ class ShearKeyJoint(CompiledEnergyConsistentLaw):
 
     def loop_start(self, rule: Rule, state: JointState) -> Start:
         """Return elastic slip, internal variables and slips at the start."""
-        k_n, k_s, slips = self.normal_stiffness, self.shear_stiffness, np.zeros((len(state.gap), 5))
+        k_n, k_s = self.normal_stiffness, self.shear_stiffness
         friction = Coulomb(1.0 / k_n, 1.0 / k_s, k_n / k_s, coefficient_of(self))
         whole = float(rule.name == DISCRETE_GRADIENT.name)
         row = (k_n, k_s, *friction, *self._teeth._replace(whole=whole)[2:])
-        slips = state.slips if len(state.slips) else slips
-        history = np.column_stack([state.elastic_slip, state.internal, slips])
+        history = np.zeros((len(state.gap), SLIPS + 5), state.gap.dtype)
+        history[:, :KEYS], history[:, KEYS:SLIPS] = state.elastic_slip, state.internal
+        if len(state.slips):
+            history[:, SLIPS:] = state.slips
         return Start(state.gap, history, np.array([row]))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
@@ -228,27 +230,26 @@ class ShearKeyJoint(CompiledEnergyConsistentLaw):
     @cached_property
     def _teeth(self) -> Teeth:
         length, angle = math.hypot(*self.key_axis), self.tooth_friction_angle_deg
-        plays = (self.forward_play, self.backward_play)
+        cosine, sine = cosine_and_sine(self.flank_angle_deg)
         return Teeth(
-            self.normal_stiffness,
-            self.shear_stiffness,
-            *cosine_and_sine(self.flank_angle_deg),
-            self.key_axis[1] / length,
-            self.key_axis[0] / length,
-            self.depth,
-            *(-1.0 if play is None else play for play in plays),
-            self.cohesion,
-            coefficient_of(self) if angle is None else math.tan(math.radians(angle)),
+            normal_stiffness=self.normal_stiffness,
+            shear_stiffness=self.shear_stiffness,
+            cosine=cosine,
+            sine=sine,
+            key_cosine=self.key_axis[1] / length,
+            key_sine=self.key_axis[0] / length,
+            depth=self.depth,
+            forward=-1.0 if self.forward_play is None else self.forward_play,
+            backward=-1.0 if self.backward_play is None else self.backward_play,
+            cohesion=self.cohesion,
+            friction=coefficient_of(self) if angle is None else math.tan(math.radians(angle)),
             whole=0.0,
         )
 
     def _faces(self, state: JointState, end: Floats, shears: NDArray[np.bool_]) -> FacesOfAll:
         """Return the faces in a step to a gap, without teeth where they shear off in it."""
-        count, kind = len(end), end.dtype
-        faces = FacesOfAll(
-            *(np.zeros((count, 3, columns), kind) for columns in (3, 3, 2, 3)),
-            np.zeros(count, kind),
-        )
+        shapes, kind = ((3, 3), (3, 3), (3, 2), (3, 3), ()), end.dtype
+        faces = FacesOfAll._make(np.zeros((len(end), *shape), kind) for shape in shapes)
         loop = choose_all if kind == np.float64 else choose_all.py_func
         loop(self.loop_start(BACKWARD_EULER, state), end, shears, faces)
         return faces

@@ -43,12 +43,12 @@ class Teeth(NamedTuple):
         normal_stiffness: k_n [Pa/m].
         shear_stiffness: k_s [Pa/m].
         cosine: Of the angle of the flanks.
-        sine: Of the same.
-        key_cosine: Of the angle from s2 to the direction along the keys.
-        key_sine: Of the same.
+        sine: Of the angle of the flanks.
+        key_cosine: Of the angle between s2 and the keys.
+        key_sine: Of the angle between s2 and the keys.
         depth: d [m].
         forward: Play before the flank of the tooth ahead, negative if there is no tooth [m].
-        backward: The same of the tooth behind.
+        backward: Play before the flank of the tooth behind.
         cohesion: a c [Pa].
         friction: Tan(phi_t).
         whole: 1 if the faces are evaluated over whole steps, 0 if at the end of steps.
@@ -85,14 +85,14 @@ class Faces(NamedTuple):
 
 
 class KeyStart(NamedTuple):
-    """A `Start` with the faces of one point.
+    """A `Start` with the faces of the point that is being solved.
 
     Attributes:
         gap: See `Start`.
         history: See `Start`.
         laws: See `Start`.
         faces: Faces of the point at the start of the step.
-        ends: Answer of the faces.
+        ends: Answer of the faces at the end of the step.
     """
 
     gap: Floats
@@ -110,6 +110,12 @@ def teeth_of(laws: Floats) -> Teeth:
 
 
 @inline
+def _slip_columns(teeth: Teeth) -> tuple[int, float]:
+    """Return the first column of the slip in the history of a face, and the factor of the slip."""
+    return (1, np.sqrt(teeth.shear_stiffness)) if teeth.whole == 1.0 else (0, 1.0)
+
+
+@inline
 def turned(first: Any, second: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
     """Return two components of a vector in axes turned about the third, or back by -sine."""
     return cosine * first - sine * second, sine * first + cosine * second
@@ -118,7 +124,7 @@ def turned(first: Any, second: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
 @inline
 def _turn_back(a: int, b: int, turn: Any, traction: Floats, tangent: Floats) -> None:
     """Write a traction and its tangent in the axes before a `turned`, in place."""
-    c, s = turn
+    c, s = turn[0], turn[1]
     traction[a], traction[b] = turned(traction[a], traction[b], c, -s)
     for k in range(3):
         tangent[k, a], tangent[k, b] = turned(tangent[k, a], tangent[k, b], c, -s)
@@ -151,9 +157,9 @@ def choose_faces(gap: Floats, history: Floats, teeth: Teeth, faces: Faces) -> fl
         gap: Gap at the start, shape (3,), [m].
         history: History of the point.
         teeth: Parameters.
-        faces: Written.
+        faces: Written by this function.
     """
-    k_n, k_s, plane, first = teeth.normal_stiffness, teeth.shear_stiffness, faces.plane, 0
+    k_n, k_s, plane = teeth.normal_stiffness, teeth.shear_stiffness, faces.plane
     plane[0, 0], plane[0, 1], plane[0, 2], faces.kind[0] = 1.0, 0.0, -history[LIFT], FLAT
     for f in range(1, 3):
         sine, flank, crest = _tooth(f, gap, teeth)
@@ -167,9 +173,8 @@ def choose_faces(gap: Floats, history: Floats, teeth: Teeth, faces: Faces) -> fl
             faces.kind[f], plane[f, 0], plane[f, 1] = FLANK, teeth.cosine, sine
             plane[f, 2] = play * teeth.sine
     gap_on_faces(gap, plane, teeth, faces.gap)
-    energy, root = 0.0, 1.0
+    energy, (first, root) = 0.0, _slip_columns(teeth)
     if teeth.whole == 1.0:
-        first, root = 1, np.sqrt(k_s)
         for k in range(5):
             faces.history[0, 3 + k] = history[SLIPS + k]
     for f in range(3):
@@ -198,9 +203,7 @@ def shear_off(gap: Floats, history: Floats, teeth: Teeth, faces: Faces) -> Float
         teeth: Parameters.
         faces: Faces of the point with its teeth.
     """
-    k_n, pressed, first, root = teeth.normal_stiffness, 0.0, 0, 1.0
-    if teeth.whole == 1.0:
-        first, root = 1, np.sqrt(teeth.shear_stiffness)
+    k_n, pressed, (first, root) = teeth.normal_stiffness, 0.0, _slip_columns(teeth)
     for f in range(3):
         normal = k_n * min(faces.gap[f, 0], 0.0)
         shear = teeth.shear_stiffness * faces.history[f, first] / root
@@ -219,19 +222,18 @@ def shear_off(gap: Floats, history: Floats, teeth: Teeth, faces: Faces) -> Float
 def finish(
     i: int, history: Floats, teeth: Teeth, faces: Faces, answer: Answer, ends: Answer
 ) -> None:
-    """Write the history of a point at the end of a step; add the energy of the faces it leaves.
+    """Write the history of a point at the end of a step; dissipate the energy of faces it leaves.
 
     Args:
         i: Number of the point.
-        history: History of the point at the start, of sheared teeth if they shear.
+        history: History of the point at the start, without the teeth if they shear off.
         teeth: Parameters.
-        faces: Faces at the start; overwritten.
+        faces: Faces at the start. This function overwrites them.
         answer: Answer of all points.
         ends: Answer of the faces.
     """
-    end, first, root = answer.history[i], 0, 1.0
+    end, (first, root) = answer.history[i], _slip_columns(teeth)
     if teeth.whole == 1.0:
-        first, root = 1, np.sqrt(teeth.shear_stiffness)
         for k in range(5):
             end[SLIPS + k] = ends.history[0, 3 + k]
     end[KEYS], end[LIFT] = history[KEYS], history[LIFT]
@@ -266,9 +268,8 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
         friction = Start(faces.gap, faces.history, start.laws[:, 2:7])
         for f in range(3):
             face_point(f, friction, ends)
-            turn = faces.plane[f, 0], faces.plane[f, 1]
             if faces.kind[f] == FLANK:
-                _turn_back(0, 1, turn, ends.traction[f], ends.tangent[f])
+                _turn_back(0, 1, faces.plane[f], ends.traction[f], ends.tangent[f])
             for a in range(3):
                 traction[a] += ends.traction[f, a]
                 for b in range(3):
@@ -350,10 +351,10 @@ def choose_all(start: Start, end: Floats, shears: NDArray[np.bool_], chosen: Fac
     """Write the faces of all points, without teeth where they shear off.
 
     Args:
-        start: See `Start`, for the end of steps.
+        start: `Start` of the rule for the end of steps.
         end: Gap at the end of the step, shape (n, 3), [m].
-        shears: Shape (n,).
-        chosen: Written.
+        shears: Points whose teeth shear off in the step, shape (n,).
+        chosen: Written by this function.
     """
     teeth, kind = teeth_of(start.laws), np.zeros(3, np.int64)
     for i in range(len(end)):

@@ -195,8 +195,8 @@ def solver_of(point: Callable[..., None]) -> Callable[..., None]:
     Args:
         point: ``point(i, start, answer)`` writes the answer of the point ``i`` at the gap
             ``answer.gap[i]``, with its derivative by the gap, `Answer.history` included. The first
-            two parameters in ``start.laws`` are k_n and k_s. The function is decorated by numba's
-            ``register_jitable``.
+            two parameters in ``start.laws`` are k_n and k_s. The function is decorated as
+            `CompiledLaw` says.
 
     Returns:
         ``solve(i, c_n, c_s, start, answer, search)``, which begins with the trial gap in

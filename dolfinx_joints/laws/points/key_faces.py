@@ -21,13 +21,19 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import inline, njit
 from dolfinx_joints.laws.law import BORNE, BROKEN, INTACT, RELEASED, Floats
 from dolfinx_joints.laws.points.on_compliance import search_of, solver_of
-from dolfinx_joints.laws.points.return_mapping import STICK, Answer, Start, bond_under, overload
+from dolfinx_joints.laws.points.return_mapping import (
+    STICK,
+    Answer,
+    Start,
+    bond_under,
+    overload,
+    put_nothing,
+)
 
 # Columns of the history of a point: elastic slip on the base, internal variables, `slips` of
 # `JointState`.
@@ -193,15 +199,16 @@ def choose_faces(gap: Floats, history: Floats, teeth: Teeth, faces: Faces) -> fl
     return energy
 
 
-@register_jitable
-def shear_off(gap: Floats, history: Floats, teeth: Teeth, faces: Faces) -> Floats:
-    """Return the history of a point without its teeth; its base bears the largest pressure.
+@inline
+def shear_off(gap: Floats, history: Floats, teeth: Teeth, faces: Faces, sheared: Floats) -> None:
+    """Write the history of a point without its teeth; its base bears the largest pressure.
 
     Args:
         gap: Gap at the start of the step, shape (3,), [m].
         history: History of the point.
         teeth: Parameters.
         faces: Faces of the point with its teeth.
+        sheared: Written by this function.
     """
     k_n, pressed, (first, root) = teeth.normal_stiffness, 0.0, _slip_columns(teeth)
     for f in range(3):
@@ -210,12 +217,11 @@ def shear_off(gap: Floats, history: Floats, teeth: Teeth, faces: Faces) -> Float
         t_n, _ = turned(normal, shear, faces.plane[f, 0], -faces.plane[f, 1])
         # Not more than the overlap of the face itself: energy may be lost only.
         pressed = max(pressed, min(-t_n, -normal))
-    sheared = history.copy()
-    sheared[KEYS:SLIPS] = 0.0
+    for k in range(len(history)):
+        sheared[k] = 0.0 if KEYS <= k < SLIPS else history[k]
     sheared[KEYS] = BROKEN
     if faces.gap[0, 0] <= 0.0 or pressed > 0.0:
         sheared[LIFT] = gap[0] + pressed / k_n
-    return sheared
 
 
 @inline
@@ -262,7 +268,7 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
         """Write the sum over the faces (9a); the load of the teeth (9b) is in the history."""
         teeth, faces, ends = teeth_of(start.laws), start.faces, start.ends
         traction, tangent = answer.traction[i], answer.tangent[i]
-        traction[:], tangent[:], answer.dissipation[i], answer.status[i] = 0.0, 0.0, 0.0, 0
+        put_nothing(i, answer)
         gap_on_faces(answer.gap[i], faces.plane, teeth, ends.gap)
         ratio, sticks = 0.0, False
         friction = Start(faces.gap, faces.history, start.laws[:, 2:7])
@@ -307,19 +313,22 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
             np.zeros(3, np.int8),
         )
         begun = KeyStart(start.gap, start.history, start.laws, faces, ends)
-        search, trial_gap = search_of(1, kind), np.zeros(3, kind)
+        search, sheared = search_of(1, kind), np.zeros(SLIPS + 5, kind)
         for i in range(first, len(answer.gap), stride):
             c = compliance[i if len(compliance) > 1 else 0]
-            gap, history, trial_gap[:] = start.gap[i], start.history[i], answer.gap[i]
+            gap, history, end = start.gap[i], start.history[i], answer.gap[i]
+            trial_gap = (end[0], end[1], end[2])
             energy = first_energy = choose_faces(gap, history, teeth, faces)
             while True:
                 solve(i, c[0], c[1], begun, answer, search)
                 bond, ratio = history[KEYS], answer.history[i, KEYS]
                 if bond != RELEASED and not (bond == INTACT and ratio > 1.0 + BORNE):
                     break
-                history = shear_off(gap, history, teeth, faces)
+                shear_off(gap, history, teeth, faces, sheared)
+                history = sheared
                 energy = choose_faces(gap, history, teeth, faces)
-                answer.gap[i] = trial_gap
+                for a in range(3):
+                    end[a] = trial_gap[a]
             finish(i, history, teeth, faces, answer, ends)
             answer.dissipation[i] += first_energy - energy
             if bond < BROKEN:
@@ -356,11 +365,15 @@ def choose_all(start: Start, end: Floats, shears: NDArray[np.bool_], chosen: Fac
         shears: Points whose teeth shear off in the step, shape (n,).
         chosen: Written by this function.
     """
-    teeth, kind = teeth_of(start.laws), np.zeros(3, np.int64)
+    teeth, kind, sheared = (
+        teeth_of(start.laws),
+        np.zeros(3, np.int64),
+        np.zeros(SLIPS + 5, end.dtype),
+    )
     for i in range(len(end)):
         faces = Faces(kind, chosen.plane[i], chosen.gap[i], chosen.slip[i])
         chosen.energy[i] = choose_faces(start.gap[i], start.history[i], teeth, faces)
         if shears[i]:
-            history = shear_off(start.gap[i], start.history[i], teeth, faces)
-            chosen.energy[i] = choose_faces(start.gap[i], history, teeth, faces)
+            shear_off(start.gap[i], start.history[i], teeth, faces, sheared)
+            chosen.energy[i] = choose_faces(start.gap[i], sheared, teeth, faces)
         gap_on_faces(end[i], faces.plane, teeth, chosen.end[i])

@@ -40,9 +40,10 @@ from dolfinx_joints.laws.law import (
 from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction, work
 from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw
 from dolfinx_joints.laws.points.key_faces import (
+    COLUMNS,
     KEYS,
     SLIPS,
-    FacesOfAll,
+    Faces,
     Teeth,
     choose_all,
     keyed_loop,
@@ -163,7 +164,7 @@ class ShearKeyJoint(CompiledEnergyConsistentLaw):
 
     def stored_energy(self, state: JointState) -> Floats:
         """Elastic energy of the faces that are in contact, shape (n,), [J/m^2]."""
-        return self._faces(state, state.gap, np.zeros(len(state.gap), dtype=np.bool_)).energy
+        return self._faces(state, state.gap, np.zeros(len(state.gap), dtype=np.bool_))[2]
 
     def backward_euler(self, gap: Floats, state: JointState) -> Response:
         """Tractions at the end of a step to a gap of shape (n, 3), [m], with their tangent."""
@@ -179,7 +180,7 @@ class ShearKeyJoint(CompiledEnergyConsistentLaw):
         friction = Coulomb(1.0 / k_n, 1.0 / k_s, k_n / k_s, coefficient_of(self))
         whole = float(rule.name == DISCRETE_GRADIENT.name)
         row = (k_n, k_s, *friction, *self._teeth._replace(whole=whole)[2:])
-        history = np.zeros((len(state.gap), SLIPS + 5), state.gap.dtype)
+        history = np.zeros((len(state.gap), COLUMNS), state.gap.dtype)
         history[:, :KEYS], history[:, KEYS:SLIPS] = state.elastic_slip, state.internal
         if len(state.slips):
             history[:, SLIPS:] = state.slips
@@ -200,9 +201,9 @@ class ShearKeyJoint(CompiledEnergyConsistentLaw):
         """
         after = answer.state
         shears = (after.internal[:, 0] == BROKEN) & (before.internal[:, 0] < BROKEN)
-        faces = self._faces(before, after.gap, shears)
-        held = JointState(gap=faces.gap.reshape(-1, 3), elastic_slip=faces.slip.reshape(-1, 2))
-        single = self._friction.backward_euler(faces.end.reshape(-1, 3), held)
+        faces, end_gap, _ = self._faces(before, after.gap, shears)
+        held = JointState(gap=faces.gap.reshape(-1, 3), elastic_slip=faces.history.reshape(-1, 2))
+        single = self._friction.backward_euler(end_gap.reshape(-1, 3), held)
         k = np.array([self.normal_stiffness, self.shear_stiffness, self.shear_stiffness])
         mean = 0.5 * (k * overlap_and_slip(held) + single.traction)
         ends, middle = (self._sum(faces, local) for local in (single.traction, mean))
@@ -239,22 +240,25 @@ class ShearKeyJoint(CompiledEnergyConsistentLaw):
             key_cosine=self.key_axis[1] / length,
             key_sine=self.key_axis[0] / length,
             depth=self.depth,
-            forward=-1.0 if self.forward_play is None else self.forward_play,
-            backward=-1.0 if self.backward_play is None else self.backward_play,
+            forward=-1.0 if self.forward_play is None else self.forward_play * sine,
+            backward=-1.0 if self.backward_play is None else self.backward_play * sine,
             cohesion=self.cohesion,
             friction=coefficient_of(self) if angle is None else math.tan(math.radians(angle)),
             whole=0.0,
         )
 
-    def _faces(self, state: JointState, end: Floats, shears: NDArray[np.bool_]) -> FacesOfAll:
-        """Return the faces in a step to a gap, without teeth where they shear off in it."""
-        shapes, kind = ((3, 3), (3, 3), (3, 2), (3, 3), ()), end.dtype
-        faces = FacesOfAll._make(np.zeros((len(end), *shape), kind) for shape in shapes)
-        loop = choose_all if kind == np.float64 else choose_all.py_func
-        loop(self.loop_start(BACKWARD_EULER, state), end, shears, faces)
-        return faces
+    def _faces(
+        self, state: JointState, end: Floats, shears: NDArray[np.bool_]
+    ) -> tuple[Faces, Floats, Floats]:
+        """Return the faces in a step, their gaps at its end and the energy; see `choose_all`."""
+        kinds = np.zeros((len(end), 3), dtype=np.int64)
+        plane, gap, end_gap = np.zeros((3, len(end), 3, 3), end.dtype)
+        faces = Faces(kinds, plane, gap, np.zeros((len(end), 3, 2), end.dtype))
+        loop = choose_all if end.dtype == np.float64 else choose_all.py_func
+        energy = loop(self.loop_start(BACKWARD_EULER, state), end, shears, faces, end_gap)
+        return faces, end_gap, energy
 
-    def _sum(self, faces: FacesOfAll, local: Floats) -> Floats:
+    def _sum(self, faces: Faces, local: Floats) -> Floats:
         """Return the sum over the faces of vectors (3 n, 3) in their axes, shape (n, 3)."""
         normal, across, along = np.moveaxis(local.reshape(-1, 3, 3), 2, 0)
         normal, across = turned(normal, across, faces.plane[:, :, 0], -faces.plane[:, :, 1])

@@ -15,10 +15,9 @@ from typing import Annotated, Any, ClassVar
 
 import annotated_types as at
 import numpy as np
-from numba.extending import register_jitable
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.common.kernels import inline, njit
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
@@ -54,7 +53,7 @@ from dolfinx_joints.laws.points.return_mapping import (
 )
 
 
-@register_jitable
+@inline
 def normal_traction(h_n: float, c_n: float, law: Coulomb) -> Vector:
     """t_n = k_n g_n of a closed point (4), in (21) h_n / (c_n + d_n); and its derivative."""
     total = c_n + law.normal_compliance
@@ -62,7 +61,7 @@ def normal_traction(h_n: float, c_n: float, law: Coulomb) -> Vector:
     return stiffness * h_n, stiffness
 
 
-@register_jitable
+@inline
 def trial_traction(
     slip: Vector, opening: float, t_n: float, stiffness: float, c_s: float, law: Coulomb
 ) -> Shear:
@@ -87,7 +86,7 @@ def trial_traction(
     return Shear((k * slip[0], k * slip[1]), (k_slope * slip[0], k_slope * slip[1]), (k, k, 0.0))
 
 
-@register_jitable
+@inline
 def friction_work(before: Vector, t_s: Vector, plastic: Vector, d_s: float) -> float:
     """Mean shear traction times plastic slip, [J/m^2]; that at the end of a rigid point.
 
@@ -103,7 +102,7 @@ def friction_work(before: Vector, t_s: Vector, plastic: Vector, d_s: float) -> f
     return m_1 * p_1 + m_2 * p_2
 
 
-@register_jitable
+@inline
 def backward_euler_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:
     """Answer of a point at the end of a step; its gap in the answer is the trial gap at first."""
     put_nothing(i, answer)
@@ -143,7 +142,7 @@ def backward_euler_on(i: int, c_n: float, c_s: float, start: Start, answer: Answ
     answer.dissipation[i] = friction_work((e_1, e_2), (t_1, t_2), plastic, d_s)
 
 
-@register_jitable
+@inline
 def backward_euler_point(i: int, start: Start, answer: Answer) -> None:
     """Answer of a point at the end of a step, at its gap."""
     backward_euler_on(i, 0.0, 0.0, start, answer)

@@ -4,34 +4,76 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any, ClassVar
 
 import annotated_types as at
 import numpy as np
 
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.laws.friction import normal_traction
 from dolfinx_joints.laws.law import (
+    BACKWARD_EULER,
+    DISCRETE_GRADIENT,
     NO_COMPLIANCE,
     Floats,
     JointState,
     Losses,
     Response,
-    Status,
-    gap_under,
+    Rule,
 )
 from dolfinx_joints.laws.losses import Way, losses_on, overlap_and_slip
-from dolfinx_joints.laws.points.discrete_gradient import (
-    discrete_gradient_points,
-    stored_by,
-    whole_step_from,
+from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw
+from dolfinx_joints.laws.points.discrete_gradient import normal_traction as normal_over_step
+from dolfinx_joints.laws.points.return_mapping import (
+    FRICTIONLESS,
+    STICK,
+    Answer,
+    Coulomb,
+    Start,
+    put_nothing,
+    response_of,
 )
-from dolfinx_joints.laws.points.return_mapping import Coulomb, solve_points
+
+
+@njit(cache=True, error_model="numpy")
+def keyed_points(compliance: Floats, start: Start, answer: Answer, first: int, stride: int) -> None:
+    """Answer of the points ``first``, ``first + stride`` and so on; see `CompiledLaw`.
+
+    The parameters are k_n, k_s and the part of the slip of a step that counts: 1 at its end, 1/2
+    over the whole step.
+    """
+    k_n, k_s, mean = start.laws[0, 0], start.laws[0, 1], start.laws[0, 2]
+    law = Coulomb(1.0 / k_n, 1.0 / k_n, 1.0, 0.0)
+    for i in range(first, len(answer.gap), stride):
+        c = compliance[i if len(compliance) > 1 else 0]
+        before, gap, slip = start.gap[i], answer.gap[i], start.history[i]
+        put_nothing(i, answer)
+        if mean < 1.0:
+            overlap = min(before[0], 0.0)
+            energy = 0.5 * k_n * overlap * overlap
+            normal = normal_over_step(gap[0] - before[0], c[0], before[0], energy, law)
+            answer.traction[i, 0], answer.tangent[i, 0, 0] = normal.traction, normal.stiffness
+            gap[0] = normal.gap
+        elif gap[0] <= 0.0:
+            t_n, stiffness = normal_traction(gap[0], c[0], law)
+            answer.traction[i, 0], answer.tangent[i, 0, 0] = t_n, stiffness
+            gap[0] = t_n / k_n
+        k = k_s / (1.0 + mean * c[1] * k_s)
+        for a in range(1, 3):
+            answer.traction[i, a] = k * (slip[a - 1] + mean * (gap[a] - before[a]))
+            answer.tangent[i, a, a] = mean * k
+            gap[a] -= c[1] * answer.traction[i, a]
+            answer.history[i, a - 1] = slip[a - 1] + gap[a] - before[a]
+        if not gap[0] > 0.0:
+            answer.status[i] = STICK if k_s > 0.0 else FRICTIONLESS
 
 
 @dataclass(frozen=True, kw_only=True)
 @checked
-class KeyedJoint:
+class KeyedJoint(CompiledEnergyConsistentLaw):
     """A joint that opens but does not slip: no tension, and shear keys that carry at any opening.
 
     t_n = k_n gap_n where gap_n <= 0, else 0;  t_s = k_s gap_s, measured from the state at rest.
@@ -40,6 +82,11 @@ class KeyedJoint:
         normal_stiffness: k_n.
         shear_stiffness: k_s.
     """
+
+    loops: ClassVar[Mapping[str, Any]] = {
+        BACKWARD_EULER.name: keyed_points,
+        DISCRETE_GRADIENT.name: keyed_points,
+    }
 
     normal_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
     shear_stiffness: Annotated[float, at.Ge(0), at.Unit("Pa/m")]
@@ -71,54 +118,11 @@ class KeyedJoint:
         way = Way(end - start, np.zeros_like(start), flight)
         return losses_on(way, traction, 0.5 * k * (start + end), answer.dissipation)
 
-    def condensed_backward_euler(
-        self, trial_gap: Floats, compliance: Floats, state: JointState
-    ) -> Response:
-        """`backward_euler` at gap = trial_gap - compliance * t; see `CondensedLaw`."""
-        k_n = self.normal_stiffness / (1.0 + compliance[:, 0] * self.normal_stiffness)
-        closed = trial_gap[:, 0] <= 0.0
-        t_n = np.where(closed, k_n * trial_gap[:, 0], 0.0)
-        slope = np.where(closed, k_n, 0.0)
-        gap_n = np.where(closed, t_n / self.normal_stiffness, trial_gap[:, 0])
-        return self._with_keys(trial_gap, compliance, state, (t_n, slope, gap_n), mean=1.0)
+    def loop_start(self, rule: Rule, state: JointState) -> Start:
+        """Return the elastic slip at the start."""
+        row = (self.normal_stiffness, self.shear_stiffness, rule.weight)
+        return Start(state.gap, state.elastic_slip, np.array([row]))
 
-    def condensed_discrete_gradient(
-        self, trial_gap: Floats, compliance: Floats, state: JointState
-    ) -> Response:
-        """`discrete_gradient` at gap = trial_gap - compliance * t; see `CondensedLaw`."""
-        k_n = self.normal_stiffness
-        law = Coulomb(1.0 / k_n, 1.0 / k_n, 1.0, 0.0)
-        start = whole_step_from(state, stored_by(state, k_n, 0.0), law)
-        answer = solve_points(discrete_gradient_points, trial_gap, compliance, start)
-        normal = (answer.traction[:, 0], answer.tangent[:, 0, 0], answer.gap[:, 0])
-        return self._with_keys(trial_gap, compliance, state, normal, mean=0.5)
-
-    def _with_keys(
-        self,
-        trial_gap: Floats,
-        compliance: Floats,
-        state: JointState,
-        normal: tuple[Floats, Floats, Floats],
-        *,
-        mean: float,
-    ) -> Response:
-        """Add the keys to normal traction, slope and end gap; ``mean`` of the slip counts."""
-        t_n, slope, gap_n = normal
-        k_s = self.shear_stiffness / (1.0 + mean * compliance[:, 1] * self.shear_stiffness)
-        slip = state.elastic_slip + mean * (trial_gap[:, 1:] - state.gap[:, 1:])
-        traction = np.column_stack([t_n, k_s[:, None] * slip])
-        tangent = np.zeros((len(trial_gap), 3, 3))
-        tangent[:, 0, 0] = slope
-        tangent[:, 1, 1] = tangent[:, 2, 2] = mean * k_s
-        gap = gap_under(trial_gap, compliance, traction)
-        gap[:, 0] = gap_n
-        closed = Status.STICK if self.shear_stiffness > 0.0 else Status.FRICTIONLESS
-        return Response(
-            traction=traction,
-            tangent=tangent,
-            state=JointState(
-                gap=gap, elastic_slip=state.elastic_slip + gap[:, 1:] - state.gap[:, 1:]
-            ),
-            dissipation=np.zeros(len(gap)),
-            status=np.where(gap_n > 0.0, Status.OPEN, closed).astype(np.int8),
-        )
+    def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
+        """Return the answer with the elastic slip."""
+        return response_of(answer, elastic_slip=answer.history)

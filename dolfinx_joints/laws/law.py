@@ -275,7 +275,8 @@ class BrittleLaw(LawWithHistory, Protocol):
 
     Solvers hold the bonds in a step, and release those that its solution overloads: one that an
     iterate on the way breaks would stay broken. A bond that is held answers as if it could not
-    break; in the state of the response it is what `bond_under` gives.
+    break; in the state of the response it is what `bond_under` of
+    `points.return_mapping` gives.
     """
 
     breaks: ClassVar[bool]
@@ -284,18 +285,6 @@ class BrittleLaw(LawWithHistory, Protocol):
 def has_bonds(law: Any) -> bool:
     """Whether a law has bonds that break for good."""
     return isinstance(law, BrittleLaw) and law.breaks
-
-
-def overload(load: Floats, strength: Floats) -> Floats:
-    """Loads over strengths, `LARGEST_OVERLOAD` of what has no strength, of any shape."""
-    most = np.where(load > 0.0, LARGEST_OVERLOAD, 0.0)
-    ratio = np.divide(load, strength, out=most, where=strength > 0.0)
-    return np.minimum(ratio, LARGEST_OVERLOAD)
-
-
-def bond_under(ratio: Floats) -> Floats:
-    """What bonds that are held are under a ratio of load to strength, shape (n,)."""
-    return np.where(ratio > 1.0 + BORNE, -ratio, INTACT)
 
 
 def with_bonds(internal: Floats, released: NDArray[np.bool_]) -> Floats:
@@ -314,14 +303,6 @@ class RateDependentLaw(Law, Protocol):
 
 
 AnyLaw: TypeAlias = Law | CondensedLaw
-
-
-def gap_under(trial_gap: Floats, compliance: Floats, traction: Floats) -> Floats:
-    """The gap that a traction leaves of a trial gap, shape (n, 3), [m]."""
-    gap = trial_gap.copy()
-    gap[:, 0] -= compliance[:, 0] * traction[:, 0]
-    gap[:, 1:] -= compliance[:, 1:] * traction[:, 1:]
-    return gap
 
 
 def check_law(name: str, law: Any) -> None:

@@ -11,10 +11,10 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 import annotated_types as at
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.declared import checked
+from dolfinx_joints.common.kernels import inline
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
@@ -22,7 +22,6 @@ from dolfinx_joints.laws.law import (
     BROKEN,
     HELD,
     INTACT,
-    LARGEST_OVERLOAD,
     NO_COMPLIANCE,
     Floats,
     JointState,
@@ -39,7 +38,9 @@ from dolfinx_joints.laws.points.return_mapping import (
     Answer,
     Start,
     Vector,
+    bond_under,
     contact_fraction,
+    overload,
     put_nothing,
     response_of,
 )
@@ -62,7 +63,7 @@ class Bonded(NamedTuple):
     tensile_strength: float
 
 
-@register_jitable(forceinline=True)
+@inline
 def bonded_point(i: int, start: Start, answer: Answer) -> None:
     """Answer of a point at the end of a step, at its gap: with its bond, or without."""
     put_nothing(i, answer)
@@ -84,32 +85,21 @@ def bonded_point(i: int, start: Start, answer: Answer) -> None:
     for a in range(2):
         answer.traction[i, 1 + a] = k_s * slip[a]
         answer.history[i, a] = slip[a] if k_s > 0.0 else 0.0
-    overloaded = bond == HELD and ratio > 1.0 + BORNE
-    answer.history[i, 2] = -ratio if overloaded else INTACT  # as `bond_under`
+    answer.history[i, 2] = bond_under(bond, ratio)
     answer.history[i, 3] = start.history[i, 3]
 
 
-@register_jitable(forceinline=True)
+@inline
 def _overload(gap_n: float, slip: Vector, law: Bonded) -> float:
     """Return the load of a bond over its strength at a normal gap and an elastic slip [m]."""
     t_n = law.normal_stiffness * gap_n
     shear = law.shear_stiffness * np.sqrt(slip[0] * slip[0] + slip[1] * slip[1])
     pulled = t_n if t_n > BORNE * law.cohesion else 0.0  # a bond may have no strength here
     strength = law.cohesion - law.friction * t_n
-    return max(_ratio(pulled, law.tensile_strength), _ratio(shear, strength))
+    return max(overload(pulled, law.tensile_strength), overload(shear, strength))
 
 
-@register_jitable(forceinline=True)
-def _ratio(load: float, strength: float) -> float:
-    """Return one load over its strength, as `overload` does for arrays."""
-    if not load > 0.0:
-        return 0.0
-    if not strength > 0.0:
-        return LARGEST_OVERLOAD
-    return min(load / strength, LARGEST_OVERLOAD)
-
-
-@register_jitable(forceinline=True)
+@inline
 def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> None:
     """Write the answer of a point without a bond; ``slip`` is the elastic one of a stuck point."""
     k_n, k_s, mu, tan_psi = (

@@ -12,10 +12,9 @@ from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
-from numba.extending import register_jitable
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.common.kernels import inline, njit
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.laws.law import (
     EnergyConsistentLaw,
@@ -189,7 +188,7 @@ _CHANGED = ("traction", "tangent", "dissipation")
 def with_dashpots(point: Any) -> Any:
     """Return the compiled point of a law with dashpots, given that of the law without."""
 
-    @register_jitable(forceinline=True)
+    @inline
     def both(i: int, start: Start, answer: Answer) -> None:
         row = start.laws[i if len(start.laws) > 1 else 0]
         point(i, Start(start.gap, start.history, start.laws[:, 4:]), answer)
@@ -205,7 +204,7 @@ def dashpot_points(normal: float, shear: float, before: Floats, answer: Answer) 
         add_dashpots(i, normal, shear, before[i], answer)
 
 
-@register_jitable(forceinline=True)
+@inline
 def add_dashpots(i: int, normal: float, shear: float, before: Floats, answer: Answer) -> None:
     """Add the tractions of dashpots to the answer of a point that is closed at the end.
 

@@ -198,7 +198,8 @@ def test_keys_of_one_side():
 def walk(law, rule, count=1000, number=10):
     """Steps of random histories along base, flanks and crests: before, answer, change of gap."""
     rng = np.random.default_rng(7)
-    flank, across = DEPTH / tan(law.flank_angle_deg), law._axes[0, 1, 1:]
+    flank, (along_1, along_2) = DEPTH / tan(law.flank_angle_deg), law.key_axis
+    across = np.array([along_2, -along_1]) / math.hypot(along_1, along_2)
     slip = rng.uniform(-2.0, 2.0, count) * (PLAY + flank)
     slip[::2] = rng.choice([-1.0, 1.0], (count + 1) // 2) * PLAY
     height = np.clip((np.abs(slip) - PLAY) / max(flank, 1e-12) * DEPTH, 0.0, DEPTH)

@@ -26,9 +26,9 @@ class CompiledLaw(ABC):
 
     ``point(i, start, answer)`` writes the answer of the point ``i`` at the gap ``answer.gap[i]``:
     all arrays of the `Answer`, its history included. It finds what `loop_start` gives, whose first
-    two parameters are k_n and k_s, and is decorated by numba's ``register_jitable``. Newton's
-    method of `on_compliance` finds it on the compliance of the structure. `bonded_point` in
-    `mohr_coulomb` is one.
+    two parameters are k_n and k_s. It is decorated by ``inline`` of `common.kernels`, or by numba's
+    ``register_jitable`` if it makes arrays. Newton's method of `on_compliance` finds it on the
+    compliance of the structure. `bonded_point` in `mohr_coulomb` is one.
 
     A law that is solved there in closed form has a ``loop(compliance, start, answer, first,
     stride)`` instead, which writes the answer of the points ``first``, ``first + stride`` and so

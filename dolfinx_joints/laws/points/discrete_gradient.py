@@ -26,9 +26,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
-from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.common.kernels import inline, njit
 from dolfinx_joints.laws.law import Floats, JointState
 from dolfinx_joints.laws.points.return_mapping import (
     Answer,
@@ -70,7 +69,7 @@ class Normal(NamedTuple):
     zeta_slope: float
 
 
-@register_jitable
+@inline
 def normal_traction(h: float, c: float, gap: float, energy: float, law: Coulomb) -> Normal:
     """(15) on a compliance; of its four cases exactly one holds (table below (16))."""
     d, ahead = law.normal_compliance, gap + h
@@ -87,7 +86,7 @@ def normal_traction(h: float, c: float, gap: float, energy: float, law: Coulomb)
     return Normal(0.0, 0.0, ahead, 0.0, np.inf, 0.0)
 
 
-@register_jitable
+@inline
 def _stops(h: float, c: float, gap: float, way: float, pressed: bool) -> Normal:
     """A rigid point without rebound: v1 >= 0 where it is pressed or touches by mid-step (15a).
 
@@ -110,7 +109,7 @@ def _stops(h: float, c: float, gap: float, way: float, pressed: bool) -> Normal:
     return Normal((h - stopped) / c, 1.0 / c, end, 0.0, 0.0, 0.0)
 
 
-@register_jitable
+@inline
 def _stays_closed(h: float, c: float, pressure: float, law: Coulomb) -> Normal:
     """t_n = (h - 2 d p0) / (c + 2 d), theta = 1."""
     d, zeta = law.normal_compliance, math.sqrt(law.shear_compliance)
@@ -122,7 +121,7 @@ def _stays_closed(h: float, c: float, pressure: float, law: Coulomb) -> Normal:
     return Normal(traction, 1.0 / total, -d * after, 0.5 * d * after**2, zeta, 0.0)
 
 
-@register_jitable
+@inline
 def _opens(h: float, c: float, gap: float, energy: float, law: Coulomb) -> Normal:
     """t_n = -psi0 / y, y = g1 - g0 = (h + sqrt(h^2 + 4 c psi0)) / 2."""
     root = np.sqrt(h * h + 4.0 * c * energy)
@@ -132,7 +131,7 @@ def _opens(h: float, c: float, gap: float, energy: float, law: Coulomb) -> Norma
     return Normal(-energy / y, stiffness, gap + y, 0.0, y * scale, scale * y / root)
 
 
-@register_jitable
+@inline
 def _closes(c: float, gap: float, ahead: float, law: Coulomb) -> Normal:
     """Y = -g1 from (2d + c) y^2 + 2d (g0 + gh) y + 2d gh g0 = 0, t_n = -psi1 / (y + g0)."""
     d = law.normal_compliance
@@ -156,7 +155,7 @@ def _closes(c: float, gap: float, ahead: float, law: Coulomb) -> Normal:
     return Normal(traction, stiffness, -y, energy, zeta, zeta_slope)
 
 
-@register_jitable
+@inline
 def trial_traction(normal: Normal, q: Vector, h: Vector, c_s: float) -> Shear:
     """t_tr = (zeta q0 + h_s / 2) / (zeta^2 + c_s / 2) of (17), q0 = sqrt(k_s) e0."""
     zeta, slope = normal.zeta, normal.zeta_slope
@@ -167,7 +166,7 @@ def trial_traction(normal: Normal, q: Vector, h: Vector, c_s: float) -> Shear:
     return Shear((t_1, t_2), by_normal, (0.5 * k, 0.5 * k, 0.0))
 
 
-@register_jitable
+@inline
 def discrete_gradient_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:
     """Answer of a point over a whole step; its gap in the answer is the trial gap at first."""
     traction, tangent, end_gap, end_stored, dissipation, status = answer
@@ -193,7 +192,8 @@ def discrete_gradient_on(i: int, c_n: float, c_s: float, start: Start, answer: A
     # A rigid point that nothing can move tangentially has no shear to be found.
     if np.isfinite(normal.zeta) and t_n < 0.0 and normal.zeta + c_s > 0.0:
         trial = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
-        before = stored[i, 3:8] if stays else np.zeros(5, stored.dtype)
+        row = stored[i]
+        before = (row[3], row[4], row[5], row[6], row[7]) if stays else (0.0, 0.0, 0.0, 0.0, 0.0)
         shear, slides = friction_with_turns(trial, Limit(t_n, normal.stiffness, mu), before)
         if slides:
             (o_1, o_2), (t_1, t_2) = trial.traction, shear.traction
@@ -208,7 +208,8 @@ def discrete_gradient_on(i: int, c_n: float, c_s: float, start: Start, answer: A
         end_1 = 2.0 * normal.zeta * shear.traction[0] - q_1  # z of (16)
         end_2 = 2.0 * normal.zeta * shear.traction[1] - q_2
     put_traction(i, t_n, normal.stiffness, shear, traction, tangent)
-    limit, size = mu * np.sqrt(2.0 * law.ratio * normal.energy), np.hypot(end_1, end_2)
+    limit = mu * np.sqrt(2.0 * law.ratio * normal.energy)
+    size = np.sqrt(end_1 * end_1 + end_2 * end_2)
     if size > limit:  # e1 of (16)
         end_1, end_2 = end_1 * (limit / size), end_2 * (limit / size)
         lost += 0.5 * (size - limit) * (size + limit)  # D below (16)
@@ -223,7 +224,7 @@ def discrete_gradient_on(i: int, c_n: float, c_s: float, start: Start, answer: A
         status[i] = closed_status(slides, law)
 
 
-@register_jitable
+@inline
 def discrete_gradient_point(i: int, start: Start, answer: Answer) -> None:
     """Answer of a point over a whole step, at its gap."""
     discrete_gradient_on(i, 0.0, 0.0, start, answer)

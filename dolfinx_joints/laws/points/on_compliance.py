@@ -26,7 +26,7 @@ from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import ConvergenceError
-from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.common.kernels import inline, njit
 from dolfinx_joints.laws.law import Floats, Response
 from dolfinx_joints.laws.points.return_mapping import Answer, Start
 
@@ -63,7 +63,7 @@ class Search(NamedTuple):
     right: Floats
 
 
-@register_jitable(forceinline=True)
+@register_jitable
 def search_of(count: int, kind: Any) -> Search:
     """Begin the search of so many points."""
     return Search(
@@ -76,7 +76,7 @@ def search_of(count: int, kind: Any) -> Search:
     )
 
 
-@register_jitable(forceinline=True)
+@inline
 def advance(
     at: int,
     trial_gap: Any,
@@ -143,7 +143,7 @@ def advance(
     return GOES_ON
 
 
-@register_jitable(forceinline=True)
+@inline
 def _solve(matrix: Floats, right: Floats, columns: int) -> float:
     """Solve three equations for some columns, in place, with pivots; return the determinant."""
     determinant = 1.0
@@ -173,7 +173,7 @@ def _solve(matrix: Floats, right: Floats, columns: int) -> float:
     return determinant
 
 
-@register_jitable(forceinline=True)
+@inline
 def by_trial_gap(compliance: Any, tangent: Floats, search: Search) -> None:
     """Replace d t / d g = K of a point by d t / d h = K (I + C K)^-1; rows of zeros stay so."""
     matrix, right = search.matrix, search.right
@@ -195,8 +195,8 @@ def solver_of(point: Callable[..., None]) -> Callable[..., None]:
     Args:
         point: ``point(i, start, answer)`` writes the answer of the point ``i`` at the gap
             ``answer.gap[i]``, with its derivative by the gap, `Answer.history` included. The first
-            two parameters in ``start.laws`` are k_n and k_s. The function is decorated by numba's
-            ``register_jitable``.
+            two parameters in ``start.laws`` are k_n and k_s. The function is decorated as
+            `CompiledLaw` says.
 
     Returns:
         ``solve(i, c_n, c_s, start, answer, search)``, which begins with the trial gap in
@@ -204,24 +204,22 @@ def solver_of(point: Callable[..., None]) -> Callable[..., None]:
         NaN.
     """
 
-    @register_jitable(forceinline=True)
+    @inline
     def solve(i: int, c_n: float, c_s: float, start: Start, answer: Answer, search: Search) -> None:
-        if c_n == 0.0 and c_s == 0.0:
-            point(i, start, answer)
-            return
+        alone = c_n == 0.0 and c_s == 0.0
         row = start.laws[i if len(start.laws) > 1 else 0]
         gap, known, compliance = answer.gap[i], 0.0 * c_n, (c_n, c_s, row[0], row[1])
         trial_gap = (gap[0], gap[1], gap[2])
         for a in range(3):
             known = max(known, max(abs(gap[a]), abs(start.gap[i, a])))
-            gap[a] = start.gap[i, a]
+            gap[a] = trial_gap[a] if alone else start.gap[i, a]
             search.counts[0, a] = 0
-        point(i, start, answer)
-        traction, tangent = answer.traction[i], answer.tangent[i]
-        judged = advance(0, trial_gap, compliance, known, gap, traction, tangent, search)
+        traction, tangent, judged = answer.traction[i], answer.tangent[i], GOES_ON
         while judged == GOES_ON:
             point(i, start, answer)
-            judged = advance(0, trial_gap, compliance, known, gap, traction, tangent, search)
+            judged = FOUND
+            if not alone:
+                judged = advance(0, trial_gap, compliance, known, gap, traction, tangent, search)
         if judged == LOST:
             traction[0] = np.nan
         by_trial_gap(compliance, tangent, search)

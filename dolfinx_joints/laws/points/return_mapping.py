@@ -17,10 +17,18 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from dolfinx_joints.laws.law import Floats, JointState, Response
+from dolfinx_joints.common.kernels import inline
+from dolfinx_joints.laws.law import (
+    BORNE,
+    HELD,
+    INTACT,
+    LARGEST_OVERLOAD,
+    Floats,
+    JointState,
+    Response,
+)
 
 Vector = tuple[float, float]
 
@@ -94,13 +102,13 @@ class Answer(NamedTuple):
     status: NDArray[np.int8]
 
 
-@register_jitable
+@inline
 def yield_function(t_n: float, t_s: Vector, mu: float) -> float:
     """Phi = |t_s| + mu t_n, positive beyond the limit (5), [Pa]."""
     return np.sqrt(t_s[0] * t_s[0] + t_s[1] * t_s[1]) + mu * t_n
 
 
-@register_jitable
+@inline
 def return_to_limit(trial: Shear, t_n: float, stiffness: float, mu: float) -> Shear:
     """Shear traction on the limit, along the trial one (7), with the tangent of slip (10).
 
@@ -129,7 +137,7 @@ def return_to_limit(trial: Shear, t_n: float, stiffness: float, mu: float) -> Sh
     )
 
 
-@register_jitable
+@inline
 def put_traction(
     i: int, t_n: float, stiffness: float, shear: Shear, traction: Floats, tangent: Floats
 ) -> None:
@@ -141,7 +149,7 @@ def put_traction(
     tangent[i, 1, 2] = tangent[i, 2, 1] = shear.by_shear[2]
 
 
-@register_jitable
+@inline
 def closed_status(slides: bool, law: Coulomb) -> int:
     """Return the `Status` of a closed point; without friction it neither sticks nor slides."""
     if law.friction == 0.0 or law.shear_compliance == np.inf:
@@ -149,14 +157,28 @@ def closed_status(slides: bool, law: Coulomb) -> int:
     return SLIP if slides else STICK
 
 
-@register_jitable
+@inline
 def law_of(i: int, laws: Floats) -> Coulomb:
     """Parameters of the point ``i``."""
     row = laws[i if len(laws) > 1 else 0]
     return Coulomb(row[0], row[1], row[2], row[3], row[4] != 0.0)
 
 
-@register_jitable
+@inline
+def overload(load: float, strength: float) -> float:
+    """Return a load over its strength, `LARGEST_OVERLOAD` if there is no strength."""
+    if not load > 0.0:
+        return 0.0
+    return min(load / strength, LARGEST_OVERLOAD) if strength > 0.0 else LARGEST_OVERLOAD
+
+
+@inline
+def bond_under(bond: float, ratio: float) -> float:
+    """Return what a bond is that has not broken under a ratio of load to strength."""
+    return -ratio if bond == HELD and ratio > 1.0 + BORNE else INTACT
+
+
+@inline
 def put_nothing(i: int, answer: Answer) -> None:
     """Begin the answer of the point ``i``: it carries nothing."""
     for a in range(3):

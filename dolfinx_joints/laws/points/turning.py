@@ -28,10 +28,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
-from dolfinx_joints.laws.law import Floats
+from dolfinx_joints.common.kernels import inline
 from dolfinx_joints.laws.points.return_mapping import Shear, Vector, return_to_limit, yield_function
+
+Slips = tuple[float, float, float, float, float]
 
 
 class Limit(NamedTuple):
@@ -64,14 +65,14 @@ class Course(NamedTuple):
     back: float
 
 
-@register_jitable
-def friction_with_turns(trial: Shear, limit: Limit, slips: Floats) -> tuple[Shear, bool]:
+@inline
+def friction_with_turns(trial: Shear, limit: Limit, slips: Slips) -> tuple[Shear, bool]:
     """Shear traction of a closed point, and whether it slips.
 
     Args:
         trial: Trial traction, isotropic by the tangential gap.
         limit: Limit of friction.
-        slips: p1, p2 [m] and R [J/m^2], shape (5,), see `JointState`.
+        slips: p1, p2 [m] and R [J/m^2], see `JointState`.
     """
     course = _course(slips)
     if course.speed == 0.0:
@@ -102,8 +103,8 @@ def friction_with_turns(trial: Shear, limit: Limit, slips: Floats) -> tuple[Shea
     ), True
 
 
-@register_jitable
-def _course(slips: Floats) -> Course:
+@inline
+def _course(slips: Slips) -> Course:
     """(17a); without speed where no stop and no turn is foreseen."""
     nothing = Course((0.0, 0.0), 0.0, 0.0, 0.0)
     size = np.sqrt(slips[0] * slips[0] + slips[1] * slips[1])
@@ -119,7 +120,7 @@ def _course(slips: Floats) -> Course:
     return Course((m_1, m_2), speed, mean, 0.5 * min(mean, 0.0) * np.sqrt(square))
 
 
-@register_jitable
+@inline
 def _within(trial: Shear, limit: Limit) -> tuple[Shear, bool]:
     """The trial traction, or that on the limit (7), and whether it is that."""
     mu = limit.friction
@@ -128,7 +129,7 @@ def _within(trial: Shear, limit: Limit) -> tuple[Shear, bool]:
     return trial, False
 
 
-@register_jitable
+@inline
 def _moved(trial: Shear, course: Course, slip: float) -> Shear:
     """The trial traction that a slip along m leaves; 1 / (2 zeta^2 + c) is its stiffness."""
     (t_1, t_2), (m_1, m_2), less = trial.traction, course.along, trial.by_shear[0] * slip

@@ -16,10 +16,10 @@ from petsc4py import PETSc
 from dolfinx_joints.common.memory import factor_fits
 from dolfinx_joints.model.exact_modes import ModalStep, lowest_modes
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.batch import Rounds
 from dolfinx_joints.solvers.direct import DirectSolver, SignedSolver
 from dolfinx_joints.solvers.modal_change import ChangedSolver, ModalChange
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
-from dolfinx_joints.solvers.rounds import Rounds
 
 Floats = NDArray[np.float64]
 LinearSolver = Literal["auto", "direct", "mumps", "iterative"]

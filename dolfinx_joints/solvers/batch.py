@@ -7,12 +7,10 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from contextlib import ExitStack
+from typing import Any, TypeVar
 
-if TYPE_CHECKING:
-    from dolfinx_joints.body.halves import Halves
-    from dolfinx_joints.solvers.compliance.compliance import Compliance
-    from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
+Made = TypeVar("Made")
 
 
 class SharedBulk:
@@ -30,37 +28,30 @@ class SharedBulk:
         """Nothing is there yet."""
         self.rounds = Rounds()
         self.lowest_modes: dict[int, Any] = {}
-        self._matrices: dict[Hashable, EffectiveMatrix] = {}
-        self._compliances: dict[Hashable, Compliance] = {}
-        self._halves: list[Halves | None] = []
+        self._made: dict[Hashable, Any] = {}
+        self._free = ExitStack()
 
-    def matrix(self, key: Hashable, make: Callable[[], EffectiveMatrix]) -> EffectiveMatrix:
-        """The matrix of a key, made if need be (collective)."""
-        if key not in self._matrices:
-            self._matrices[key] = make()
-        return self._matrices[key]
+    def once(
+        self, key: Hashable, make: Callable[[], Made], free: Callable[[Made], None] | None = None
+    ) -> Made:
+        """Return the object of a key, made if it is missing (collective).
 
-    def compliance(self, key: Hashable, make: Callable[[], Compliance]) -> Compliance:
-        """The compliance of a key, made if need be (collective)."""
-        if key not in self._compliances:
-            self._compliances[key] = make()
-        return self._compliances[key]
-
-    def halves(self, make: Callable[[], Halves | None]) -> Halves | None:
-        """The halves of M and K, made if need be (collective)."""
-        if not self._halves:
-            self._halves.append(make())
-        return self._halves[0]
+        Args:
+            key: Name of the object.
+            make: Makes it.
+            free: Frees it when all runs have ended.
+        """
+        if key not in self._made:
+            self._made[key] = made = make()
+            if free is not None:
+                self._free.callback(free, made)
+        found: Made = self._made[key]
+        return found
 
     def destroy(self) -> None:
-        """Free all of it."""
-        for compliance in self._compliances.values():
-            compliance.destroy()
-        for matrix in self._matrices.values():
-            matrix.rounds = None
-            matrix.destroy()
-        self._matrices.clear()
-        self._compliances.clear()
+        """Free all of it, the last first."""
+        self._made.clear()
+        self._free.close()
 
 
 class Rounds:

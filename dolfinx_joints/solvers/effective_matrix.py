@@ -118,9 +118,9 @@ class EffectiveMatrix:
         """That of a system, or what it shares with others (collective)."""
         if system.shared is None:
             return cls(system, effective, linear=linear)
-        key = (effective, linear)
-        made: EffectiveMatrix = system.shared.matrix(
-            key, lambda: cls(system, effective, linear=linear)
+        key = ("matrix", effective, linear)
+        made: EffectiveMatrix = system.shared.once(
+            key, lambda: cls(system, effective, linear=linear), cls._free
         )
         return made
 
@@ -233,8 +233,10 @@ class EffectiveMatrix:
 
     def destroy(self) -> None:
         """Free matrices and factor, unless other runs use them."""
-        if self.rounds is not None:
-            return
+        if self.rounds is None:
+            self._free()
+
+    def _free(self) -> None:
         if self._solver is not None:
             self._solver.destroy()
         self.full.destroy()

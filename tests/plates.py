@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 
@@ -34,5 +36,5 @@ def kernel(points: np.ndarray, joint: np.ndarray, *, symmetric: bool = True) -> 
 
 
 def compressed(matrix: np.ndarray, points: np.ndarray, **options) -> LowRankMatrix:
-    scale = np.sqrt(matrix.diagonal())
-    return LowRankMatrix(lambda numbers: matrix[:, numbers], points, scale=scale, **options)
+    options.setdefault("scale", np.sqrt(matrix.diagonal()))
+    return LowRankMatrix(lambda numbers: matrix[:, numbers], points, MPI.COMM_SELF, **options)

@@ -112,7 +112,7 @@ REASONS: dict[str, str] = {
     "CLUSTER_POINTS": "docs/decisions/low_rank.md#low-rank-compliances at most 96 points",
     "ADMISSIBLE_SIZE": f"{HERE}test_blocks_of_low_rank_save_memory",
     "LOW_RANK_SHARE": f"{HERE}test_blocks_of_low_rank_save_memory",
-    "STORE_GROWTH": f"{TESTS}test_low_rank.py::test_no_memory_for_what_is_zero",
+    "STORE_GROWTH": f"{TESTS}test_own_blocks.py::test_no_memory_for_what_is_zero",
     "KEPT_BYTES": f"{KEPT} as many as dense matrices would fit into 2 GB",
     "FEWEST_KEPT": f"{TESTS}test_tangent_multigrid.py::test_matrices_of_two_time_steps_are_kept",
     "TANGENTS_KEPT": f"{KEPT} so step lengths are few",

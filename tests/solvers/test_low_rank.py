@@ -1,191 +1,187 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Compressed compliances against the dense matrices that they stand for."""
+"""Compressed compliances over the ranks against dense matrices and those of one rank."""
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
 
+pytest.importorskip("mpi4py")
 pytest.importorskip("numba")
 
 from plates import compressed, kernel, plates
+from whole_vectors import all_of, own_part
 
-from dolfinx_joints.solvers.compliance.low_rank import LowRankMatrix, clusters
+from dolfinx_joints.solvers.compliance.low_rank import LowRankMatrix
+
+pytestmark = pytest.mark.mpi
+
+# The second: a rank that owns no points, where there are others.
+CASES = [*product([True, False], [None, 0, -1])]
+ROUGH = 1e-4
 
 
-def scaled_error(matrix: np.ndarray, small: LowRankMatrix) -> float:
-    """Spectral norm of the error of the matrix scaled to a unit diagonal."""
+def one_by_one(across: int, joints: int, apart: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Points of one plate of 4 x 4 after the other, along it, and the joint of each."""
+    points, joint = plates(across, joints)
+    points[:, 0] *= apart
+    order = np.lexsort((points[:, 1], joint))
+    return points[order], joint[order]
+
+
+def ranked(
+    comm: Any,
+    matrix: np.ndarray,
+    points: np.ndarray,
+    joint: np.ndarray,
+    *,
+    empty: int | None = None,
+    **options: Any,
+) -> LowRankMatrix:
+    """Points are dealt in equal parts to all ranks, or to all but one."""
+    parts = np.ones(comm.size)
+    if empty is not None and comm.size > 1:
+        parts[empty] = 0.0
+    ends = (len(points) * np.cumsum([0.0, *parts]) / parts.sum()).astype(int)
+    mine = np.arange(*ends[comm.rank : comm.rank + 2])
+    rows = (3 * mine[:, None] + np.arange(3)).ravel()
+    return LowRankMatrix(
+        lambda numbers: matrix[np.ix_(rows, numbers)],
+        points[mine],
+        comm,
+        scale=np.sqrt(matrix.diagonal())[rows],
+        joint=joint[mine],
+        **options,
+    )
+
+
+def times(comm: Any, small: LowRankMatrix, vector: np.ndarray) -> np.ndarray:
+    """The product of the ranks' matrix with a vector of all."""
+    return all_of(comm, small.product(own_part(comm, vector, small.own.size)))
+
+
+def error(comm: Any, small: LowRankMatrix, matrix: np.ndarray) -> float:
+    """Error of a product relative to the vector, both scaled, and divided by what may add up.
+
+    Each block is exact to the tolerance; those in a row or a column are at most as many as there
+    are clusters.
+    """
     scale = np.sqrt(matrix.diagonal())
-    scale[scale == 0.0] = 1.0
-    identity = np.eye(len(matrix))
-    error = np.column_stack([small.product(column) for column in identity]) - matrix
-    return float(np.linalg.norm(error / scale[:, None] / scale, 2))
+    vector = np.random.default_rng(3).standard_normal(len(matrix))
+    wrong = times(comm, small, vector / scale) - matrix @ (vector / scale)
+    clusters = comm.allreduce(len(small.own.panels))
+    return float(np.linalg.norm(wrong / scale) / np.linalg.norm(vector) / clusters)
 
 
-@pytest.mark.parametrize("leaf", [1, 7, 48])
-def test_clusters_are_a_partition(leaf):
-    points, joint = plates()
-    order, trees = clusters(points, leaf, joint)
-    assert sorted(order) == list(range(len(points)))
-    leaves = [cluster for tree in trees for cluster in tree.leaves()]
-    assert leaves[0].start == 0
-    assert leaves[-1].stop == len(points)
-    for before, after in pairwise(leaves):
-        assert before.stop == after.start
-    for cluster in leaves:
-        inside = points[order[cluster.start : cluster.stop]]
-        assert 1 <= len(inside) <= leaf
-        np.testing.assert_array_equal(inside.min(axis=0), cluster.low)
-        np.testing.assert_array_equal(inside.max(axis=0), cluster.high)
-        assert len(set(joint[order[cluster.start : cluster.stop]])) == 1
-
-
-def test_clusters_are_cut_across_their_longest_edge():
-    # 2 x 8 x 3 points 1 apart: first across y, 7 long; then 2 x 4 x 3 across y again, 3 long; then
-    # 2 x 2 x 3 across z, 2 long, where the middle of 12 sorted points is within a layer.
-    grid = np.stack(np.meshgrid(range(2), range(8), range(3), indexing="ij"), axis=-1)
-    points = grid.reshape(-1, 3).astype(float)
-    _, (tree,) = clusters(points, 6)
-    lower, upper = tree.halves
-    assert (lower.high[1], upper.low[1]) == (3.0, 4.0)
-    for half in tree.halves:
-        first, second = half.halves
-        assert second.low[1] - first.high[1] == 1.0
-        for quarter in half.halves:
-            down, up = quarter.halves
-            assert (down.high[2], up.low[2]) == (1.0, 1.0)
-            np.testing.assert_array_equal(down.low[:2], up.low[:2])
-
-
-def test_points_in_one_place_are_cut_all_the_same():
-    order, (tree,) = clusters(np.zeros((10, 3)), 3)
-    assert sorted(order) == list(range(10))
-    assert max(cluster.stop - cluster.start for cluster in tree.leaves()) <= 3
-
-
-def test_no_points():
-    assert clusters(np.empty((0, 3)))[1] == []
-    small = LowRankMatrix(lambda numbers: np.empty((0, 0)), np.empty((0, 3)), scale=np.empty(0))
-    assert small.product(np.empty(0)).shape == (0,)
-    assert small.whole().shape == (0, 0)
-
-
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-8, 1e-12])
-@pytest.mark.parametrize("symmetric", [True, False])
-def test_product_to_the_tolerance(tolerance, symmetric):
-    # Each block is exact to the tolerance in the spectral norm; those of a row of clusters add up,
-    # and there are fewer than 25 clusters.
-    points, joint = plates()
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-12])
+@pytest.mark.parametrize(("symmetric", "empty"), CASES)
+def test_product_to_the_tolerance(comm, symmetric, empty, tolerance):
+    # Five joints: some have points on two ranks.
+    points, joint = one_by_one(across=8, joints=5)
     matrix = kernel(points, joint, symmetric=symmetric)
-    options = {"joint": joint, "tolerance": tolerance, "leaf": 32, "symmetric": symmetric}
-    small = compressed(matrix, points, **options)
-    scale = np.sqrt(matrix.diagonal())
-    vector = np.random.default_rng(3).standard_normal(len(matrix)) / scale
-    error = (small.product(vector) - matrix @ vector) / scale
-    assert np.linalg.norm(error) <= 25 * tolerance * np.linalg.norm(vector * scale)
+    options = {"leaf": 16, "symmetric": symmetric, "empty": empty, "tolerance": tolerance}
+    small = ranked(comm, matrix, points, joint, **options)
+    assert error(comm, small, matrix) <= tolerance
+    # No more than what is not zero, of two mirrored blocks one: 1 / 15 is on the diagonal.
+    dense = np.count_nonzero(matrix) * matrix.itemsize
+    assert comm.allreduce(small.nbytes) <= (0.6 if symmetric else 1.0) * dense
 
 
-def test_single_precision():
-    # The unit diagonal rounds to 6e-8, the tolerance is 1e-4 for each of at most 12 clusters.
-    points, joint = plates(across=10)
-    matrix = kernel(points, joint)
-    small = compressed(matrix, points, joint=joint, tolerance=1e-4, dtype=np.float32, leaf=32)
-    assert 1e-8 < scaled_error(matrix, small) <= 12e-4
-    double = compressed(matrix, points, joint=joint, tolerance=1e-4, leaf=32)
-    assert small.nbytes == double.nbytes // 2
+@pytest.mark.parametrize(("symmetric", "empty"), CASES)
+def test_a_rougher_one(comm, symmetric, empty):
+    # Some blocks between ranks, dense and of low rank, become of low rank and of lower.
+    points, joint = one_by_one(across=10, joints=5, apart=3.0)
+    matrix = kernel(points, joint, symmetric=symmetric)
+    options = {"leaf": 25, "symmetric": symmetric, "empty": empty, "tolerance": 1e-8}
+    fine = ranked(comm, matrix, points, joint, **options)
+    vector = np.random.default_rng(4).standard_normal(len(matrix))
+    before = times(comm, fine, vector)
+    rough = fine.rougher(ROUGH)
+    assert 1e-3 * ROUGH < error(comm, rough, matrix) <= 1.001 * ROUGH
+    assert comm.allreduce(rough.nbytes) < 0.5 * comm.allreduce(fine.nbytes)
+    np.testing.assert_array_equal(times(comm, fine, vector), before)
 
 
-def test_looser_and_larger_take_less():
-    # Ranks grow with the digits and hardly with the points; half of the matrix is mirrored.
-    parts = {}
-    for across in (14, 28):
-        points, joint = plates(across, joints=1)
-        matrix = kernel(points, joint)
-        for tolerance in (1e-3, 1e-6, 1e-12):
-            small = compressed(matrix, points, joint=joint, tolerance=tolerance, leaf=16)
-            parts[across, tolerance] = small.nbytes / matrix.nbytes
-    for across in (14, 28):
-        assert parts[across, 1e-3] < parts[across, 1e-6] < parts[across, 1e-12] <= 0.55
-    for tolerance in (1e-3, 1e-6, 1e-12):
-        assert parts[28, tolerance] < parts[14, tolerance]
-
-
-def test_no_memory_for_what_is_zero():
-    # Of three joints the outer two share no body; each of the others meets one or two, and one of
-    # two mirrored blocks is held: 5 of 9 parts, of which the diagonal ones count in full at most.
-    points, joint = plates(across=8)
-    matrix = kernel(points, joint)
-    small = compressed(matrix, points, joint=joint, tolerance=0.0, leaf=64)
-    assert small.nbytes == matrix.nbytes * 5 // 9
-    np.testing.assert_allclose(small.whole(), matrix, rtol=1e-13, atol=0)
-
-
-def test_blocks_are_as_small_as_they_can_be():
-    # Two clusters of 4 points far from each other, coupled by one product of vectors: two dense
-    # blocks of 12 x 12, and between them, once for both mirror images, two factors of 12.
-    x = np.array([0.0, 1.0, 2.0, 3.0, 100.0, 101.0, 102.0, 103.0])
-    points = np.column_stack([x, np.zeros((8, 2))])
-    near = np.eye(12) + 0.02 * np.ones((12, 12))
-    matrix = np.block([[near, 0.01 * np.ones((12, 12))], [0.01 * np.ones((12, 12)), near]])
-    small = compressed(matrix, points, leaf=4)
-    assert small.nbytes == 8 * (2 * 12 * 12 + 2 * 12)
-    assert scaled_error(matrix, small) <= 1e-12
-    rough = small.rougher(1e-4)
-    # The dense blocks, of the identity and one more product, stay what they are.
-    assert rough.nbytes == 4 * (2 * 12 * 12 + 2 * 12)
-    assert scaled_error(matrix, rough) <= 1e-4
-
-
-def test_mirrored_blocks_are_symmetric():
-    points, joint = plates()
-    matrix = kernel(points, joint)
-    small = compressed(matrix, points, joint=joint, tolerance=1e-3, leaf=16)
-    rng = np.random.default_rng(4)
-    a, b = rng.standard_normal((2, len(matrix)))
-    assert a @ small.product(b) == pytest.approx(b @ small.product(a), rel=1e-12)
+@pytest.mark.parametrize("empty", [None, 0])
+def test_its_columns_are_those_of_the_products(comm, empty):
+    points, joint = one_by_one(across=8, joints=5)
+    small = ranked(comm, kernel(points, joint), points, joint, empty=empty, leaf=16, tolerance=1e-6)
+    units = np.eye(3 * len(points))
+    products = [small.product(own_part(comm, unit, small.own.size)) for unit in units]
+    assert small.columns() == pytest.approx(np.array(products), rel=0, abs=1e-12)
 
 
 @pytest.mark.parametrize("symmetric", [True, False])
-def test_the_whole_is_that_of_the_products(symmetric):
-    points, joint = plates(across=10)
+def test_blocks_are_those_of_one_rank(comm, symmetric):
+    # A joint on each rank: clusters are the same; products add the blocks in another order.
+    points, joint = one_by_one(across=10, joints=comm.size, apart=3.0)
     matrix = kernel(points, joint, symmetric=symmetric)
-    options = {"joint": joint, "tolerance": 1e-4, "leaf": 16, "symmetric": symmetric}
-    small = compressed(matrix, points, **options)
-    products = np.column_stack([small.product(column) for column in np.eye(len(matrix))])
-    size = np.abs(matrix).max()
-    np.testing.assert_allclose(small.whole(), products, rtol=0, atol=1e-12 * size)
+    options = {"leaf": 25, "symmetric": symmetric, "tolerance": 1e-6}
+    fine = ranked(comm, matrix, points, joint, **options)
+    of_one = compressed(matrix, points, joint=joint, **options)
+    rng, scale = np.random.default_rng(5), np.sqrt(matrix.diagonal())
+    vector = rng.standard_normal(len(matrix)) / scale
+    pairs = [(fine, of_one, 1e-13), (fine.rougher(ROUGH), of_one.rougher(ROUGH), 1e-5)]
+    for found, expected, rounding in pairs:
+        assert comm.allreduce(found.nbytes) == expected.nbytes
+        one, other = (y / scale for y in (times(comm, found, vector), expected.product(vector)))
+        np.testing.assert_allclose(one, other, rtol=0, atol=rounding * np.abs(other).max())
 
 
-def test_points_that_are_held():
-    # A clamped point has zero rows and columns, and no scale.
-    points, joint = plates(across=8)
+def test_mirrored_blocks_are_symmetric(comm):
+    points, joint = one_by_one(across=8, joints=5)
     matrix = kernel(points, joint)
-    matrix[:, 30:36] = matrix[30:36] = 0.0
-    small = compressed(matrix, points, joint=joint, leaf=16)
-    assert scaled_error(matrix, small) <= 1e-10
-    assert not small.whole()[30:36].any()
+    small = ranked(comm, matrix, points, joint, tolerance=1e-2, leaf=16)
+    a, b = np.random.default_rng(6).standard_normal((2, len(matrix)))
+    assert a @ times(comm, small, b) == pytest.approx(b @ times(comm, small, a), rel=1e-12)
 
 
-def test_panels_are_narrow():
-    # The dense matrix never exists: no panel is wider than a leaf, and each column is asked once.
-    points, joint = plates()
-    matrix, asked = kernel(points, joint), []
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6])
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_few_numbers_pass_between_ranks_far_apart(comm, symmetric, tolerance):
+    # A plate 10 off the next on each rank, and all of it one cluster: as many numbers go to a rank
+    # as its block with this one has singular values above the tolerance, by NumPy.
+    points, joint = one_by_one(across=14, joints=comm.size, apart=10.0)
+    matrix = kernel(points, joint, symmetric=symmetric)
+    options = {"leaf": 196, "symmetric": symmetric, "tolerance": tolerance}
+    small = ranked(comm, matrix, points, joint, **options)
+    scale = np.sqrt(matrix.diagonal())
+    scaled = (matrix / scale[:, None] / scale).reshape(comm.size, 588, comm.size, 588)
+    others = [rank for rank in range(comm.size) if abs(rank - comm.rank) == 1]
+    values = [np.linalg.svd(scaled[rank, :, comm.rank], compute_uv=False) for rank in others]
+    expected = sum(int(np.count_nonzero(each > tolerance)) for each in values)
+    assert small.sent == expected
+    assert (expected > 0) == (comm.size > 1)
+    assert expected <= 0.1 * 588 * len(others)
+    assert error(comm, small, matrix) <= tolerance
 
-    def columns(numbers):
-        asked.append(numbers)
-        return matrix[:, numbers]
 
-    LowRankMatrix(columns, points, scale=np.sqrt(matrix.diagonal()), joint=joint, leaf=20)
-    assert max(len(numbers) for numbers in asked) <= 60
-    np.testing.assert_array_equal(np.sort(np.concatenate(asked)), np.arange(len(matrix)))
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_unknowns_of_dense_blocks_pass_once(comm, symmetric):
+    # One plate over all ranks to no tolerance: every block is dense, several in each panel. What
+    # passes are the unknowns of the columns' rank, or for the mirror image the sums at these.
+    points, joint = one_by_one(across=16, joints=1)
+    matrix = kernel(points, joint, symmetric=symmetric)
+    small = ranked(comm, matrix, points, joint, leaf=8, symmetric=symmetric, tolerance=0.0)
+    sizes = comm.allgather(small.own.size)
+    first = [min(comm.rank, other) if symmetric else comm.rank for other in range(comm.size)]
+    assert small.sent == sum(sizes[rank] for rank in first) - sizes[comm.rank]
+    assert error(comm, small, matrix) <= 1e-15
 
 
-def test_a_scale_that_is_an_estimate_will_do():
-    points, joint = plates(across=8)
-    matrix = kernel(points, joint)
-    scale = np.full(len(matrix), np.sqrt(matrix.diagonal().min()))
-    small = LowRankMatrix(lambda n: matrix[:, n], points, scale=scale, joint=joint, leaf=16)
-    assert scaled_error(matrix, small) <= 1e-10
+def test_nothing_passes_where_nothing_couples(comm):
+    # Two apart in their order, joints share no body; points that are held have zero rows.
+    points, joint = one_by_one(across=8, joints=comm.size)
+    loose = ranked(comm, kernel(points, 2 * joint), points, joint, leaf=16)
+    assert loose.sent == 0
+    matrix, held = kernel(points, joint), slice(0, 3 * 64)
+    matrix[held] = matrix[:, held] = 0.0
+    small = ranked(comm, matrix, points, joint, leaf=16)
+    assert small.sent == 0 or comm.rank > 0
+    found = times(comm, small, np.ones(len(matrix)))
+    np.testing.assert_allclose(found, matrix @ np.ones(len(matrix)), rtol=1e-10, atol=0)
+    assert not found[held].any()

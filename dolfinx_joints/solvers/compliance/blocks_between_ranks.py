@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit
-from dolfinx_joints.solvers.compliance.low_rank import SUMS, dense_and_mirror
+from dolfinx_joints.solvers.compliance.own_blocks import SUMS, dense_and_mirror
 
 Ints = NDArray[np.int64]
 

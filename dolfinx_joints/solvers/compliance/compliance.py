@@ -22,7 +22,6 @@ from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.batch import Rounds
 from dolfinx_joints.solvers.compliance.low_rank import LowRankMatrix
-from dolfinx_joints.solvers.compliance.ranked_low_rank import RankedLowRankMatrix
 from dolfinx_joints.solvers.compliance.row_matrix import Parts, RowMatrix
 from dolfinx_joints.solvers.compliance.unit_forces import UnitForces
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
@@ -30,7 +29,6 @@ from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
-AnyLowRank = LowRankMatrix | RankedLowRankMatrix
 
 
 class Part(Protocol):
@@ -167,7 +165,7 @@ class Compliance:
         rough = self._compressed(of_unit_diagonal, ones, limits.ROUGH_COMPRESSION, np.float32)
         return Compressed(rough, ones, self.dead, self._comm, self.effective.rounds)
 
-    def _products(self, matrix: AnyLowRank) -> Split:
+    def _products(self, matrix: LowRankMatrix) -> Split:
         return Compressed(matrix, self.scale, self.dead, self._comm, self.effective.rounds)
 
     def _at_once(self, size: int) -> Floats | None:
@@ -192,20 +190,20 @@ class Compliance:
         scale: Floats,
         tolerance: float,
         dtype: type = np.float64,
-    ) -> AnyLowRank:
+    ) -> LowRankMatrix:
         """Columns in blocks of low rank (collective)."""
         joints = self._joints
         assert joints.points is not None
-        facts: dict[str, Any] = {
-            "scale": scale,
-            "joint": joints.joint,
-            "tolerance": tolerance,
-            "dtype": dtype,
-            "symmetric": self.effective.symmetric,
-        }
-        if self._comm.size == 1:
-            return LowRankMatrix(columns, joints.points, **facts)
-        return RankedLowRankMatrix(columns, joints.points, self._comm, **facts)
+        return LowRankMatrix(
+            columns,
+            joints.points,
+            self._comm,
+            scale=scale,
+            joint=joints.joint,
+            tolerance=tolerance,
+            dtype=dtype,
+            symmetric=self.effective.symmetric,
+        )
 
     def _scale(self, diagonal: Floats, areas: Floats, largest: Floats | None) -> None:
         """Own compliances from those in each direction, shape (3 n,), [m/N]."""
@@ -293,7 +291,7 @@ class Compressed(_Products):
 
     def __init__(
         self,
-        matrix: AnyLowRank,
+        matrix: LowRankMatrix,
         scale: Floats,
         dead: NDArray[np.bool_],
         comm: Any,
@@ -319,8 +317,7 @@ class Compressed(_Products):
 
     def columns(self) -> Floats:
         """Columns of the rank's rows, one after the other, shape (size, local) (collective)."""
-        matrix = self.matrix
-        every = matrix.whole() if isinstance(matrix, LowRankMatrix) else matrix.columns()
+        every = self.matrix.columns()
         parts = Parts(self.local, self._comm)
         every /= parts.all_of(self._scale)[:, None] * self._scale
         every[parts.first + np.arange(self.local), np.arange(self.local)] -= 1.0

@@ -1,129 +1,150 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Compliances of joint points in blocks: zero, of low rank, or dense.
+"""Compliances of joint points in blocks, spread over the ranks that own the points.
 
-A joint point's force moves points far away smoothly, and points of bodies it does not touch not at
-all. The columns of one cluster of points are taken at a time (a panel), so that the whole matrix
-never exists; its rows are cut where they are near, until a part is zero, of low rank or small.
+A rank keeps the blocks of its own points. Of a block L^T R between two ranks the owner of the rows
+keeps L and that of the columns R, so that what passes between them in a product are the few numbers
+R x, and L x for the mirror image. Of a dense block the owner of the rows keeps all; the dense ones
+of a panel share its unknowns, which pass once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.solvers import limits
+from dolfinx_joints.solvers.compliance.blocks_between_ranks import (
+    DENSE,
+    FACTOR,
+    PLACE,
+    expand,
+    reduce,
+)
+from dolfinx_joints.solvers.compliance.own_blocks import (
+    Cluster,
+    OwnBlocks,
+    factors_if_worth,
+    multiply_blocks,
+    rank_of,
+)
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-DENSE = -1
 
-# Sums in any order, so that the compiler can take several terms at once; NaN stays NaN.
-SUMS = {"reassoc", "contract", "nsz"}
-
-
-@dataclass(frozen=True, eq=False)
-class Cluster:
-    """Points ``start`` to ``stop`` of an order, their box, and the two halves of them, if cut."""
-
-    start: int
-    stop: int
-    low: Floats
-    high: Floats
-    halves: tuple[Cluster, ...] = ()
-
-    @property
-    def unknowns(self) -> slice:
-        """Their unknowns."""
-        return slice(3 * self.start, 3 * self.stop)
-
-    def leaves(self) -> Iterator[Cluster]:
-        """Clusters that are not cut, in order."""
-        if not self.halves:
-            yield self
-        for half in self.halves:
-            yield from half.leaves()
-
-
-def clusters(
-    points: Floats, leaf: int = limits.CLUSTER_POINTS, joint: NDArray[Any] | None = None
-) -> tuple[Ints, list[Cluster]]:
-    """Points bisected across the longest edge of their box until ``leaf`` or fewer are left.
+@dataclass(eq=False)
+class Shares:
+    """A rank's parts of its blocks with the points of one other rank.
 
     Args:
-        points: Coordinates, shape (n, 3), [m].
-        leaf: Largest number of points in a cluster that is not cut.
-        joint: Number of the joint of each point, shape (n,); each joint is a tree of its own.
+        dtype: Type of the factors.
 
-    Returns:
-        The points' numbers in the order of the trees, shape (n,), and the trees' roots.
+    Attributes:
+        table: First unknown, number of unknowns, rows of the factor, kind and panel of each block.
+        factors: Their factors, empty for `PLACE`.
     """
-    labels = np.zeros(len(points), dtype=np.int64) if joint is None else np.asarray(joint)
-    order = np.argsort(labels, kind="stable")
-    bounds = np.flatnonzero(np.diff(labels[order], prepend=-1, append=-1))
-    trees = [
-        _bisected(points, order, int(start), int(stop), leaf) for start, stop in pairwise(bounds)
-    ]
-    return order, trees
+
+    dtype: Any
+    table: list[tuple[int, int, int, int, int]] = field(default_factory=list)
+    factors: list[NDArray[Any]] = field(default_factory=list)
+
+    def add(
+        self, first: int, unknowns: int, factor: NDArray[Any] | None, kind: int, panel: int
+    ) -> None:
+        """Take up a part, before any product."""
+        rows = unknowns if factor is None else len(factor)
+        self.table.append((first, unknowns, rows, kind, panel))
+        kept = np.empty((0, unknowns)) if factor is None else factor
+        self.factors.append(np.ascontiguousarray(kept, self.dtype))
+
+    def replaced(self, parts: Sequence[tuple[NDArray[Any] | None, int]], dtype: Any) -> Shares:
+        """The same blocks with other factors and kinds."""
+        shares = Shares(dtype)
+        for (first, unknowns, _, _, panel), part in zip(self.table, parts, strict=True):
+            shares.add(first, unknowns, *part, panel)
+        return shares
+
+    @cached_property
+    def arrays(self) -> tuple[Ints, NDArray[Any]]:
+        """Table and entries as the loops take them; the factors become views of the latter.
+
+        In the place of a block's panel is where its numbers are among those that pass.
+        """
+        data = np.concatenate([f.ravel() for f in self.factors])
+        self._view(data)
+        table, places, end = [], {}, 0
+        for *block, rows, kind, panel in self.table:
+            if kind == FACTOR or panel not in places:
+                place, end = end, end + rows
+                if kind != FACTOR:
+                    places[panel] = place
+            elif kind == PLACE:
+                continue
+            else:
+                place = places[panel]
+            table.append((*block, rows, kind, place))
+        return np.array(table, dtype=np.int64), data
+
+    def _view(self, data: NDArray[Any]) -> None:
+        """Let the factors be views of these entries."""
+        at = 0
+        for i, factor in enumerate(self.factors):
+            self.factors[i] = data[at : at + factor.size].reshape(factor.shape)
+            at += factor.size
+
+    def move(self, data: NDArray[Any]) -> None:
+        """Keep the entries here, where they have been copied to."""
+        self.__dict__["arrays"] = (self.arrays[0], data)
+        self._view(data)
+
+    @cached_property
+    def length(self) -> int:
+        """Numbers that go to the other rank, and come from it, in a product."""
+        return int((self.arrays[0][:, 2] + self.arrays[0][:, 4]).max())
 
 
-def _bisected(points: Floats, order: Ints, start: int, stop: int, leaf: int) -> Cluster:
-    """The tree of a range of the order, which is sorted in place."""
-    inside = points[order[start:stop]]
-    low, high = inside.min(axis=0), inside.max(axis=0)
-    if stop - start <= leaf:
-        return Cluster(start, stop, low, high)
-    axis = int((high - low).argmax())
-    order[start:stop] = order[start:stop][np.argsort(inside[:, axis], kind="stable")]
-    middle = (start + stop) // 2
-    halves = (
-        _bisected(points, order, start, middle, leaf),
-        _bisected(points, order, middle, stop, leaf),
-    )
-    return Cluster(start, stop, low, high, halves)
+@dataclass(frozen=True, kw_only=True)
+class _Panel:
+    """Columns that are taken at once, as other ranks need to know them."""
+
+    numbers: Ints
+    cluster: Cluster
+    scale: Floats
 
 
 class LowRankMatrix:
-    """A compliance matrix in blocks.
-
-    Blocks hold the matrix scaled to a unit diagonal, S = diag(1/scale) G diag(1/scale), each of
-    them to the absolute tolerance in the spectral norm.
+    """A compliance matrix in blocks, scaled to a unit diagonal; see `OwnBlocks`.
 
     Args:
-        columns: Gives the columns of some unknowns, shape (3 n, k), for their numbers, shape (k,).
-            Called once for each panel; None where panels are taken one by one, and then `close`
-            called.
-        points: Coordinates of the points, shape (n, 3), [m].
+        columns: Gives the rank's rows of some columns, shape (3 n, k), for the columns' numbers
+            among all ranks' unknowns, shape (k,); called in the same order on all ranks.
+        points: Coordinates of the rank's points, shape (n, 3), [m].
+        comm: Communicator of the ranks.
         scale: Square roots of the diagonal or an estimate of them, shape (3 n,).
         joint: Number of the joint of each point, shape (n,).
         tolerance: Largest error of a block relative to the unit diagonal.
         dtype: Type that blocks are kept in and multiplied with, float64 or float32.
         leaf: Largest number of points in a cluster that is not cut.
-        symmetric: Whether the matrix is; only one of two mirrored blocks then is kept.
+        symmetric: Whether the matrix is.
 
     Attributes:
-        size: Rows and columns.
-        nbytes: Memory of the blocks [bytes].
-        symmetric: Whether only one of two mirrored blocks is kept.
-        order: Unknowns in the order of the columns, shape (3 n,).
-        scale: Scale in this order, 1 where a point cannot move.
-        panels: Clusters whose columns are taken.
-        blocks: Top, left, height, width, rank, whether mirrored, and first entry of each block.
-        data: Their entries, one after the other.
+        comm: Communicator of the ranks.
+        symmetric: Whether the matrix is.
+        own: Blocks of the rank's points among themselves.
     """
 
     def __init__(
         self,
-        columns: Callable[[Ints], Floats] | None,
+        columns: Callable[[Ints], Floats],
         points: Floats,
+        comm: Any,
         *,
         scale: Floats,
         joint: NDArray[Any] | None = None,
@@ -132,256 +153,172 @@ class LowRankMatrix:
         leaf: int = limits.CLUSTER_POINTS,
         symmetric: bool = True,
     ) -> None:
-        """Take the columns panel by panel."""
-        self.symmetric, self.size = symmetric, 3 * len(points)
-        self.tolerance, self.dtype = tolerance, np.dtype(dtype)
-        order, self._trees = clusters(points, leaf, joint)
-        self.order = unknowns_of(order)
-        self.scale = np.where(scale > 0.0, scale, 1.0)[self.order]  # zero rows and columns
-        self.panels = [panel for tree in self._trees for panel in tree.leaves()]
-        self._start_over()
-        if columns is not None:
-            for panel in self.panels:
-                self.take(panel, columns(self.order[panel.unknowns]))
-            self.close()
+        """Take the columns panel by panel, those of rank 0 first (collective)."""
+        self.comm, self.symmetric = comm, symmetric
+        self.own = OwnBlocks(
+            points,
+            scale=scale,
+            joint=joint,
+            tolerance=tolerance,
+            dtype=dtype,
+            leaf=leaf,
+            symmetric=symmetric,
+        )
+        self._first = comm.scan(self.own.size) - self.own.size
+        self._rows: dict[int, Shares] = {}
+        self._columns: dict[int, Shares] = {}
+        for root, count in enumerate(comm.allgather(len(self.own.panels))):
+            for number in range(count):
+                self._take(root, number, columns)
+        self.own.close()
+        self._close()
 
-    def _start_over(self) -> None:
-        """No blocks yet."""
-        self._table: list[tuple[int, ...]] = []
-        self.data, self._filled = np.empty(0, self.dtype), 0
+    def _take(self, root: int, number: int, columns: Callable[[Ints], Floats]) -> None:
+        """Take a panel of a rank (collective)."""
+        comm, own = self.comm, self.own
+        panel: _Panel = comm.bcast(self._panel(number) if comm.rank == root else None, root=root)
+        found, others = columns(panel.numbers), []
+        if comm.rank == root:
+            own.take(own.panels[number], found)
+        elif comm.rank > root or not self.symmetric:
+            shares = self._rows.setdefault(root, Shares(own.dtype))
+            for rows, *parts in own.pieces(panel.cluster, panel.scale, found):
+                first, unknowns = 3 * rows.start, 3 * (rows.stop - rows.start)
+                dense = len(parts) == 1
+                factor = parts[0].T if dense else parts[0]
+                shares.add(first, unknowns, factor, DENSE if dense else FACTOR, number)
+                others.append(None if dense else parts[1].astype(own.dtype))
+        for rank, factors in enumerate(comm.gather(others, root=root) or ()):
+            at = own.panels[number].unknowns
+            for factor in factors:
+                shares = self._columns.setdefault(rank, Shares(own.dtype))
+                kind = PLACE if factor is None else FACTOR
+                shares.add(at.start, at.stop - at.start, factor, kind, number)
 
-    def close(self) -> None:
-        """Give back what the blocks did not fill."""
-        self.data.resize(self._filled, refcheck=False)
-        self.nbytes = self.data.nbytes
-        self.blocks = np.array(self._table, dtype=np.int64).reshape(-1, 7)
+    def _panel(self, number: int) -> _Panel:
+        """One of the rank's panels."""
+        cluster = self.own.panels[number]
+        return _Panel(
+            numbers=self.own.order[cluster.unknowns] + self._first,
+            cluster=Cluster(cluster.start, cluster.stop, cluster.low, cluster.high),
+            scale=self.own.scale[cluster.unknowns],
+        )
 
-    def take(self, panel: Cluster, columns: Floats) -> None:
-        """Cut the rows of a panel into blocks."""
-        for rows, *parts in self.pieces(panel, self.scale[panel.unknowns], columns, own=True):
-            mirrored = self.symmetric and rows.start >= panel.stop
-            at = (3 * rows.start, 3 * panel.start, 3 * (rows.stop - rows.start))
-            width = 3 * (panel.stop - panel.start)
-            rank = len(parts[0]) if len(parts) == 2 else DENSE
-            self._table.append((*at, width, rank, int(mirrored), self._filled))
-            self._store(parts)
+    def _close(self) -> None:
+        """Settle what goes to which rank and comes from where."""
+        self._rows = {rank: shares for rank, shares in self._rows.items() if shares.table}
+        self._sends, self._adds = dict(self._columns), dict(self._rows)
+        if self.symmetric:
+            self._sends |= self._rows
+            self._adds |= self._columns
+        both = list(self._rows.values()) + list(self._columns.values())
+        self.nbytes = self.own.nbytes + sum(shares.arrays[1].nbytes for shares in both)
 
-    def pieces(
-        self, panel: Cluster, scale: Floats, columns: Floats, *, own: bool = False
-    ) -> Iterator[tuple[Any, ...]]:
-        """Clusters of rows, each with its part of a panel: L, R of L^T R, or a dense block.
-
-        Args:
-            panel: The panel.
-            scale: Of its unknowns.
-            columns: Its columns, shape (3 n, k).
-            own: Whether it is one of these points, not of others.
-        """
-        scaled = columns[self.order] / self.scale[:, None] / scale
-        for tree in self._trees:
-            yield from self._cut(tree, panel, scaled, own)
-
-    def _cut(
-        self, rows: Cluster, panel: Cluster, scaled: Floats, own: bool
-    ) -> Iterator[tuple[Any, ...]]:
-        """A cluster of rows, or its halves."""
-        meets = own and self.symmetric and rows.start < panel.stop
-        if meets and rows.stop <= panel.start:
-            return  # the mirror image of a block of an earlier panel
-        block = scaled[rows.unknowns]
-        if not block.any():
-            return
-        if not meets and _admissible(rows, panel):
-            factors = factors_if_worth(block, self.tolerance)
-            if factors is not None:
-                yield rows, *factors
-                return
-        if rows.halves and not (meets and rows.start == panel.start and rows.stop == panel.stop):
-            for half in rows.halves:
-                yield from self._cut(half, panel, scaled, own)
-        else:
-            yield rows, block
-
-    def _store(self, parts: Sequence[Floats]) -> None:
-        """Put the entries of a block behind those of the others."""
-        for part in parts:
-            end = self._filled + part.size
-            if end > len(self.data):
-                # In place: a copy of all blocks would double what they take.
-                self.data.resize(end + limits.STORE_GROWTH, refcheck=False)
-            self.data[self._filled : end] = part.ravel()
-            self._filled = end
+    @property
+    def sent(self) -> int:
+        """Numbers that the rank sends in a product."""
+        return sum(shares.length for shares in self._sends.values())
 
     def rougher(self, tolerance: float, dtype: Any = np.float32) -> LowRankMatrix:
-        """The same matrix to a larger tolerance, from the blocks of this one."""
+        """Return the matrix to a larger tolerance, from the blocks of this one (collective)."""
         rough = copy(self)
-        rough.tolerance, rough.dtype = tolerance, np.dtype(dtype)
-        rough._start_over()
-        for top, left, height, width, rank, mirrored, start in self.blocks:
-            down, across = self._block(height, width, rank, start)
-            parts: tuple[Floats, ...] = (across,)
-            factors = factors_if_worth(across, tolerance) if rank == DENSE else None
-            if rank != DENSE:
-                rank = rank_of(down, tolerance)
-                parts = down[:rank], across[:rank]
-            elif factors is not None:
-                parts, rank = factors, len(factors[0])
-            rough._table.append((top, left, height, width, rank, mirrored, rough._filled))
-            rough._store(parts)
-        rough.close()
+        rough.own = self.own.rougher(tolerance, dtype)
+        rough._rows, rough._columns = {}, {}
+        # What the owners of the columns are told: how much of R is kept, R of a block that has been
+        # dense, or nothing for one that stays it.
+        told: list[list[Any]] = [[] for _ in range(self.comm.size)]
+        for rank, shares in self._rows.items():
+            kept: list[tuple[NDArray[Any] | None, int]] = []
+            for (*_, kind, _), factor in zip(shares.table, shares.factors, strict=True):
+                factors = factors_if_worth(factor.T, tolerance) if kind == DENSE else None
+                if kind == FACTOR:
+                    told[rank].append(rank_of(factor, tolerance))
+                    kept.append((factor[: told[rank][-1]], FACTOR))
+                else:
+                    told[rank].append(None if factors is None else factors[1])
+                    kept.append((factor, DENSE) if factors is None else (factors[0], FACTOR))
+            rough._rows[rank] = shares.replaced(kept, dtype)
+        for rank, news in enumerate(self.comm.alltoall(told)):
+            if news:
+                shares, kept = self._columns[rank], []
+                for factor, new in zip(shares.factors, news, strict=True):
+                    known = factor[:new] if isinstance(new, int) else new
+                    kept.append((known, PLACE if known is None else FACTOR))
+                rough._columns[rank] = shares.replaced(kept, dtype)
+        rough._close()
         return rough
 
     def product(self, vector: Floats) -> Floats:
-        """The matrix times a vector, shape (3 n,)."""
-        x = (self.scale * vector[self.order]).astype(self.dtype)
-        y = np.zeros(self.size, dtype=self.dtype)
-        multiply_blocks(self.blocks, self.data, x, y)
-        out = np.empty(self.size)
-        out[self.order] = self.scale * y
+        """The matrix times a vector, the rank's part of both, shape (3 n,) (collective)."""
+        comm, own = self.comm, self.own
+        x = (own.scale * vector[own.order]).astype(own.dtype)
+        y = np.zeros(own.size, dtype=own.dtype)
+        come = {rank: np.empty(shares.length, own.dtype) for rank, shares in self._adds.items()}
+        waiting = [comm.Irecv(values, source=rank) for rank, values in come.items()]
+        gone = []
+        for rank, shares in self._sends.items():
+            gone.append(np.zeros(shares.length, own.dtype))
+            reduce(*shares.arrays, x, gone[-1], True)
+            waiting.append(comm.Isend(gone[-1], dest=rank))
+        multiply_blocks(own.blocks, own.data, x, y)
+        for request in waiting:
+            request.Wait()
+        for rank, shares in self._adds.items():
+            expand(*shares.arrays, come[rank], y)
+        out = np.empty(own.size)
+        out[own.order] = own.scale * y
         return out
 
-    def products(self, vectors: list[Floats]) -> Sequence[Floats]:
-        """`product` of several vectors, reading the blocks once."""
-        if len(vectors) == 1:
-            return [self.product(vectors[0])]
-        x = (self.scale[:, None] * np.column_stack(vectors)[self.order]).astype(self.dtype)
-        y = np.zeros((self.size, len(vectors)), dtype=self.dtype)
-        _multiply_all(self.blocks, self.data, x, y)
-        out = np.empty((len(vectors), self.size))
-        out[:, self.order] = (self.scale[:, None] * y).T
-        return list(out)
+    def joined(self) -> tuple[Ints, NDArray[Any], list[int]]:
+        """What it has with all other ranks as one table with its entries, where it is symmetric.
 
-    def whole(self) -> Floats:
-        """The matrix itself, shape (3 n, 3 n)."""
-        out = np.zeros((self.size, self.size))
-        for top, left, height, width, rank, mirrored, start in self.blocks:
-            down, across = self._block(height, width, rank, start)
-            block = down.T @ across
-            out[top : top + height, left : left + width] = block
-            if mirrored:
-                out[left : left + width, top : top + height] = block.T
-        result = np.empty_like(out)
-        result[np.ix_(self.order, self.order)] = out * self.scale[:, None] * self.scale
-        return result
+        Of the numbers that pass those with rank 0 come first; how many each takes is the third.
+        """
+        both = [self._sends.get(rank) for rank in range(self.comm.size)]
+        lengths = [0 if shares is None else shares.length for shares in both]
+        tables: list[Ints] = [np.empty((0, 5), dtype=np.int64)]
+        known = [shares for shares in both if shares is not None]
+        entries, at = np.empty(sum(len(s.arrays[1]) for s in known), dtype=self.own.dtype), 0
+        for shares, before in zip(both, np.cumsum(lengths) - lengths, strict=True):
+            if shares is not None:
+                table, data = shares.arrays
+                tables.append(table + np.array([0, 0, 0, 0, before]))
+                here = entries[at : at + len(data)]
+                here[:] = data
+                shares.move(here)
+                at += len(data)
+        return np.concatenate(tables), entries, lengths
 
-    def _block(self, height: int, width: int, rank: int, start: int) -> tuple[Any, Any]:
-        """Factors L, R of a block L^T R."""
-        if rank == DENSE:
-            dense = self.data[start : start + height * width].reshape(height, width)
-            return np.eye(height, dtype=self.dtype), dense
-        left = self.data[start : start + rank * height].reshape(rank, height)
-        start += rank * height
-        return left, self.data[start : start + rank * width].reshape(rank, width)
+    def columns(self) -> Floats:
+        """All columns of the rank's rows, one after the other, shape (all rows, own) (collective).
 
+        The matrix is symmetric.
+        """
+        comm, own = self.comm, self.own
+        sizes = comm.allgather(own.size)
+        firsts = np.cumsum(sizes) - sizes
+        out = np.zeros((sum(sizes), own.size))
+        out[firsts[comm.rank] : firsts[comm.rank] + own.size] = own.whole()
+        told: list[Any] = [None] * comm.size
+        for rank, shares in self._sends.items():
+            told[rank] = shares.table, shares.factors, own.order, own.scale
+        for rank, theirs in enumerate(comm.alltoall(told)):
+            if theirs is None:
+                continue
+            mine, (table, factors, order, scale) = self._sends[rank], theirs
+            for i, factor in enumerate(mine.factors):
+                (first, unknowns, _, kind, _), (at, others, *_) = mine.table[i], table[i]
+                here, there = slice(first, first + unknowns), slice(at, at + others)
+                block = factors[i].T @ factor if kind == FACTOR else factor
+                if kind == PLACE:
+                    block = factors[i].T
+                rows = firsts[rank] + order[there]
+                scaled = scale[there, None] * block * own.scale[here]
+                out[np.ix_(rows, own.order[here])] = scaled
+        return out
 
-def unknowns_of(points: Ints) -> Ints:
-    """Numbers of the three unknowns of each point."""
-    return (3 * points[:, None] + np.arange(3)).ravel()
-
-
-def _admissible(a: Cluster, b: Cluster) -> bool:
-    """Whether two clusters are far from each other for their size."""
-    gap = np.maximum(0.0, np.maximum(a.low - b.high, b.low - a.high))
-    size = min(float(np.linalg.norm(c.high - c.low)) for c in (a, b))
-    return size <= limits.ADMISSIBLE_SIZE * float(np.linalg.norm(gap))
-
-
-def factors_if_worth(block: Floats, tolerance: float) -> tuple[Floats, Floats] | None:
-    """L, R of the fewest rows with the block L^T R to the tolerance in the spectral norm.
-
-    None where they take more than the block.
-    """
-    left, values, right = np.linalg.svd(block, full_matrices=False)
-    rank = int(np.count_nonzero(values > tolerance))
-    root = np.sqrt(values[:rank])
-    factors = (left[:, :rank] * root).T, root[:, None] * right[:rank]
-    return factors if sum(f.size for f in factors) <= limits.LOW_RANK_SHARE * block.size else None
-
-
-def rank_of(factor: Floats, tolerance: float) -> int:
-    """Rows of L, or of R, that a tolerance needs: their squares are the singular values."""
-    return int(np.count_nonzero(np.einsum("ij,ij->i", factor, factor) > tolerance))
-
-
-@njit(cache=True, fastmath=SUMS)
-def multiply_blocks(blocks: Ints, data: NDArray[Any], x: NDArray[Any], y: NDArray[Any]) -> None:
-    """Add the blocks, and their mirror images, times x to y."""
-    for b in range(len(blocks)):
-        top, left, height, width, rank, mirrored, start = blocks[b]
-        x_across, y_down = x[left : left + width], y[top : top + height]
-        if rank < 0:
-            dense = data[start : start + height * width].reshape(height, width)
-            if mirrored:
-                dense_and_mirror(
-                    dense, x_across, x[top : top + height], y_down, y[left : left + width]
-                )
-            else:
-                _dense(dense, x_across, y_down)
-            continue
-        middle = start + rank * height
-        down = data[start:middle].reshape(rank, height)
-        across = data[middle : middle + rank * width].reshape(rank, width)
-        _low_rank(down, across, x_across, y_down)
-        if mirrored:
-            _low_rank(across, down, x[top : top + height], y[left : left + width])
-
-
-@njit(cache=True)
-def _multiply_all(blocks: Ints, data: NDArray[Any], x: NDArray[Any], y: NDArray[Any]) -> None:
-    """`multiply_blocks` of the columns of x."""
-    for b in range(len(blocks)):
-        top, left, height, width, rank, mirrored, start = blocks[b]
-        x_across, x_down = x[left : left + width], x[top : top + height]
-        if rank < 0:
-            dense = data[start : start + height * width].reshape(height, width)
-            y[top : top + height] += np.dot(dense, x_across)
-            if mirrored:
-                y[left : left + width] += np.dot(dense.T, x_down)
-            continue
-        middle = start + rank * height
-        down = data[start:middle].reshape(rank, height)
-        across = data[middle : middle + rank * width].reshape(rank, width)
-        y[top : top + height] += np.dot(down.T, np.dot(across, x_across))
-        if mirrored:
-            y[left : left + width] += np.dot(across.T, np.dot(down, x_down))
-
-
-@njit(cache=True, fastmath=SUMS)
-def _dense(dense: NDArray[Any], x: NDArray[Any], y: NDArray[Any]) -> None:
-    for i in range(dense.shape[0]):
-        total = dense.dtype.type(0.0)
-        row = dense[i]
-        for j in range(row.size):
-            total += row[j] * x[j]
-        y[i] += total
-
-
-@njit(cache=True, fastmath=SUMS)
-def dense_and_mirror(
-    dense: NDArray[Any],
-    x_across: NDArray[Any],
-    x_down: NDArray[Any],
-    y_down: NDArray[Any],
-    y_across: NDArray[Any],
-) -> None:
-    """Both products in one pass over the block."""
-    for i in range(dense.shape[0]):
-        total = dense.dtype.type(0.0)
-        row, factor = dense[i], x_down[i]
-        for j in range(row.size):
-            total += row[j] * x_across[j]
-            y_across[j] += row[j] * factor
-        y_down[i] += total
-
-
-@njit(cache=True, fastmath=SUMS)
-def _low_rank(left: NDArray[Any], right: NDArray[Any], x: NDArray[Any], y: NDArray[Any]) -> None:
-    """Add left^T right x to y."""
-    for k in range(left.shape[0]):
-        weight = left.dtype.type(0.0)
-        row = right[k]
-        for j in range(row.size):
-            weight += row[j] * x[j]
-        row = left[k]
-        for i in range(row.size):
-            y[i] += row[i] * weight
+    def products(self, vectors: list[Floats]) -> list[Floats]:
+        """Return `product` of several vectors (collective)."""
+        if self.comm.size == 1 and len(vectors) > 1:
+            return self.own.products(vectors)
+        return [self.product(vector) for vector in vectors]

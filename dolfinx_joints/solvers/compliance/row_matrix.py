@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit
-from dolfinx_joints.solvers.compliance.low_rank import SUMS
+from dolfinx_joints.solvers.compliance.own_blocks import SUMS
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]

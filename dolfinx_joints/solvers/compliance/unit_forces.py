@@ -16,7 +16,7 @@ from dolfinx_joints.common.mpi import of_ranks, summed
 from dolfinx_joints.common.progress import LOGGER
 from dolfinx_joints.joints.operator import diagonal_compliance
 from dolfinx_joints.solvers import limits
-from dolfinx_joints.solvers.compliance.low_rank import unknowns_of
+from dolfinx_joints.solvers.compliance.own_blocks import unknowns_of
 from dolfinx_joints.solvers.compliance.schur_complement import schur_complement
 from dolfinx_joints.solvers.direct import DirectSolver, multiplied
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix

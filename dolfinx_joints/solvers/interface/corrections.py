@@ -22,7 +22,6 @@ from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.mpi import blocks_of, rank_of, sent_to
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.compliance import Compliance, Compressed
-from dolfinx_joints.solvers.compliance.ranked_low_rank import RankedLowRankMatrix
 from dolfinx_joints.solvers.compliance.row_matrix import Parts, RowMatrix
 from dolfinx_joints.solvers.interface.compiled.corrections import COUPLED, STEP, Memory, correct
 from dolfinx_joints.solvers.interface.compiled.krylov import space_of
@@ -247,12 +246,7 @@ def _columns_of(columns: Floats, symmetric: bool, comm: Any, dtype: type = np.fl
 
 def _blocks_of(split: Compressed, columns: Floats | None, comm: Any) -> LowRank:
     """Return the form of a compressed S, with the rank's columns of it if given (collective)."""
-    matrix = split.matrix
-    if isinstance(matrix, RankedLowRankMatrix):
-        own, (table, shares, lengths) = matrix.own, matrix.joined()
-    else:
-        own, table, lengths = matrix, np.empty((0, 5), dtype=np.int64), [0]
-        shares = np.empty(0, dtype=own.data.dtype)
+    own, (table, shares, lengths) = split.matrix.own, split.matrix.joined()
     return LowRank(
         ranks_of(comm),
         own.blocks,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.kernels import njit, part
 from dolfinx_joints.solvers import limits
-from dolfinx_joints.solvers.compliance.low_rank import SUMS
+from dolfinx_joints.solvers.compliance.own_blocks import SUMS
 from dolfinx_joints.solvers.interface.compiled.products import Kept, multiply_part, turn
 from dolfinx_joints.solvers.interface.compiled.ranks import Ranks, sum_over
 

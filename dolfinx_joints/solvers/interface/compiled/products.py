@@ -21,7 +21,7 @@ from dolfinx_joints.solvers.compliance.blocks_between_ranks import (
     expand_and_return,
     reduce,
 )
-from dolfinx_joints.solvers.compliance.low_rank import multiply_blocks
+from dolfinx_joints.solvers.compliance.own_blocks import multiply_blocks
 from dolfinx_joints.solvers.compliance.row_matrix import add_rows, multiply_lower
 from dolfinx_joints.solvers.interface.compiled.ranks import (
     Lengths,
@@ -66,7 +66,7 @@ class LowRank(NamedTuple):
         ranks: The ranks.
         blocks: Table of the blocks of the rank's points among themselves.
         data: Their entries.
-        table: Of the blocks with points of other ranks, as of `RankedLowRankMatrix`.
+        table: Of the blocks with points of other ranks, as of `LowRankMatrix`.
         shares: Entries that the rank has of those.
         lengths: Of what passes between it and each other.
         passing: Room for that, shape (2, n).

@@ -100,13 +100,13 @@ def _best(
     cuts: int,
 ) -> AnyIterate:
     """Return the first trial with a smaller residual, else the best of all (collective)."""
-    best = at
-    for cut in range(cuts + 1):
-        trial = problem.trial(at, correction, 0.5**cut)
-        if cut == 0 or trial.norm < best.norm:
-            best = trial
-        if trial.norm < at.norm:
+    best = problem.trial(at, correction, 1.0)
+    for cut in range(1, cuts + 1):
+        if best.norm < at.norm:
             break
+        trial = problem.trial(at, correction, 0.5**cut)
+        if not best.norm <= trial.norm:  # true of a best trial that is NaN
+            best = trial
     return best
 
 

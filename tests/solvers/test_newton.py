@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -160,6 +161,32 @@ def test_plastic_cells_take_no_whole_corrections(most):
     assert problem.shares == [1.0, 0.5] * most
     assert failure.value.iteration == most
     assert failure.value.residual == pytest.approx(0.99**most, rel=1e-14)
+
+
+class Logarithm(Creeping):
+    """The equation log x = 0 from x = 3, where the whole correction leads to x < 0."""
+
+    def start(self):
+        return self.trial(SimpleNamespace(x=3.0), 0.0, 1.0)
+
+    def trial(self, at, correction, share):
+        x = at.x - share * correction
+        return SimpleNamespace(x=x, norm=abs(math.log(x)) if x > 0.0 else math.nan)
+
+    def solved(self, at, before, *, last):
+        return at.norm < 1e-14
+
+    def correction(self, at, before):
+        return at.x * math.log(at.x)
+
+
+def test_a_correction_beyond_what_is_defined_is_halved():
+    at, norms = newton(Logarithm(), SolverOptions())
+    assert at.x == pytest.approx(1.0, rel=1e-13)
+    # x = 3 - 3 log 3 / 2 = 1.352 after half a correction.
+    assert norms[:2] == pytest.approx(
+        [math.log(3.0), math.log(3.0 - 1.5 * math.log(3.0))], rel=1e-14
+    )
 
 
 @pytest.mark.parametrize(

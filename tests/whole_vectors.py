@@ -47,17 +47,10 @@ class Whole:
 
     def __init__(self, split: Any, comm: Any) -> None:
         self._split, self._comm = split, comm
-        self._first = comm.scan(split.local) - split.local
 
     def product(self, values: np.ndarray) -> np.ndarray:
         mine = own_part(self._comm, values, self._split.local)
         return all_of(self._comm, self._split.product(mine, np.flatnonzero(mine)))
-
-    def block_product(self, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Of the part of some rows, sorted, and the same columns."""
-        here = (rows >= self._first) & (rows < self._first + self._split.local)
-        part = self._split.block(rows[here] - self._first)
-        return all_of(self._comm, part.product(values[here]))
 
     def matrix(self) -> np.ndarray:
         """S, column by column."""

@@ -332,21 +332,6 @@ def test_clamped_points_that_carry_load_do_not_loosen_tolerances(wall):
     assert outcome.imbalance <= 1e-12
 
 
-@pytest.mark.mpi
-def test_ranks_count_costs_alike(wall):
-    """The choice between the two sets, made of costs, must be the same on all ranks."""
-    model = wall()
-    system = model.system()
-    solver = InterfaceSolver(system, SolverOptions(compliance="dense"))
-    effective = MatrixCoefficients(mass=1e5, damping=0.0, stiffness=1.0)
-    b = system.stiffness.createVecRight()
-    system.load(0.0, b)
-    solved(solver, effective, b, system)
-    split = solver._last[0].compliance.split
-    costs = model.operator.comm.allgather(split.cost(7))
-    assert len(set(costs)) == 1
-
-
 @pytest.mark.parametrize("kind", [InterfaceSolver, NewtonSolver])
 def test_solvers_go_when_nothing_uses_them(wall, kind):
     """Without waiting for Python's search for cycles: a factor may hold gigabytes."""

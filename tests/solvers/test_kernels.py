@@ -132,12 +132,8 @@ def test_products_with_few_rows(monkeypatch, count):
     values = np.zeros(9)
     values[rows] = RANDOM.normal(size=count)
 
-    def work():
-        return matrix.product(values, rows), matrix.block(rows).product(values[rows])
-
-    product, part = check(monkeypatch, row_matrices, work)
+    (product,) = check(monkeypatch, row_matrices, lambda: [matrix.product(values, rows)])
     np.testing.assert_allclose(product, (whole + whole.T) @ values, atol=1e-12)
-    np.testing.assert_allclose(part, product[rows], atol=1e-12)
 
 
 def test_blocks_of_points(monkeypatch):

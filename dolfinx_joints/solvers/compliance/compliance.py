@@ -31,28 +31,16 @@ Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 
-class Part(Protocol):
-    """Some rows and the same columns of S."""
-
-    def product(self, values: Floats) -> Floats:
-        """The part times a vector of its size, the rank's part of both (collective)."""
-
-
 class Split(Protocol):
     """S, known by its products.
 
     Attributes:
         size: Number of rows of all ranks.
         local: Of the rank.
-        nbytes: Memory of what is kept on this rank [bytes].
     """
 
     size: int
     local: int
-    nbytes: int
-
-    def cost(self, rows: int) -> float:
-        """Entries that a product with so many nonzero values of all ranks reads."""
 
     def whole(self) -> Floats | None:
         """The matrix, shape (size, size), None where it cannot be had (collective)."""
@@ -62,9 +50,6 @@ class Split(Protocol):
 
         Rows are numbered among the rank's.
         """
-
-    def block(self, rows: Rows) -> Part:
-        """The part of some of the rank's rows, sorted, and the same columns (collective)."""
 
 
 class Compliance:
@@ -217,11 +202,6 @@ class Compliance:
         self.dead = roots == 0.0
         self.scale = np.where(self.dead, 1.0, roots).ravel()
 
-    @property
-    def kept_bytes(self) -> int:
-        """Memory that S and its rough form take on this rank [bytes]."""
-        return self.split.nbytes + (self.rough.nbytes if self.rough is not None else 0)
-
     def destroy(self) -> None:
         """Free what the products need; the bulk's factor is left."""
         self._forces.destroy()
@@ -260,20 +240,12 @@ class _Products:
         """Keep what is needed (collective)."""
         self._multiply, self._scale, self._comm = multiply, scale, comm
         self.live, self.local = ~dead.ravel(), len(scale)
-        self.size, self.nbytes = comm.allreduce(self.local), 0
+        self.size = comm.allreduce(self.local)
 
     def product(self, values: Floats, rows: Rows) -> Floats:
         """Times a vector, the rank's part of both, shape (local,) (collective)."""
         gaps = self._multiply(values / self._scale)
         return np.where(self.live, gaps / self._scale - values, 0.0)
-
-    def block(self, rows: Rows) -> _Rows:
-        """The part of some rows and the same columns."""
-        return _Rows(self, rows)
-
-    def cost(self, rows: int) -> float:
-        """More than anything that is kept."""
-        return np.inf
 
     def whole(self) -> Floats | None:
         """Not kept."""
@@ -284,7 +256,6 @@ class Compressed(_Products):
     """S in blocks of low rank.
 
     Attributes:
-        alone: The same with products that wait for no other run.
         matrix: The blocks.
         live: Whether an unknown of the rank can move, shape (local,).
     """
@@ -300,13 +271,7 @@ class Compressed(_Products):
         """Keep the matrix; several runs multiply with it through rounds."""
         multiply = matrix.product if rounds is None else partial(rounds.ask, self, matrix.products)
         super().__init__(multiply, scale, dead, comm)
-        self.alone = self if rounds is None else _Products(matrix.product, scale, dead, comm)
-        self.matrix, self.nbytes = matrix, int(matrix.nbytes)
-        self._entries = float(max(comm.allgather(matrix.nbytes))) / 8.0
-
-    def cost(self, rows: int) -> float:
-        """As many whatever the vector."""
-        return self._entries
+        self.matrix = matrix
 
     def whole(self) -> Floats:
         """The matrix, shape (size, size), on every rank (collective)."""
@@ -323,17 +288,3 @@ class Compressed(_Products):
         every[parts.first + np.arange(self.local), np.arange(self.local)] -= 1.0
         every[~parts.all_of(self.live)] = 0.0
         return every
-
-
-class _Rows:
-    """A part of `_Products`."""
-
-    def __init__(self, whole: _Products, rows: Rows) -> None:
-        """Keep the rows."""
-        self._whole, self._rows = whole, rows
-
-    def product(self, values: Floats) -> Floats:
-        """The part times a vector of its size, the rank's part of both (collective)."""
-        every = np.zeros(self._whole.local)
-        every[self._rows] = values
-        return self._whole.product(every, self._rows)[self._rows]

@@ -30,14 +30,12 @@ class RowMatrix:
     Attributes:
         size: Number of rows of all ranks.
         local: Of the rank.
-        nbytes: Memory of the rank's rows [bytes].
     """
 
     def __init__(self, columns: Floats, comm: Any) -> None:
         """Keep them."""
         self._columns, self._comm, self.size = columns, comm, len(columns)
         self.local = columns.shape[1]
-        self.nbytes = columns.nbytes
         self._unknowns = Parts(columns.shape[1], comm)
 
     def product(self, values: Floats, rows: Rows) -> Floats:
@@ -57,15 +55,6 @@ class RowMatrix:
         add_rows(self._columns, rows, every, mine)
         return mine
 
-    def block(self, rows: Rows) -> Block:
-        """The part of some of the rank's rows, sorted, and the same columns (collective)."""
-        parts = Parts(len(rows), self._comm)
-        return Block(_picked(self._columns, parts.all_of(rows + self._unknowns.first), rows), parts)
-
-    def cost(self, rows: int) -> float:
-        """Entries that a product with so many nonzero values of all ranks reads."""
-        return float(rows * max(self._unknowns.counts))
-
     def columns(self) -> Floats:
         """Columns of the rank's rows, shape (size, local)."""
         return self._columns
@@ -81,19 +70,6 @@ class RowMatrix:
         """A matrix given as a whole, of which the rank keeps so many rows (collective)."""
         first = Parts(local, comm).first
         return cls(np.ascontiguousarray(whole[:, first : first + local]), comm)
-
-
-class Block:
-    """A square part of a `RowMatrix`."""
-
-    def __init__(self, columns: Floats, parts: Parts) -> None:
-        """Keep the columns of the rank's rows."""
-        self._columns, self._parts = columns, parts
-
-    def product(self, values: Floats) -> Floats:
-        """The part times a vector of its size, the rank's part of both (collective)."""
-        found: Floats = self._parts.all_of(values) @ self._columns
-        return found
 
 
 class Parts:
@@ -162,14 +138,3 @@ def multiply_lower(matrix: NDArray[Any], values: NDArray[Any], out: NDArray[Any]
         out[i] += sum_0 + r_0[i] * v_0 + r_1[i] * v_1 + r_2[i] * v_2
         out[i + 1] += sum_1 + r_1[i] * v_0 + r_1[i + 1] * v_1 + r_2[i + 1] * v_2
         out[i + 2] += sum_2 + r_2[i] * v_0 + r_2[i + 1] * v_1 + r_2[i + 2] * v_2
-
-
-@njit(cache=True)
-def _picked(matrix: Floats, rows: Rows, columns: Rows) -> Floats:
-    """matrix[rows][:, columns] without the copy between."""
-    part = np.empty((len(rows), len(columns)))
-    for i in range(len(rows)):
-        line = matrix[rows[i]]
-        for j in range(len(columns)):
-            part[i, j] = line[columns[j]]
-    return part

@@ -56,7 +56,7 @@ class LowestModes:
             raise too_few(body, count)
         shapes = _columns(found.shapes)
         shapes[system.constrained] = 0.0
-        weighted = _columns([system.mass * _vector(system, shape) for shape in shapes.T])
+        weighted = _columns([system.mass * system.vector(shape) for shape in shapes.T])
         self._fixed, self._moves = system.constrained, system.values is not None
         at_supports = weighted[system.constrained]
         weighted[system.constrained] = 0.0
@@ -66,7 +66,7 @@ class LowestModes:
         self._shapes = np.asfortranarray(shapes @ factor)
         self._weighted = np.asfortranarray(weighted @ factor)
         self._at_supports = at_supports @ factor
-        vectors = [_vector(system, shape) for shape in self._shapes.T]
+        vectors = [system.vector(shape) for shape in self._shapes.T]
         work = system.mass.createVecRight()
         self.damping = np.array([v.dot(system.damping_force(v, work)) for v in vectors])
         self.loads = np.array([[v.dot(p) for p, _ in system.patterns] for v in vectors])
@@ -77,8 +77,8 @@ class LowestModes:
 
         Any turn of them are modes too, and which are found depends on rounding and ranks.
         """
-        work = system.mass.createVecRight
-        forces = _columns([system.damping_force(_vector(system, s), work()) for s in shapes.T])
+        forces = [system.damping_force(system.vector(s), system.vector()) for s in shapes.T]
+        forces = _columns(forces)
         forces[system.constrained] = 0.0
         damping = summed(self.comm, shapes.T @ forces)
         apart = np.diff(self.frequencies) > SAME_FREQUENCY * self.frequencies[1:]
@@ -190,9 +190,3 @@ def lowest_modes(system: MatrixSystem, count: int) -> LowestModes:
 
 def _columns(vectors: list[PETSc.Vec]) -> Floats:
     return np.column_stack([v.array_r for v in vectors])
-
-
-def _vector(system: MatrixSystem, values: Floats) -> PETSc.Vec:
-    vector = system.mass.createVecRight()
-    vector.setArray(values)
-    return vector

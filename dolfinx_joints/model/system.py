@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +30,30 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Pattern = tuple[PETSc.Vec, Callable[[float], float]]
+
+
+class VaryingLoad:
+    """Load whose pattern varies in time, kept at the last times.
+
+    Args:
+        name: Its name in the ledger.
+        rows: Rows of the rank's unknowns that it acts on.
+        force: Forces of these rows at a time [s], [N] (collective).
+    """
+
+    def __init__(self, name: str, rows: slice, force: Callable[[float], Floats]) -> None:
+        """Evaluate nothing yet."""
+        self.names, self._rows = (name,), rows
+        self._at = lru_cache(maxsize=4)(force)
+
+    def add(self, out: PETSc.Vec, time: float) -> None:
+        """Add the forces at a time [s] to those of all unknowns [N] (collective)."""
+        out.getArray()[self._rows] += self._at(time)
+
+    def work(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
+        """Return the work on a change of the unknowns by the mean of its ends, [J] (collective)."""
+        mine = 0.5 * float(x.array_r[self._rows] @ (self._at(start) + self._at(end)))
+        return {self.names[0]: float(np.sum(x.comm.tompi4py().allgather(mine)))}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +80,7 @@ class MatrixSystem:
         water: Loads that depend on the state of the joints, None for none.
         in_joints: All loads that are water in joints, for what records their pressures.
         shared: What runs of the same model share (`SharedBulk`), None for nothing.
-        varying_loads: Loads whose pattern varies in time: `FarFieldLoad`, `GroundDamping`.
+        varying_loads: Loads whose pattern varies in time.
         coupled: Order of the unknowns (`BodyAndWater`) with waves in water, None without.
         lowest_modes: Modes that `exact_modes` has found and keeps here.
     """
@@ -78,7 +102,7 @@ class MatrixSystem:
     water: JointWaters | None = None
     in_joints: Sequence[Any] = ()
     shared: Any = None
-    varying_loads: Sequence[Any] = ()
+    varying_loads: Sequence[VaryingLoad] = ()
     coupled: Any = None
     lowest_modes: dict[int, Any] = field(default_factory=dict, init=False, repr=False)
 
@@ -191,10 +215,7 @@ class MatrixSystem:
     @cached_property
     def _halves(self) -> Halves | None:
         """What products of M and K are made with, None for PETSc's (collective)."""
-
-        def make() -> Halves | None:
-            return Halves.of(self.mass, self.stiffness)
-
+        make = partial(Halves.of, self.mass, self.stiffness)
         return make() if self.shared is None else self.shared.halves(make)
 
     def damping_force(self, velocity: PETSc.Vec, out: PETSc.Vec) -> PETSc.Vec:
@@ -211,14 +232,13 @@ class MatrixSystem:
             self.damped_modes.add_force(velocity, out)
         return out
 
-    def load(self, time: float, out: PETSc.Vec, *, scale: float = 1.0) -> PETSc.Vec:
-        """Nodal loads at a time [s], times ``scale``, written to ``out`` [N]."""
-        factors = scale * self._factors(time)
+    def load(self, time: float, out: PETSc.Vec) -> PETSc.Vec:
+        """Nodal loads at a time [s] written to ``out`` [N] (collective)."""
         out.set(0.0)
-        for factor, (vector, _) in zip(factors, self.patterns, strict=True):
+        for factor, (vector, _) in zip(self._factors(time), self.patterns, strict=True):
             out.axpy(float(factor), vector)
         for varying in self._without_patterns:
-            varying.add(out, time, scale)
+            varying.add(out, time)
         return out
 
     def loads_by_name(self, time: float, scale: float) -> dict[str, PETSc.Vec]:
@@ -307,15 +327,17 @@ class MatrixSystem:
             return np.zeros(len(self.constrained))
         return scale * self.values(time)
 
+    def vector(self, rows: ArrayLike = 0.0) -> PETSc.Vec:
+        """Return a vector of all unknowns with these owned rows; zero unless given."""
+        vector = self.stiffness.createVecRight()
+        vector.getArray()[:] = rows
+        return vector
 
-def unknowns(system: MatrixSystem, body: PETSc.Vec | None) -> PETSc.Vec:
-    """A copy of a nodal vector of the body, zero if none, among all unknowns (collective)."""
-    found: PETSc.Vec
-    if body is None:
-        found = system.stiffness.createVecRight()
-        found.set(0.0)
-        return found
-    return body.copy() if system.coupled is None else system.coupled.joined(body).copy()
+    def unknowns(self, body: PETSc.Vec | None) -> PETSc.Vec:
+        """Return a copy of a nodal vector of the body among all unknowns; zero if None."""
+        if body is None:
+            return self.vector()
+        return body.copy() if self.coupled is None else self.coupled.joined(body).copy()
 
 
 def check_system(system: Any) -> None:

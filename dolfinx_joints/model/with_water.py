@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -29,7 +28,7 @@ from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.loads.ground_motion import BaseMotion
 from dolfinx_joints.loads.water.far_field import FarField
 from dolfinx_joints.loads.water.water import Water
-from dolfinx_joints.model.system import MatrixSystem, as_aij
+from dolfinx_joints.model.system import MatrixSystem, VaryingLoad, as_aij
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -169,17 +168,21 @@ class BodyAndWater:
                     patterns.append((self.joined(None, driven[:, axis]), velocity))
                     names.append(name)
         section = self.water.section
-        far_field: list[FarFieldLoad] = []
+        far_field: list[VaryingLoad] = []
         if section is not None and velocities:
-            far_field.append(FarFieldLoad(self, FarField(section, velocities, step)))
-        rows = self.water.rows(*(int(n) for n in self._water_rows))
+            force = FarField(section, velocities, step).force
+            rows = slice(self.dry, None)
+            far_field.append(
+                VaryingLoad("FarField_reservoir", rows, lambda time: force(time)[self.numbers])
+            )
+        water = self.water.rows(*(int(n) for n in self._water_rows))
         return replace(
             dry,
-            mass=self.matrix(dry.mass, rows.mass),
-            stiffness=self.matrix(dry.stiffness, rows.stiffness),
+            mass=self.matrix(dry.mass, water.mass),
+            stiffness=self.matrix(dry.stiffness, water.stiffness),
             rayleigh=Rayleigh(),  # that of the body is among the dashpots
-            dashpots=self.matrix(dry.damping, rows.losses, coupled=True),
-            absorption=self.matrix(dry.absorption, rows.losses),
+            dashpots=self.matrix(dry.damping, water.losses, coupled=True),
+            absorption=self.matrix(dry.absorption, water.losses),
             contact=None if dry.contact is None else self._contact(dry.contact),
             patterns=patterns,
             load_names=names,
@@ -236,31 +239,6 @@ class BodyAndWater:
         """Numbers among both of unknowns of the water."""
         rank = np.searchsorted(self._of_water, numbers, side="right") - 1
         return np.asarray(numbers + self._of_body[rank + 1])
-
-
-class FarFieldLoad:
-    """Forces of a `FarField` in the order of both.
-
-    Attributes:
-        names: Its name in the ledger.
-    """
-
-    names = ("FarField_reservoir",)
-
-    def __init__(self, both: BodyAndWater, far_field: FarField) -> None:
-        """Keep the last times."""
-        self._both = both
-        self._at = lru_cache(maxsize=2)(lambda time: far_field.force(time)[both.numbers])
-
-    def add(self, out: PETSc.Vec, time: float, scale: float) -> None:
-        """Add the forces at a time [s], times ``scale``, [N]."""
-        out.getArray()[self._both.dry :] += scale * self._at(time)
-
-    def work(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
-        """Work on a change of the unknowns by the mean of its ends, [J] (collective)."""
-        moved = x.getArray(readonly=True)[self._both.dry :]
-        mine = 0.5 * float(moved @ (self._at(start) + self._at(end)))
-        return {self.names[0]: float(np.sum(x.comm.tompi4py().allgather(mine)))}
 
 
 def _csr(matrix: PETSc.Mat) -> tuple[Ints, Ints, Floats]:

@@ -21,7 +21,7 @@ from dolfinx_joints.loads.ground_motion import MOVING
 from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.modes import closed_stiffness
-from dolfinx_joints.model.system import MatrixSystem, as_aij
+from dolfinx_joints.model.system import MatrixSystem, VaryingLoad, as_aij
 from dolfinx_joints.motions.differing import DifferingMotion
 from dolfinx_joints.solvers.direct import DirectSolver
 
@@ -83,7 +83,7 @@ class DifferingGround:
         def values(time: float) -> Floats:
             return self._relative(time) if own is None else own(time) + self._relative(time)
 
-        damping = GroundDamping.of(self._model, self.static_velocity)
+        damping = ground_damping(self._model, self.static_velocity)
         return replace(system, values=values, varying_loads=[*system.varying_loads, *damping])
 
     def static_part(self, time: float) -> PETSc.Vec:
@@ -124,57 +124,33 @@ class DifferingGround:
         return found
 
 
-class GroundDamping:
-    """Forces C_r du_s/dt of equation (12y): C_r damps velocities relative to the static part.
+def ground_damping(model: Model, velocity: Callable[[float], PETSc.Vec]) -> list[VaryingLoad]:
+    """Return C_r du_s/dt of equation (12y) as a load in a list; none without C_r (collective).
 
     C_r is C without b K. A velocity u' of the step relative to the reference has the damping force
     C u'; with this load C_r (u' - du_s/dt) is left, which is the same for every reference.
 
     Args:
-        damping: Dampers of the body: M and its factor, the rest of C, and damping ratios of modes.
+        model: The model, whose dampers are M and its factor, the rest of C, and damped modes.
         velocity: du_s/dt at a time [s], [m/s] (collective).
-
-    Attributes:
-        names: Its name in the ledger.
     """
+    factor, dashpots, modes = model.rayleigh.mass_factor, model.dashpots, model.damped_modes
+    if not factor and dashpots is None and modes is None:
+        return []
+    damping = MatrixSystem(
+        mass=model.mass,
+        stiffness=model.stiffness,
+        rayleigh=Rayleigh(mass_factor=factor),
+        dashpots=dashpots,
+        damped_modes=modes,
+    )
 
-    names = ("DifferingMotion_damping",)
+    def force(time: float) -> Floats:
+        found: Floats = damping.damping_force(velocity(time), damping.vector()).getArray().copy()
+        return found
 
-    def __init__(self, damping: MatrixSystem, velocity: Callable[[float], PETSc.Vec]) -> None:
-        """Keep the forces of the last times."""
-
-        def force(time: float) -> Floats:
-            moved = velocity(time)
-            found: Floats = damping.damping_force(moved, moved.duplicate()).getArray().copy()
-            return found
-
-        self._at = lru_cache(maxsize=KEPT)(force)
-
-    @classmethod
-    def of(cls, model: Model, velocity: Callable[[float], PETSc.Vec]) -> list[GroundDamping]:
-        """Return the load of a model in a list; none without C_r (collective)."""
-        factor, dashpots, modes = model.rayleigh.mass_factor, model.dashpots, model.damped_modes
-        if not factor and dashpots is None and modes is None:
-            return []
-        damping = MatrixSystem(
-            mass=model.mass,
-            stiffness=model.stiffness,
-            rayleigh=Rayleigh(mass_factor=factor),
-            dashpots=dashpots,
-            damped_modes=modes,
-        )
-        return [cls(damping, velocity)]
-
-    def add(self, out: PETSc.Vec, time: float, scale: float) -> None:
-        """Add the forces at a time [s], times ``scale``, to those of all unknowns [N]."""
-        force = self._at(time)
-        out.getArray()[: len(force)] += scale * force
-
-    def work(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
-        """Return the work on a change of the unknowns by the mean of its ends, [J] (collective)."""
-        force = 0.5 * (self._at(start) + self._at(end))
-        mine = float(force @ x.array_r[: len(force)])
-        return {self.names[0]: float(summed(x.comm.tompi4py(), np.array([mine]))[0])}
+    rows = slice(model.stiffness.getLocalSize()[0])
+    return [VaryingLoad("DifferingMotion_damping", rows, force)]
 
 
 def differing_ground(model: Model, motion: Any) -> DifferingGround | None:

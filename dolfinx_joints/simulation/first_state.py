@@ -16,7 +16,7 @@ from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.nodal_field import NodalField, nodal_vector
-from dolfinx_joints.model.system import MatrixSystem, unknowns
+from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.checkpoint import Checkpoints
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.solvers.step_solver import StepSolver
@@ -121,12 +121,12 @@ def first_state(
     # The joints' tractions are taken as they are: a point that slid sits on the friction limit,
     # and asked again, round-off would decide.
     joints: Response | JointState | None = None if static is None else static.joints
-    u = unknowns(system, None if static is None else static.displacement)
+    u = system.unknowns(None if static is None else static.displacement)
     if added is not None:
         if system.internal_forces is not None:
             before = static.joints if static else None
             joints = before.state if before else system.internal_forces.at_rest(u)
-        u.axpy(1.0, unknowns(system, added))
+        u.axpy(1.0, system.unknowns(added))
     _check_displacement(system, u)
     return initial_state(solver, dt=dt, displacement=u, velocity=velocity, joints=joints)
 

@@ -159,10 +159,9 @@ def _solved(
         x = matrix.solve(omega, right)
         found.append(reader.read(x))
         if coupled is not None:
-            rates = [
-                _vector(system, part) for part in ((1j * omega * x).real, (1j * omega * x).imag)
-            ]
-            forces.append(coupled.force(rates[0]) + 1j * coupled.force(rates[1]))
+            rates = 1j * omega * x
+            parts = [coupled.force(system.vector(part)) for part in (rates.real, rates.imag)]
+            forces.append(parts[0] + 1j * parts[1])
     matrix.destroy()
     return np.array(found), None if coupled is None else np.array(forces)
 
@@ -260,9 +259,3 @@ def _pairs(real: PETSc.Mat | None, imaginary: PETSc.Mat | None) -> PETSc.Mat:
         negative.scale(-1.0)
     comm = next(each.comm for each in (real, imaginary) if each is not None)
     return as_aij(PETSc.Mat().createNest([[real, negative], [imaginary, real]], comm=comm))
-
-
-def _vector(system: MatrixSystem, values: Floats) -> PETSc.Vec:
-    vector = system.mass.createVecRight()
-    vector.setArray(values)
-    return vector

@@ -14,7 +14,7 @@ from dolfinx_joints.loads.ground_motion import BaseMotion
 from dolfinx_joints.loads.load import Load, load_names
 from dolfinx_joints.loads.oblique_field import rising_waves
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.model.system import MatrixSystem, unknowns
+from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import StageRecord
 from dolfinx_joints.simulation.statics.unfinished import check_grouted
@@ -78,10 +78,10 @@ def sudden_loads(
     for i, (name, load) in enumerate(zip(names, every, strict=True)):
         if isinstance(load, BaseMotion | SupportForces) or rising_waves([load]):
             continue
-        force = loads.get(name, unknowns(system, None))
+        force = loads.get(name, system.vector())
         largest = max(largest, float(force.norm()))
         if i < len(own) and own[i] in before:
-            force.axpy(-1.0, unknowns(system, before[own[i]]))
+            force.axpy(-1.0, system.unknowns(before[own[i]]))
         changes[name] = float(force.norm())
     sudden = [name for name, change in changes.items() if change > SAME_LOAD * largest]
     if not sudden or _in_balance(system, state):

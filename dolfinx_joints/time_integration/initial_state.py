@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.model.mass_redistribution import joint_dofs
-from dolfinx_joints.model.system import MatrixSystem, unknowns
+from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.products import combination
 from dolfinx_joints.time_integration.states import DynamicState
@@ -48,10 +48,10 @@ def initial_state(
         water: `DynamicState.water`; by the openings unless given.
     """
     system = solver.system
-    u, v = unknowns(system, displacement), unknowns(system, velocity)
+    u, v = system.unknowns(displacement), system.unknowns(velocity)
     if displacement is None:
         u.getArray()[system.constrained] = system.prescribed(time)
-    moving = unknowns(system, None)
+    moving = system.vector()
     if dt is None and system.values is not None:
         raise ValueError("dt is missing; the first velocity of moving supports depends on it.")
     rates = None if dt is None else system.prescribed_rates(time, -INTERVAL * dt)
@@ -77,7 +77,7 @@ def initial_state(
         _check_massless(system, force, max(load.norm(), elastic_force.norm()))
     a = _balance(system, force)
     left = combination((1.0, system.mass * a), (-1.0, force))
-    reaction = unknowns(system, None)
+    reaction = system.vector()
     reaction.getArray()[system.constrained] = left.array_r[system.constrained]
     a.axpy(1.0, moving)
     return DynamicState(

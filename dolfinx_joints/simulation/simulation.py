@@ -44,10 +44,8 @@ from dolfinx_joints.simulation.record import StageRecord, grout_record, stage_na
 from dolfinx_joints.simulation.start_checks import check_complete, sudden_loads
 from dolfinx_joints.simulation.statics.construction import grouted
 from dolfinx_joints.simulation.statics.stage import check_acting, march
-from dolfinx_joints.simulation.statics.unfinished import (
-    check_grouted,
-    unfinished_stage,
-)
+from dolfinx_joints.simulation.statics.stage_start import unloaded
+from dolfinx_joints.simulation.statics.unfinished import check_grouted, unfinished_stage
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.shared_bulk import SharedBulk
 from dolfinx_joints.solvers.step_solver import SolverOptions
@@ -139,7 +137,8 @@ class Simulation:
         """
         acting = self.model.loads if loads is None else loads
         check_acting(self.model, acting)
-        stage = unfinished_stage(self.model, self.static, joints, absent, acting)
+        before = self.static or unloaded(self.model)
+        stage = unfinished_stage(self.model, before, joints, absent, acting)
         name = stage_name(name, "statics", self.stages)
         path = [(None, step / steps) for step in range(1, steps + 1)]
         self.static = self._march(name, path, acting, stage=stage, allow_jumps=allow_jumps)
@@ -238,7 +237,7 @@ class Simulation:
     ) -> StaticState:
         """`march` from the last static state with the simulation's solver (collective)."""
         with self._phase("static"), failures_shown(name, self.model, self.monitors, self.stages):
-            start = self.model, self.static, path, acting
+            start = self.model, self.static or unloaded(self.model), path, acting
             more |= {"options": self._options, "kind": self.solver, "watch": self._watch}
             found = march(*start, **more)
         free_petsc_garbage(self.model.jointed.mesh.comm)  # matrices of the stage's solver

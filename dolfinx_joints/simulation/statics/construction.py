@@ -42,21 +42,17 @@ SAME = 1e-9
 def with_inactive(
     contact: Contact,
     response: Response | None,
-    before: StaticState | None,
+    before: StaticState,
     u: PETSc.Vec,
     stage: Unfinished,
 ) -> Response:
-    """The response at a displacement, points that carry nothing being at rest (collective).
+    """Return the response at a displacement [m], points that carry nothing at rest (collective).
 
-    Args:
-        contact: All joints.
-        response: Of the points that act, None where none does.
-        before: The static state that the stage began with, None for zero.
-        u: Displacement at its end [m].
-        stage: What did not act in it. Absent blocks will be cast against what is there.
+    Of all joints ``response`` has the points that act, None where none does; ``before`` is the
+    start of the stage. Absent blocks will be cast against what is there.
     """
     gap = contact.gap(u)
-    if before is not None and before.joints is not None:
+    if before.joints is not None:
         moved = u.copy()
         moved.axpy(-1.0, before.displacement)
         gap = before.joints.state.gap + contact.operator.jump(moved)

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -38,7 +38,7 @@ from dolfinx_joints.time_integration.products import Products
 
 def march(
     model: Model,
-    before: StaticState | None,
+    before: StaticState,
     path: Sequence[tuple[float | None, float]],
     acting: Sequence[Load],
     *,
@@ -56,7 +56,7 @@ def march(
 
     Args:
         model: The model.
-        before: State to continue from; None for the unloaded body with its joints at rest.
+        before: State to continue from, such as `unloaded`.
         path: Time [s] of each step, None for a ramp at time zero, and its share of the way from
             the loads and prescribed displacements of ``before`` to those at this time.
         acting: Those of the model's loads that act.
@@ -76,37 +76,50 @@ def march(
     system, contact = model.system(only=acting, static=True), model.contact
     start = start_of_stage(system, before)
     carried = carried_loads(system, before, start)
-    if apart is not None and before is not None and contact is not None:
+    if apart is not None and contact is not None:
         push = contact.operator.force(-apart, before.displacement.duplicate())
         system = _under(system, before, push)
     if stage is not None:
         idle = None if contact is None else contact.without(stage.idle)
         system = _holding(replace(system, contact=idle), before, stage.dofs)
     solver = make_solver(system, options, kind, static_steps=len(path))
-    at = _Equilibrium(system, solver, model, before, start, carried, stays=apart is not None)
+    at = _Equilibrium(system, solver, before, start, carried, stays=apart is not None)
     increments, jumps = LoadIncrements(path), Jumps(at.ledger, model, allow_jumps)
-    missing = tuple(
-        name
-        for name, one in zip(load_names(model.loads), model.loads, strict=True)
-        if not any(one is other for other in acting)
-    )
-
-    def state(found: Sequence[Jump]) -> StaticState:
-        return StaticState(
-            displacement=at.displacement.copy(),
-            joints=at.response,
-            reaction=at.reaction,
-            reports=list(at.reports),
-            energy=at.ledger.energy,
-            loads=at.loads if apart is None or before is None else before.loads,
-            inactive=stage.inactive if stage else (),
-            absent=stage.absent if stage else (),
-            missing=missing,
-            cuts=increments.cuts,
-            jumps=list(found),
-        )
-
+    named = zip(load_names(model.loads), model.loads, strict=True)
+    facts: dict[str, Any] = {
+        "missing": tuple(n for n, one in named if not any(one is other for other in acting)),
+        "inactive": stage.inactive if stage else (),
+        "absent": stage.absent if stage else (),
+    }
     progress = Progress("static stage", len(path), "steps", model.jointed.mesh.comm.rank)
+    for increment in _accepted(at, increments, jumps, kind, watch):
+        free_petsc_garbage(model.jointed.mesh.comm)
+        progress.advance(int(increment.whole))
+        if reached is not None and increment.whole:
+            found = jumps.of_step(increment.step)
+            reached(increment.time or 0.0, at.state(increments.cuts, found, facts))
+    progress.finish()
+    watch.warn("in a static stage")
+    at.ledger.warn()
+    if stage is not None:
+        # Blocks that are absent have no loads and no supports.
+        for force in (at.reaction, *at.loads.values()):
+            force.getArray()[stage.dofs] = 0.0
+        if contact is not None:
+            at.response = with_inactive(contact, at.response, before, at.displacement, stage)
+    if apart is not None:
+        facts["loads"] = before.loads
+    return at.state(increments.cuts, jumps.found, facts)
+
+
+def _accepted(
+    at: _Equilibrium,
+    increments: LoadIncrements,
+    jumps: Jumps,
+    kind: SolverKind,
+    watch: SmallDisplacements,
+) -> Iterator[Increment]:
+    """Solve the increments, cut where they fail; yield those that are accepted (collective)."""
     for increment in increments:
         try:
             solved = at.solve(increment)
@@ -124,22 +137,9 @@ def march(
             increments.cut()
             continue
         at.accept(solved, energy, increment)
-        free_petsc_garbage(model.jointed.mesh.comm)
         if at.joints is not None:
             watch.see(at.joints.gap)
-        progress.advance(int(increment.whole))
-        if reached is not None and increment.whole:
-            reached(increment.time or 0.0, state(jumps.of_step(increment.step)))
-    progress.finish()
-    watch.warn("in a static stage")
-    at.ledger.warn()
-    if stage is not None:
-        # Blocks that are absent have no loads and no supports.
-        for force in (at.reaction, *at.loads.values()):
-            force.getArray()[stage.dofs] = 0.0
-        if contact is not None:
-            at.response = with_inactive(contact, at.response, before, at.displacement, stage)
-    return state(jumps.found)
+        yield increment
 
 
 class _Equilibrium:
@@ -160,41 +160,43 @@ class _Equilibrium:
         self,
         system: MatrixSystem,
         solver: StepSolver,
-        model: Model,
-        before: StaticState | None,
+        before: StaticState,
         start: Response | None,
         carried: Mapping[str, PETSc.Vec],
         *,
         stays: bool,
     ) -> None:
-        """Start from a static state, or from rest, with a response and loads [N] (collective).
+        """Start from a static state with a response and loads [N] (collective).
 
         If ``stays`` is true, these loads keep their value while those of the system are added.
         """
-        self._system, self._stays, self._unloaded = system, stays, before is None
+        self._system, self._stays, self._unloaded = system, stays, before.unloaded
         self._chosen = solver.inner if isinstance(solver, HoldingBonds) else solver
         self.solver = solver
-        self.displacement = u = system.stiffness.createVecRight()
-        u.set(0.0)
-        if before is not None:
-            before.displacement.copy(u)
+        self.displacement, self.reaction = before.displacement.copy(), before.reaction.copy()
         self._start = None if system.internal_forces is None else start
         self.response: Response | None = None
         self.joints = None if self._start is None else self._start.state
         if system.water is not None and self.joints is not None:
             self.solver = JointWaterIteration(system.water, solver)
         self.reports: list[SolveReport] = []
-        self._elastic_force, self._b, self._x = (u.duplicate() for _ in range(3))
-        system.stiffness.mult(u, self._elastic_force)
-        self.reaction = u.duplicate()
-        self.reaction.set(0.0)
-        if before is not None:
-            before.reaction.copy(self.reaction)
-        self.loads: Mapping[str, PETSc.Vec] = carried
-        self._step_loads, self._supported = self.loads, u.getArray()[system.constrained]
-        names = model.contact.operator.names if model.contact is not None else ()
-        energy = None if before is None else before.energy
-        self.ledger = StaticLedger(system, names, energy, self._start)
+        self._elastic_force = system.stiffness * self.displacement
+        self._b, self._x = system.vector(), system.vector()
+        self.loads = self._step_loads = carried
+        self._supported = self.displacement.getArray()[system.constrained]
+        self.ledger = StaticLedger(system, before.energy, self._start)
+
+    def state(self, cuts: int, jumps: Sequence[Jump], facts: Mapping[str, Any]) -> StaticState:
+        """Return the equilibrium as a state of the stage, with further facts."""
+        parts = {"loads": self.loads, **facts, "cuts": cuts, "jumps": list(jumps)}
+        return StaticState(
+            displacement=self.displacement.copy(),
+            joints=self.response,
+            reaction=self.reaction,
+            reports=list(self.reports),
+            energy=self.ledger.energy,
+            **parts,
+        )
 
     def solve(self, increment: Increment) -> SolvedIncrement:
         """Return the solution of an increment; the last accepted one does not change (collective).
@@ -276,12 +278,10 @@ def _under(system: MatrixSystem, before: StaticState, push: PETSc.Vec) -> Matrix
     return replace(system, patterns=patterns, load_names=names, values=lambda _: there)
 
 
-def _holding(
-    system: MatrixSystem, before: StaticState | None, dofs: NDArray[np.int64]
-) -> MatrixSystem:
+def _holding(system: MatrixSystem, before: StaticState, dofs: NDArray[np.int64]) -> MatrixSystem:
     """Return the system with further dofs constrained at their present displacement."""
     every = np.union1d(system.constrained, dofs)
-    there = before.displacement.getArray()[every] if before else np.zeros(len(every))
+    there = before.displacement.getArray()[every]
     supported, held = np.searchsorted(every, system.constrained), np.isin(every, dofs)
 
     def values(time: float) -> Floats:

@@ -74,7 +74,7 @@ def unfinished(model: Model, inactive: Sequence[str], absent: Sequence[str]) -> 
 
 def unfinished_stage(
     model: Model,
-    before: StaticState | None,
+    before: StaticState,
     joints: str | Sequence[str],
     absent: Sequence[str],
     acting: Sequence[Load],
@@ -163,12 +163,12 @@ def idle_points(response: Response) -> Rows:
 
 
 def check_may_begin(
-    model: Model, before: StaticState | None, acting: Sequence[Load], stage: Unfinished
+    model: Model, before: StaticState, acting: Sequence[Load], stage: Unfinished
 ) -> None:
     """Check that joints are idle that are to be inactive, and that blocks stand (collective)."""
     check_elastic(model)
-    gone = sorted(set(stage.absent) - set(before.absent)) if before is not None else []
-    if gone:
+    gone = sorted(set(stage.absent) - set(before.absent))
+    if gone and not before.unloaded:
         raise JointsError(
             f"The block {gone[0]!r} cannot be absent: it was there in the last stage."
         )
@@ -178,7 +178,7 @@ def check_may_begin(
                 f"{type(load).__name__} acts in the joint {load.joint!r}, which is inactive; leave "
                 "it out of statics(loads=...) until the joint is grouted."
             )
-    if model.contact is not None and before is not None and before.joints is not None:
+    if model.contact is not None and before.joints is not None:
         carrying = model.contact.integrals((~idle_points(before.joints)).astype(np.float64))
         for name, area in zip(model.jointed.joint_names, carrying, strict=True):
             if name in stage.inactive and area > 0.0:

@@ -30,12 +30,7 @@ KEPT = 4
 
 
 class DifferingGround:
-    """Displacements of a model's supports by a motion that differs, relative to its reference.
-
-    Args:
-        model: The model.
-        motion: The motion.
-    """
+    """Displacements of a model's supports by a motion that differs, relative to its reference."""
 
     def __init__(self, model: Model, motion: DifferingMotion) -> None:
         """Find which motion each support has (collective).
@@ -87,15 +82,10 @@ class DifferingGround:
         return replace(system, values=values, varying_loads=[*system.varying_loads, *damping])
 
     def static_part(self, time: float) -> PETSc.Vec:
-        """Return the displacement of the body without inertia, joints tied (collective).
+        """Return the displacement without inertia, joints tied, at a time [s] (collective).
 
-        K u_s = 0 at unconstrained dofs, u_s = that of the ground at the supports, equation (12z).
-
-        Args:
-            time: Time [s].
-
-        Returns:
-            Relative to the reference, [m].
+        K u_s = 0 at unconstrained dofs, u_s = that of the ground at the supports, equation (12z),
+        relative to the reference [m].
         """
         return self._static(self._relative(time))
 
@@ -129,10 +119,7 @@ def ground_damping(model: Model, velocity: Callable[[float], PETSc.Vec]) -> list
 
     C_r is C without b K. A velocity u' of the step relative to the reference has the damping force
     C u'; with this load C_r (u' - du_s/dt) is left, which is the same for every reference.
-
-    Args:
-        model: The model, whose dampers are M and its factor, the rest of C, and damped modes.
-        velocity: du_s/dt at a time [s], [m/s] (collective).
+    ``velocity`` is du_s/dt at a time [s], [m/s] (collective).
     """
     factor, dashpots, modes = model.rayleigh.mass_factor, model.dashpots, model.damped_modes
     if not factor and dashpots is None and modes is None:

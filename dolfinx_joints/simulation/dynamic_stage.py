@@ -57,15 +57,8 @@ class GroundMotions:
 class DynamicRun:
     """State, energies and counts of a dynamic stage, and its monitors.
 
-    Args:
-        model: The model.
-        stepper: Takes the steps, with an energy ledger that is not started.
-        state: The state to begin with.
-        steps: Number of steps.
-        ground: Motions of the ground.
-        monitors: Monitors of the run.
-        watch: Observer of slip and opening.
-        warnings: Warnings given so far, passed to the monitors at the end.
+    The energy ledger of the stepper is not started yet. ``warnings`` given so far are passed to
+    the monitors at the end.
 
     Attributes:
         state: Where the run is.
@@ -130,11 +123,9 @@ class DynamicRun:
         }
 
     def resume(self, state_dict: Mapping[str, Any], origin: PETSc.Vec) -> None:
-        """Go on from what ``state_dict`` gave, the monitors as well (collective).
+        """Continue the run that gave a ``state_dict``, the monitors as well (collective).
 
-        Args:
-            state_dict: Of the run to be continued, whose state this one was made with.
-            origin: Its displacement at the start of the stage [m].
+        This run was made with its state; ``origin`` is its displacement at the start [m].
         """
         self.origin, self.step = origin, state_dict["step"]
         self._iterations = state_dict["iterations"]
@@ -232,8 +223,7 @@ class DynamicRun:
     def watched(self, seconds: Mapping[str, float]) -> Iterator[None]:
         """Finish the monitors with the status of the stage, whatever ended it on all ranks.
 
-        Args:
-            seconds: Wall time by phase [s], passed to the monitors as it is at the end.
+        They get the wall time by phase [s] as it is at the end.
         """
         try:
             yield
@@ -297,13 +287,10 @@ class DynamicRun:
 def ground_motions(
     model: Model, motion: Any, loads: Sequence[Load], differing: DifferingGround | None
 ) -> GroundMotions:
-    """Motions of the ground in the axes of the model (collective).
+    """Return the motions of the ground in the axes of the model (collective).
 
-    Args:
-        model: The model.
-        motion: Acceleration of the ground as a function of time, None if it rests.
-        loads: Loads of the stage besides the model's.
-        differing: The ground if it moves differently from place to place.
+    ``motion`` is its acceleration, None if it rests, ``loads`` are those besides the model's, and
+    ``differing`` is the ground if it moves differently from place to place.
     """
     rising = rising_waves([*model.loads, *loads])
     if motion is not None:

@@ -92,14 +92,11 @@ def first_state(
     start: DynamicState | None,
     fields: Mapping[str, PETSc.Vec],
 ) -> DynamicState:
-    """The state a dynamic stage begins with, its acceleration in balance (collective).
+    """Return the first state of a dynamic stage, its acceleration in balance (collective).
 
-    Args:
-        solver: Solver of the system.
-        dt: Step that is taken first [s].
-        static: The last static state, None without one.
-        start: The dynamic state to go on from instead.
-        fields: ``velocity`` [m/s] and ``displacement`` beyond the static state [m], where given.
+    It follows from the last static state and the ``fields`` ``velocity`` [m/s] and
+    ``displacement`` beyond it [m], or else from a dynamic state ``start``. The first step is dt
+    [s] long.
     """
     if start is not None:
         start = scaled(solver.system, start, 0, 0.0)

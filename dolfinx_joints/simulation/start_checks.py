@@ -56,18 +56,9 @@ def sudden_loads(
     """Warn on rank 0 of loads that differ from those of the static state (collective).
 
     Motions of the ground are left out. There is no warning if the forces at the start are in
-    balance.
-
-    Args:
-        model: The model.
-        system: System of the dynamic stage.
-        state: First state of the dynamic stage.
-        static: Last static state; None if no load has acted yet.
-        stages: Static stages so far.
-        of_stage: Loads of the dynamic stage besides the model's, in the order of the system's.
-
-    Returns:
-        The warning in a list, the same on every rank; empty without one.
+    balance. System, first state and loads ``of_stage`` besides the model's are those of the
+    dynamic stage; ``static`` is None if no load has acted yet. The warning is in a list, the same
+    on every rank, which is empty without one.
     """
     own, every = load_names(model.loads), [*model.loads, *of_stage]
     names = load_names(every)

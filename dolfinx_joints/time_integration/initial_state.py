@@ -144,7 +144,6 @@ def _balance(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
     ksp.setTolerances(rtol=1e-13, atol=1e-300, max_it=1000)
     ksp.setFromOptions()
     a = b.duplicate()
-    a.set(0.0)
     ksp.solve(b, a)
     if ksp.getConvergedReason() < 0:
         raise JointsError(

@@ -80,16 +80,10 @@ class StepCounts:
 class Stepper:
     """Takes steps of a given length, in substeps where need be.
 
-    Substeps stay on the levels dt / 2^k, so that few matrices are factored.
-
-    Args:
-        scheme: The time scheme.
-        solver: Solver of the system.
-        ledger: Its energy ledger, started.
-        control: When steps are cut.
+    Substeps stay on the levels dt / 2^k, so that few matrices are factored. The ledger must have
+    been started.
 
     Attributes:
-        scheme, solver, ledger: As given.
         counts: Accepted substeps and rejected attempts.
         chatter: Which joints chatter.
     """
@@ -199,11 +193,9 @@ class Stepper:
             if not self._holds:
                 return True
         if self._control.landing and _changes(self.solver.system, before, after):
-            if shortest:
-                self.counts.landed += 1
-                return False
-            self.counts.crossed += 1
-            return True
+            self.counts.landed += shortest
+            self.counts.crossed += not shortest
+            return not shortest
         return False
 
     def _rounding(self, before: DynamicState, after: DynamicState) -> float:

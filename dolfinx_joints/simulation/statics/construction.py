@@ -77,16 +77,11 @@ def grouted(
     pressure: float,
     pressed: Callable[..., StaticState],
 ) -> StaticState:
-    """A static state with joints grouted; without pressure nothing moves (collective).
+    """Return a static state with joints grouted; without pressure nothing moves (collective).
 
-    Args:
-        model: The model.
-        before: The state.
-        names: Joints to be grouted; unless given those that are inactive, all if none is.
-        gap: Opening that the grout leaves [m].
-        pressure: Of the grout, where it finds a point that carries nothing [Pa].
-        pressed: The state from ``before`` on, given what does not act as ``stage`` and as ``apart``
-            the tractions that push faces apart, shape (n, 3), [Pa]; see `march`.
+    Arguments are those of `Simulation.grout`. ``pressed`` returns the state from ``before`` on,
+    given what does not act as ``stage`` and the tractions that push faces apart as ``apart``, see
+    `march`.
     """
     check_joints(model, names or ())
     check_elastic(model)
@@ -227,13 +222,9 @@ def _check_open(contact: Contact, traction: Floats, gap: float) -> None:
 
 
 def _at_rest(model: Model, contact: Contact, gap: Floats, slip: Floats | float = 0.0) -> Response:
-    """Answer of the laws to a gap, shape (n, 3), [m], without any other history (collective).
+    """Return the response to a gap (n, 3) and an elastic slip (n, 2), [m], without other history.
 
-    Args:
-        model: The model.
-        contact: Its joints.
-        gap: The gap.
-        slip: Elastic slip, shape (n, 2), [m].
+    (Collective.)
     """
     still = model.stiffness.createVecRight()
     still.set(0.0)

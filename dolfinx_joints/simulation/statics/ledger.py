@@ -76,13 +76,8 @@ class SolvedIncrement:
 class StaticLedger:
     """Add up works and energies of a static stage, increment by increment.
 
-    Args:
-        system: The system of the stage.
-        before: Energies after the last stage.
-        start: Response of the joints and of plastic cells at the start, None without any.
-
-    Attributes:
-        energy: Energies after the last accepted increment.
+    ``energy`` has those after the last accepted increment; at first those after the last stage,
+    with what the response at the ``start`` stores in the joints.
     """
 
     def __init__(self, system: MatrixSystem, before: StaticEnergy, start: Response | None) -> None:
@@ -153,10 +148,7 @@ class StaticLedger:
     def _released(self, increment: SolvedIncrement, start: float, end: float) -> Floats:
         """Return the energy released in each joint [J], zero if it is no jump (collective).
 
-        Args:
-            increment: The increment.
-            start: Loads and supports at its start times the displacement x of the increment [J].
-            end: The same at its end [J].
+        ``start`` and ``end`` are loads and supports at both ends times the displacement x [J].
         """
         contact, before, after = self._system.contact, increment.before, increment.after
         if contact is None or before is None or after is None:

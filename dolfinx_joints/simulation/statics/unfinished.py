@@ -241,17 +241,11 @@ def check_blocks_stand(model: Model, stage: Unfinished) -> None:
 def _against_rigid_motions(
     model: Model, part: NDArray[np.int64], held: NDArray[np.int64], count: int
 ) -> tuple[Floats, Floats]:
-    """Stiffness of springs and supports against rigid motions of parts, and centres (collective).
+    """Return the stiffness against rigid motions of parts, and their centres (collective).
 
-    Args:
-        model: The model.
-        part: Part of each owned node.
-        held: Owned dofs that are held besides those of supports.
-        count: Number of parts.
-
-    Returns:
-        Matrices over the rigid motions, shape (parts, motions, motions), relative to the
-        stiffness of the part; centres, shape (parts, gdim), [m].
+    ``part`` is the part of each owned node; ``held`` are owned dofs that are constrained besides
+    those of supports. The stiffness of springs and supports has shape (parts, motions, motions),
+    relative to that of the part, the centres (parts, gdim), [m].
     """
     comm, gdim = model.jointed.mesh.comm, model.gdim
 

@@ -109,14 +109,10 @@ class Halves:
 
 
 class Others:
-    """Blocks of this rank's nodes with those of other ranks.
+    """Blocks of this rank's nodes with those of other ranks, as in `Halves`.
 
-    Args:
-        rows: Nodes of this rank, in order, shape (blocks,).
-        columns: Nodes among all ranks', likewise.
-        blocks: As in `Halves`.
-        nodes: Number of this rank's nodes.
-        like: A vector of nodal values.
+    Rows are nodes of this rank, in order, and columns nodes among those of all ranks, both of
+    shape (blocks,); ``nodes`` is the number of this rank's nodes, ``like`` a vector of values.
     """
 
     def __init__(
@@ -150,11 +146,7 @@ def _is_isotropic(
 ) -> NDArray[np.bool_]:
     """Return True for each block of M that is a multiple of the identity to rounding.
 
-    Args:
-        blocks: Blocks of this rank's nodes.
-        places: Of each block, see `_places`.
-        nodes: Number of this rank's nodes.
-        first: Number of the first one.
+    The rank has so many ``nodes`` from the ``first`` on; ``places`` are those of `_places`.
     """
     rows, columns = np.divmod(places, blocks.shape[1] // 3)
     diagonal, sizes = columns - first == rows, np.abs(blocks.data).max(axis=(1, 2))

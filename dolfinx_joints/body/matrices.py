@@ -21,11 +21,9 @@ def blocked(matrix: PETSc.Mat) -> PETSc.Mat:
 
 
 def kept(assembled: PETSc.Mat, components: int) -> PETSc.Mat:
-    """The matrix on a communicator that outlives the mesh, which frees its own (collective).
+    """Move a matrix to a communicator that outlives the mesh, which frees its own (collective).
 
-    Args:
-        assembled: The matrix; it is freed.
-        components: Unknowns of a node.
+    A node has so many ``components``.
     """
     assembled.assemble()
     matrix = PETSc.Mat().createAIJ(
@@ -42,9 +40,7 @@ def kept(assembled: PETSc.Mat, components: int) -> PETSc.Mat:
 def rigid_modes(matrix: PETSc.Mat, nodes: NDArray[np.float64]) -> PETSc.NullSpace:
     """Translations and rotations, which multigrid takes to its coarse levels (collective).
 
-    Args:
-        matrix: Matrix of the displacements.
-        nodes: Coordinates of the rank's nodes, its own first, shape (n, 3), [m].
+    ``nodes`` are coordinates of the rank's nodes, its own first, shape (n, 3), [m].
     """
     places, gdim = matrix.createVecRight(), matrix.getBlockSize()
     places.setArray(nodes[: places.getLocalSize() // gdim, :gdim].ravel())

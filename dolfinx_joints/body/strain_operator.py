@@ -103,12 +103,7 @@ class StrainOperator:
         return self._work.getArray(readonly=True).reshape(-1, SIZE).copy()
 
     def force(self, stress: Floats, out: PETSc.Vec) -> PETSc.Vec:
-        """Nodal forces P^T (w stress), [N] (collective).
-
-        Args:
-            stress: Stresses of the local points, shape (n, 6), [Pa].
-            out: Vector that receives the forces.
-        """
+        """Write the nodal forces P^T (w stress) of stresses (n, 6) [Pa] to ``out`` [N] (collective)."""
         self._work.setArray((self.volumes[:, None] * stress).ravel())
         self.matrix.multTranspose(self._work, out)
         return out

@@ -227,10 +227,7 @@ class Constraints:
         return bool(self._prescribed)
 
     def values(self, time: float, *, static: bool = False) -> NDArray[np.float64]:
-        """Return the displacements of `dofs`, or of `static_dofs`, at a time [s] (collective).
-
-        Returns:
-            Shape (n,), [m].
+        """Return the displacements (n,) [m] of `dofs` or `static_dofs` at a time [s] (collective).
 
         Raises:
             ValueError: Two supports prescribe different values at the same dof.
@@ -255,8 +252,7 @@ class Constraints:
     def _shared_dofs(self) -> list[tuple[int, int, Ints, Ints]]:
         """Find pairs of prescribed supports that share dofs on any rank (collective).
 
-        Returns:
-            Numbers of two supports, and the places of the shared dofs among those of each.
+        A pair has two numbers, and the places of the shared dofs among those of each support.
         """
         pairs = []
         for (i, (one, *_)), (j, (other, *_)) in combinations(enumerate(self._prescribed), 2):

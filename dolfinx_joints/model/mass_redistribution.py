@@ -111,17 +111,10 @@ def redistributed_mass(
     constrained: Ints,
     rings: int,
 ) -> Redistribution:
-    """M' = P^T M P (collective).
+    """Return M' = P^T M P; arguments are those of `redistribute` (collective).
 
-    Warns if joint nodes keep their mass for want of nodes behind them.
-
-    Args:
-        mass: M [kg].
-        stiffness: K, which tells the neighbours of a node [N/m].
-        operator: The joints.
-        coordinates: Owned nodes, shape (n, components), [m].
-        constrained: Owned constrained dofs, local numbers.
-        rings: Rings of neighbours that sources are taken from.
+    K tells the neighbours of a node. A warning is given if joint nodes keep their mass for want of
+    nodes behind them.
     """
     dim = coordinates.shape[1]
     comm = mass.comm.tompi4py()
@@ -209,11 +202,7 @@ class _Sources:
         self._weights: list[Floats] = []
 
     def extrapolate(self, inward: Floats) -> NDArray[np.bool_]:
-        """Find the weights; whether they exist, shape (wanted,).
-
-        Args:
-            inward: Directions into the body, shape (wanted, dim).
-        """
+        """Find the weights by directions into the body (wanted, dim); return which exist."""
         exists = np.zeros(len(self._wanted), dtype=bool)
         for start in range(0, len(self._wanted), AT_ONCE):
             part = range(start, min(start + AT_ONCE, len(self._wanted)))

@@ -96,9 +96,6 @@ class DampedModes:
     """The part Psi diag(c) Psi^T of C that gives modes their ratios, found when first asked for.
 
     Psi = M Phi without rows of constrained dofs, and zero at unknowns of water.
-
-    Args:
-        asked: The ratios.
     """
 
     def __init__(self, asked: ModalRatios) -> None:

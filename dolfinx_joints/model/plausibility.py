@@ -70,11 +70,8 @@ def warn_of_what_no_dam_has(
 ) -> list[str]:
     """Warn, once for each value that no dam has, on rank 0; the warnings there (collective).
 
-    Args:
-        jointed: The mesh, whose extent is looked at.
-        materials: By cell group, by an empty name for all cells.
-        laws: One joint law, or one by joint.
-        loads: Loads and added masses.
+    Materials are by cell group, by an empty name for all cells; laws are one, or one by joint;
+    loads include added masses.
     """
     x, comm = jointed.mesh.geometry.x, jointed.mesh.comm
     feet = {id(load): _foot(jointed, load) for load in loads}

@@ -37,11 +37,6 @@ Ints = NDArray[np.int64]
 class BodyAndWater:
     """Order of the unknowns [u; y]: on each rank those of the body, then its part of the water's.
 
-    Args:
-        body: A vector of the body's unknowns.
-        water: The water.
-        gdim: Unknowns of a node of the body.
-
     Attributes:
         water: The water.
         dry: Number of the rank's unknowns of the body.
@@ -50,7 +45,7 @@ class BodyAndWater:
     """
 
     def __init__(self, body: PETSc.Vec, water: Water, gdim: int) -> None:
-        """Hand the water out to the ranks in equal parts (collective)."""
+        """Deal the water in equal parts, ``body`` being a vector of the body (collective)."""
         self.water, self._comm = water, body.comm
         self._of_body = np.asarray(body.getOwnershipRanges(), dtype=np.int64)
         ranks = len(self._of_body) - 1
@@ -65,11 +60,9 @@ class BodyAndWater:
         self.signs.getArray()[: self.dry] = 1.0
 
     def joined(self, body: PETSc.Vec | None, water: Floats | None = None) -> PETSc.Vec:
-        """A vector of both parts, zero where one is not given (collective).
+        """Return a vector of both parts, zero where one is not given (collective).
 
-        Args:
-            body: A vector of the body's unknowns; one of both is returned as it is.
-            water: The rank's unknowns of the water.
+        ``water`` has the rank's unknowns. If ``body`` is of both parts already, it is returned.
         """
         if body is not None and self.has_water(body):
             return body
@@ -93,16 +86,12 @@ class BodyAndWater:
 
     def of_water(self, both: PETSc.Vec) -> Floats:
         """The rank's unknowns of the water."""
-        found: Floats = both.getArray(readonly=True)[self.dry :].copy()
-        return found
+        return np.array(both.array_r[self.dry :])
 
     def pressure(self, velocity: PETSc.Vec) -> Floats:
         """Pressures p = -rho c y' at the water's nodes on the face, shape (n,), [Pa] (collective).
 
-        Those of the waves alone, without the water at rest.
-
-        Args:
-            velocity: [u'; y'] [m/s].
+        Those of the waves alone, without the water at rest, by [u'; y'] [m/s].
         """
         rates = np.zeros(len(self.water.face))
         here = self.water.face - self._water_rows[0]
@@ -112,11 +101,7 @@ class BodyAndWater:
         return np.asarray(-self.water.impedance * total)
 
     def pressures(self, velocity: PETSc.Vec) -> Floats:
-        """Pressures of the waves at the rank's unknowns of the water, shape (n,), [Pa].
-
-        Args:
-            velocity: [u'; y'] [m/s].
-        """
+        """Pressures of the waves at the rank's unknowns of the water, shape (n,), [Pa]."""
         return np.asarray(-self.water.impedance * self.of_water(velocity))
 
     def force(self, velocity: PETSc.Vec) -> Floats:
@@ -124,11 +109,9 @@ class BodyAndWater:
         return np.asarray(-self.pressure(velocity) @ self._normals)
 
     def harmonic_push(self, omega: float, along: Floats) -> NDArray[np.complex128]:
-        """What moving bounds and the far field push the rank's water by in steady vibration [N].
+        """Forces of moving bounds and the far field on the rank's water in steady vibration [N].
 
-        Args:
-            omega: Circular frequency [rad/s].
-            along: Acceleration of the ground along each axis, shape (gdim,), [m/s^2].
+        The ground has an acceleration (gdim,) [m/s^2] of circular frequency omega [rad/s].
         """
         water, velocity = self.water, np.asarray(along / (1j * omega), dtype=np.complex128)
         push = water.impedance * (water.driven @ velocity)
@@ -142,12 +125,9 @@ class BodyAndWater:
         return 0.5 * float(np.sum(self._comm.tompi4py().allgather(float(mine))))
 
     def system(self, dry: MatrixSystem, loads: Mapping[str, Any], step: float) -> MatrixSystem:
-        """The system of both (collective).
+        """Return the system of both for steps of a length [s] (collective).
 
-        Args:
-            dry: That of the body.
-            loads: Its loads by name, of which a `BaseMotion` moves the bounds of the water.
-            step: Step of the stage [s].
+        Of the body's loads by name a `BaseMotion` moves the bounds of the water as well.
 
         Raises:
             JointsError: The body has plastic cells.

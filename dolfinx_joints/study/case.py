@@ -47,15 +47,10 @@ def packed(function: Function) -> bytes:
 
 
 def run_case(name: str, work: bytes, folder: str, parameters: Mapping[str, Any]) -> Row:
-    """Run a case in an empty folder and a new interpreter; its row.
+    """Run a case in an empty folder and a new interpreter; return its row.
 
-    A case of the same name that a runner has left behind is waited for.
-
-    Args:
-        name: Name of the case.
-        work: Its function, `packed`.
-        folder: Its folder.
-        parameters: Parameters of the function.
+    ``work`` is its function, `packed`. A case of the same name that a runner has left behind is
+    waited for.
     """
     if parent := multiprocessing.parent_process():
         threading.Thread(target=_end_with_the_runner, args=(parent,), daemon=True).start()

@@ -103,7 +103,7 @@ class StrainOperator:
         return self._work.getArray(readonly=True).reshape(-1, SIZE).copy()
 
     def force(self, stress: Floats, out: PETSc.Vec) -> PETSc.Vec:
-        """Write the nodal forces P^T (w stress) of stresses (n, 6) [Pa] to ``out`` [N] (collective)."""
+        """Write the forces P^T (w stress) of stresses (n, 6) [Pa] to ``out`` [N] (collective)."""
         self._work.setArray((self.volumes[:, None] * stress).ravel())
         self.matrix.multTranspose(self._work, out)
         return out

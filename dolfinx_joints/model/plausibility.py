@@ -89,7 +89,8 @@ def warn_of_what_no_dam_has(
     for given, (first, *more) in owners.values():
         others = f" and {len(more)} more" if more else ""
         owner = f"{type(given).__name__}{f' of {first}' if first else ''}{others}"
-        texts += [text for name, value in _parameters(given) for text in _of(owner, name, value)]
+        for name, value in _parameters(given):
+            texts += _doubts(f"{owner}: {name}", value, RANGES[name]) if name in RANGES else []
         ends = float(lowest[up]), float(highest[up])
         texts += _level(owner, given, *ends, feet.get(id(given), -np.inf))
     texts += _water_twice(loads) + kelvin
@@ -118,10 +119,6 @@ def _parameters(given: Any) -> Iterator[tuple[str, Any]]:
         value = getattr(given, each.name, None)
         yield each.name, value
         yield from _parameters(value)
-
-
-def _of(owner: str, name: str, value: Any) -> list[str]:
-    return _doubts(f"{owner}: {name}", value, RANGES[name]) if name in RANGES else []
 
 
 def _water_twice(loads: Sequence[Any]) -> list[str]:

@@ -34,7 +34,6 @@ from dolfinx_joints.simulation.monitor import Monitor, ending
 from dolfinx_joints.simulation.outcome import Outcome
 from dolfinx_joints.simulation.record import Record, StageRecord
 from dolfinx_joints.solvers.step_solver import SolveReport
-from dolfinx_joints.time_integration.energy import EnergyRow
 from dolfinx_joints.time_integration.scheme import StepReport
 from dolfinx_joints.time_integration.states import DynamicState, with_means
 from dolfinx_joints.time_integration.substeps import Stepper
@@ -96,14 +95,12 @@ class DynamicRun:
         self._work = state.displacement.duplicate()
         self._started: list[Monitor] = []
         self._warnings = [*warnings, *([] if ground.motion is None else warn_of_sides(model))]
-        self._progress: Progress | None = None
         self._of_errors = lasting(model.jointed.mesh.comm, OF_ERRORS)
         self._acting: DynamicState | None = None
 
     def start(self, settings: Mapping[str, Any], stages: Sequence[StageRecord]) -> None:
         """Start the monitors, with the settings of the run and the static stages before."""
-        first = self._record(0, None, self._ledger.row, 0)
-        first = replace(first, settings=settings, stages=stages)
+        first = replace(self._record(0), settings=settings, stages=stages)
         for monitor in self.monitors:
             monitor.start(self.model, "dynamic", self._steps, first)
             self._started.append(monitor)
@@ -134,7 +131,7 @@ class DynamicRun:
         self._solver.load_state_dict(state_dict["solver"])
         self._stepper.load_state_dict(state_dict["steps"])
         self._ledger.load_state_dict(state_dict["energy"])
-        last = self._record(self.step, None, self._ledger.row, 0)
+        last = self._record(self.step)
         for i, monitor in enumerate(self.monitors):
             monitor.resume(self.model, "dynamic", self._steps, last, state_dict["monitors"][str(i)])
             self._started.append(monitor)
@@ -142,9 +139,7 @@ class DynamicRun:
     def take(self, dt: float, end: float) -> StepReport:
         """Take a step of length dt to the time ``end`` [s] and account for every substep."""
         self._substeps, self._acting = 0, None
-        if self._progress is None:
-            rank = self.model.jointed.mesh.comm.rank
-            self._progress = Progress("dynamic stage", self._steps, "steps", rank, self.step)
+        progress = self._progress
         for after, report, row in self._stepper.substeps(self.state, dt, end):
             self._ledger.record(row)
             self.state = after
@@ -157,10 +152,16 @@ class DynamicRun:
             self._local_error = max(self._local_error, report.local_error)
             self._largest = max(self._largest, self._distance(after))
         self.step += 1
-        self._progress.advance()
+        progress.advance()
         if self.step == self._steps:
-            self._progress.finish()
+            progress.finish()
         return report
+
+    @cached_property
+    def _progress(self) -> Progress:
+        """Progress from the first step on."""
+        rank = self.model.jointed.mesh.comm.rank
+        return Progress("dynamic stage", self._steps, "steps", rank, self.step)
 
     def _distance(self, state: DynamicState) -> float:
         """2-norm over all dofs of the displacement from the start of the stage [m] (collective)."""
@@ -169,37 +170,33 @@ class DynamicRun:
 
     def show(self, report: StepReport) -> None:
         """Hand a step to the monitors."""
-        record = self._record(self.step, report.solve, self._ledger.row, self._substeps)
+        record = self._record(self.step, report.solve, self._substeps)
         for monitor in self.monitors:
             monitor.record(record)
 
-    def _record(
-        self, step: int, solve: SolveReport | None, row: EnergyRow, substeps: int
-    ) -> Record:
+    def _record(self, step: int, solve: SolveReport | None = None, substeps: int = 0) -> Record:
         in_joints, coupled = self._solver.system.in_joints, self._solver.system.coupled
-        state = self._acting or self.state
-        vectors = [state.displacement, state.velocity, state.reaction]
+        state, last = self._acting or self.state, self.state
+        facts: dict[str, Any] = {
+            n: getattr(state, n) for n in ("displacement", "velocity", "reaction")
+        }
         if coupled is not None:
-            vectors = [coupled.body(vector) for vector in vectors]
-        displacement, velocity, reaction = vectors
+            facts = {name: coupled.body(vector) for name, vector in facts.items()}
+            facts["reservoir_force"] = coupled.force(last.velocity)
+            facts["reservoir_pressure"] = partial(coupled.pressures, last.velocity)
+        if in_joints:
+            facts["wet_joints"] = tuple(dict.fromkeys(load.joint for load in in_joints))
+            facts["pressure"] = lambda: self._pressures(last.time, last.water)
         return Record(
             stage="dynamic",
             step=step,
-            time=self.state.time,
-            displacement=displacement,
-            velocity=velocity,
-            reaction=reaction,
-            reservoir_force=None if coupled is None else coupled.force(self.state.velocity),
-            reservoir_pressure=None
-            if coupled is None
-            else partial(coupled.pressures, self.state.velocity),
+            time=last.time,
             joints=state.joints,
             **vars(self._ground),
             solve=solve,
-            energy=row,
+            energy=self._ledger.row,
             substeps=substeps,
-            wet_joints=tuple(dict.fromkeys(load.joint for load in in_joints)),
-            pressure=partial(self._pressure, self.state) if in_joints else None,
+            **facts,
         )
 
     @cached_property
@@ -208,9 +205,6 @@ class DynamicRun:
         from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures
 
         return WaterPressures(self.model, self._solver.system.in_joints)
-
-    def _pressure(self, state: DynamicState) -> NDArray[np.float64]:
-        return self._pressures(state.time, state.water)
 
     def warn_of_slip(self) -> None:
         """Warn of joints that went too far since the last call (collective).
@@ -230,8 +224,8 @@ class DynamicRun:
             self.warn_of_slip()
             doubts = _doubts(self.outcome())
             if self.model.jointed.mesh.comm.rank == 0:
+                self._warnings += doubts
                 for text in doubts:
-                    self._warnings.append(text)
                     warn(text)
         except BaseException as error:
             if all_fail(self._of_errors, error):

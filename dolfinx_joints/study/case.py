@@ -24,7 +24,7 @@ from multiprocessing import spawn
 from multiprocessing.process import BaseProcess
 from numbers import Real
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -107,7 +107,8 @@ def _outcome(work: bytes, folder: Path, parameters: Mapping[str, Any]) -> Row:
 
 def main() -> None:
     """Run the case that standard input tells; its outcome goes to standard output as JSON."""
-    (preparation, function), folder, parameters = _told(sys.stdin.buffer)
+    work, folder, parameters = pickle.load(sys.stdin.buffer)
+    preparation, function = pickle.loads(work)
     threading.Thread(target=_end_with_the_worker, daemon=True).start()
     answer = os.dup(1)
     with (folder / "log.txt").open("wb") as log:
@@ -125,11 +126,6 @@ def main() -> None:
     with os.fdopen(answer, "wb") as to_worker:
         to_worker.write(json.dumps(outcome | {"peak_mb": peak_mb()}).encode())
     os._exit(0)  # the thread that waits holds standard input
-
-
-def _told(source: BinaryIO) -> tuple[tuple[Any, bytes], Path, dict[str, Any]]:
-    work, folder, parameters = pickle.load(source)
-    return pickle.loads(work), folder, parameters
 
 
 def _end_with_the_worker() -> None:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -181,8 +181,7 @@ class EnergyLedger:
 
     def state_dict(self) -> dict[str, Any]:
         """Where the ledger stands."""
-        row = {each.name: getattr(self.row, each.name) for each in fields(EnergyRow)}
-        return {"row": row, "totals": [getattr(self, name) for name in _TOTALS]}
+        return {"row": asdict(self.row), "totals": [getattr(self, name) for name in _TOTALS]}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Go on from what another's ``state_dict`` gave."""

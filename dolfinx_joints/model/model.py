@@ -74,14 +74,10 @@ class Model(Summarised):
         bulk: Cells with plastic materials, None without such cells.
         constraints: Constrained dofs.
         absorbing: Groups with a viscous boundary.
-        mass: M [kg].
+        mass, rayleigh, dashpots, absorption, damped_modes: As in `MatrixSystem`.
         body_mass: M without the extra form and added masses, what gravity acts on [kg].
         redistribution: Mass redistributed and the nodes concerned, None unless asked for.
         damping: As it was given.
-        rayleigh: Factors of M and K in C.
-        dashpots: The rest of C, None for nothing [N s/m].
-        absorption: The part of it that viscous boundaries are, None without any.
-        damped_modes: What damping ratios of modes add to C, None without any.
         stiffness: K of bulk, springs and extra forms, in blocks of a node [N/m].
         coupled: Order of the unknowns of dynamic stages with a reservoir, None without one.
         loads, doubts: The loads; what was warned of as implausible, on rank 0.

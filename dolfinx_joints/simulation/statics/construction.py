@@ -10,7 +10,6 @@ from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
@@ -21,7 +20,9 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.plausibility import warn_of_grout
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.statics.ledger import with_stored
+from dolfinx_joints.simulation.statics.stage_start import carrying_nothing
 from dolfinx_joints.simulation.statics.unfinished import (
+    Rows,
     Unfinished,
     check_elastic,
     check_joints,
@@ -29,8 +30,6 @@ from dolfinx_joints.simulation.statics.unfinished import (
     points_of,
     unfinished,
 )
-
-Rows = NDArray[np.bool_]
 
 # Newton iterations that a law may take to the pressure of the grout.
 MOST_ITERATIONS = 50
@@ -57,14 +56,7 @@ def with_inactive(
         moved.axpy(-1.0, before.displacement)
         gap = before.joints.state.gap + contact.operator.jump(moved)
     gap[stage.uncast] = contact.initial_gap[stage.uncast]
-    count = len(gap)
-    rest = Response(
-        traction=np.zeros((count, 3)),
-        tangent=np.zeros((count, 3, 3)),
-        state=contact.resting(gap),
-        dissipation=np.zeros(count),
-        status=np.full(count, Status.OPEN, dtype=np.int8),
-    )
+    rest = carrying_nothing(contact.resting(gap))
     return rest if response is None else _chosen(stage.idle, rest, response)
 
 
@@ -156,10 +148,9 @@ def _filled(
 
     It reaches points that are open, then those that it opens.
     """
-    contact, joints = model.contact, before.joints
+    contact, held = model.contact, before.joints
     assert contact is not None
-    assert joints is not None
-    held: Response = joints
+    assert held is not None
     filled = here & _open_points(model, contact, held)
     while True:
         traction = np.where(filled[:, None], held.traction, 0.0)

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_joints.laws.law import BACKWARD_EULER, Response, Status
+from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Status
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
@@ -53,11 +53,16 @@ def start_of_stage(system: MatrixSystem, before: StaticState) -> Response | None
     if system.bulk is not None or system.contact is None or not system.contact.rigid:
         response: Response = internal_forces.respond(system.vector(), rest, BACKWARD_EULER)
         return response
-    count = len(rest.gap)
+    return carrying_nothing(rest)
+
+
+def carrying_nothing(state: JointState) -> Response:
+    """Return the response of points that carry nothing in a state."""
+    count = len(state.gap)
     return Response(
         traction=np.zeros((count, 3)),
         tangent=np.zeros((count, 3, 3)),
-        state=rest,
+        state=state,
         dissipation=np.zeros(count),
         status=np.full(count, Status.OPEN, dtype=np.int8),
     )

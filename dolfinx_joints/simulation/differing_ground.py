@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -138,16 +137,6 @@ def ground_damping(model: Model, velocity: Callable[[float], PETSc.Vec]) -> list
 
     rows = slice(model.stiffness.getLocalSize()[0])
     return [VaryingLoad("DifferingMotion_damping", rows, force)]
-
-
-def differing_ground(model: Model, motion: Any) -> DifferingGround | None:
-    """The ground of a motion, None where it is the same everywhere (collective)."""
-    return DifferingGround(model, motion) if isinstance(motion, DifferingMotion) else None
-
-
-def on_ground(ground: DifferingGround | None, system: MatrixSystem) -> MatrixSystem:
-    """The system on its ground, as it is on none."""
-    return system if ground is None else ground.moving(system)
 
 
 def _tied(model: Model) -> PETSc.Mat:

@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -39,18 +39,11 @@ from dolfinx_joints.time_integration.states import DynamicState, with_means
 from dolfinx_joints.time_integration.substeps import Stepper
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures
 
 
-@dataclass(frozen=True, kw_only=True)
-class GroundMotions:
-    """Motions of the ground as functions of time, each as in `Record`."""
-
-    motion: Callable[[float], Any] | None
-    free_surface: Callable[[float], NDArray[np.float64]] | None
-    static_part: Callable[[float], PETSc.Vec] | None
+# Facts of an outcome that results files keep as they are.
+_SUMMARY = ("steps", "iterations", "solver", "energy_error", "imbalance", "local_error")
 
 
 class DynamicRun:
@@ -72,7 +65,7 @@ class DynamicRun:
         state: DynamicState,
         steps: int,
         *,
-        ground: GroundMotions,
+        ground: Mapping[str, Any],
         monitors: Sequence[Monitor],
         watch: SmallDisplacements,
         warnings: Sequence[str],
@@ -94,7 +87,7 @@ class DynamicRun:
         self.origin = state.displacement.copy()
         self._work = state.displacement.duplicate()
         self._started: list[Monitor] = []
-        self._warnings = [*warnings, *([] if ground.motion is None else warn_of_sides(model))]
+        self._warnings = [*warnings, *([] if ground["motion"] is None else warn_of_sides(model))]
         self._of_errors = lasting(model.jointed.mesh.comm, OF_ERRORS)
         self._acting: DynamicState | None = None
 
@@ -192,7 +185,7 @@ class DynamicRun:
             step=step,
             time=last.time,
             joints=state.joints,
-            **vars(self._ground),
+            **self._ground,
             solve=solve,
             energy=self._ledger.row,
             substeps=substeps,
@@ -238,14 +231,9 @@ class DynamicRun:
     def _finish(self, status: str, extra: dict[str, Any]) -> None:
         outcome = self.outcome()
         summary = {
-            "steps": outcome.steps,
+            **{name: getattr(outcome, name) for name in _SUMMARY},
             **asdict(outcome.counts),
-            "iterations": outcome.iterations,
-            "solver": outcome.solver,
-            "energy_error": outcome.energy_error,
-            "imbalance": outcome.imbalance,
             "laws_without_losses": list(outcome.laws_without_losses),
-            "local_error": outcome.local_error,
             **({"warnings": self._warnings} if self._warnings else {}),
             **extra,
         }
@@ -280,8 +268,8 @@ class DynamicRun:
 
 def ground_motions(
     model: Model, motion: Any, loads: Sequence[Load], differing: DifferingGround | None
-) -> GroundMotions:
-    """Return the motions of the ground in the axes of the model (collective).
+) -> dict[str, Any]:
+    """Return the motions of the ground in the axes of the model, as in `Record` (collective).
 
     ``motion`` is its acceleration, None if it rests, ``loads`` are those besides the model's, and
     ``differing`` is the ground if it moves differently from place to place.
@@ -295,11 +283,11 @@ def ground_motions(
                 "motion is given beside a FreeField, which moves the ground already; give one."
             )
     waves = [load.surface_velocity(model) for load in rising]
-    return GroundMotions(
-        motion=motion,
-        free_surface=(lambda t: np.sum([wave(t) for wave in waves], axis=0)) if waves else None,
-        static_part=differing.static_part if differing else None,
-    )
+    return {
+        "motion": motion,
+        "free_surface": (lambda t: np.sum([wave(t) for wave in waves], axis=0)) if waves else None,
+        "static_part": differing.static_part if differing else None,
+    }
 
 
 def _doubts(outcome: Outcome) -> list[str]:

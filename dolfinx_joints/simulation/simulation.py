@@ -27,8 +27,9 @@ from dolfinx_joints.loads.free_field import SupportForces
 from dolfinx_joints.loads.ground_motion import for_steps, moved_by
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
+from dolfinx_joints.motions.differing import DifferingMotion
 from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints, static_keeper
-from dolfinx_joints.simulation.differing_ground import differing_ground, on_ground
+from dolfinx_joints.simulation.differing_ground import DifferingGround
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun, ground_motions
 from dolfinx_joints.simulation.first_state import (
     InitialFields,
@@ -301,10 +302,11 @@ class Simulation:
         given = given_fields(self.model, start)
         resume = checkpoint is not None and checkpoint.resume
         (motion, *loads), lost = for_steps([motion, *loads], dt, self.model.jointed.mesh.comm)
-        acting, differing = shaken_by(motion, loads), differing_ground(self.model, motion)
-        stage: dict[str, Any] = {"ground motion": motion}
+        acting, stage = shaken_by(motion, loads), {"ground motion": motion}
+        differs = isinstance(motion, DifferingMotion)
+        differing = DifferingGround(self.model, motion) if differs else None
         ground = ground_motions(self.model, motion, loads, differing)
-        motion = ground.motion
+        motion = ground["motion"]
         state = start if isinstance(start, DynamicState) else None
         if begins := not resume and state is None:
             check_complete(self.static)
@@ -313,7 +315,8 @@ class Simulation:
         with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
             kept = [SupportForces(self.model)] if self.model.absorbing else []
             shaking: list[Load] = [*moved_by(motion, dt), *kept, *loads]
-            system = on_ground(differing, self.model.system(shaking, waves=dt, shared=self.shared))
+            system = self.model.system(shaking, waves=dt, shared=self.shared)
+            system = differing.moving(system) if differing else system
             solver = make_solver(system, self._options, self.solver)
             times = ends_of_steps(state.time if state else 0.0, dt, steps)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}

@@ -51,13 +51,13 @@ class EnergyRow:
     kinetic: float
     strain: float
     joint_elastic: Floats
-    input: float
+    input: float = 0.0
     input_by_load: Mapping[str, float]
-    viscous: float
+    viscous: float = 0.0
     joint_friction: Floats
     joint_numerical: Floats
     joint_imbalance: Floats
-    error: float
+    error: float = 0.0
     plastic: float = 0.0
     absorbed: float = 0.0
     impact: float = 0.0
@@ -121,13 +121,10 @@ class EnergyLedger:
             strain=strain,
             water=water,
             joint_elastic=self._elastic(state),
-            input=0.0,
             input_by_load=dict.fromkeys(self._system.names_of_works, 0.0),
-            viscous=0.0,
             joint_friction=self._none,
             joint_numerical=self._none,
             joint_imbalance=self._none,
-            error=0.0,
         )
         self._at_start = self.scale = self.largest = self.row.stored
         self._error = self._imbalance = 0.0

@@ -95,6 +95,7 @@ class Stepper:
         self.scheme, self.solver, self.ledger = scheme, solver, ledger
         self.forces_over_steps = scheme.forces_over_steps
         self._control, self.counts = control, StepCounts()
+        self._tolerance = control.tolerance or 0.0
         self.chatter, self._holds = Chatter(solver.system.contact), False
         self._largest = 0.0
         self._level = 0
@@ -106,7 +107,7 @@ class Stepper:
 
         The last one ends at ``end`` [s]; the sum of both times unless given.
         """
-        if self._control.tolerance is not None and not self._holds:
+        if self._tolerance and not self._holds:
             self._holds = bool(self.chatter.joints())
         finest = 2**self._control.max_halvings
         end = state.time + dt if end is None else end
@@ -221,22 +222,21 @@ class Stepper:
 
     def _too_rough(self, after: DynamicState, report: StepReport) -> bool:
         """Whether the local error is above the tolerance, this attempt's displacement included."""
-        tolerance = self._control.tolerance
-        if tolerance is None:
+        if not self._tolerance:
             return False
         moved = self.solver.system.norm(after.displacement)
-        return report.local_error > tolerance * max(self._largest, moved)
+        return report.local_error > self._tolerance * max(self._largest, moved)
 
     def _calm(self, report: StepReport) -> bool:
         """Whether a substep of twice the length would do: the local error grows with its cube."""
-        tolerance = None if self._holds else self._control.tolerance
-        return tolerance is None or 8.0 * report.local_error <= tolerance * self._largest
+        tolerance = 0.0 if self._holds else self._tolerance
+        return not tolerance or 8.0 * report.local_error <= tolerance * self._largest
 
     def _accept(self, state: DynamicState, report: StepReport, dt: float) -> None:
         self.counts.accepted += 1
         if state.joints is not None:
             self.chatter.see(state.joints, report.dt, dt)
-        if self._control.tolerance is not None:
+        if self._tolerance:
             moved = self.solver.system.norm(state.displacement)
             self._largest = max(self._largest, moved)
 

@@ -21,18 +21,11 @@ def unloaded(model: Model) -> StaticState:
     """Return the state of the unloaded body, its joints at rest (collective)."""
     none = np.zeros(0 if model.contact is None else len(model.contact.operator.names))
     energy = StaticEnergy(
-        strain=0.0,
         joint_elastic=none,
-        input_by_load={},
-        supports=0.0,
         joint_friction=none,
         joint_numerical=none,
         joint_bonds=none,
-        plastic=0.0,
         joint_released=none,
-        water_released=0.0,
-        error=0.0,
-        scale=0.0,
     )
     still = model.stiffness.createVecRight()
     still.set(0.0)

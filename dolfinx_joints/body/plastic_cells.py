@@ -53,16 +53,7 @@ class PlasticResponse(Response):
 class PlasticBulk:
     """The cells of a body with plastic materials, and its joints.
 
-    Args:
-        jointed: The mesh.
-        V: Displacement space.
-        laws: Plastic material of each cell group; of all cells where the name is empty.
-        stiffness: K.
-        contact: Joints with their laws, None without joints.
-
-    Attributes:
-        operator: Strain operator of the cells.
-        kinds: Kinds of the laws.
+    Laws are by cell group; that of an empty name is of all cells. ``kinds`` are theirs.
     """
 
     def __init__(

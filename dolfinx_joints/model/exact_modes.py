@@ -28,15 +28,12 @@ LARGEST_ANGLE = 1.5
 class LowestModes:
     """Modes of a body cut at its joints, and what steps need of them.
 
-    Args:
-        system: The system.
-        count: Number of modes; a group of equal frequencies that it would cut is left out.
+    A group of equal frequencies that the ``count`` would cut is left out.
 
     Attributes:
         frequencies: omega, ascending, shape (n,), [rad/s].
         damping: phi.C phi with phi.M phi = 1, shape (n,), [1/s].
         loads: phi times the patterns of the loads, shape (n, patterns).
-        comm: Communicator of the ranks.
     """
 
     def __init__(self, system: MatrixSystem, count: int) -> None:

@@ -33,6 +33,7 @@ from petsc4py import PETSc
 from dolfinx_joints.body.damping import Rayleigh
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import warn
+from dolfinx_joints.common.mpi import rows_at
 from dolfinx_joints.common.parameters import finite
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
@@ -192,10 +193,9 @@ class _Sources:
         self._first = stiffness.getOwnershipRange()[0] // self._dim
         self._origins = coordinates[wanted]
         reached = _rings(stiffness, wanted + self._first, self._dim, rings)
-        flags = np.repeat(massless.astype(np.float64), self._dim)
         nodes, place = np.unique(np.concatenate([*reached, wanted[:0]]), return_inverse=True)
-        has_mass = _values_at(stiffness, flags, nodes, self._dim)[:, 0] == 0.0
-        x = _values_at(stiffness, coordinates.ravel(), nodes, self._dim)
+        comm = stiffness.comm.tompi4py()
+        has_mass, x = ~rows_at(comm, massless, nodes), rows_at(comm, coordinates, nodes)
         parts = np.split(place, np.cumsum([len(r) for r in reached])[:-1]) if reached else []
         self._nodes = [nodes[p[has_mass[p]]] for p in parts]
         self._x = [x[p[has_mass[p]]] for p in parts]
@@ -293,7 +293,7 @@ def _rings(stiffness: PETSc.Mat, nodes: Ints, dim: int, count: int) -> list[Ints
 
 def _neighbours(stiffness: PETSc.Mat, nodes: Ints, dim: int) -> list[Ints]:
     """Nodes that K couples with each of some nodes of any rank, and itself (collective)."""
-    rows = _dofs(nodes, dim)
+    rows = (dim * nodes[:, None] + np.arange(dim)).ravel().astype(PETSc.IntType)
     wanted = PETSc.IS().createGeneral(rows, comm=PETSc.COMM_SELF)
     every = PETSc.IS().createStride(stiffness.getSize()[1], step=1, comm=PETSc.COMM_SELF)
     part = stiffness.createSubMatrices([wanted], [every])[0]
@@ -306,20 +306,3 @@ def _neighbours(stiffness: PETSc.Mat, nodes: Ints, dim: int) -> list[Ints]:
     pairs = np.unique(np.stack([row_of[coupled], columns[coupled] // dim], axis=1), axis=0)
     found = np.split(pairs[:, 1], np.searchsorted(pairs[:, 0], np.arange(1, len(nodes))))
     return [part.astype(np.int64) for part in found[: len(nodes)]]
-
-
-def _values_at(matrix: PETSc.Mat, local: Floats, nodes: Ints, dim: int) -> Floats:
-    """Values of nodes of any rank, shape (nodes, dim), from those of all dofs (collective)."""
-    vector = matrix.createVecRight()
-    vector.setArray(local)
-    dofs = _dofs(nodes, dim)
-    wanted = PETSc.IS().createGeneral(dofs, comm=PETSc.COMM_SELF)
-    here = PETSc.Vec().createSeq(len(dofs), comm=PETSc.COMM_SELF)
-    scatter = PETSc.Scatter().create(vector, wanted, here, None)
-    scatter.scatter(vector, here)
-    return here.getArray().copy().reshape(-1, dim)
-
-
-def _dofs(nodes: Ints, dim: int) -> NDArray[np.int32]:
-    dofs: NDArray[np.int32] = (dim * nodes[:, None] + np.arange(dim)).ravel().astype(PETSc.IntType)
-    return dofs

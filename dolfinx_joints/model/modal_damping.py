@@ -75,12 +75,7 @@ class ModalDamping:
 
 
 def modal_damping(system: MatrixSystem, modes: Modes) -> ModalDamping:
-    """Damping of the modes by all of C: Rayleigh, viscous boundaries, forms (collective).
-
-    Args:
-        system: The system.
-        modes: Its modes, from `modes`.
-    """
+    """Damping of the `modes` of a system by all of C: Rayleigh, boundaries, forms (collective)."""
     check_system(system)
     count = len(modes.shapes)
     matrix = np.empty((count, count))

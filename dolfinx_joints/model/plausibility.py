@@ -19,14 +19,10 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 @dataclass(frozen=True)
 class Range:
-    """What models of dams have, rigid parts included.
+    """Values of models of dams, rigid parts included: the smallest, a common and the largest one.
 
-    Attributes:
-        low: Smallest value; zero, where it is allowed, is none of anything.
-        usual: One that is common.
-        high: Largest value.
-        unit: Unit of the value.
-        others: How much of it other units are, in which the value may be meant.
+    Zero, where it is allowed, is none of anything. ``others`` are units in which a value may be
+    meant, by their size in its unit.
     """
 
     low: float

@@ -50,12 +50,8 @@ class DynamicRun:
     """State, energies and counts of a dynamic stage, and its monitors.
 
     The energy ledger of the stepper is not started yet. ``warnings`` given so far are passed to
-    the monitors at the end.
-
-    Attributes:
-        state: Where the run is.
-        step: Number of the last step taken.
-        origin: Displacement at the start of the stage [m].
+    the monitors at the end. ``state`` is that after ``step`` steps, ``origin`` the displacement at
+    the start of the stage [m].
     """
 
     def __init__(

@@ -80,14 +80,9 @@ class Parameters:
     parameters, the SHA-256 of an array, and the code of the user's functions and classes with the
     variables that it reads. Code of installed packages counts as equal.
 
-    Args:
-        assembled: True for parameters of which matrices and vectors count as well, by which fields
-            and forms of DOLFINx are compared.
-        functions: Whether functions count.
-
-    Attributes:
-        facts: Texts by path.
-        unknown: Paths of objects that cannot be described, with their class.
+    If matrices and vectors count as well, ``assembled`` leaves fields and forms of DOLFINx to them.
+    ``functions`` says if functions count. ``facts`` are texts by path, ``unknown`` the paths of
+    objects that cannot be described, with their class.
     """
 
     def __init__(self, *, assembled: bool = False, functions: bool = True) -> None:

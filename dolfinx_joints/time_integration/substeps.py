@@ -51,12 +51,10 @@ class StepControl:
 
 @dataclass(kw_only=True)
 class StepCounts:
-    """Accepted substeps and rejected attempts.
+    """Accepted substeps and attempts rejected for one reason each.
 
     Attributes:
-        accepted: Substeps accepted.
-        landed: Of these, substeps of the shortest length in which a point opened or closed.
-        failed: Attempts whose solve failed.
+        landed: Accepted substeps of the shortest length in which a point opened or closed.
         unbalanced: Attempts whose energy lines did not add up.
         inaccurate: Attempts with too large a local error.
         held: Attempts with too large a local error that were not cut, as joints chatter.

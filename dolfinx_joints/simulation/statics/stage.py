@@ -145,15 +145,8 @@ def _accepted(
 class _Equilibrium:
     """The last accepted equilibrium of a stage, and the solution of the next increment.
 
-    Attributes:
-        solver: The solver, inside an iteration on the water if there is water in joints.
-        ledger: Energy ledger up to the last accepted increment.
-        displacement: Displacement vector [m].
-        joints: State of the joints, None without any.
-        response: Response of the joints, None if none acts.
-        reaction: Forces of the supports on the body, zero at unconstrained dofs [N].
-        loads: Loads by name [N].
-        reports: Reports of the solver, one for each accepted increment.
+    Attributes are those of a `StaticState`; ``joints`` is the state of the joints, None without
+    any, and ``response`` their response. The solver includes the iteration on water in joints.
     """
 
     def __init__(

@@ -32,8 +32,7 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.differing_ground import DifferingGround
 from dolfinx_joints.simulation.monitor import Monitor, ending
 from dolfinx_joints.simulation.outcome import Outcome
-from dolfinx_joints.simulation.record import Record, StageRecord
-from dolfinx_joints.solvers.step_solver import SolveReport
+from dolfinx_joints.simulation.record import Record
 from dolfinx_joints.time_integration.scheme import StepReport
 from dolfinx_joints.time_integration.states import DynamicState, with_means
 from dolfinx_joints.time_integration.substeps import Stepper
@@ -87,9 +86,9 @@ class DynamicRun:
         self._of_errors = lasting(model.jointed.mesh.comm, OF_ERRORS)
         self._acting: DynamicState | None = None
 
-    def start(self, settings: Mapping[str, Any], stages: Sequence[StageRecord]) -> None:
+    def start(self, **facts: Any) -> None:
         """Start the monitors, with the settings of the run and the static stages before."""
-        first = replace(self._record(0), settings=settings, stages=stages)
+        first = replace(self._record(0), **facts)
         for monitor in self.monitors:
             monitor.start(self.model, "dynamic", self._steps, first)
             self._started.append(monitor)
@@ -159,11 +158,11 @@ class DynamicRun:
 
     def show(self, report: StepReport) -> None:
         """Hand a step to the monitors."""
-        record = self._record(self.step, report.solve, self._substeps)
+        record = self._record(self.step, report)
         for monitor in self.monitors:
             monitor.record(record)
 
-    def _record(self, step: int, solve: SolveReport | None = None, substeps: int = 0) -> Record:
+    def _record(self, step: int, report: StepReport | None = None) -> Record:
         in_joints, coupled = self._solver.system.in_joints, self._solver.system.coupled
         state, last = self._acting or self.state, self.state
         facts: dict[str, Any] = {
@@ -182,9 +181,9 @@ class DynamicRun:
             time=last.time,
             joints=state.joints,
             **self._ground,
-            solve=solve,
+            solve=report.solve if report else None,
             energy=self._ledger.row,
-            substeps=substeps,
+            substeps=self._substeps if report else 0,
             **facts,
         )
 

@@ -347,7 +347,7 @@ class Simulation:
         with released(checkpoint, at_end=True), run.watched(self.seconds):
             if saved is None:
                 settings = {name: in_words(each) for name, each in facts.items()} | acting
-                run.start(settings, tuple(self.stages))
+                run.start(settings=settings, stages=tuple(self.stages))
                 self._save(keeper, run)
             else:
                 run.resume(saved.state_dict, saved.origin)

@@ -53,21 +53,11 @@ def march(
     """Return the equilibrium at the end of a path of load steps (collective).
 
     An increment is cut in halves if its solve does not converge, or if it releases energy (31b).
-
-    Args:
-        model: The model.
-        before: State to continue from, such as `unloaded`.
-        path: Time [s] of each step, None for a ramp at time zero, and its share of the way from
-            the loads and prescribed displacements of ``before`` to those at this time.
-        acting: Those of the model's loads that act.
-        stage: What does not act yet; None where everything acts.
-        apart: Tractions on the faces of joints, shape (n, 3), [Pa], that are added to the loads of
-            ``before``. If given, no other load changes.
-        options: Tolerances and limits of Newton's method.
-        kind: Of the solver; see `make_solver`.
-        allow_jumps: Whether a jump is reported in the state rather than raised as an error.
-        watch: Observer of slip and opening.
-        reached: Called with time [s] and state after each step, if given.
+    Each step of the path has a time [s], None for a ramp at time zero, and its share of the way
+    from the loads and prescribed displacements of ``before`` to those at this time. ``acting`` are
+    those of the model's loads that act; without a ``stage`` all joints and blocks do. Tractions on
+    the faces of joints ``apart``, shape (n, 3), [Pa], are added to the loads of ``before``, and no
+    other load changes then. ``reached`` is called with time [s] and state after each step.
 
     Raises:
         JumpError: No equilibrium without a jump was found and ``allow_jumps`` is false.

@@ -158,11 +158,7 @@ def _is_isotropic(
 
 
 def _is_symmetric(
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
-    blocks: Floats,
-    nodes: int,
-    largest: float,
+    rows: NDArray[np.int64], columns: NDArray[np.int64], blocks: Floats, nodes: int, largest: float
 ) -> bool:
     """Whether blocks of a rank's nodes, sorted, are those of symmetric K and M to rounding.
 

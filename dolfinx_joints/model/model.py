@@ -25,7 +25,7 @@ from dolfinx_joints.common.declared import declarations
 from dolfinx_joints.common.errors import doubt, refuses_removed
 from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.common.parameters import check_kind_of, offers
-from dolfinx_joints.common.summary import Summarised
+from dolfinx_joints.common.summary import Rows, Summarised, names, number
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import AnyLaw
@@ -36,7 +36,6 @@ from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.model.modal_damping import DampedModes
-from dolfinx_joints.model.model_rows import model_rows
 from dolfinx_joints.model.parts import Body, Joints, check_form, check_joints, check_tied, divided
 from dolfinx_joints.model.plausibility import warn_of_overlaps, warn_of_what_no_dam_has
 from dolfinx_joints.model.system import MatrixSystem, water_in
@@ -156,7 +155,25 @@ class Model(Summarised):
             unknowns = self.mass.createVecRight()
             self.coupled = BodyAndWater(unknowns, self.reservoir.water(self), self.gdim)
 
-    _summary = model_rows
+    def _summary(self) -> Rows:
+        joints, degree = self.jointed.joint_names, self.V.ufl_element().degree
+        yield "unknowns", f"{number(self.num_dofs)} displacements, degree {degree}"
+        yield "joints", f"{len(joints)}: {names(joints)}" if joints else "none"
+        if self.contact is not None:
+            kinds = dict.fromkeys(type(law).__name__ for law in self.contact.laws.values())
+            points = self.contact.operator.num_points
+            yield "joint points", f"{number(points)} of {names(kinds)}"
+        yield "supports", names(_kinds(self.supports))
+        yield "loads", names(load_names(self.loads))
+        yield "added masses", names(_kinds(self.added_mass))
+        if self.coupled is not None:
+            unknowns = number(self.coupled.water.size)
+            yield "reservoir", f"{names(_kinds([self.reservoir]))}, {unknowns} unknowns"
+        alpha, beta = self.rayleigh.mass_factor, self.rayleigh.stiffness_factor
+        terms = [f"{alpha:.4g} 1/s times M"] * bool(alpha) + [f"{beta:.4g} s times K"] * bool(beta)
+        if self.damped_modes is not None:
+            terms.append(f"ratios of {self.damped_modes.asked.modes} modes")
+        yield "damping", " + ".join(terms)
 
     def _stiffness(self, options: Body) -> PETSc.Mat:
         """K of bulk, extra form and springs."""
@@ -355,6 +372,13 @@ class Model(Summarised):
     def num_dofs(self) -> int:
         """Displacement dofs on all ranks, constrained ones included."""
         return int(self.V.dofmap.index_map.size_global * self.V.dofmap.index_map_bs)
+
+
+def _kinds(every: Sequence[Any]) -> list[str]:
+    """Kinds of objects with the groups that they act on."""
+    groups = [getattr(each, "group", None) for each in every]
+    kinds = [type(each).__name__ for each in every]
+    return [kind + (f" ({g})" if g else "") for kind, g in zip(kinds, groups, strict=True)]
 
 
 def _check_loads(jointed: JointedMesh, loads: Any) -> None:

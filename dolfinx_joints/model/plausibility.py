@@ -59,10 +59,7 @@ EXTENT = Range(0.01, 100.0, 2e4, "m", {"mm": 1e-3, "cm": 1e-2})
 
 
 def warn_of_what_no_dam_has(
-    jointed: JointedMesh,
-    materials: Mapping[str, Any],
-    laws: Any,
-    loads: Sequence[Any],
+    jointed: JointedMesh, materials: Mapping[str, Any], laws: Any, loads: Sequence[Any]
 ) -> list[str]:
     """Warn, once for each value that no dam has, on rank 0; the warnings there (collective).
 

@@ -21,7 +21,7 @@ from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.internal_forces import InternalForces, JointInternalForces
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.laws.law import AnyLaw
-from dolfinx_joints.loads.load import FollowsJoints, JointLoad, Load
+from dolfinx_joints.loads.load import FollowsJoints, JointLoad, Load, VaryingLoad
 
 if TYPE_CHECKING:
     from dolfinx_joints.body.plastic_cells import PlasticBulk
@@ -30,30 +30,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Pattern = tuple[PETSc.Vec, Callable[[float], float]]
-
-
-class VaryingLoad:
-    """Load whose pattern varies in time, kept at the last times.
-
-    Args:
-        name: Its name in the ledger.
-        rows: Rows of the rank's unknowns that it acts on.
-        force: Forces of these rows at a time [s], [N] (collective).
-    """
-
-    def __init__(self, name: str, rows: slice, force: Callable[[float], Floats]) -> None:
-        """Evaluate nothing yet."""
-        self.names, self._rows = (name,), rows
-        self._at = lru_cache(maxsize=4)(force)
-
-    def add(self, out: PETSc.Vec, time: float) -> None:
-        """Add the forces at a time [s] to those of all unknowns [N] (collective)."""
-        out.getArray()[self._rows] += self._at(time)
-
-    def work(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
-        """Return the work on a change of the unknowns by the mean of its ends, [J] (collective)."""
-        mine = 0.5 * float(x.array_r[self._rows] @ (self._at(start) + self._at(end)))
-        return {self.names[0]: float(np.sum(x.comm.tompi4py().allgather(mine)))}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,6 +174,15 @@ class MatrixSystem:
             mass + damping * self.rayleigh.mass_factor,
             stiffness + damping * self.rayleigh.stiffness_factor,
         )
+
+    def plastic_terms(self, joints: Any) -> tuple[float, float]:
+        """Return what plastic strains add to u.K u / 2, and the work of a step on them [J].
+
+        ``joints`` is the response of joints and plastic cells, None without both (collective).
+        """
+        if self.bulk is None or joints is None:
+            return 0.0, 0.0
+        return self.bulk.elastic_correction(joints.state), self.bulk.dissipation(joints)
 
     def norm(self, displacement: PETSc.Vec) -> float:
         """2-norm over the dofs of the body, without the water's unknowns [m] (collective)."""

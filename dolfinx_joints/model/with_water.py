@@ -26,9 +26,10 @@ from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.loads.ground_motion import BaseMotion
+from dolfinx_joints.loads.load import VaryingLoad
 from dolfinx_joints.loads.water.far_field import FarField
 from dolfinx_joints.loads.water.water import Water
-from dolfinx_joints.model.system import MatrixSystem, VaryingLoad, as_aij
+from dolfinx_joints.model.system import MatrixSystem, as_aij
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -17,10 +17,11 @@ from dolfinx_joints.body.supports import Spring
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.loads.ground_motion import MOVING
+from dolfinx_joints.loads.load import VaryingLoad
 from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.modes import closed_stiffness
-from dolfinx_joints.model.system import MatrixSystem, VaryingLoad, as_aij
+from dolfinx_joints.model.system import MatrixSystem, as_aij
 from dolfinx_joints.motions.differing import DifferingMotion
 from dolfinx_joints.solvers.direct import DirectSolver
 

@@ -13,11 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_joints.common.constants import (
-    LARGE_ENERGY_ERROR,
-    LARGE_IMBALANCE,
-    LARGE_LOCAL_ERROR,
-)
+from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_IMBALANCE, LARGE_LOCAL_ERROR
 from dolfinx_joints.common.errors import warn
 from dolfinx_joints.common.memory import peak_mb
 from dolfinx_joints.common.mpi import OF_ERRORS, all_fail, lasting

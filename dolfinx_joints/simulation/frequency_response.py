@@ -117,12 +117,7 @@ def frequency_response(
 
 
 def _summed(
-    system: MatrixSystem,
-    omegas: Floats,
-    along: Floats,
-    zeta: float,
-    reader: _Points,
-    count: int,
+    system: MatrixSystem, omegas: Floats, along: Floats, zeta: float, reader: _Points, count: int
 ) -> Complex:
     """Displacements of the points as sums over modes, coupled by C (collective)."""
     found = lowest(system, count)
@@ -139,12 +134,7 @@ def _summed(
 
 
 def _solved(
-    model: Model,
-    dry: MatrixSystem,
-    omegas: Floats,
-    along: Floats,
-    zeta: float,
-    reader: _Points,
+    model: Model, dry: MatrixSystem, omegas: Floats, along: Floats, zeta: float, reader: _Points
 ) -> tuple[Complex, Complex | None]:
     """Displacements of the points and forces of the water by direct solution (collective)."""
     coupled = model.coupled

@@ -139,7 +139,7 @@ class EnergyLedger:
         entered = last.input + sum(work.loads.values()) + work.supports
         viscous = last.viscous + (work.viscous + work.absorbed)
         rubbed = last.joint_friction + joints.friction
-        plastic = last.plastic + self._plastic(state)
+        plastic = last.plastic + self._system.plastic_terms(state.joints)[1]
         kinetic, strain, water = self._of_state(state)
         stored = kinetic + strain + float(elastic.sum()) + water
         impact = last.impact + float(joints.impact.sum())
@@ -203,21 +203,10 @@ class EnergyLedger:
 
     def _of_state(self, state: DynamicState) -> tuple[float, float, float]:
         """Kinetic and strain energy of the body, and energy of the water."""
-        kinetic, strain, coupled = state.kinetic_energy, self._strain(state), self._system.coupled
+        kinetic, coupled = state.kinetic_energy, self._system.coupled
+        strain = state.strain_energy + self._system.plastic_terms(state.joints)[0]
         if coupled is None:
             return kinetic, strain, 0.0
         of_pressure = coupled.energy(state.velocity, state.momentum)
         of_motion = coupled.energy(state.displacement, state.elastic_force)
         return kinetic - of_pressure, strain - of_motion, of_pressure + of_motion
-
-    def _strain(self, state: DynamicState) -> float:
-        """Elastic energy of bulk and springs."""
-        bulk, joints = self._system.bulk, state.joints
-        if bulk is None or joints is None:
-            return state.strain_energy
-        return state.strain_energy + bulk.elastic_correction(joints.state)
-
-    def _plastic(self, state: DynamicState) -> float:
-        """Plastic work of the step that led to a state."""
-        bulk, joints = self._system.bulk, state.joints
-        return 0.0 if bulk is None or joints is None else bulk.dissipation(joints)

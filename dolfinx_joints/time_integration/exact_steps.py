@@ -39,12 +39,7 @@ def scaled(system: MatrixSystem, state: DynamicState, count: int, rate: float) -
 
 
 def _scale(
-    system: MatrixSystem,
-    velocity: PETSc.Vec,
-    count: int,
-    rate: float,
-    *,
-    back: bool = False,
+    system: MatrixSystem, velocity: PETSc.Vec, count: int, rate: float, *, back: bool = False
 ) -> PETSc.Vec:
     """Modal velocities divided by the root of m', or times it (collective)."""
     if not count:
@@ -112,7 +107,6 @@ class LoadKick:
 
     Attributes:
         of_patterns: Modal kick of each pattern of the loads, shape (modes, patterns), [m/s].
-        felt: Whether any load changes.
     """
 
     def __init__(self, system: MatrixSystem, step: ModalStep, start: float, end: float) -> None:
@@ -120,7 +114,6 @@ class LoadKick:
         self._step, self._names = step, system.names_of_patterns
         loads = step.modes.loads[: step.used] * system.load_change(start, end)
         self.of_patterns: Floats = step.kick[:, None] * loads
-        self.felt = bool(np.any(self.of_patterns))
 
     def add(self, velocity: PETSc.Vec, momentum: PETSc.Vec) -> None:
         """Add the kick to a velocity, and S^T M S times it to a momentum."""

@@ -108,7 +108,7 @@ class StaticLedger:
             joint_friction=last.joint_friction + friction,
             joint_numerical=last.joint_numerical + numerical,
             joint_bonds=last.joint_bonds + broken,
-            plastic=last.plastic + self._plastic(increment.after),
+            plastic=last.plastic + self._system.plastic_terms(increment.after)[1],
             joint_released=last.joint_released + freed * (not increment.water_moved),
             water_released=last.water_released + float(freed.sum()) * increment.water_moved,
         )
@@ -161,16 +161,9 @@ class StaticLedger:
     def _strain(self, increment: SolvedIncrement) -> float:
         """Return the elastic energy of bulk and springs at the end of an increment (collective)."""
         u, x, force = increment.displacement, increment.change, increment.elastic_force
-        stiffness, bulk, after = increment.products.stiffness, self._system.bulk, increment.after
+        stiffness = increment.products.stiffness
         energy = 0.5 * float(u.dot(force)) + float(x.dot(force)) + 0.5 * float(x.dot(stiffness))
-        if bulk is None or after is None:
-            return energy
-        return energy + bulk.elastic_correction(after.state)
-
-    def _plastic(self, after: Response | None) -> float:
-        """Return the plastic work of the increment that led to a response (collective)."""
-        bulk = self._system.bulk
-        return 0.0 if bulk is None or after is None else bulk.dissipation(after)
+        return energy + self._system.plastic_terms(increment.after)[0]
 
     def _elastic(self, joints: Response | None) -> Floats:
         """Return the elastic energy of each joint, shape (number of joints,), [J] (collective)."""

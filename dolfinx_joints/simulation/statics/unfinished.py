@@ -82,8 +82,15 @@ def unfinished_stage(
     """What does not act in a stage, None where all does; arguments of `Simulation.statics`.
 
     Checks that it may begin so after the one before (collective).
+
+    Raises:
+        MeshError: There is no such joint.
     """
-    inactive = inactive_joints(model, joints)
+    known = model.jointed.joint_names
+    named = {"active": known, "inactive": ()}.get(joints) if isinstance(joints, str) else joints
+    assert named is not None
+    check_joints(model, named)
+    inactive = tuple(name for name in known if name not in named)
     check_grouted(before, inactive)
     if not (inactive or absent or joints == "inactive"):
         return None
@@ -126,19 +133,6 @@ class _Blocks:
             raise MeshError(f"absent is {given}, which are all blocks; one at least must be there.")
         minus, plus = self.of_pair.T
         self.beside_absent: Rows = self.absent[minus] | self.absent[plus]
-
-
-def inactive_joints(model: Model, joints: str | Sequence[str]) -> tuple[str, ...]:
-    """Names of the joints that do not act, of those that do: ``active``, ``inactive``, or names.
-
-    Raises:
-        MeshError: There is no such joint.
-    """
-    known = model.jointed.joint_names
-    acting = {"active": known, "inactive": ()}.get(joints) if isinstance(joints, str) else joints
-    assert acting is not None
-    check_joints(model, acting)
-    return tuple(name for name in known if name not in acting)
 
 
 def check_joints(model: Model, names: Sequence[str]) -> None:

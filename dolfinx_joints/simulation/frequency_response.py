@@ -153,7 +153,7 @@ def _solved(
             parts = [coupled.force(system.vector(part)) for part in (rates.real, rates.imag)]
             forces.append(parts[0] + 1j * parts[1])
     matrix.destroy()
-    return np.array(found), None if coupled is None else np.array(forces)
+    return np.array(found), np.array(forces) if forces else None
 
 
 class _DynamicStiffness:

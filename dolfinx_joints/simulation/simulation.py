@@ -71,7 +71,6 @@ class Simulation:
         solver: ``auto``, ``condensed``, ``monolithic`` or ``forms``; see `make_solver`.
 
     Attributes:
-        model: The model.
         static: Result of the last static stage, None before it.
         stages: Static stages so far. Dynamic stages show them to monitors and `save_static` writes
             them; where they are too many to keep, such as small steps in time, clear the list.
@@ -247,18 +246,16 @@ class Simulation:
     def save_static(self, path: str | Path) -> None:
         """Keep the static stages so far in a file, to go on from the last later (collective).
 
-        Args:
-            path: The file; one that is there already is replaced at once.
+        A file that is there already is replaced at once.
         """
         if self.static is None:
             raise JointsError("There is no static state to save yet: run statics() before.")
         static_keeper(path, self.model).save_static(self.static, self.stages)
 
     def load_static(self, path: str | Path) -> StaticState:
-        """Go on from a static state of the same model that was saved (collective).
+        """Go on from a static state of the model, which `save_static` wrote (collective).
 
-        Args:
-            path: The file that `save_static` wrote, on any number of ranks.
+        The number of ranks may be another one.
         """
         self.static, self.stages = static_keeper(path, self.model).load_static()
         return self.static

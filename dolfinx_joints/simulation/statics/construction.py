@@ -95,9 +95,9 @@ def grouted(
         assert response is not None
     idle = idle_points(response)
     target = np.where(idle[:, None], response.state.gap, 0.0)
-    target[filled] = (
-        _gap_under(model, contact, filled, pressure)[filled] if pressure else [gap, 0.0, 0.0]
-    )
+    target[filled] = [gap, 0.0, 0.0]
+    if pressure:
+        target[filled] = _gap_under(model, contact, filled, pressure)[filled]
     # Where cantilevers have moved into each other, one was cast against the other.
     left = idle & ~filled
     target[left, 0] = np.maximum(target[left, 0], 0.0)
@@ -112,11 +112,8 @@ def grouted(
     woken = idle & inactive & ~points_of(model, waiting)
     joints = _chosen(filled | woken, fresh, response)
     # Water in a joint that was open is that of an open one until a static stage looks again.
-    wet = {
-        name
-        for name, load in zip(load_names(model.loads), model.loads, strict=True)
-        if isinstance(load, FollowsJoints) and load.joint in chosen
-    }
+    named = zip(load_names(model.loads), model.loads, strict=True)
+    wet = [n for n, load in named if isinstance(load, FollowsJoints) and load.joint in chosen]
     missing = tuple(sorted({*missing, *wet}))
     energy = with_stored(before.energy, contact.stored_energy(joints.state))
     return replace(

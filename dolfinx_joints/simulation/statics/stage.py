@@ -66,21 +66,19 @@ def march(
     system, contact = model.system(only=acting, static=True), model.contact
     start = start_of_stage(system, before)
     carried = carried_loads(system, before, start)
+    named = zip(load_names(model.loads), model.loads, strict=True)
+    missing = tuple(n for n, one in named if not any(one is other for other in acting))
+    facts: dict[str, Any] = {"missing": missing}
     if apart is not None and contact is not None:
         push = contact.operator.force(-apart, before.displacement.duplicate())
         system = _under(system, before, push)
     if stage is not None:
+        facts |= {"inactive": stage.inactive, "absent": stage.absent}
         idle = None if contact is None else contact.without(stage.idle)
         system = _holding(replace(system, contact=idle), before, stage.dofs)
     solver = make_solver(system, options, kind, static_steps=len(path))
     at = _Equilibrium(system, solver, before, start, carried, stays=apart is not None)
     increments, jumps = LoadIncrements(path), Jumps(at.ledger, model, allow_jumps)
-    named = zip(load_names(model.loads), model.loads, strict=True)
-    facts: dict[str, Any] = {
-        "missing": tuple(n for n, one in named if not any(one is other for other in acting)),
-        "inactive": stage.inactive if stage else (),
-        "absent": stage.absent if stage else (),
-    }
     progress = Progress("static stage", len(path), "steps", model.jointed.mesh.comm.rank)
     for increment in _accepted(at, increments, jumps, kind, watch):
         free_petsc_garbage(model.jointed.mesh.comm)

@@ -74,8 +74,8 @@ class LowestModes:
 
         Any turn of them are modes too, and which are found depends on rounding and ranks.
         """
-        forces = [system.damping_force(system.vector(s), system.vector()) for s in shapes.T]
-        forces = _columns(forces)
+        each = [system.damping_force(system.vector(s), system.vector()) for s in shapes.T]
+        forces = _columns(each)
         forces[system.constrained] = 0.0
         damping = summed(self.comm, shapes.T @ forces)
         apart = np.diff(self.frequencies) > SAME_FREQUENCY * self.frequencies[1:]

@@ -105,8 +105,8 @@ def whole_groups(system: MatrixSystem, count: int) -> Modes:
     kept = len(frequencies)
     if kept > count:
         kept = int(np.count_nonzero(frequencies < (1.0 - SAME_FREQUENCY) * frequencies[count]))
-    parts = {"shapes": found.shapes[:kept], "participation": found.participation[:kept]}
-    return replace(found, frequencies=frequencies[:kept], **parts)
+    shapes, factors = found.shapes[:kept], found.participation[:kept]
+    return replace(found, frequencies=frequencies[:kept], shapes=shapes, participation=factors)
 
 
 def too_few(system: MatrixSystem, count: int) -> ValueError:

@@ -299,9 +299,10 @@ class Simulation:
         given = given_fields(self.model, start)
         resume = checkpoint is not None and checkpoint.resume
         (motion, *loads), lost = for_steps([motion, *loads], dt, self.model.jointed.mesh.comm)
-        acting, stage = shaken_by(motion, loads), {"ground motion": motion}
-        differs = isinstance(motion, DifferingMotion)
-        differing = DifferingGround(self.model, motion) if differs else None
+        acting, stage = shaken_by(motion, loads), dict[str, Any]({"ground motion": motion})
+        differing = None
+        if isinstance(motion, DifferingMotion):
+            differing = DifferingGround(self.model, motion)
         ground = ground_motions(self.model, motion, loads, differing)
         motion = ground["motion"]
         state = start if isinstance(start, DynamicState) else None

@@ -60,10 +60,9 @@ def initial_state(
     elastic_force = system.stiffness * u
     damping_force, inertia = system.damping_force(v, work), system.mass * moving
     force = combination((1.0, load), (-1.0, elastic_force), (-1.0, damping_force), (-1.0, inertia))
-    forces, response = system.internal_forces, None
+    forces, response = system.internal_forces, joints if isinstance(joints, Response) else None
     if forces is not None:
-        known = isinstance(joints, Response)
-        response = joints if known else forces.trial(u, joints or forces.at_rest(u))
+        response = response or forces.trial(u, joints or forces.at_rest(u))
         force.axpy(-1.0, forces.force_at_end(response, work))
     if velocity is None:
         _check_massless(system, force, max(load.norm(), elastic_force.norm()))

@@ -145,9 +145,10 @@ def _filled(
 
     It reaches points that are open, then those that it opens.
     """
-    contact, held = model.contact, before.joints
+    contact, joints = model.contact, before.joints
     assert contact is not None
-    assert held is not None
+    assert joints is not None
+    held: Response = joints
     filled = here & _open_points(model, contact, held)
     while True:
         traction = np.where(filled[:, None], held.traction, 0.0)

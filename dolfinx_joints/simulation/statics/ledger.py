@@ -82,7 +82,8 @@ class StaticLedger:
 
     def __init__(self, system: MatrixSystem, before: StaticEnergy, start: Response | None) -> None:
         """Start; count a change of the stored energy since the last stage as construction work."""
-        self._system, self._none = system, np.zeros(len(before.joint_elastic))
+        self._system = system
+        self._none: Floats = np.zeros(len(before.joint_elastic))
         self._norm = float(system.stiffness.norm(PETSc.NormType.NORM_INFINITY))
         self._rounding = 0.0
         self.energy = with_stored(before, self._elastic(start))

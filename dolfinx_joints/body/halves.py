@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.body.matrices import from_rows
 from dolfinx_joints.common.kernels import njit
 
 Floats = NDArray[np.float64]
@@ -205,10 +206,7 @@ def _rest(blocks: Any, like: PETSc.Mat) -> PETSc.Mat | None:
     single.eliminate_zeros()
     if not any(like.comm.tompi4py().allgather(single.nnz)):
         return None
-    parts = single.indptr.astype(PETSc.IntType), single.indices.astype(PETSc.IntType), single.data
-    rest = PETSc.Mat().createAIJ(like.getSizes(), csr=parts, comm=like.comm)
-    rest.assemble()
-    return rest
+    return from_rows(like.getSizes(), (single.indptr, single.indices, single.data), like.comm)
 
 
 @njit(cache=True, fastmath={"contract"})

@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.damping import Rayleigh
+from dolfinx_joints.body.matrices import from_rows
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import warn
 from dolfinx_joints.common.mpi import rows_at
@@ -232,17 +233,12 @@ class _Sources:
         counts = np.repeat([len(c) for c in columns], self._dim)
         components = np.arange(self._dim)
         every = [(self._dim * c[None, :] + components[:, None]).ravel() for c in columns]
-        matrix = PETSc.Mat().createAIJ(
-            mass.getSizes(),
-            csr=(
-                np.append(0, np.cumsum(counts)).astype(PETSc.IntType),
-                np.concatenate([*every, np.zeros(0, dtype=np.int64)]).astype(PETSc.IntType),
-                np.concatenate([*(np.tile(v, self._dim) for v in values), np.zeros(0)]),
-            ),
-            comm=mass.comm,
+        csr = (
+            np.append(0, np.cumsum(counts)),
+            np.concatenate([*every, np.zeros(0, dtype=np.int64)]),
+            np.concatenate([*(np.tile(v, self._dim) for v in values), np.zeros(0)]),
         )
-        matrix.assemble()
-        return matrix
+        return from_rows(mass.getSizes(), csr, mass.comm)
 
 
 def linear_extrapolation(

@@ -16,6 +16,7 @@ from petsc4py import PETSc
 
 from dolfinx_joints.body.damping import Rayleigh
 from dolfinx_joints.body.halves import Halves
+from dolfinx_joints.body.matrices import from_rows
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, finite, number_at
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.internal_forces import InternalForces, JointInternalForces
@@ -364,13 +365,9 @@ def _dense(name: str, values: Any) -> Floats:
 def _matrix(dense: Floats) -> PETSc.Mat:
     """A sparse PETSc matrix on this process with every entry stored."""
     rows, columns = dense.shape
-    starts = np.arange(0, rows * columns + 1, columns, dtype=PETSc.IntType)
-    numbers = np.tile(np.arange(columns, dtype=PETSc.IntType), rows)
-    matrix = PETSc.Mat().createAIJ(
-        (rows, columns), csr=(starts, numbers, dense.ravel()), comm=PETSc.COMM_SELF
-    )
-    matrix.assemble()
-    return matrix
+    starts = np.arange(0, rows * columns + 1, columns)
+    numbers = np.tile(np.arange(columns), rows)
+    return from_rows((rows, columns), (starts, numbers, dense.ravel()), PETSc.COMM_SELF)
 
 
 def water_in(

@@ -22,6 +22,7 @@ from petsc4py import PETSc
 from scipy.sparse import coo_array, csr_array
 
 from dolfinx_joints.body.damping import Rayleigh
+from dolfinx_joints.body.matrices import from_rows
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import GapOperator
@@ -59,6 +60,11 @@ class BodyAndWater:
         self._normals = water.coupling[water.face] @ dofs
         self.signs = self.joined(None, np.full(len(self.numbers), -1.0))
         self.signs.getArray()[: self.dry] = 1.0
+
+    @property
+    def _sizes(self) -> tuple[int, int]:
+        """Number of the rank's unknowns of both, and of all."""
+        return self.dry + len(self.numbers), int(self._of_body[-1] + self._of_water[-1])
 
     def joined(self, body: PETSc.Vec | None, water: Floats | None = None) -> PETSc.Vec:
         """Return a vector of both parts, zero where one is not given (collective).
@@ -193,19 +199,20 @@ class BodyAndWater:
             lines = self.dry + rows[at_water] - self._water_rows[0]
             parts.append((lines, self._body_columns(dofs[at_water]), values[at_water]))
         rows, columns, values = (np.concatenate(each) for each in zip(*parts, strict=True))
-        local = self.dry + len(self.numbers)
-        total = int(self._of_body[-1] + self._of_water[-1])
+        local, total = self._sizes
         lines = csr_array(coo_array((values, (rows, columns)), shape=(local, total)))
-        return _petsc(lines, ((local, total), (local, total)), self._comm)
+        lines.sort_indices()
+        return from_rows([self._sizes] * 2, (lines.indptr, lines.indices, lines.data), self._comm)
 
     def _contact(self, contact: Contact) -> Contact:
         """The joints, with B of both (collective)."""
         dry = contact.operator
         starts, columns, values = _csr(dry.matrix)
-        local = (self.dry + len(self.numbers), int(self._of_body[-1] + self._of_water[-1]))
-        shape = (len(starts) - 1, local[1])
+        shape = (len(starts) - 1, self._sizes[1])
         lines = csr_array((values, self._body_columns(columns), starts), shape=shape)
-        matrix = _petsc(lines, (dry.matrix.getSizes()[0], local), self._comm)
+        lines.sort_indices()
+        sizes = (dry.matrix.getSizes()[0], self._sizes)
+        matrix = from_rows(sizes, (lines.indptr, lines.indices, lines.data), self._comm)
         operator = GapOperator(matrix, dry.areas, dry.joint, dry.names)
         operator.initial_gap, operator.points = dry.initial_gap, dry.points
         operator.sizes = dry.sizes
@@ -228,12 +235,3 @@ def _csr(matrix: PETSc.Mat) -> tuple[Ints, Ints, Floats]:
     starts, columns, values = plain.getValuesCSR()
     plain.destroy()
     return starts, columns, values
-
-
-def _petsc(rows: csr_array, sizes: tuple[Any, Any], comm: Any) -> PETSc.Mat:
-    """A matrix from each rank's rows (collective)."""
-    rows.sort_indices()
-    csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
-    matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
-    matrix.assemble()
-    return matrix

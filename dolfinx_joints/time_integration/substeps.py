@@ -177,14 +177,7 @@ class Stepper:
             if missing > allowed > 0.0 and missing > self._rounding(before, after):
                 self.counts.unbalanced += 1
                 if shortest:
-                    stiff = ", as for joints very much stiffer than the body"
-                    raise JointsError(
-                        f"The energy lines of the step to t = {after.time:.6g} s do not add up"
-                        f"{self._where(before, after)}: "
-                        f"{missing / scale:.1e} of the largest energy is missing, "
-                        f"{LARGEST_IMBALANCE:g} is allowed; the solve is not accurate enough"
-                        f"{stiff if self.solver.system.contact is not None else ''}."
-                    )
+                    raise _imbalance(self.solver.system, before, after, missing / scale)
                 return True
         if not shortest and self._too_rough(after, report):
             self.counts.held += self._holds
@@ -207,16 +200,6 @@ class Stepper:
         for factor in (after.displacement, way):
             size.pointwiseMult(size, factor)
         return float(np.finfo(float).eps * size.norm(PETSc.NormType.NORM_1))
-
-    def _where(self, before: DynamicState, after: DynamicState) -> str:
-        """The joint with the largest work in the step, where there are joints (collective)."""
-        contact = self.solver.system.contact
-        if contact is None or before.joints is None or after.joints is None:
-            return ""
-        change = after.joints.state.gap - before.joints.state.gap
-        work = np.einsum("ij,ij->i", np.abs(after.joints.traction), np.abs(change))
-        worst = contact.worst_joint(work)
-        return f" (joint {worst!r} did the largest work)" if worst else ""
 
     def _too_rough(self, after: DynamicState, report: StepReport) -> bool:
         """Whether the local error is above the tolerance, this attempt's displacement included."""
@@ -245,6 +228,24 @@ def ends_of_steps(start: float, dt: float, steps: int) -> NDArray[np.float64]:
     So that they read 4.5 and not 4.499999999999926, as sums of steps do.
     """
     return np.array([float(f"{start + dt * step:.15g}") for step in range(steps + 1)])
+
+
+def _imbalance(
+    system: MatrixSystem, before: DynamicState, after: DynamicState, missing: float
+) -> JointsError:
+    """Return the error of a step that lacks a share of the largest energy (collective)."""
+    contact, where, stiff = system.contact, "", ""
+    if contact is not None and before.joints is not None and after.joints is not None:
+        change = after.joints.state.gap - before.joints.state.gap
+        work = np.einsum("ij,ij->i", np.abs(after.joints.traction), np.abs(change))
+        worst = contact.worst_joint(work)
+        where = f" (joint {worst!r} did the largest work)" if worst else ""
+        stiff = ", as for joints very much stiffer than the body"
+    return JointsError(
+        f"The energy lines of the step to t = {after.time:.6g} s do not add up{where}: "
+        f"{missing:.1e} of the largest energy is missing, {LARGEST_IMBALANCE:g} is allowed; the "
+        f"solve is not accurate enough{stiff}."
+    )
 
 
 def _changes(system: MatrixSystem, before: DynamicState, after: DynamicState) -> bool:

@@ -21,7 +21,6 @@ from dolfinx_joints.loads.load import Load, always, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
-from dolfinx_joints.simulation.static_energy import Jump, StaticEnergy
 from dolfinx_joints.simulation.statics.construction import with_inactive
 from dolfinx_joints.simulation.statics.joint_water_iteration import JointWaterIteration
 from dolfinx_joints.simulation.statics.jumps import Jumps
@@ -84,8 +83,8 @@ def march(
         free_petsc_garbage(model.jointed.mesh.comm)
         progress.advance(int(increment.whole))
         if reached is not None and increment.whole:
-            found = jumps.of_step(increment.step)
-            reached(increment.time or 0.0, at.state(increments.cuts, found, facts))
+            facts |= {"cuts": increments.cuts, "jumps": jumps.of_step(increment.step)}
+            reached(increment.time or 0.0, at.state(facts))
     progress.finish()
     watch.warn("in a static stage")
     at.ledger.warn()
@@ -97,7 +96,7 @@ def march(
             at.response = with_inactive(contact, at.response, before, at.displacement, stage)
     if apart is not None:
         facts["loads"] = before.loads
-    return at.state(increments.cuts, jumps.found, facts)
+    return at.state(facts | {"cuts": increments.cuts, "jumps": jumps.found})
 
 
 def _accepted(
@@ -124,7 +123,8 @@ def _accepted(
         elif energy.released > at.ledger.energy.released:
             increments.cut()
             continue
-        at.accept(solved, energy, increment)
+        at.ledger.energy = energy
+        at.accept(solved, increment)
         if at.joints is not None:
             watch.see(at.joints.gap)
         yield increment
@@ -152,8 +152,7 @@ class _Equilibrium:
         If ``stays`` is true, these loads keep their value while those of the system are added.
         """
         self._system, self._stays, self._unloaded = system, stays, before.unloaded
-        self._chosen = solver.inner if isinstance(solver, HoldingBonds) else solver
-        self.solver = solver
+        self._without_water = self.solver = solver
         self.displacement, self.reaction = before.displacement.copy(), before.reaction.copy()
         self._start = None if system.internal_forces is None else start
         self.response: Response | None = None
@@ -167,16 +166,15 @@ class _Equilibrium:
         self._supported = self.displacement.getArray()[system.constrained]
         self.ledger = StaticLedger(system, before.energy, self._start)
 
-    def state(self, cuts: int, jumps: Sequence[Jump], facts: Mapping[str, Any]) -> StaticState:
+    def state(self, facts: Mapping[str, Any]) -> StaticState:
         """Return the equilibrium as a state of the stage, with further facts."""
-        parts = {"loads": self.loads, **facts, "cuts": cuts, "jumps": list(jumps)}
         return StaticState(
             displacement=self.displacement.copy(),
             joints=self.response,
             reaction=self.reaction,
             reports=list(self.reports),
             energy=self.ledger.energy,
-            **parts,
+            **{"loads": self.loads, **facts},
         )
 
     def solve(self, increment: Increment) -> SolvedIncrement:
@@ -187,12 +185,10 @@ class _Equilibrium:
         """
         system, x, water = self._system, self._x, self._system.water
         self._set_up(increment)
-        if isinstance(self._chosen, StaticSolver):
-            # From the unloaded body without gaps the equations scale with the load: a shorter
-            # increment fails as well.
-            unloaded = self._unloaded and increment.whole and not self.reports
-            self._chosen.last_resort = increment.shortest or unloaded
-            self._chosen.continue_from(self._start)
+        # From the unloaded body without gaps the equations scale with the load: a shorter increment
+        # fails as well.
+        unloaded = self._unloaded and increment.whole and not self.reports
+        _prepare(self._without_water, increment.shortest or unloaded, self._start)
         response, report = self.solver.solve(STATIC, self._b, x, self.joints)
         products = Products(system, STATIC, self._b, x, response)
         moved = water is not None and bool(water.toggled(water.codes, water.entered).any())
@@ -209,12 +205,11 @@ class _Equilibrium:
             report=report,
         )
 
-    def accept(self, solved: SolvedIncrement, energy: StaticEnergy, increment: Increment) -> None:
+    def accept(self, solved: SolvedIncrement, increment: Increment) -> None:
         """Continue from the solution of an increment (collective)."""
         self.displacement.axpy(1.0, solved.change)
         self._elastic_force.axpy(1.0, solved.products.stiffness)
         self.reaction, self.loads = solved.products.reaction, solved.loads[1]
-        self.ledger.energy = energy
         self.response = solved.after
         if solved.after is not None:
             self._start, self.joints = solved.after, solved.after.state
@@ -250,6 +245,14 @@ class _Equilibrium:
             else:
                 found[name] = remains * load
         return found
+
+
+def _prepare(solver: StepSolver, last_resort: bool, start: Response | None) -> None:
+    """Let a static solver continue from a response, and try other solvers as a last resort."""
+    chosen = solver.inner if isinstance(solver, HoldingBonds) else solver
+    if isinstance(chosen, StaticSolver):
+        chosen.last_resort = last_resort
+        chosen.continue_from(start)
 
 
 def _under(system: MatrixSystem, before: StaticState, push: PETSc.Vec) -> MatrixSystem:

@@ -43,6 +43,7 @@ from dolfinx_joints.model.system import MatrixSystem, water_in
 if TYPE_CHECKING:
     from dolfinx_joints.body.plastic_cells import PlasticBulk
     from dolfinx_joints.loads.water.water import Reservoir
+    from dolfinx_joints.model.with_water import BodyAndWater
 
 
 @refuses_removed
@@ -64,7 +65,6 @@ class Model(Summarised):
         body: Degree, plane strain or stress, extra forms and redistribution of mass: a `Body`.
 
     Attributes:
-        jointed: The mesh.
         parameters: The other arguments, by name.
         V: Displacement space, an ordinary Lagrange space on the split mesh.
         body: Material fields and stress recovery.
@@ -99,13 +99,7 @@ class Model(Summarised):
     ) -> None:
         """Assemble everything that does not change (collective)."""
         given = locals()
-        for each in declarations(Model):
-            each.check(given[each.name], "Model")
-        is_mesh = isinstance(jointed, JointedMesh)
-        check_kind_of("jointed", jointed, is_mesh, "a split mesh, as from read_msh")
-        known = isinstance(damping, Rayleigh | ModalRatios | None)
-        check_kind_of("damping", damping, known, "a Rayleigh or ModalRatios")
-        check_kind_of("body", body, isinstance(body, Body | None), "a Body")
+        _check_kinds(given)
         self._options = body = body or Body()
         joints = joints if isinstance(joints, Joints) else Joints(joints)
         given |= {"joints": joints, "body": body}
@@ -148,12 +142,7 @@ class Model(Summarised):
         self.rayleigh, self.absorption, self.dashpots = self._damping(rest)
         plastic = {name: each for name, each in by_group.items() if is_plastic(each)}
         self.bulk = self._plastic_bulk(plastic) if plastic else None
-        self.coupled = None
-        if self.reservoir is not None:
-            from dolfinx_joints.model.with_water import BodyAndWater
-
-            unknowns = self.mass.createVecRight()
-            self.coupled = BodyAndWater(unknowns, self.reservoir.water(self), self.gdim)
+        self.coupled = None if self.reservoir is None else self._with(self.reservoir)
 
     def _summary(self) -> Rows:
         joints, degree = self.jointed.joint_names, self.V.ufl_element().degree
@@ -230,6 +219,12 @@ class Model(Summarised):
             rest.axpy(1.0, absorption, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         dashpots = absorption if rest is None else rest
         return rayleigh, absorption, None if dashpots is None else matrices.blocked(dashpots)
+
+    def _with(self, reservoir: Reservoir) -> BodyAndWater:
+        """The unknowns of the body and of the waves in a reservoir."""
+        from dolfinx_joints.model.with_water import BodyAndWater
+
+        return BodyAndWater(self.mass.createVecRight(), reservoir.water(self), self.gdim)
 
     @property
     def _arguments(self) -> tuple[Any, Any]:
@@ -372,6 +367,18 @@ class Model(Summarised):
     def num_dofs(self) -> int:
         """Displacement dofs on all ranks, constrained ones included."""
         return int(self.V.dofmap.index_map.size_global * self.V.dofmap.index_map_bs)
+
+
+def _check_kinds(given: Mapping[str, Any]) -> None:
+    """Check the kinds of the arguments of a model."""
+    for each in declarations(Model):
+        each.check(given[each.name], "Model")
+    jointed, damping, body = given["jointed"], given["damping"], given["body"]
+    is_mesh = isinstance(jointed, JointedMesh)
+    check_kind_of("jointed", jointed, is_mesh, "a split mesh, as from read_msh")
+    known = isinstance(damping, Rayleigh | ModalRatios | None)
+    check_kind_of("damping", damping, known, "a Rayleigh or ModalRatios")
+    check_kind_of("body", body, isinstance(body, Body | None), "a Body")
 
 
 def _kinds(every: Sequence[Any]) -> list[str]:

@@ -153,9 +153,8 @@ class Study(Summarised):
                 changed, or the table cannot be written.
         """
         if unknown := set(only or ()) - self.cases.keys():
-            raise ValueError(
-                f"There is no case {min(unknown)!r}; there are {', '.join(self.cases)}."
-            )
+            known = ", ".join(self.cases)
+            raise ValueError(f"There is no case {min(unknown)!r}; there are {known}.")
         if executor is None and {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"} & os.environ.keys():
             raise StudyError(
                 "A study starts processes of its own: run it without mpirun, or give it an "

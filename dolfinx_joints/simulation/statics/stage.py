@@ -15,6 +15,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.progress import Progress
+from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.laws.law import Floats, Response
 from dolfinx_joints.loads.load import Load, always, load_names
@@ -69,8 +70,8 @@ def march(
     missing = tuple(n for n, one in named if not any(one is other for other in acting))
     facts: dict[str, Any] = {"missing": missing}
     if apart is not None and contact is not None:
-        push = contact.operator.force(-apart, before.displacement.duplicate())
-        system = _under(system, before, push)
+        facts["loads"] = before.loads
+        system = _under(system, before, contact.operator, apart)
     if stage is not None:
         facts |= {"inactive": stage.inactive, "absent": stage.absent}
         idle = None if contact is None else contact.without(stage.idle)
@@ -94,8 +95,6 @@ def march(
             force.getArray()[stage.dofs] = 0.0
         if contact is not None:
             at.response = with_inactive(contact, at.response, before, at.displacement, stage)
-    if apart is not None:
-        facts["loads"] = before.loads
     return at.state(facts | {"cuts": increments.cuts, "jumps": jumps.found})
 
 
@@ -255,8 +254,11 @@ def _prepare(solver: StepSolver, last_resort: bool, start: Response | None) -> N
         chosen.continue_from(start)
 
 
-def _under(system: MatrixSystem, before: StaticState, push: PETSc.Vec) -> MatrixSystem:
-    """Return the system under a constant load of the grout, with its supports at rest."""
+def _under(
+    system: MatrixSystem, before: StaticState, operator: GapOperator, apart: Floats
+) -> MatrixSystem:
+    """Return the system under constant tractions of the grout, with its supports at rest."""
+    push = operator.force(-apart, before.displacement.duplicate())
     there = before.displacement.getArray()[system.constrained]
     patterns, names = [(push, always)], ["grout"]
     return replace(system, patterns=patterns, load_names=names, values=lambda _: there)

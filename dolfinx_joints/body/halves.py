@@ -18,8 +18,8 @@ from petsc4py import PETSc
 
 from dolfinx_joints.body.matrices import from_rows
 from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.mesh.cells import Floats, Ints
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.uint32]
 
 # Rounding error that assembly may leave in an entry, relative to the diagonal of its nodes (in the
@@ -118,8 +118,8 @@ class Others:
 
     def __init__(
         self,
-        rows: NDArray[np.int64],
-        columns: NDArray[np.int64],
+        rows: Ints,
+        columns: Ints,
         blocks: Floats,
         nodes: int,
         like: PETSc.Vec,
@@ -142,9 +142,7 @@ class Others:
         _multiply_others(*self._arrays, values, mass, stiffness)
 
 
-def _is_isotropic(
-    blocks: Any, places: NDArray[np.int64], nodes: int, first: int
-) -> NDArray[np.bool_]:
+def _is_isotropic(blocks: Any, places: Ints, nodes: int, first: int) -> NDArray[np.bool_]:
     """Return True for each block of M that is a multiple of the identity to rounding.
 
     The rank has so many ``nodes`` from the ``first`` on; ``places`` are those of `_places`.
@@ -158,9 +156,7 @@ def _is_isotropic(
     return isotropic
 
 
-def _is_symmetric(
-    rows: NDArray[np.int64], columns: NDArray[np.int64], blocks: Floats, nodes: int, largest: float
-) -> bool:
+def _is_symmetric(rows: Ints, columns: Ints, blocks: Floats, nodes: int, largest: float) -> bool:
     """Whether blocks of a rank's nodes, sorted, are those of symmetric K and M to rounding.
 
     The largest entry of M is given.
@@ -189,13 +185,13 @@ def _by_nodes(matrix: PETSc.Mat) -> Any:
     return blocks
 
 
-def _places(blocks: Any) -> NDArray[np.int64]:
+def _places(blocks: Any) -> Ints:
     """Row times the number of columns, plus column, of each block; they grow."""
     rows = np.repeat(np.arange(len(blocks.indptr) - 1), np.diff(blocks.indptr))
     return rows * (blocks.shape[1] // 3) + blocks.indices
 
 
-def _starts(rows: NDArray[np.int64], nodes: int) -> Indices:
+def _starts(rows: Ints, nodes: int) -> Indices:
     """First block of each row, and their number at the end."""
     return np.append(0, np.cumsum(np.bincount(rows, minlength=nodes))).astype(np.uint32)
 

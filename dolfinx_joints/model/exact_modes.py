@@ -10,15 +10,13 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import summed
+from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.model.modes import SAME_FREQUENCY, too_few, whole_groups
 from dolfinx_joints.model.system import MatrixSystem
-
-Floats = NDArray[np.float64]
 
 # Largest omega dt of a mode that is taken: four steps in its period. Errors of bars that strike and
 # of dams hardly change between 1 and 2.

@@ -37,10 +37,8 @@ from dolfinx_joints.common.errors import warn
 from dolfinx_joints.common.mpi import rows_at
 from dolfinx_joints.common.parameters import finite
 from dolfinx_joints.joints.operator import GapOperator
+from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # Rings of neighbours that sources are taken from: sources h and 4 h behind a node of degree 1.
 RINGS = 4

@@ -9,14 +9,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.damping import ModalRatios
+from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.model.modes import Modes, whole_groups
 from dolfinx_joints.model.system import MatrixSystem, check_system
-
-Floats = NDArray[np.float64]
 
 # Of a mode's own damping, above which the report calls modes coupled.
 COUPLED = 0.1

@@ -9,17 +9,15 @@ from typing import Any
 
 import basix
 import numpy as np
-from numpy.typing import NDArray
 
 from dolfinx_joints.materials.bulk_law import Material, elastic_part
 from dolfinx_joints.materials.orthotropic import Orthotropic
+from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.mesh.dolfinx_versions import geometry_nodes
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.results.resolved import Resolved
 
 NODES_PER_WAVELENGTH = 10.0
-
-Floats = NDArray[np.float64]
 
 
 def resolution(model: Model) -> Resolved:

@@ -23,13 +23,13 @@ from dolfinx_joints.joints.internal_forces import InternalForces, JointInternalF
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.laws.law import AnyLaw
 from dolfinx_joints.loads.load import FollowsJoints, JointLoad, Load, VaryingLoad
+from dolfinx_joints.mesh.cells import Floats, Ints
 
 if TYPE_CHECKING:
     from dolfinx_joints.body.plastic_cells import PlasticBulk
     from dolfinx_joints.loads.loaded_body import LoadedBody
     from dolfinx_joints.loads.water.pressures_in_joints import JointWaters
 
-Floats = NDArray[np.float64]
 Pattern = tuple[PETSc.Vec, Callable[[float], float]]
 
 
@@ -72,7 +72,7 @@ class MatrixSystem:
     bulk: PlasticBulk | None = None
     patterns: Sequence[Pattern] = ()
     load_names: Sequence[str] = ()
-    constrained: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    constrained: Ints = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     values: Callable[[float], Floats] | None = None
     symmetric: bool = True
     components: int = 1
@@ -147,7 +147,7 @@ class MatrixSystem:
         return None if self.contact is None else JointInternalForces(self.contact)
 
     @cached_property
-    def massless(self) -> NDArray[np.int64]:
+    def massless(self) -> Ints:
         """Owned dofs without mass, local numbers."""
         diagonal = self.mass.getDiagonal().getArray(readonly=True)
         return np.flatnonzero(diagonal == 0.0)

@@ -30,10 +30,8 @@ from dolfinx_joints.loads.ground_motion import BaseMotion
 from dolfinx_joints.loads.load import VaryingLoad
 from dolfinx_joints.loads.water.far_field import FarField
 from dolfinx_joints.loads.water.water import Water
+from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.model.system import MatrixSystem, as_aij
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class BodyAndWater:

@@ -22,12 +22,11 @@ from dolfinx_joints.common.kernels import cell_content, globals_read, instructio
 from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.common.parameters import LONGEST_SHOWN, number_at, numbers_of, shown
 from dolfinx_joints.loads.load import Load, load_names
+from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
-
-Floats = NDArray[np.float64]
 
 HASH = "sha256:"
 SAME = 1e-9  # sums on different numbers of ranks differ by rounding
@@ -263,11 +262,11 @@ def _numbers(
     return numbers
 
 
-def _weights(numbers: NDArray[np.int64]) -> Floats:
+def _weights(numbers: Ints) -> Floats:
     return np.asarray(1.5 + np.sin(numbers.astype(np.float64)))
 
 
-def _sums(numbers: NDArray[np.int64], values: NDArray[Any]) -> Floats:
+def _sums(numbers: Ints, values: NDArray[Any]) -> Floats:
     """Return weighted sums of groups of numbered values."""
     weighted = _weights(numbers) * values.ravel()
     return np.bincount(numbers % PARTS, weighted, minlength=PARTS).astype(np.float64)

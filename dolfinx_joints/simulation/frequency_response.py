@@ -20,6 +20,7 @@ from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.loads.load import Vector
 from dolfinx_joints.loads.wave_levels import warn_of_sides
+from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.modal_damping import modal_damping
 from dolfinx_joints.model.model import Model
@@ -28,7 +29,6 @@ from dolfinx_joints.model.modes import modes as lowest
 from dolfinx_joints.model.system import MatrixSystem, as_aij
 from dolfinx_joints.solvers.direct import DirectSolver
 
-Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 

@@ -10,13 +10,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.time_integration.scheme import StepReport
 from dolfinx_joints.time_integration.states import DynamicState
-
-Floats = NDArray[np.float64]
 
 _TOTALS = ("_at_start", "scale", "largest", "_error", "_imbalance")
 

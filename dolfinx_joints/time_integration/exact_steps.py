@@ -11,16 +11,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.model.exact_modes import ModalStep, lowest_modes
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.time_integration.products import Products
 from dolfinx_joints.time_integration.states import DynamicState
-
-Floats = NDArray[np.float64]
 
 
 def scaled(system: MatrixSystem, state: DynamicState, count: int, rate: float) -> DynamicState:
@@ -76,7 +74,7 @@ def complete(
     effective: MatrixCoefficients,
     x: PETSc.Vec,
     modal: Floats,
-    fixed: NDArray[np.int64],
+    fixed: Ints,
 ) -> None:
     """Add what m' and c' change to the products of a step with the body (collective).
 

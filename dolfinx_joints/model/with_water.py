@@ -198,9 +198,9 @@ class BodyAndWater:
             parts.append((lines, self._body_columns(dofs[at_water]), values[at_water]))
         rows, columns, values = (np.concatenate(each) for each in zip(*parts, strict=True))
         local, total = self._sizes
-        lines = csr_array(coo_array((values, (rows, columns)), shape=(local, total)))
-        lines.sort_indices()
-        return from_rows([self._sizes] * 2, (lines.indptr, lines.indices, lines.data), self._comm)
+        both = csr_array(coo_array((values, (rows, columns)), shape=(local, total)))
+        both.sort_indices()
+        return from_rows([self._sizes] * 2, (both.indptr, both.indices, both.data), self._comm)
 
     def _contact(self, contact: Contact) -> Contact:
         """The joints, with B of both (collective)."""

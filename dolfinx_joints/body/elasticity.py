@@ -38,12 +38,8 @@ class ElasticBody:
     K: (lambda tr(eps(u)) I + 2 mu eps(u)) : eps(v) dx,   M: rho u . v dx
 
     and C eps(u) in the place of the stress where some material is orthotropic. Of a plastic
-    material only its elastic part is seen here.
-
-    Args:
-        jointed: The mesh with its cell groups.
-        material: One material for all cells, or one per named cell group.
-        plane: ``strain`` or ``stress`` in 2-D (unit thickness); ignored in 3-D.
+    material only its elastic part is seen here. In 2-D ``plane`` is ``strain`` or ``stress``, of
+    unit thickness; in 3-D it is ignored.
 
     Attributes:
         density: rho [kg/m^3].

@@ -16,9 +16,10 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.body.matrices import from_rows
 from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.mesh.cells import Floats, Ints
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.uint32]
 
 # Rounding error that assembly may leave in an entry, relative to the diagonal of its nodes (in the
@@ -109,20 +110,16 @@ class Halves:
 
 
 class Others:
-    """Blocks of this rank's nodes with those of other ranks.
+    """Blocks of this rank's nodes with those of other ranks, as in `Halves`.
 
-    Args:
-        rows: Nodes of this rank, in order, shape (blocks,).
-        columns: Nodes among all ranks', likewise.
-        blocks: As in `Halves`.
-        nodes: Number of this rank's nodes.
-        like: A vector of nodal values.
+    Rows are nodes of this rank, in order, and columns nodes among those of all ranks, both of
+    shape (blocks,); ``nodes`` is the number of this rank's nodes, ``like`` a vector of values.
     """
 
     def __init__(
         self,
-        rows: NDArray[np.int64],
-        columns: NDArray[np.int64],
+        rows: Ints,
+        columns: Ints,
         blocks: Floats,
         nodes: int,
         like: PETSc.Vec,
@@ -145,16 +142,10 @@ class Others:
         _multiply_others(*self._arrays, values, mass, stiffness)
 
 
-def _is_isotropic(
-    blocks: Any, places: NDArray[np.int64], nodes: int, first: int
-) -> NDArray[np.bool_]:
+def _is_isotropic(blocks: Any, places: Ints, nodes: int, first: int) -> NDArray[np.bool_]:
     """Return True for each block of M that is a multiple of the identity to rounding.
 
-    Args:
-        blocks: Blocks of this rank's nodes.
-        places: Of each block, see `_places`.
-        nodes: Number of this rank's nodes.
-        first: Number of the first one.
+    The rank has so many ``nodes`` from the ``first`` on; ``places`` are those of `_places`.
     """
     rows, columns = np.divmod(places, blocks.shape[1] // 3)
     diagonal, sizes = columns - first == rows, np.abs(blocks.data).max(axis=(1, 2))
@@ -165,13 +156,7 @@ def _is_isotropic(
     return isotropic
 
 
-def _is_symmetric(
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
-    blocks: Floats,
-    nodes: int,
-    largest: float,
-) -> bool:
+def _is_symmetric(rows: Ints, columns: Ints, blocks: Floats, nodes: int, largest: float) -> bool:
     """Whether blocks of a rank's nodes, sorted, are those of symmetric K and M to rounding.
 
     The largest entry of M is given.
@@ -200,13 +185,13 @@ def _by_nodes(matrix: PETSc.Mat) -> Any:
     return blocks
 
 
-def _places(blocks: Any) -> NDArray[np.int64]:
+def _places(blocks: Any) -> Ints:
     """Row times the number of columns, plus column, of each block; they grow."""
     rows = np.repeat(np.arange(len(blocks.indptr) - 1), np.diff(blocks.indptr))
     return rows * (blocks.shape[1] // 3) + blocks.indices
 
 
-def _starts(rows: NDArray[np.int64], nodes: int) -> Indices:
+def _starts(rows: Ints, nodes: int) -> Indices:
     """First block of each row, and their number at the end."""
     return np.append(0, np.cumsum(np.bincount(rows, minlength=nodes))).astype(np.uint32)
 
@@ -217,10 +202,7 @@ def _rest(blocks: Any, like: PETSc.Mat) -> PETSc.Mat | None:
     single.eliminate_zeros()
     if not any(like.comm.tompi4py().allgather(single.nnz)):
         return None
-    parts = single.indptr.astype(PETSc.IntType), single.indices.astype(PETSc.IntType), single.data
-    rest = PETSc.Mat().createAIJ(like.getSizes(), csr=parts, comm=like.comm)
-    rest.assemble()
-    return rest
+    return from_rows(like.getSizes(), (single.indptr, single.indices, single.data), like.comm)
 
 
 @njit(cache=True, fastmath={"contract"})

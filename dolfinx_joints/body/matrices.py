@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
@@ -21,30 +23,30 @@ def blocked(matrix: PETSc.Mat) -> PETSc.Mat:
 
 
 def kept(assembled: PETSc.Mat, components: int) -> PETSc.Mat:
-    """The matrix on a communicator that outlives the mesh, which frees its own (collective).
+    """Move a matrix to a communicator that outlives the mesh, which frees its own (collective).
 
-    Args:
-        assembled: The matrix; it is freed.
-        components: Unknowns of a node.
+    A node has so many ``components``.
     """
     assembled.assemble()
-    matrix = PETSc.Mat().createAIJ(
-        assembled.getSizes(),
-        bsize=components,
-        csr=assembled.getValuesCSR(),
-        comm=lasting(assembled.comm.tompi4py()),
-    )
-    matrix.assemble()
+    comm = lasting(assembled.comm.tompi4py())
+    matrix = from_rows(assembled.getSizes(), assembled.getValuesCSR(), comm, components)
     assembled.destroy()
+    return matrix
+
+
+def from_rows(sizes: Any, csr: tuple[Any, Any, Any], comm: Any, block: int = 1) -> PETSc.Mat:
+    """Return a matrix from each rank's rows: starts, columns and values (collective)."""
+    starts, columns, values = csr
+    csr = starts.astype(PETSc.IntType), columns.astype(PETSc.IntType), values
+    matrix = PETSc.Mat().createAIJ(sizes, bsize=block, csr=csr, comm=comm)
+    matrix.assemble()
     return matrix
 
 
 def rigid_modes(matrix: PETSc.Mat, nodes: NDArray[np.float64]) -> PETSc.NullSpace:
     """Translations and rotations, which multigrid takes to its coarse levels (collective).
 
-    Args:
-        matrix: Matrix of the displacements.
-        nodes: Coordinates of the rank's nodes, its own first, shape (n, 3), [m].
+    ``nodes`` are coordinates of the rank's nodes, its own first, shape (n, 3), [m].
     """
     places, gdim = matrix.createVecRight(), matrix.getBlockSize()
     places.setArray(nodes[: places.getLocalSize() // gdim, :gdim].ravel())
@@ -57,13 +59,8 @@ def without_zeros(matrix: PETSc.Mat) -> PETSc.Mat:
     rows = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
     kept = (values != 0.0) | (columns == rows + matrix.getOwnershipRange()[0])
     counts = np.bincount(rows[kept], minlength=len(starts) - 1)
-    thin = PETSc.Mat().createAIJ(
-        matrix.getSizes(),
-        bsize=matrix.getBlockSize(),
-        csr=(np.append(0, np.cumsum(counts)).astype(PETSc.IntType), columns[kept], values[kept]),
-        comm=matrix.comm,
-    )
-    thin.assemble()
+    csr = np.append(0, np.cumsum(counts)), columns[kept], values[kept]
+    thin = from_rows(matrix.getSizes(), csr, matrix.comm, matrix.getBlockSize())
     matrix.destroy()
     return thin
 

@@ -41,17 +41,10 @@ def nodes_of_group(jointed: JointedMesh, V: FunctionSpace, group: str) -> Ints:
 def nearest_nodes(
     jointed: JointedMesh, V: FunctionSpace, point: Sequence[float], group: str | None = None
 ) -> tuple[float, Ints]:
-    """Nodes that are nearest to a point; on a joint there may be several (collective).
+    """Return the distance [m] of the nodes nearest to a point, and those owned (collective).
 
-    Args:
-        jointed: The mesh.
-        V: The space of the nodes.
-        point: Coordinates, as many as the mesh has or three, [m].
-        group: Cell group, facet group or side of a joint that they must belong to; any node unless
-            given.
-
-    Returns:
-        Their distance [m], and those that this rank owns, local numbers.
+    The point has as many coordinates as the mesh, or three, [m]. On a joint there may be several
+    such nodes, of a cell group, a facet group or a side of a joint if one is given.
     """
     gdim, owned = jointed.mesh.geometry.dim, V.dofmap.index_map.size_local
     if len(point) < gdim:

@@ -30,11 +30,7 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 @dataclass(frozen=True, kw_only=True)
 class PlasticState(JointState):
-    """State of the joints, without points where there are none, and of the plastic cells.
-
-    Attributes:
-        bulk: That of the plastic cells.
-    """
+    """State of the joints, without points where there are none, and of the plastic cells."""
 
     bulk: BulkState
 
@@ -57,16 +53,7 @@ class PlasticResponse(Response):
 class PlasticBulk:
     """The cells of a body with plastic materials, and its joints.
 
-    Args:
-        jointed: The mesh.
-        V: Displacement space.
-        laws: Plastic material of each cell group; of all cells where the name is empty.
-        stiffness: K.
-        contact: Joints with their laws, None without joints.
-
-    Attributes:
-        operator: Strain operator of the cells.
-        kinds: Kinds of the laws.
+    Laws are by cell group; that of an empty name is of all cells. ``kinds`` are theirs.
     """
 
     def __init__(
@@ -111,13 +98,7 @@ class PlasticBulk:
         return self._beside(joints, BACKWARD_EULER, self.operator.strain(u), state.bulk)
 
     def respond(self, change: PETSc.Vec, state: PlasticState, rule: Rule) -> PlasticResponse:
-        """Answer to a change of the displacement since ``state`` (collective).
-
-        Args:
-            change: Displacement less that at ``state``, [m].
-            state: State at the start of the step.
-            rule: How the laws are asked.
-        """
+        """Answer to a change of the displacement [m] since ``state`` (collective)."""
         joints = self._joints.respond(change, state, rule) if self._joints else _no_joints()
         strain = state.bulk.strain + self.operator.strain(change)
         return self._beside(joints, rule, strain, state.bulk)
@@ -187,9 +168,7 @@ class PlasticBulk:
     def tangent(self, response: PlasticResponse, part: float = 0.0) -> Floats:
         """Point tangents of joints and bulk, the latter less its elastic one, in one array [SI].
 
-        Args:
-            response: The answer that they belong to.
-            part: Part of the stiffness of closed joints and of the elastic body added.
+        A part of the stiffness of closed joints and of the elastic body may be added.
         """
         bulk = response.softening + part * self._elastic if part else response.softening
         if self._joints is None:

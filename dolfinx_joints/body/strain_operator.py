@@ -31,19 +31,13 @@ class StrainOperator:
     """A matrix P with the volume of each point: strain = P u, force = P^T (w stress).
 
     Strains are (xx, yy, zz, 2 yz, 2 xz, 2 xy); in 2-D those out of the plane are zero. Each rank
-    holds the points of its own cells.
-
-    Args:
-        jointed: The mesh.
-        V: Vector Lagrange space on it.
-        cells: Cells of this rank that are concerned; ghosts among them are left out.
-        matrix: A matrix whose columns are the dofs of V.
+    has the points of those of the given ``cells`` that are its own. The columns of ``matrix`` are
+    the dofs of V.
 
     Attributes:
         matrix: P, shape (6 num_points, num_dofs).
         volumes: Volume w of the local points, shape (n,), [m^3]; [m^2] in 2-D.
         cells: Cell of each local point, shape (n,).
-        comm: Communicator of the matrix.
     """
 
     def __init__(self, jointed: JointedMesh, V: Any, cells: Ints, matrix: PETSc.Mat) -> None:
@@ -103,12 +97,7 @@ class StrainOperator:
         return self._work.getArray(readonly=True).reshape(-1, SIZE).copy()
 
     def force(self, stress: Floats, out: PETSc.Vec) -> PETSc.Vec:
-        """Nodal forces P^T (w stress), [N] (collective).
-
-        Args:
-            stress: Stresses of the local points, shape (n, 6), [Pa].
-            out: Vector that receives the forces.
-        """
+        """Write the forces P^T (w stress) of stresses (n, 6) [Pa] to ``out`` [N] (collective)."""
         self._work.setArray((self.volumes[:, None] * stress).ravel())
         self.matrix.multTranspose(self._work, out)
         return out
@@ -121,14 +110,8 @@ class StrainOperator:
 class StrainTangent:
     """P^T (w D) P for changing point tangents D, with its sparsity kept.
 
-    Args:
-        operator: The strain operator.
-        unconstrained: 1 for unconstrained and 0 for constrained dofs, whose rows and columns of
-            the result are zero.
-
-    Attributes:
-        comm: Communicator of the matrix.
-        num_points: Points of this rank.
+    ``unconstrained`` is 1 for unconstrained and 0 for constrained dofs, whose rows and columns of
+    the result are zero. ``num_points`` are those of this rank.
     """
 
     def __init__(self, operator: StrainOperator, unconstrained: PETSc.Vec) -> None:

@@ -190,12 +190,12 @@ class Constraints:
                 )
             if isinstance(support, Spring):
                 continue
-            named: str | None = None
+            letters = "xyz"[:gdim]
             if isinstance(support, Prescribed):
-                named = support.component
+                letters = support.component
             elif isinstance(support, Fixed):
-                named = support.components
-            components = components_of("xyz"[:gdim] if named is None else named, gdim)
+                letters = support.components or letters
+            components = components_of(letters, gdim)
             if isinstance(support, ViscousBoundary) or support.point is None:
                 nodes = nodes_of_facets(jointed, V, str(support.group))
             else:
@@ -207,13 +207,7 @@ class Constraints:
                 held += [dofs] if support.in_statics == "held" else []
             else:
                 fixed.append(dofs)
-        still = {
-            (place_of(s), c) for s in supports if isinstance(s, Fixed) for c in s.components or ""
-        }
-        for moved in (each for *_, each in self._prescribed):
-            if (place_of(moved), moved.component) in still:
-                what = f"The displacement {moved.component} on {shown(place_of(moved))}"
-                raise ValueError(f"{what} is both Fixed and Prescribed; give one of them.")
+        _check_not_both(supports)
         clamped = [s for s in supports if isinstance(s, Fixed | Prescribed) and s.point is None]
         self.groups = tuple(dict.fromkeys(place_of(support) for support in clamped))
         every = [np.empty(0, dtype=np.int64), *fixed, *(dofs for dofs, *_ in self._prescribed)]
@@ -227,10 +221,7 @@ class Constraints:
         return bool(self._prescribed)
 
     def values(self, time: float, *, static: bool = False) -> NDArray[np.float64]:
-        """Return the displacements of `dofs`, or of `static_dofs`, at a time [s] (collective).
-
-        Returns:
-            Shape (n,), [m].
+        """Return the displacements (n,) [m] of `dofs` or `static_dofs` at a time [s] (collective).
 
         Raises:
             ValueError: Two supports prescribe different values at the same dof.
@@ -255,8 +246,7 @@ class Constraints:
     def _shared_dofs(self) -> list[tuple[int, int, Ints, Ints]]:
         """Find pairs of prescribed supports that share dofs on any rank (collective).
 
-        Returns:
-            Numbers of two supports, and the places of the shared dofs among those of each.
+        A pair has two numbers, and the places of the shared dofs among those of each support.
         """
         pairs = []
         for (i, (one, *_)), (j, (other, *_)) in combinations(enumerate(self._prescribed), 2):
@@ -285,6 +275,16 @@ class Constraints:
                 f"{other:.10g} m at t = {time:g} s; make the values equal there, or take the "
                 "shared nodes out of one of the groups."
             )
+
+
+def _check_not_both(supports: Sequence[Support]) -> None:
+    """Check that no component is fixed by its name and prescribed at one place."""
+    fixed = [s for s in supports if isinstance(s, Fixed)]
+    still = {(place_of(s), component) for s in fixed for component in s.components or ""}
+    for moved in supports:
+        if isinstance(moved, Prescribed) and (place_of(moved), moved.component) in still:
+            what = f"The displacement {moved.component} on {shown(place_of(moved))}"
+            raise ValueError(f"{what} is both Fixed and Prescribed; give one of them.")
 
 
 def _node_of_point(jointed: JointedMesh, V: Any, support: Fixed | Prescribed) -> Ints:

@@ -1,11 +1,12 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Protocols of loads: patterns with factors, on faces, in joints, following joints."""
+"""Protocols of loads: patterns with factors, on faces, in joints, following joints, varying."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from itertools import count
 from typing import Annotated, Protocol, runtime_checkable
 
@@ -83,6 +84,30 @@ class AddedMass(Protocol):
 
     def matrix(self, model: LoadedBody) -> PETSc.Mat:
         """Its mass in the layout of the model's matrices [kg] (collective)."""
+
+
+class VaryingLoad:
+    """Load whose pattern varies in time, kept at the last times.
+
+    Args:
+        name: Its name in the ledger.
+        rows: Rows of the rank's unknowns that it acts on.
+        force: Forces of these rows at a time [s], [N] (collective).
+    """
+
+    def __init__(self, name: str, rows: slice, force: Callable[[float], Floats]) -> None:
+        """Evaluate nothing yet."""
+        self.names, self._rows = (name,), rows
+        self._at = lru_cache(maxsize=4)(force)
+
+    def add(self, out: PETSc.Vec, time: float) -> None:
+        """Add the forces at a time [s] to those of all unknowns [N] (collective)."""
+        out.getArray()[self._rows] += self._at(time)
+
+    def work(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
+        """Return the work on a change of the unknowns by the mean of its ends, [J] (collective)."""
+        mine = 0.5 * float(x.array_r[self._rows] @ (self._at(start) + self._at(end)))
+        return {self.names[0]: float(np.sum(x.comm.tompi4py().allgather(mine)))}
 
 
 def always(_time: float) -> float:

@@ -10,15 +10,13 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.mpi import summed
+from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.model.modes import SAME_FREQUENCY, too_few, whole_groups
 from dolfinx_joints.model.system import MatrixSystem
-
-Floats = NDArray[np.float64]
 
 # Largest omega dt of a mode that is taken: four steps in its period. Errors of bars that strike and
 # of dams hardly change between 1 and 2.
@@ -28,15 +26,12 @@ LARGEST_ANGLE = 1.5
 class LowestModes:
     """Modes of a body cut at its joints, and what steps need of them.
 
-    Args:
-        system: The system.
-        count: Number of modes; a group of equal frequencies that it would cut is left out.
+    A group of equal frequencies that the ``count`` would cut is left out.
 
     Attributes:
         frequencies: omega, ascending, shape (n,), [rad/s].
         damping: phi.C phi with phi.M phi = 1, shape (n,), [1/s].
         loads: phi times the patterns of the loads, shape (n, patterns).
-        comm: Communicator of the ranks.
     """
 
     def __init__(self, system: MatrixSystem, count: int) -> None:
@@ -56,7 +51,7 @@ class LowestModes:
             raise too_few(body, count)
         shapes = _columns(found.shapes)
         shapes[system.constrained] = 0.0
-        weighted = _columns([system.mass * _vector(system, shape) for shape in shapes.T])
+        weighted = _columns([system.mass * system.vector(shape) for shape in shapes.T])
         self._fixed, self._moves = system.constrained, system.values is not None
         at_supports = weighted[system.constrained]
         weighted[system.constrained] = 0.0
@@ -66,7 +61,7 @@ class LowestModes:
         self._shapes = np.asfortranarray(shapes @ factor)
         self._weighted = np.asfortranarray(weighted @ factor)
         self._at_supports = at_supports @ factor
-        vectors = [_vector(system, shape) for shape in self._shapes.T]
+        vectors = [system.vector(shape) for shape in self._shapes.T]
         work = system.mass.createVecRight()
         self.damping = np.array([v.dot(system.damping_force(v, work)) for v in vectors])
         self.loads = np.array([[v.dot(p) for p, _ in system.patterns] for v in vectors])
@@ -77,8 +72,8 @@ class LowestModes:
 
         Any turn of them are modes too, and which are found depends on rounding and ranks.
         """
-        work = system.mass.createVecRight
-        forces = _columns([system.damping_force(_vector(system, s), work()) for s in shapes.T])
+        each = [system.damping_force(system.vector(s), system.vector()) for s in shapes.T]
+        forces = _columns(each)
         forces[system.constrained] = 0.0
         damping = summed(self.comm, shapes.T @ forces)
         apart = np.diff(self.frequencies) > SAME_FREQUENCY * self.frequencies[1:]
@@ -190,9 +185,3 @@ def lowest_modes(system: MatrixSystem, count: int) -> LowestModes:
 
 def _columns(vectors: list[PETSc.Vec]) -> Floats:
     return np.column_stack([v.array_r for v in vectors])
-
-
-def _vector(system: MatrixSystem, values: Floats) -> PETSc.Vec:
-    vector = system.mass.createVecRight()
-    vector.setArray(values)
-    return vector

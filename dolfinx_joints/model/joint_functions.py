@@ -128,15 +128,10 @@ class JointFunctions:
 
 
 def _fit(rule: Floats, corners: int) -> tuple[int, Floats]:
-    """Degree of the polynomials that points of a facet determine, and what does so.
+    """Return the largest degree of polynomials that points of a facet determine, and a matrix.
 
-    Args:
-        rule: Points on the reference facet, shape (q, facet dimension).
-        corners: Vertices of the facet.
-
-    Returns:
-        The largest degree, and values at the Lagrange nodes of it per value at the points, shape
-        (nodes, q).
+    The ``rule`` has the points, shape (q, facet dimension); ``corners`` is the number of vertices.
+    The matrix, shape (nodes, q), has the values at the Lagrange nodes per value at the points.
     """
     kind, degree, found = facet_cell_type(corners), 0, np.full((1, len(rule)), 1.0 / len(rule))
     while True:

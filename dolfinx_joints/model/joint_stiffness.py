@@ -2,30 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """How stiff a joint should be: k_n and k_s from the body, and what they cost in accuracy.
 
-A closed joint is a layer in series with the blocks. Let f be the inertia forces of the first mode
-of the jointed body. The stresses of the tied body (no joints) under f are in equilibrium with f in
-the jointed body as well, so by the principle of least complementary energy
-
-    f.C_joint f <= f.C_tied f + int (t_n^2/k_n + |t_s|^2/k_s) dA,    C compliance,        (1)
-
-with the tractions t of the tied body on the joints. Let the integral be at most epsilon times the
-first term. As 1/omega^2 is the largest of f.C f / f.M^-1 f,
-
-    omega_tied / sqrt(1 + epsilon) <= omega_joint <= omega_tied.                            (2)
-
-Of all stresses with given tractions on a plane, those without strain along the plane have the
-least energy: sigma:S:sigma >= t_n^2/M + |t_s|^2/G, M the oedometric modulus. Where the tractions
-on a joint reach through a length L of the body unchanged, L being the distance of the joints,
-
-    epsilon <= max(M/(k_n L), G/(k_s L)).                                                   (3)
-
-(1) and (2) are rigorous for closed and sticking joints. (3) rests on an assumption that holds on
-average only: within a chain of bars the square of the stress in the middle of a block, where the
-joint is, exceeds its mean by a term of second order. The drop of the frequency is therefore taken
-as epsilon/2, not 1 - 1/sqrt(1 + epsilon), which covers chains of any number of blocks. Where a body
-stands on a single joint at its foot, the stresses fall off to its free end: a third of its height
-is then to be taken for L, a fifth where it bends (the mean of the squares of force and moment under
-a uniform load, relative to those at the foot).
+Theory, assumptions and limits are in docs/theory/joint_stiffness.md, (35) to (37).
 """
 
 from __future__ import annotations
@@ -33,18 +10,12 @@ from __future__ import annotations
 import math
 import sys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import annotated_types as at
-import numpy as np
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.laws.friction import FrictionNoTension
-
-if TYPE_CHECKING:
-    from petsc4py import PETSc
-
-    from dolfinx_joints.model.system import MatrixSystem
 
 # A traction is k_n times a difference of displacements u, of which rounding leaves eps k_n u/t,
 # eps = 2.2e-16, and u is at least the shortening t h/E of a cell. A bar of four or eight cells has
@@ -205,30 +176,6 @@ def propose_stiffness(
         element_size=element_size,
         governed_by=governing,
     )
-
-
-def joint_energy_share(system: MatrixSystem, shape: PETSc.Vec) -> float:
-    """Share eta of the joints in the elastic energy of a mode, a check after `modes` (collective).
-
-    eta = phi.K_J phi / phi.(K + K_J) phi is the derivative of ln omega^2 by the logarithm of the
-    joint stiffness. omega^2 is the least of a family of functions that are linear in it, hence
-    concave: joints tau times as stiff raise the square of the first frequency by at most the
-    factor 1 + (tau - 1) eta, doubled joints the frequency by at most eta/2. Infinitely stiff ones
-    give omega^2/(1 - eta) up to terms of the order eta^2; that is an estimate, not a bound.
-
-    Args:
-        system: The system that the mode belongs to.
-        shape: Mode shape phi, of any length.
-    """
-    if system.contact is None:
-        return 0.0
-    work = shape.duplicate()
-    system.stiffness.mult(shape, work)
-    bulk = float(shape.dot(work))
-    gap = system.contact.operator.jump(shape)
-    density = np.einsum("ni,nij,nj->n", gap, system.contact.closed_tangent(), gap)
-    joints = system.contact.integral(density)
-    return joints / (bulk + joints)
 
 
 def _moduli(young: float, poisson: float) -> tuple[float, float]:

@@ -31,14 +31,14 @@ from numpy.typing import ArrayLike, NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.damping import Rayleigh
+from dolfinx_joints.body.matrices import from_rows
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import warn
+from dolfinx_joints.common.mpi import rows_at
 from dolfinx_joints.common.parameters import finite
 from dolfinx_joints.joints.operator import GapOperator
+from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # Rings of neighbours that sources are taken from: sources h and 4 h behind a node of degree 1.
 RINGS = 4
@@ -111,17 +111,10 @@ def redistributed_mass(
     constrained: Ints,
     rings: int,
 ) -> Redistribution:
-    """M' = P^T M P (collective).
+    """Return M' = P^T M P; arguments are those of `redistribute` (collective).
 
-    Warns if joint nodes keep their mass for want of nodes behind them.
-
-    Args:
-        mass: M [kg].
-        stiffness: K, which tells the neighbours of a node [N/m].
-        operator: The joints.
-        coordinates: Owned nodes, shape (n, components), [m].
-        constrained: Owned constrained dofs, local numbers.
-        rings: Rings of neighbours that sources are taken from.
+    K tells the neighbours of a node. A warning is given if joint nodes keep their mass for want of
+    nodes behind them.
     """
     dim = coordinates.shape[1]
     comm = mass.comm.tompi4py()
@@ -199,21 +192,16 @@ class _Sources:
         self._first = stiffness.getOwnershipRange()[0] // self._dim
         self._origins = coordinates[wanted]
         reached = _rings(stiffness, wanted + self._first, self._dim, rings)
-        flags = np.repeat(massless.astype(np.float64), self._dim)
         nodes, place = np.unique(np.concatenate([*reached, wanted[:0]]), return_inverse=True)
-        has_mass = _values_at(stiffness, flags, nodes, self._dim)[:, 0] == 0.0
-        x = _values_at(stiffness, coordinates.ravel(), nodes, self._dim)
+        comm = stiffness.comm.tompi4py()
+        has_mass, x = ~rows_at(comm, massless, nodes), rows_at(comm, coordinates, nodes)
         parts = np.split(place, np.cumsum([len(r) for r in reached])[:-1]) if reached else []
         self._nodes = [nodes[p[has_mass[p]]] for p in parts]
         self._x = [x[p[has_mass[p]]] for p in parts]
         self._weights: list[Floats] = []
 
     def extrapolate(self, inward: Floats) -> NDArray[np.bool_]:
-        """Find the weights; whether they exist, shape (wanted,).
-
-        Args:
-            inward: Directions into the body, shape (wanted, dim).
-        """
+        """Find the weights by directions into the body (wanted, dim); return which exist."""
         exists = np.zeros(len(self._wanted), dtype=bool)
         for start in range(0, len(self._wanted), AT_ONCE):
             part = range(start, min(start + AT_ONCE, len(self._wanted)))
@@ -243,17 +231,12 @@ class _Sources:
         counts = np.repeat([len(c) for c in columns], self._dim)
         components = np.arange(self._dim)
         every = [(self._dim * c[None, :] + components[:, None]).ravel() for c in columns]
-        matrix = PETSc.Mat().createAIJ(
-            mass.getSizes(),
-            csr=(
-                np.append(0, np.cumsum(counts)).astype(PETSc.IntType),
-                np.concatenate([*every, np.zeros(0, dtype=np.int64)]).astype(PETSc.IntType),
-                np.concatenate([*(np.tile(v, self._dim) for v in values), np.zeros(0)]),
-            ),
-            comm=mass.comm,
+        csr = (
+            np.append(0, np.cumsum(counts)),
+            np.concatenate([*every, np.zeros(0, dtype=np.int64)]),
+            np.concatenate([*(np.tile(v, self._dim) for v in values), np.zeros(0)]),
         )
-        matrix.assemble()
-        return matrix
+        return from_rows(mass.getSizes(), csr, mass.comm)
 
 
 def linear_extrapolation(
@@ -304,7 +287,7 @@ def _rings(stiffness: PETSc.Mat, nodes: Ints, dim: int, count: int) -> list[Ints
 
 def _neighbours(stiffness: PETSc.Mat, nodes: Ints, dim: int) -> list[Ints]:
     """Nodes that K couples with each of some nodes of any rank, and itself (collective)."""
-    rows = _dofs(nodes, dim)
+    rows = (dim * nodes[:, None] + np.arange(dim)).ravel().astype(PETSc.IntType)
     wanted = PETSc.IS().createGeneral(rows, comm=PETSc.COMM_SELF)
     every = PETSc.IS().createStride(stiffness.getSize()[1], step=1, comm=PETSc.COMM_SELF)
     part = stiffness.createSubMatrices([wanted], [every])[0]
@@ -317,20 +300,3 @@ def _neighbours(stiffness: PETSc.Mat, nodes: Ints, dim: int) -> list[Ints]:
     pairs = np.unique(np.stack([row_of[coupled], columns[coupled] // dim], axis=1), axis=0)
     found = np.split(pairs[:, 1], np.searchsorted(pairs[:, 0], np.arange(1, len(nodes))))
     return [part.astype(np.int64) for part in found[: len(nodes)]]
-
-
-def _values_at(matrix: PETSc.Mat, local: Floats, nodes: Ints, dim: int) -> Floats:
-    """Values of nodes of any rank, shape (nodes, dim), from those of all dofs (collective)."""
-    vector = matrix.createVecRight()
-    vector.setArray(local)
-    dofs = _dofs(nodes, dim)
-    wanted = PETSc.IS().createGeneral(dofs, comm=PETSc.COMM_SELF)
-    here = PETSc.Vec().createSeq(len(dofs), comm=PETSc.COMM_SELF)
-    scatter = PETSc.Scatter().create(vector, wanted, here, None)
-    scatter.scatter(vector, here)
-    return here.getArray().copy().reshape(-1, dim)
-
-
-def _dofs(nodes: Ints, dim: int) -> NDArray[np.int32]:
-    dofs: NDArray[np.int32] = (dim * nodes[:, None] + np.arange(dim)).ravel().astype(PETSc.IntType)
-    return dofs

@@ -9,14 +9,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.damping import ModalRatios
+from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.model.modes import Modes, whole_groups
 from dolfinx_joints.model.system import MatrixSystem, check_system
-
-Floats = NDArray[np.float64]
 
 # Of a mode's own damping, above which the report calls modes coupled.
 COUPLED = 0.1
@@ -75,12 +73,7 @@ class ModalDamping:
 
 
 def modal_damping(system: MatrixSystem, modes: Modes) -> ModalDamping:
-    """Damping of the modes by all of C: Rayleigh, viscous boundaries, forms (collective).
-
-    Args:
-        system: The system.
-        modes: Its modes, from `modes`.
-    """
+    """Damping of the `modes` of a system by all of C: Rayleigh, boundaries, forms (collective)."""
     check_system(system)
     count = len(modes.shapes)
     matrix = np.empty((count, count))
@@ -96,9 +89,6 @@ class DampedModes:
     """The part Psi diag(c) Psi^T of C that gives modes their ratios, found when first asked for.
 
     Psi = M Phi without rows of constrained dofs, and zero at unknowns of water.
-
-    Args:
-        asked: The ratios.
     """
 
     def __init__(self, asked: ModalRatios) -> None:

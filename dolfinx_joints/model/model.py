@@ -25,7 +25,7 @@ from dolfinx_joints.common.declared import declarations
 from dolfinx_joints.common.errors import doubt, refuses_removed
 from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.common.parameters import check_kind_of, offers
-from dolfinx_joints.common.summary import Summarised
+from dolfinx_joints.common.summary import Rows, Summarised, names, number
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import AnyLaw
@@ -36,7 +36,6 @@ from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.model.modal_damping import DampedModes
-from dolfinx_joints.model.model_rows import model_rows
 from dolfinx_joints.model.parts import Body, Joints, check_form, check_joints, check_tied, divided
 from dolfinx_joints.model.plausibility import warn_of_overlaps, warn_of_what_no_dam_has
 from dolfinx_joints.model.system import MatrixSystem, water_in
@@ -44,6 +43,7 @@ from dolfinx_joints.model.system import MatrixSystem, water_in
 if TYPE_CHECKING:
     from dolfinx_joints.body.plastic_cells import PlasticBulk
     from dolfinx_joints.loads.water.water import Reservoir
+    from dolfinx_joints.model.with_water import BodyAndWater
 
 
 @refuses_removed
@@ -65,7 +65,6 @@ class Model(Summarised):
         body: Degree, plane strain or stress, extra forms and redistribution of mass: a `Body`.
 
     Attributes:
-        jointed: The mesh.
         parameters: The other arguments, by name.
         V: Displacement space, an ordinary Lagrange space on the split mesh.
         body: Material fields and stress recovery.
@@ -74,14 +73,10 @@ class Model(Summarised):
         bulk: Cells with plastic materials, None without such cells.
         constraints: Constrained dofs.
         absorbing: Groups with a viscous boundary.
-        mass: M [kg].
+        mass, rayleigh, dashpots, absorption, damped_modes: As in `MatrixSystem`.
         body_mass: M without the extra form and added masses, what gravity acts on [kg].
         redistribution: Mass redistributed and the nodes concerned, None unless asked for.
         damping: As it was given.
-        rayleigh: Factors of M and K in C.
-        dashpots: The rest of C, None for nothing [N s/m].
-        absorption: The part of it that viscous boundaries are, None without any.
-        damped_modes: What damping ratios of modes add to C, None without any.
         stiffness: K of bulk, springs and extra forms, in blocks of a node [N/m].
         coupled: Order of the unknowns of dynamic stages with a reservoir, None without one.
         loads, doubts: The loads; what was warned of as implausible, on rank 0.
@@ -104,13 +99,7 @@ class Model(Summarised):
     ) -> None:
         """Assemble everything that does not change (collective)."""
         given = locals()
-        for each in declarations(Model):
-            each.check(given[each.name], "Model")
-        is_mesh = isinstance(jointed, JointedMesh)
-        check_kind_of("jointed", jointed, is_mesh, "a split mesh, as from read_msh")
-        known = isinstance(damping, Rayleigh | ModalRatios | None)
-        check_kind_of("damping", damping, known, "a Rayleigh or ModalRatios")
-        check_kind_of("body", body, isinstance(body, Body | None), "a Body")
+        _check_kinds(given)
         self._options = body = body or Body()
         joints = joints if isinstance(joints, Joints) else Joints(joints)
         given |= {"joints": joints, "body": body}
@@ -153,14 +142,27 @@ class Model(Summarised):
         self.rayleigh, self.absorption, self.dashpots = self._damping(rest)
         plastic = {name: each for name, each in by_group.items() if is_plastic(each)}
         self.bulk = self._plastic_bulk(plastic) if plastic else None
-        self.coupled = None
-        if self.reservoir is not None:
-            from dolfinx_joints.model.with_water import BodyAndWater
+        self.coupled = None if self.reservoir is None else self._with(self.reservoir)
 
-            unknowns = self.mass.createVecRight()
-            self.coupled = BodyAndWater(unknowns, self.reservoir.water(self), self.gdim)
-
-    _summary = model_rows
+    def _summary(self) -> Rows:
+        joints, degree = self.jointed.joint_names, self.V.ufl_element().degree
+        yield "unknowns", f"{number(self.num_dofs)} displacements, degree {degree}"
+        yield "joints", f"{len(joints)}: {names(joints)}" if joints else "none"
+        if self.contact is not None:
+            kinds = dict.fromkeys(type(law).__name__ for law in self.contact.laws.values())
+            points = self.contact.operator.num_points
+            yield "joint points", f"{number(points)} of {names(kinds)}"
+        yield "supports", names(_kinds(self.supports))
+        yield "loads", names(load_names(self.loads))
+        yield "added masses", names(_kinds(self.added_mass))
+        if self.coupled is not None:
+            unknowns = number(self.coupled.water.size)
+            yield "reservoir", f"{names(_kinds([self.reservoir]))}, {unknowns} unknowns"
+        alpha, beta = self.rayleigh.mass_factor, self.rayleigh.stiffness_factor
+        terms = [f"{alpha:.4g} 1/s times M"] * bool(alpha) + [f"{beta:.4g} s times K"] * bool(beta)
+        if self.damped_modes is not None:
+            terms.append(f"ratios of {self.damped_modes.asked.modes} modes")
+        yield "damping", " + ".join(terms)
 
     def _stiffness(self, options: Body) -> PETSc.Mat:
         """K of bulk, extra form and springs."""
@@ -217,6 +219,12 @@ class Model(Summarised):
             rest.axpy(1.0, absorption, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         dashpots = absorption if rest is None else rest
         return rayleigh, absorption, None if dashpots is None else matrices.blocked(dashpots)
+
+    def _with(self, reservoir: Reservoir) -> BodyAndWater:
+        """The unknowns of the body and of the waves in a reservoir."""
+        from dolfinx_joints.model.with_water import BodyAndWater
+
+        return BodyAndWater(self.mass.createVecRight(), reservoir.water(self), self.gdim)
 
     @property
     def _arguments(self) -> tuple[Any, Any]:
@@ -359,6 +367,25 @@ class Model(Summarised):
     def num_dofs(self) -> int:
         """Displacement dofs on all ranks, constrained ones included."""
         return int(self.V.dofmap.index_map.size_global * self.V.dofmap.index_map_bs)
+
+
+def _check_kinds(given: Mapping[str, Any]) -> None:
+    """Check the kinds of the arguments of a model."""
+    for each in declarations(Model):
+        each.check(given[each.name], "Model")
+    jointed, damping, body = given["jointed"], given["damping"], given["body"]
+    is_mesh = isinstance(jointed, JointedMesh)
+    check_kind_of("jointed", jointed, is_mesh, "a split mesh, as from read_msh")
+    known = isinstance(damping, Rayleigh | ModalRatios | None)
+    check_kind_of("damping", damping, known, "a Rayleigh or ModalRatios")
+    check_kind_of("body", body, isinstance(body, Body | None), "a Body")
+
+
+def _kinds(every: Sequence[Any]) -> list[str]:
+    """Kinds of objects with the groups that they act on."""
+    groups = [getattr(each, "group", None) for each in every]
+    kinds = [type(each).__name__ for each in every]
+    return [kind + (f" ({g})" if g else "") for kind, g in zip(kinds, groups, strict=True)]
 
 
 def _check_loads(jointed: JointedMesh, loads: Any) -> None:

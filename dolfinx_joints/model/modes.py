@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import annotated_types as at
@@ -105,12 +105,8 @@ def whole_groups(system: MatrixSystem, count: int) -> Modes:
     kept = len(frequencies)
     if kept > count:
         kept = int(np.count_nonzero(frequencies < (1.0 - SAME_FREQUENCY) * frequencies[count]))
-    return Modes(
-        frequencies=frequencies[:kept],
-        shapes=found.shapes[:kept],
-        participation=found.participation[:kept],
-        mass=found.mass,
-    )
+    shapes, factors = found.shapes[:kept], found.participation[:kept]
+    return replace(found, frequencies=frequencies[:kept], shapes=shapes, participation=factors)
 
 
 def too_few(system: MatrixSystem, count: int) -> ValueError:
@@ -238,8 +234,6 @@ def _collected(system: MatrixSystem, values: list[float], shapes: list[PETSc.Vec
 
 def _masses(system: MatrixSystem) -> NDArray[np.float64]:
     """iota.M iota of each axis (collective)."""
-    along, found = system.mass.createVecRight(), []
-    for axis in np.eye(system.components):
-        along.setArray(np.tile(axis, along.getLocalSize() // len(axis)))
-        found.append(float(along.dot(system.mass * along)))
-    return np.array(found)
+    nodes = system.mass.getLocalSize()[0] // system.components
+    along = [system.vector(np.tile(axis, nodes)) for axis in np.eye(system.components)]
+    return np.array([float(one.dot(system.mass * one)) for one in along])

@@ -23,17 +23,11 @@ NodalField: TypeAlias = PETSc.Vec | Expr | Callable[[NDArray[np.float64]], Any] 
 
 
 def nodal_vector(model: Model, name: str, field: NodalField) -> PETSc.Vec:
-    """A new vector of the model's unknowns (collective).
+    """Return a field, which errors call by its name, as a new vector of the unknowns (collective).
 
-    Args:
-        model: The model.
-        name: What the field is.
-        field: A vector of the model's unknowns; a DOLFINx function or a UFL expression on the
-            model's mesh, with a component for each axis; a function of the nodes, shape (n, 3),
-            [m], that returns shape (n, gdim); or a component for each axis, the same everywhere.
-
-    Raises:
-        ValueError: It is something else.
+    It is a vector of the model's unknowns; a DOLFINx function or a UFL expression on the model's
+    mesh, with a component for each axis; a function of the nodes (n, 3) [m] that returns (n, gdim);
+    or a component for each axis, the same everywhere. Anything else raises a ValueError.
     """
     vector = model.stiffness.createVecRight()
     if isinstance(field, PETSc.Vec):

@@ -19,14 +19,10 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 @dataclass(frozen=True)
 class Range:
-    """What models of dams have, rigid parts included.
+    """Values of models of dams, rigid parts included: the smallest, a common and the largest one.
 
-    Attributes:
-        low: Smallest value; zero, where it is allowed, is none of anything.
-        usual: One that is common.
-        high: Largest value.
-        unit: Unit of the value.
-        others: How much of it other units are, in which the value may be meant.
+    Zero, where it is allowed, is none of anything. ``others`` are units in which a value may be
+    meant, by their size in its unit.
     """
 
     low: float
@@ -63,18 +59,12 @@ EXTENT = Range(0.01, 100.0, 2e4, "m", {"mm": 1e-3, "cm": 1e-2})
 
 
 def warn_of_what_no_dam_has(
-    jointed: JointedMesh,
-    materials: Mapping[str, Any],
-    laws: Any,
-    loads: Sequence[Any],
+    jointed: JointedMesh, materials: Mapping[str, Any], laws: Any, loads: Sequence[Any]
 ) -> list[str]:
     """Warn, once for each value that no dam has, on rank 0; the warnings there (collective).
 
-    Args:
-        jointed: The mesh, whose extent is looked at.
-        materials: By cell group, by an empty name for all cells.
-        laws: One joint law, or one by joint.
-        loads: Loads and added masses.
+    Materials are by cell group, by an empty name for all cells; laws are one, or one by joint;
+    loads include added masses.
     """
     x, comm = jointed.mesh.geometry.x, jointed.mesh.comm
     feet = {id(load): _foot(jointed, load) for load in loads}
@@ -92,7 +82,8 @@ def warn_of_what_no_dam_has(
     for given, (first, *more) in owners.values():
         others = f" and {len(more)} more" if more else ""
         owner = f"{type(given).__name__}{f' of {first}' if first else ''}{others}"
-        texts += [text for name, value in _parameters(given) for text in _of(owner, name, value)]
+        for name, value in _parameters(given):
+            texts += _doubts(f"{owner}: {name}", value, RANGES[name]) if name in RANGES else []
         ends = float(lowest[up]), float(highest[up])
         texts += _level(owner, given, *ends, feet.get(id(given), -np.inf))
     texts += _water_twice(loads) + kelvin
@@ -121,10 +112,6 @@ def _parameters(given: Any) -> Iterator[tuple[str, Any]]:
         value = getattr(given, each.name, None)
         yield each.name, value
         yield from _parameters(value)
-
-
-def _of(owner: str, name: str, value: Any) -> list[str]:
-    return _doubts(f"{owner}: {name}", value, RANGES[name]) if name in RANGES else []
 
 
 def _water_twice(loads: Sequence[Any]) -> list[str]:

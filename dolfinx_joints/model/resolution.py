@@ -9,17 +9,15 @@ from typing import Any
 
 import basix
 import numpy as np
-from numpy.typing import NDArray
 
 from dolfinx_joints.materials.bulk_law import Material, elastic_part
 from dolfinx_joints.materials.orthotropic import Orthotropic
+from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.mesh.dolfinx_versions import geometry_nodes
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.results.resolved import Resolved
 
 NODES_PER_WAVELENGTH = 10.0
-
-Floats = NDArray[np.float64]
 
 
 def resolution(model: Model) -> Resolved:
@@ -35,12 +33,9 @@ def resolution(model: Model) -> Resolved:
 def of_mesh(model: Model, speed: Floats) -> float:
     """Least of c_s p / (10 h) of all cells: ten nodes to a shear wave [Hz] (collective).
 
-    p is the degree of the displacement, h the longest edge. Kuhlemeyer and Lysmer (1973) ask for
-    eight to ten; a wave is then 1.6 % too fast with linear elements.
-
-    Args:
-        model: The model.
-        speed: Slowest shear wave c_s of each local cell, [m/s].
+    p is the degree of the displacement, h the longest edge, c_s the ``speed`` of the slowest shear
+    wave in each local cell [m/s]. Kuhlemeyer and Lysmer (1973) ask for eight to ten; a wave is then
+    1.6 % too fast with linear elements.
     """
     mesh, shape = model.jointed.mesh, model.jointed.shape
     nodes, longest = geometry_nodes(mesh), np.zeros(len(speed))
@@ -58,11 +53,8 @@ def of_joints(model: Model, impedance: Floats) -> float:
     A spring k between bodies of impedances Z = rho c passes 1 / (1 + (omega / (k (1/Z- + 1/Z+)))^2)
     of what they would pass without it (Schoenberg 1980): half at f = k (1/Z- + 1/Z+) / (2 pi),
     k / (pi Z) between equal bodies. Pressure waves meet k_n, shear waves k_s, unless that is zero;
-    Z is the largest beside the joint (collective).
-
-    Args:
-        model: The model.
-        impedance: rho c_p and rho c_s of each local cell, shape (n, 2), [kg/(m^2 s)].
+    Z is the largest beside the joint; ``impedance`` has rho c_p and rho c_s of each local cell,
+    shape (n, 2), [kg/(m^2 s)] (collective).
     """
     if model.contact is None:
         return math.inf

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
@@ -16,19 +16,20 @@ from petsc4py import PETSc
 
 from dolfinx_joints.body.damping import Rayleigh
 from dolfinx_joints.body.halves import Halves
+from dolfinx_joints.body.matrices import from_rows
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, finite, number_at
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.internal_forces import InternalForces, JointInternalForces
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.laws.law import AnyLaw
-from dolfinx_joints.loads.load import FollowsJoints, JointLoad, Load
+from dolfinx_joints.loads.load import FollowsJoints, JointLoad, Load, VaryingLoad
+from dolfinx_joints.mesh.cells import Floats, Ints
 
 if TYPE_CHECKING:
     from dolfinx_joints.body.plastic_cells import PlasticBulk
     from dolfinx_joints.loads.loaded_body import LoadedBody
     from dolfinx_joints.loads.water.pressures_in_joints import JointWaters
 
-Floats = NDArray[np.float64]
 Pattern = tuple[PETSc.Vec, Callable[[float], float]]
 
 
@@ -56,7 +57,7 @@ class MatrixSystem:
         water: Loads that depend on the state of the joints, None for none.
         in_joints: All loads that are water in joints, for what records their pressures.
         shared: What runs of the same model share (`SharedBulk`), None for nothing.
-        varying_loads: Loads whose pattern varies in time: `FarFieldLoad`, `GroundDamping`.
+        varying_loads: Loads whose pattern varies in time.
         coupled: Order of the unknowns (`BodyAndWater`) with waves in water, None without.
         lowest_modes: Modes that `exact_modes` has found and keeps here.
     """
@@ -71,14 +72,14 @@ class MatrixSystem:
     bulk: PlasticBulk | None = None
     patterns: Sequence[Pattern] = ()
     load_names: Sequence[str] = ()
-    constrained: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    constrained: Ints = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     values: Callable[[float], Floats] | None = None
     symmetric: bool = True
     components: int = 1
     water: JointWaters | None = None
     in_joints: Sequence[Any] = ()
     shared: Any = None
-    varying_loads: Sequence[Any] = ()
+    varying_loads: Sequence[VaryingLoad] = ()
     coupled: Any = None
     lowest_modes: dict[int, Any] = field(default_factory=dict, init=False, repr=False)
 
@@ -146,7 +147,7 @@ class MatrixSystem:
         return None if self.contact is None else JointInternalForces(self.contact)
 
     @cached_property
-    def massless(self) -> NDArray[np.int64]:
+    def massless(self) -> Ints:
         """Owned dofs without mass, local numbers."""
         diagonal = self.mass.getDiagonal().getArray(readonly=True)
         return np.flatnonzero(diagonal == 0.0)
@@ -175,6 +176,15 @@ class MatrixSystem:
             stiffness + damping * self.rayleigh.stiffness_factor,
         )
 
+    def plastic_terms(self, joints: Any) -> tuple[float, float]:
+        """Return what plastic strains add to u.K u / 2, and the work of a step on them [J].
+
+        ``joints`` is the response of joints and plastic cells, None without both (collective).
+        """
+        if self.bulk is None or joints is None:
+            return 0.0, 0.0
+        return self.bulk.elastic_correction(joints.state), self.bulk.dissipation(joints)
+
     def norm(self, displacement: PETSc.Vec) -> float:
         """2-norm over the dofs of the body, without the water's unknowns [m] (collective)."""
         of_body = displacement if self.coupled is None else self.coupled.body(displacement)
@@ -191,10 +201,7 @@ class MatrixSystem:
     @cached_property
     def _halves(self) -> Halves | None:
         """What products of M and K are made with, None for PETSc's (collective)."""
-
-        def make() -> Halves | None:
-            return Halves.of(self.mass, self.stiffness)
-
+        make = partial(Halves.of, self.mass, self.stiffness)
         return make() if self.shared is None else self.shared.once("halves", make)
 
     def damping_force(self, velocity: PETSc.Vec, out: PETSc.Vec) -> PETSc.Vec:
@@ -211,14 +218,13 @@ class MatrixSystem:
             self.damped_modes.add_force(velocity, out)
         return out
 
-    def load(self, time: float, out: PETSc.Vec, *, scale: float = 1.0) -> PETSc.Vec:
-        """Nodal loads at a time [s], times ``scale``, written to ``out`` [N]."""
-        factors = scale * self._factors(time)
+    def load(self, time: float, out: PETSc.Vec) -> PETSc.Vec:
+        """Nodal loads at a time [s] written to ``out`` [N] (collective)."""
         out.set(0.0)
-        for factor, (vector, _) in zip(factors, self.patterns, strict=True):
+        for factor, (vector, _) in zip(self._factors(time), self.patterns, strict=True):
             out.axpy(float(factor), vector)
         for varying in self._without_patterns:
-            varying.add(out, time, scale)
+            varying.add(out, time)
         return out
 
     def loads_by_name(self, time: float, scale: float) -> dict[str, PETSc.Vec]:
@@ -307,15 +313,17 @@ class MatrixSystem:
             return np.zeros(len(self.constrained))
         return scale * self.values(time)
 
+    def vector(self, rows: ArrayLike = 0.0) -> PETSc.Vec:
+        """Return a vector of all unknowns with these owned rows; zero unless given."""
+        vector = self.stiffness.createVecRight()
+        vector.getArray()[:] = rows
+        return vector
 
-def unknowns(system: MatrixSystem, body: PETSc.Vec | None) -> PETSc.Vec:
-    """A copy of a nodal vector of the body, zero if none, among all unknowns (collective)."""
-    found: PETSc.Vec
-    if body is None:
-        found = system.stiffness.createVecRight()
-        found.set(0.0)
-        return found
-    return body.copy() if system.coupled is None else system.coupled.joined(body).copy()
+    def unknowns(self, body: PETSc.Vec | None) -> PETSc.Vec:
+        """Return a copy of a nodal vector of the body among all unknowns; zero if None."""
+        if body is None:
+            return self.vector()
+        return body.copy() if self.coupled is None else self.coupled.joined(body).copy()
 
 
 def check_system(system: Any) -> None:
@@ -357,13 +365,9 @@ def _dense(name: str, values: Any) -> Floats:
 def _matrix(dense: Floats) -> PETSc.Mat:
     """A sparse PETSc matrix on this process with every entry stored."""
     rows, columns = dense.shape
-    starts = np.arange(0, rows * columns + 1, columns, dtype=PETSc.IntType)
-    numbers = np.tile(np.arange(columns, dtype=PETSc.IntType), rows)
-    matrix = PETSc.Mat().createAIJ(
-        (rows, columns), csr=(starts, numbers, dense.ravel()), comm=PETSc.COMM_SELF
-    )
-    matrix.assemble()
-    return matrix
+    starts = np.arange(0, rows * columns + 1, columns)
+    numbers = np.tile(np.arange(columns), rows)
+    return from_rows((rows, columns), (starts, numbers, dense.ravel()), PETSc.COMM_SELF)
 
 
 def water_in(

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -23,25 +22,20 @@ from petsc4py import PETSc
 from scipy.sparse import coo_array, csr_array
 
 from dolfinx_joints.body.damping import Rayleigh
+from dolfinx_joints.body.matrices import from_rows
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.loads.ground_motion import BaseMotion
+from dolfinx_joints.loads.load import VaryingLoad
 from dolfinx_joints.loads.water.far_field import FarField
 from dolfinx_joints.loads.water.water import Water
+from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.model.system import MatrixSystem, as_aij
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class BodyAndWater:
     """Order of the unknowns [u; y]: on each rank those of the body, then its part of the water's.
-
-    Args:
-        body: A vector of the body's unknowns.
-        water: The water.
-        gdim: Unknowns of a node of the body.
 
     Attributes:
         water: The water.
@@ -51,7 +45,7 @@ class BodyAndWater:
     """
 
     def __init__(self, body: PETSc.Vec, water: Water, gdim: int) -> None:
-        """Hand the water out to the ranks in equal parts (collective)."""
+        """Deal the water in equal parts, ``body`` being a vector of the body (collective)."""
         self.water, self._comm = water, body.comm
         self._of_body = np.asarray(body.getOwnershipRanges(), dtype=np.int64)
         ranks = len(self._of_body) - 1
@@ -65,12 +59,15 @@ class BodyAndWater:
         self.signs = self.joined(None, np.full(len(self.numbers), -1.0))
         self.signs.getArray()[: self.dry] = 1.0
 
-    def joined(self, body: PETSc.Vec | None, water: Floats | None = None) -> PETSc.Vec:
-        """A vector of both parts, zero where one is not given (collective).
+    @property
+    def _sizes(self) -> tuple[int, int]:
+        """Number of the rank's unknowns of both, and of all."""
+        return self.dry + len(self.numbers), int(self._of_body[-1] + self._of_water[-1])
 
-        Args:
-            body: A vector of the body's unknowns; one of both is returned as it is.
-            water: The rank's unknowns of the water.
+    def joined(self, body: PETSc.Vec | None, water: Floats | None = None) -> PETSc.Vec:
+        """Return a vector of both parts, zero where one is not given (collective).
+
+        ``water`` has the rank's unknowns. If ``body`` is of both parts already, it is returned.
         """
         if body is not None and self.has_water(body):
             return body
@@ -94,16 +91,12 @@ class BodyAndWater:
 
     def of_water(self, both: PETSc.Vec) -> Floats:
         """The rank's unknowns of the water."""
-        found: Floats = both.getArray(readonly=True)[self.dry :].copy()
-        return found
+        return np.array(both.array_r[self.dry :])
 
     def pressure(self, velocity: PETSc.Vec) -> Floats:
         """Pressures p = -rho c y' at the water's nodes on the face, shape (n,), [Pa] (collective).
 
-        Those of the waves alone, without the water at rest.
-
-        Args:
-            velocity: [u'; y'] [m/s].
+        Those of the waves alone, without the water at rest, by [u'; y'] [m/s].
         """
         rates = np.zeros(len(self.water.face))
         here = self.water.face - self._water_rows[0]
@@ -113,11 +106,7 @@ class BodyAndWater:
         return np.asarray(-self.water.impedance * total)
 
     def pressures(self, velocity: PETSc.Vec) -> Floats:
-        """Pressures of the waves at the rank's unknowns of the water, shape (n,), [Pa].
-
-        Args:
-            velocity: [u'; y'] [m/s].
-        """
+        """Pressures of the waves at the rank's unknowns of the water, shape (n,), [Pa]."""
         return np.asarray(-self.water.impedance * self.of_water(velocity))
 
     def force(self, velocity: PETSc.Vec) -> Floats:
@@ -125,11 +114,9 @@ class BodyAndWater:
         return np.asarray(-self.pressure(velocity) @ self._normals)
 
     def harmonic_push(self, omega: float, along: Floats) -> NDArray[np.complex128]:
-        """What moving bounds and the far field push the rank's water by in steady vibration [N].
+        """Forces of moving bounds and the far field on the rank's water in steady vibration [N].
 
-        Args:
-            omega: Circular frequency [rad/s].
-            along: Acceleration of the ground along each axis, shape (gdim,), [m/s^2].
+        The ground has an acceleration (gdim,) [m/s^2] of circular frequency omega [rad/s].
         """
         water, velocity = self.water, np.asarray(along / (1j * omega), dtype=np.complex128)
         push = water.impedance * (water.driven @ velocity)
@@ -143,12 +130,9 @@ class BodyAndWater:
         return 0.5 * float(np.sum(self._comm.tompi4py().allgather(float(mine))))
 
     def system(self, dry: MatrixSystem, loads: Mapping[str, Any], step: float) -> MatrixSystem:
-        """The system of both (collective).
+        """Return the system of both for steps of a length [s] (collective).
 
-        Args:
-            dry: That of the body.
-            loads: Its loads by name, of which a `BaseMotion` moves the bounds of the water.
-            step: Step of the stage [s].
+        Of the body's loads by name a `BaseMotion` moves the bounds of the water as well.
 
         Raises:
             JointsError: The body has plastic cells.
@@ -169,17 +153,21 @@ class BodyAndWater:
                     patterns.append((self.joined(None, driven[:, axis]), velocity))
                     names.append(name)
         section = self.water.section
-        far_field: list[FarFieldLoad] = []
+        far_field: list[VaryingLoad] = []
         if section is not None and velocities:
-            far_field.append(FarFieldLoad(self, FarField(section, velocities, step)))
-        rows = self.water.rows(*(int(n) for n in self._water_rows))
+            force = FarField(section, velocities, step).force
+            rows = slice(self.dry, None)
+            far_field.append(
+                VaryingLoad("FarField_reservoir", rows, lambda time: force(time)[self.numbers])
+            )
+        water = self.water.rows(*(int(n) for n in self._water_rows))
         return replace(
             dry,
-            mass=self.matrix(dry.mass, rows.mass),
-            stiffness=self.matrix(dry.stiffness, rows.stiffness),
+            mass=self.matrix(dry.mass, water.mass),
+            stiffness=self.matrix(dry.stiffness, water.stiffness),
             rayleigh=Rayleigh(),  # that of the body is among the dashpots
-            dashpots=self.matrix(dry.damping, rows.losses, coupled=True),
-            absorption=self.matrix(dry.absorption, rows.losses),
+            dashpots=self.matrix(dry.damping, water.losses, coupled=True),
+            absorption=self.matrix(dry.absorption, water.losses),
             contact=None if dry.contact is None else self._contact(dry.contact),
             patterns=patterns,
             load_names=names,
@@ -209,19 +197,20 @@ class BodyAndWater:
             lines = self.dry + rows[at_water] - self._water_rows[0]
             parts.append((lines, self._body_columns(dofs[at_water]), values[at_water]))
         rows, columns, values = (np.concatenate(each) for each in zip(*parts, strict=True))
-        local = self.dry + len(self.numbers)
-        total = int(self._of_body[-1] + self._of_water[-1])
-        lines = csr_array(coo_array((values, (rows, columns)), shape=(local, total)))
-        return _petsc(lines, ((local, total), (local, total)), self._comm)
+        local, total = self._sizes
+        both = csr_array(coo_array((values, (rows, columns)), shape=(local, total)))
+        both.sort_indices()
+        return from_rows([self._sizes] * 2, (both.indptr, both.indices, both.data), self._comm)
 
     def _contact(self, contact: Contact) -> Contact:
         """The joints, with B of both (collective)."""
         dry = contact.operator
         starts, columns, values = _csr(dry.matrix)
-        local = (self.dry + len(self.numbers), int(self._of_body[-1] + self._of_water[-1]))
-        shape = (len(starts) - 1, local[1])
+        shape = (len(starts) - 1, self._sizes[1])
         lines = csr_array((values, self._body_columns(columns), starts), shape=shape)
-        matrix = _petsc(lines, (dry.matrix.getSizes()[0], local), self._comm)
+        lines.sort_indices()
+        sizes = (dry.matrix.getSizes()[0], self._sizes)
+        matrix = from_rows(sizes, (lines.indptr, lines.indices, lines.data), self._comm)
         operator = GapOperator(matrix, dry.areas, dry.joint, dry.names)
         operator.initial_gap, operator.points = dry.initial_gap, dry.points
         operator.sizes = dry.sizes
@@ -238,43 +227,9 @@ class BodyAndWater:
         return np.asarray(numbers + self._of_body[rank + 1])
 
 
-class FarFieldLoad:
-    """Forces of a `FarField` in the order of both.
-
-    Attributes:
-        names: Its name in the ledger.
-    """
-
-    names = ("FarField_reservoir",)
-
-    def __init__(self, both: BodyAndWater, far_field: FarField) -> None:
-        """Keep the last times."""
-        self._both = both
-        self._at = lru_cache(maxsize=2)(lambda time: far_field.force(time)[both.numbers])
-
-    def add(self, out: PETSc.Vec, time: float, scale: float) -> None:
-        """Add the forces at a time [s], times ``scale``, [N]."""
-        out.getArray()[self._both.dry :] += scale * self._at(time)
-
-    def work(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
-        """Work on a change of the unknowns by the mean of its ends, [J] (collective)."""
-        moved = x.getArray(readonly=True)[self._both.dry :]
-        mine = 0.5 * float(moved @ (self._at(start) + self._at(end)))
-        return {self.names[0]: float(np.sum(x.comm.tompi4py().allgather(mine)))}
-
-
 def _csr(matrix: PETSc.Mat) -> tuple[Ints, Ints, Floats]:
     """The rank's rows of a matrix: starts, columns, values."""
     plain = as_aij(matrix)
     starts, columns, values = plain.getValuesCSR()
     plain.destroy()
     return starts, columns, values
-
-
-def _petsc(rows: csr_array, sizes: tuple[Any, Any], comm: Any) -> PETSc.Mat:
-    """A matrix from each rank's rows (collective)."""
-    rows.sort_indices()
-    csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
-    matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
-    matrix.assemble()
-    return matrix

@@ -9,10 +9,11 @@ of the points, so that a run can go on with another number of ranks.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, asdict, dataclass, fields
+from dataclasses import KW_ONLY, asdict, dataclass, fields, is_dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from types import UnionType
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import annotated_types as at
 import numpy as np
@@ -24,7 +25,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import CheckpointError, OtherRunError, warn
 from dolfinx_joints.common.files import FileLock
 from dolfinx_joints.common.mpi import handing_out, on_root, raised_together
-from dolfinx_joints.laws.law import JointState, Response, StatusCounts
+from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
@@ -32,30 +33,19 @@ from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import StageRecord
-from dolfinx_joints.simulation.static_energy import Jump, StaticEnergy
-from dolfinx_joints.solvers.step_solver import SolveReport
 from dolfinx_joints.time_integration.states import DynamicState
-
-if TYPE_CHECKING:
-    from dolfinx_joints.simulation.checkpoint_file import Tree
 
 _MOST_NAMED = 5  # values in a warning
 
-# Parts of every checkpoint.
-PARTS = ("run", "monitors", "state_dict", "state", "origin", "static")
-
-# Numbers of a state besides its time.
-_NUMBERS = ("exact_modes", "rate")
-
 
 @dataclass(frozen=True, kw_only=True)
-class _Saved:
+class Saved:
     """Content of a checkpoint: what `DynamicRun` goes on from, and its static state."""
 
     state: DynamicState
     origin: PETSc.Vec
     static: StaticState | None
-    state_dict: Tree
+    state_dict: dict[str, Any]
 
 
 @dataclass(eq=False)
@@ -159,8 +149,7 @@ class CheckpointKeeper:
         """Write a static state and the stages that led there alone (collective)."""
         from dolfinx_joints.simulation.checkpoint_file import write_checkpoint
 
-        tree = {"run": self._facts, "static": self._kept(static)}
-        tree["stages"] = {str(i): self._kept(stage) for i, stage in enumerate(stages)}
+        tree = {"run": self._facts, "static": self._kept(static), "stages": self._kept([*stages])}
         with handing_out(self._comm, tree):
             if self._comm.rank == 0:
                 with FileLock(self._path, CheckpointError):
@@ -169,27 +158,22 @@ class CheckpointKeeper:
     def load_static(self) -> tuple[StaticState, list[StageRecord]]:
         """State and stages that `save_static` wrote (collective)."""
         tree = self._read(("run", "static", "stages"))
-        kept = tree["stages"]
-        return self._static(tree["static"]), [self._stage(kept[str(i)]) for i in range(len(kept))]
+        kept = tree["static"], tree["stages"]
+        return self._restored(StaticState, kept[0]), self._restored(list[StageRecord], kept[1])
 
-    def load(self, monitors: Sequence[Any]) -> _Saved:
+    def load(self, monitors: Sequence[Any]) -> Saved:
         """Content of the last checkpoint (collective)."""
         names = [type(monitor).__name__ for monitor in monitors]
-        tree = self._read(PARTS, monitors=str(names))
-        static = tree["static"]
-        return _Saved(
-            state=self._state(tree["state"]),
-            origin=self._vector(tree["origin"]),
-            static=None if static is None else self._static(static),
-            state_dict=tree["state_dict"],
-        )
+        parts = ("run", "monitors", *(f.name for f in fields(Saved)))
+        saved: Saved = self._restored(Saved, self._read(parts, monitors=str(names)))
+        return saved
 
-    def _read(self, names: Sequence[str], **facts: str) -> Tree:
+    def _read(self, names: Sequence[str], **facts: str) -> dict[str, Any]:
         """The tree of the file, if it is of this run (collective)."""
         from dolfinx_joints.simulation.checkpoint_file import read_checkpoint
         from dolfinx_joints.simulation.fingerprint import first_difference
 
-        comm, tree = self._comm, {}
+        comm, tree = self._comm, dict[str, Any]()
         for first in (True, False):  # only the first checks that the file is whole
             with raised_together(comm):
                 if (comm.rank == 0) == first:
@@ -214,7 +198,7 @@ class CheckpointKeeper:
         return tree
 
     def _kept(self, thing: Any) -> Any:
-        """A state, response or vector as a tree of dealt arrays (collective)."""
+        """Return a state, response or vector as a tree of dealt arrays (collective)."""
         if isinstance(thing, PETSc.Vec):
             coupled = self._model.coupled
             if coupled is not None and coupled.has_water(thing):
@@ -223,18 +207,39 @@ class CheckpointKeeper:
             return Dealt(self._comm, self._nodes.dealt(thing)[:, : self._model.gdim])
         if isinstance(thing, np.ndarray):
             return Dealt(self._comm, thing)
-        if isinstance(thing, StaticEnergy):
-            return asdict(thing)
         if isinstance(thing, DynamicState | Response | JointState | StaticState | StageRecord):
             return {f.name: self._kept(getattr(thing, f.name)) for f in fields(thing)}
+        if is_dataclass(thing) and not isinstance(thing, type):
+            return asdict(thing)  # numbers of a whole model, equal on all ranks
+        if isinstance(thing, list):
+            return {str(i): self._kept(each) for i, each in enumerate(thing)}
         if isinstance(thing, Mapping):
             return {name: self._kept(each) for name, each in thing.items()}
-        if isinstance(thing, list):
-            return {str(i): asdict(each) for i, each in enumerate(thing)}
         return thing
 
-    def _vector(self, values: NDArray[np.float64] | Tree) -> PETSc.Vec:
-        """A vector from the rank's part of what is stored, the water's with it (collective)."""
+    def _restored(self, kind: Any, kept: Any) -> Any:
+        """Return the object of a type that `_kept` made a tree of (collective)."""
+        if kept is None:
+            return None
+        of = get_args(kind)
+        if get_origin(kind) is UnionType:  # with None
+            return self._restored(of[0], kept)
+        if kind is PETSc.Vec:
+            return self._vector(kept)
+        if is_dataclass(kind):
+            hints = get_type_hints(kind)
+            parts = {f.name: self._restored(hints[f.name], kept[f.name]) for f in fields(kind)}
+            return kind(**parts)  # type: ignore[operator]
+        if get_origin(kind) is list:
+            return [self._restored(of[0], kept[str(i)]) for i in range(len(kept))]
+        if get_origin(kind) is tuple:
+            return tuple(kept)
+        if get_origin(kind) is Mapping:
+            return {name: self._restored(of[1], each) for name, each in kept.items()}
+        return kept
+
+    def _vector(self, values: Any) -> PETSc.Vec:
+        """Return a vector from the rank's part of what is stored, the water's with it."""
         if isinstance(values, dict):
             coupled = self._model.coupled
             assert coupled is not None
@@ -242,56 +247,6 @@ class CheckpointKeeper:
         vector = self._model.stiffness.createVecRight()
         vector.setArray(self._nodes.own(values).ravel())
         return vector
-
-    def _state(self, tree: Tree) -> DynamicState:
-        vectors = {
-            name: self._vector(value)
-            for name, value in tree.items()
-            if name not in ("time", "joints", "water", *_NUMBERS) and value is not None
-        }
-        numbers = {name: tree[name] for name in _NUMBERS}
-        return DynamicState(
-            time=tree["time"],
-            joints=self._response(tree["joints"]),
-            water=tree["water"],
-            **numbers,
-            **vectors,
-        )
-
-    def _static(self, tree: Tree) -> StaticState:
-        reports = []
-        for i in range(len(tree["reports"])):
-            report = tree["reports"][str(i)]
-            counts = report["counts"]
-            counts = None if counts is None else StatusCounts(**counts)
-            residuals = tuple(report["residuals"])
-            reports.append(SolveReport(**{**report, "counts": counts, "residuals": residuals}))
-        return StaticState(
-            displacement=self._vector(tree["displacement"]),
-            joints=self._response(tree["joints"]),
-            reaction=self._vector(tree["reaction"]),
-            reports=reports,
-            inactive=tuple(tree["inactive"]),
-            absent=tuple(tree["absent"]),
-            missing=tuple(tree["missing"]),
-            cuts=tree["cuts"],
-            energy=StaticEnergy(**tree["energy"]),
-            loads={name: self._vector(load) for name, load in tree["loads"].items()},
-            jumps=[Jump(**{**j, "joints": tuple(j["joints"])}) for j in tree["jumps"].values()],
-        )
-
-    def _stage(self, tree: Tree) -> StageRecord:
-        return StageRecord(
-            name=tree["name"],
-            time=tree["time"],
-            state=self._static(tree["state"]),
-            loads=tuple(tree["loads"]),
-            pressure=tree["pressure"],
-        )
-
-    def _response(self, tree: Tree | None) -> Response | None:
-        """The response of the rank's joint points."""
-        return None if tree is None else Response(**{**tree, "state": JointState(**tree["state"])})
 
 
 def static_keeper(path: str | Path, model: Model) -> CheckpointKeeper:

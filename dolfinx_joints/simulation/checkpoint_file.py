@@ -38,11 +38,10 @@ Tree = dict[str, Any]
 
 
 def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
-    """Replace a checkpoint at once: whoever is killed on the way leaves the old one.
+    """Replace a checkpoint at once: a run that is killed meanwhile leaves the old one.
 
-    Args:
-        path: The file; ``PATH.part`` beside it is written first.
-        tree: Names to arrays, which may be dealt, to what JSON can hold, or to further trees.
+    ``PATH.part`` is written first. A tree has arrays by name, which may be dealt, what JSON can
+    hold, or further trees.
     """
     part = path.with_name(path.name + ".part")
     try:
@@ -79,13 +78,9 @@ def _write_tree(path: Path, tree: Mapping[str, Any]) -> None:
 def read_checkpoint(
     path: Path, names: Iterable[str] = (), *, rank: int = 0, ranks: int = 1
 ) -> Tree:
-    """The tree that was written, of arrays that were dealt the rows that are dealt to a rank.
+    """Return the tree that was written, of dealt arrays the rows of a rank.
 
-    Args:
-        path: The file.
-        names: Names that the tree must have.
-        rank: The rank; only the first checks that the file is whole.
-        ranks: Their number.
+    The tree must have ``names``. Rank 0 alone checks that the file is whole.
     """
     check_file(path, f"There is no checkpoint {path}.", CheckpointError)
     with damage_reported(path, CheckpointError, "is no checkpoint, or a damaged one"):

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -18,6 +17,7 @@ from dolfinx_joints.body.supports import Spring
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.loads.ground_motion import MOVING
+from dolfinx_joints.loads.load import VaryingLoad
 from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.modes import closed_stiffness
@@ -30,12 +30,7 @@ KEPT = 4
 
 
 class DifferingGround:
-    """Displacements of a model's supports by a motion that differs, relative to its reference.
-
-    Args:
-        model: The model.
-        motion: The motion.
-    """
+    """Displacements of a model's supports by a motion that differs, relative to its reference."""
 
     def __init__(self, model: Model, motion: DifferingMotion) -> None:
         """Find which motion each support has (collective).
@@ -83,19 +78,14 @@ class DifferingGround:
         def values(time: float) -> Floats:
             return self._relative(time) if own is None else own(time) + self._relative(time)
 
-        damping = GroundDamping.of(self._model, self.static_velocity)
+        damping = ground_damping(self._model, self.static_velocity)
         return replace(system, values=values, varying_loads=[*system.varying_loads, *damping])
 
     def static_part(self, time: float) -> PETSc.Vec:
-        """Return the displacement of the body without inertia, joints tied (collective).
+        """Return the displacement without inertia, joints tied, at a time [s] (collective).
 
-        K u_s = 0 at unconstrained dofs, u_s = that of the ground at the supports, equation (12z).
-
-        Args:
-            time: Time [s].
-
-        Returns:
-            Relative to the reference, [m].
+        K u_s = 0 at unconstrained dofs, u_s = that of the ground at the supports, equation (12z),
+        relative to the reference [m].
         """
         return self._static(self._relative(time))
 
@@ -124,67 +114,30 @@ class DifferingGround:
         return found
 
 
-class GroundDamping:
-    """Forces C_r du_s/dt of equation (12y): C_r damps velocities relative to the static part.
+def ground_damping(model: Model, velocity: Callable[[float], PETSc.Vec]) -> list[VaryingLoad]:
+    """Return C_r du_s/dt of equation (12y) as a load in a list; none without C_r (collective).
 
     C_r is C without b K. A velocity u' of the step relative to the reference has the damping force
     C u'; with this load C_r (u' - du_s/dt) is left, which is the same for every reference.
-
-    Args:
-        damping: Dampers of the body: M and its factor, the rest of C, and damping ratios of modes.
-        velocity: du_s/dt at a time [s], [m/s] (collective).
-
-    Attributes:
-        names: Its name in the ledger.
+    ``velocity`` is du_s/dt at a time [s], [m/s] (collective).
     """
+    factor, dashpots, modes = model.rayleigh.mass_factor, model.dashpots, model.damped_modes
+    if not factor and dashpots is None and modes is None:
+        return []
+    damping = MatrixSystem(
+        mass=model.mass,
+        stiffness=model.stiffness,
+        rayleigh=Rayleigh(mass_factor=factor),
+        dashpots=dashpots,
+        damped_modes=modes,
+    )
 
-    names = ("DifferingMotion_damping",)
+    def force(time: float) -> Floats:
+        found: Floats = damping.damping_force(velocity(time), damping.vector()).getArray().copy()
+        return found
 
-    def __init__(self, damping: MatrixSystem, velocity: Callable[[float], PETSc.Vec]) -> None:
-        """Keep the forces of the last times."""
-
-        def force(time: float) -> Floats:
-            moved = velocity(time)
-            found: Floats = damping.damping_force(moved, moved.duplicate()).getArray().copy()
-            return found
-
-        self._at = lru_cache(maxsize=KEPT)(force)
-
-    @classmethod
-    def of(cls, model: Model, velocity: Callable[[float], PETSc.Vec]) -> list[GroundDamping]:
-        """Return the load of a model in a list; none without C_r (collective)."""
-        factor, dashpots, modes = model.rayleigh.mass_factor, model.dashpots, model.damped_modes
-        if not factor and dashpots is None and modes is None:
-            return []
-        damping = MatrixSystem(
-            mass=model.mass,
-            stiffness=model.stiffness,
-            rayleigh=Rayleigh(mass_factor=factor),
-            dashpots=dashpots,
-            damped_modes=modes,
-        )
-        return [cls(damping, velocity)]
-
-    def add(self, out: PETSc.Vec, time: float, scale: float) -> None:
-        """Add the forces at a time [s], times ``scale``, to those of all unknowns [N]."""
-        force = self._at(time)
-        out.getArray()[: len(force)] += scale * force
-
-    def work(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
-        """Return the work on a change of the unknowns by the mean of its ends, [J] (collective)."""
-        force = 0.5 * (self._at(start) + self._at(end))
-        mine = float(force @ x.array_r[: len(force)])
-        return {self.names[0]: float(summed(x.comm.tompi4py(), np.array([mine]))[0])}
-
-
-def differing_ground(model: Model, motion: Any) -> DifferingGround | None:
-    """The ground of a motion, None where it is the same everywhere (collective)."""
-    return DifferingGround(model, motion) if isinstance(motion, DifferingMotion) else None
-
-
-def on_ground(ground: DifferingGround | None, system: MatrixSystem) -> MatrixSystem:
-    """The system on its ground, as it is on none."""
-    return system if ground is None else ground.moving(system)
+    rows = slice(model.stiffness.getLocalSize()[0])
+    return [VaryingLoad("DifferingMotion_damping", rows, force)]
 
 
 def _tied(model: Model) -> PETSc.Mat:

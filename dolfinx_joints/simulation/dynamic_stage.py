@@ -4,20 +4,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_joints.common.constants import (
-    LARGE_ENERGY_ERROR,
-    LARGE_IMBALANCE,
-    LARGE_LOCAL_ERROR,
-)
+from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_IMBALANCE, LARGE_LOCAL_ERROR
 from dolfinx_joints.common.errors import warn
 from dolfinx_joints.common.memory import peak_mb
 from dolfinx_joints.common.mpi import OF_ERRORS, all_fail, lasting
@@ -32,45 +28,25 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.differing_ground import DifferingGround
 from dolfinx_joints.simulation.monitor import Monitor, ending
 from dolfinx_joints.simulation.outcome import Outcome
-from dolfinx_joints.simulation.record import Record, StageRecord
-from dolfinx_joints.solvers.step_solver import SolveReport
-from dolfinx_joints.time_integration.energy import EnergyRow
+from dolfinx_joints.simulation.record import Record
 from dolfinx_joints.time_integration.scheme import StepReport
 from dolfinx_joints.time_integration.states import DynamicState, with_means
 from dolfinx_joints.time_integration.substeps import Stepper
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures
 
 
-@dataclass(frozen=True, kw_only=True)
-class GroundMotions:
-    """Motions of the ground as functions of time, each as in `Record`."""
-
-    motion: Callable[[float], Any] | None
-    free_surface: Callable[[float], NDArray[np.float64]] | None
-    static_part: Callable[[float], PETSc.Vec] | None
+# Facts of an outcome that results files keep as they are.
+_SUMMARY = ("steps", "iterations", "solver", "energy_error", "imbalance", "local_error")
 
 
 class DynamicRun:
     """State, energies and counts of a dynamic stage, and its monitors.
 
-    Args:
-        model: The model.
-        stepper: Takes the steps, with an energy ledger that is not started.
-        state: The state to begin with.
-        steps: Number of steps.
-        ground: Motions of the ground.
-        monitors: Monitors of the run.
-        watch: Observer of slip and opening.
-        warnings: Warnings given so far, passed to the monitors at the end.
-
-    Attributes:
-        state: Where the run is.
-        step: Number of the last step taken.
-        origin: Displacement at the start of the stage [m].
+    The energy ledger of the stepper is not started yet. ``warnings`` given so far are passed to
+    the monitors at the end. ``state`` is that after ``step`` steps, ``origin`` the displacement at
+    the start of the stage [m].
     """
 
     def __init__(
@@ -80,7 +56,7 @@ class DynamicRun:
         state: DynamicState,
         steps: int,
         *,
-        ground: GroundMotions,
+        ground: Mapping[str, Any],
         monitors: Sequence[Monitor],
         watch: SmallDisplacements,
         warnings: Sequence[str],
@@ -102,15 +78,13 @@ class DynamicRun:
         self.origin = state.displacement.copy()
         self._work = state.displacement.duplicate()
         self._started: list[Monitor] = []
-        self._warnings = [*warnings, *([] if ground.motion is None else warn_of_sides(model))]
-        self._progress: Progress | None = None
+        self._warnings = [*warnings, *([] if ground["motion"] is None else warn_of_sides(model))]
         self._of_errors = lasting(model.jointed.mesh.comm, OF_ERRORS)
         self._acting: DynamicState | None = None
 
-    def start(self, settings: Mapping[str, Any], stages: Sequence[StageRecord]) -> None:
+    def start(self, **facts: Any) -> None:
         """Start the monitors, with the settings of the run and the static stages before."""
-        first = self._record(0, None, self._ledger.row, 0)
-        first = replace(first, settings=settings, stages=stages)
+        first = replace(self._record(0), **facts)
         for monitor in self.monitors:
             monitor.start(self.model, "dynamic", self._steps, first)
             self._started.append(monitor)
@@ -130,11 +104,9 @@ class DynamicRun:
         }
 
     def resume(self, state_dict: Mapping[str, Any], origin: PETSc.Vec) -> None:
-        """Go on from what ``state_dict`` gave, the monitors as well (collective).
+        """Continue the run that gave a ``state_dict``, the monitors as well (collective).
 
-        Args:
-            state_dict: Of the run to be continued, whose state this one was made with.
-            origin: Its displacement at the start of the stage [m].
+        This run was made with its state; ``origin`` is its displacement at the start [m].
         """
         self.origin, self.step = origin, state_dict["step"]
         self._iterations = state_dict["iterations"]
@@ -143,7 +115,7 @@ class DynamicRun:
         self._solver.load_state_dict(state_dict["solver"])
         self._stepper.load_state_dict(state_dict["steps"])
         self._ledger.load_state_dict(state_dict["energy"])
-        last = self._record(self.step, None, self._ledger.row, 0)
+        last = self._record(self.step)
         for i, monitor in enumerate(self.monitors):
             monitor.resume(self.model, "dynamic", self._steps, last, state_dict["monitors"][str(i)])
             self._started.append(monitor)
@@ -151,9 +123,7 @@ class DynamicRun:
     def take(self, dt: float, end: float) -> StepReport:
         """Take a step of length dt to the time ``end`` [s] and account for every substep."""
         self._substeps, self._acting = 0, None
-        if self._progress is None:
-            rank = self.model.jointed.mesh.comm.rank
-            self._progress = Progress("dynamic stage", self._steps, "steps", rank, self.step)
+        progress = self._progress
         for after, report, row in self._stepper.substeps(self.state, dt, end):
             self._ledger.record(row)
             self.state = after
@@ -166,10 +136,16 @@ class DynamicRun:
             self._local_error = max(self._local_error, report.local_error)
             self._largest = max(self._largest, self._distance(after))
         self.step += 1
-        self._progress.advance()
+        progress.advance()
         if self.step == self._steps:
-            self._progress.finish()
+            progress.finish()
         return report
+
+    @cached_property
+    def _progress(self) -> Progress:
+        """Progress from the first step on."""
+        rank = self.model.jointed.mesh.comm.rank
+        return Progress("dynamic stage", self._steps, "steps", rank, self.step)
 
     def _distance(self, state: DynamicState) -> float:
         """2-norm over all dofs of the displacement from the start of the stage [m] (collective)."""
@@ -178,37 +154,33 @@ class DynamicRun:
 
     def show(self, report: StepReport) -> None:
         """Hand a step to the monitors."""
-        record = self._record(self.step, report.solve, self._ledger.row, self._substeps)
+        record = self._record(self.step, report)
         for monitor in self.monitors:
             monitor.record(record)
 
-    def _record(
-        self, step: int, solve: SolveReport | None, row: EnergyRow, substeps: int
-    ) -> Record:
+    def _record(self, step: int, report: StepReport | None = None) -> Record:
         in_joints, coupled = self._solver.system.in_joints, self._solver.system.coupled
-        state = self._acting or self.state
-        vectors = [state.displacement, state.velocity, state.reaction]
+        state, last = self._acting or self.state, self.state
+        facts: dict[str, Any] = {
+            n: getattr(state, n) for n in ("displacement", "velocity", "reaction")
+        }
         if coupled is not None:
-            vectors = [coupled.body(vector) for vector in vectors]
-        displacement, velocity, reaction = vectors
+            facts = {name: coupled.body(vector) for name, vector in facts.items()}
+            facts["reservoir_force"] = coupled.force(last.velocity)
+            facts["reservoir_pressure"] = partial(coupled.pressures, last.velocity)
+        if in_joints:
+            facts["wet_joints"] = tuple(dict.fromkeys(load.joint for load in in_joints))
+            facts["pressure"] = lambda: self._pressures(last.time, last.water)
         return Record(
             stage="dynamic",
             step=step,
-            time=self.state.time,
-            displacement=displacement,
-            velocity=velocity,
-            reaction=reaction,
-            reservoir_force=None if coupled is None else coupled.force(self.state.velocity),
-            reservoir_pressure=None
-            if coupled is None
-            else partial(coupled.pressures, self.state.velocity),
+            time=last.time,
             joints=state.joints,
-            **vars(self._ground),
-            solve=solve,
-            energy=row,
-            substeps=substeps,
-            wet_joints=tuple(dict.fromkeys(load.joint for load in in_joints)),
-            pressure=partial(self._pressure, self.state) if in_joints else None,
+            **self._ground,
+            solve=report.solve if report else None,
+            energy=self._ledger.row,
+            substeps=self._substeps if report else 0,
+            **facts,
         )
 
     @cached_property
@@ -217,9 +189,6 @@ class DynamicRun:
         from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures
 
         return WaterPressures(self.model, self._solver.system.in_joints)
-
-    def _pressure(self, state: DynamicState) -> NDArray[np.float64]:
-        return self._pressures(state.time, state.water)
 
     def warn_of_slip(self) -> None:
         """Warn of joints that went too far since the last call (collective).
@@ -232,16 +201,15 @@ class DynamicRun:
     def watched(self, seconds: Mapping[str, float]) -> Iterator[None]:
         """Finish the monitors with the status of the stage, whatever ended it on all ranks.
 
-        Args:
-            seconds: Wall time by phase [s], passed to the monitors as it is at the end.
+        They get the wall time by phase [s] as it is at the end.
         """
         try:
             yield
             self.warn_of_slip()
             doubts = _doubts(self.outcome())
             if self.model.jointed.mesh.comm.rank == 0:
+                self._warnings += doubts
                 for text in doubts:
-                    self._warnings.append(text)
                     warn(text)
         except BaseException as error:
             if all_fail(self._of_errors, error):
@@ -254,14 +222,9 @@ class DynamicRun:
     def _finish(self, status: str, extra: dict[str, Any]) -> None:
         outcome = self.outcome()
         summary = {
-            "steps": outcome.steps,
+            **{name: getattr(outcome, name) for name in _SUMMARY},
             **asdict(outcome.counts),
-            "iterations": outcome.iterations,
-            "solver": outcome.solver,
-            "energy_error": outcome.energy_error,
-            "imbalance": outcome.imbalance,
             "laws_without_losses": list(outcome.laws_without_losses),
-            "local_error": outcome.local_error,
             **({"warnings": self._warnings} if self._warnings else {}),
             **extra,
         }
@@ -296,14 +259,11 @@ class DynamicRun:
 
 def ground_motions(
     model: Model, motion: Any, loads: Sequence[Load], differing: DifferingGround | None
-) -> GroundMotions:
-    """Motions of the ground in the axes of the model (collective).
+) -> dict[str, Any]:
+    """Return the motions of the ground in the axes of the model, as in `Record` (collective).
 
-    Args:
-        model: The model.
-        motion: Acceleration of the ground as a function of time, None if it rests.
-        loads: Loads of the stage besides the model's.
-        differing: The ground if it moves differently from place to place.
+    ``motion`` is its acceleration, None if it rests, ``loads`` are those besides the model's, and
+    ``differing`` is the ground if it moves differently from place to place.
     """
     rising = rising_waves([*model.loads, *loads])
     if motion is not None:
@@ -314,11 +274,11 @@ def ground_motions(
                 "motion is given beside a FreeField, which moves the ground already; give one."
             )
     waves = [load.surface_velocity(model) for load in rising]
-    return GroundMotions(
-        motion=motion,
-        free_surface=(lambda t: np.sum([wave(t) for wave in waves], axis=0)) if waves else None,
-        static_part=differing.static_part if differing else None,
-    )
+    return {
+        "motion": motion,
+        "free_surface": (lambda t: np.sum([wave(t) for wave in waves], axis=0)) if waves else None,
+        "static_part": differing.static_part if differing else None,
+    }
 
 
 def _doubts(outcome: Outcome) -> list[str]:

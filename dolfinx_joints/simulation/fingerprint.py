@@ -22,12 +22,11 @@ from dolfinx_joints.common.kernels import cell_content, globals_read, instructio
 from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.common.parameters import LONGEST_SHOWN, number_at, numbers_of, shown
 from dolfinx_joints.loads.load import Load, load_names
+from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
-
-Floats = NDArray[np.float64]
 
 HASH = "sha256:"
 SAME = 1e-9  # sums on different numbers of ranks differ by rounding
@@ -80,14 +79,9 @@ class Parameters:
     parameters, the SHA-256 of an array, and the code of the user's functions and classes with the
     variables that it reads. Code of installed packages counts as equal.
 
-    Args:
-        assembled: True for parameters of which matrices and vectors count as well, by which fields
-            and forms of DOLFINx are compared.
-        functions: Whether functions count.
-
-    Attributes:
-        facts: Texts by path.
-        unknown: Paths of objects that cannot be described, with their class.
+    If matrices and vectors count as well, ``assembled`` leaves fields and forms of DOLFINx to them.
+    ``functions`` says if functions count. ``facts`` are texts by path, ``unknown`` the paths of
+    objects that cannot be described, with their class.
     """
 
     def __init__(self, *, assembled: bool = False, functions: bool = True) -> None:
@@ -268,11 +262,11 @@ def _numbers(
     return numbers
 
 
-def _weights(numbers: NDArray[np.int64]) -> Floats:
+def _weights(numbers: Ints) -> Floats:
     return np.asarray(1.5 + np.sin(numbers.astype(np.float64)))
 
 
-def _sums(numbers: NDArray[np.int64], values: NDArray[Any]) -> Floats:
+def _sums(numbers: Ints, values: NDArray[Any]) -> Floats:
     """Return weighted sums of groups of numbered values."""
     weighted = _weights(numbers) * values.ravel()
     return np.bincount(numbers % PARTS, weighted, minlength=PARTS).astype(np.float64)

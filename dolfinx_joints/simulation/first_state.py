@@ -16,7 +16,7 @@ from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.nodal_field import NodalField, nodal_vector
-from dolfinx_joints.model.system import MatrixSystem, unknowns
+from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.checkpoint import Checkpoints
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.solvers.step_solver import StepSolver
@@ -92,14 +92,11 @@ def first_state(
     start: DynamicState | None,
     fields: Mapping[str, PETSc.Vec],
 ) -> DynamicState:
-    """The state a dynamic stage begins with, its acceleration in balance (collective).
+    """Return the first state of a dynamic stage, its acceleration in balance (collective).
 
-    Args:
-        solver: Solver of the system.
-        dt: Step that is taken first [s].
-        static: The last static state, None without one.
-        start: The dynamic state to go on from instead.
-        fields: ``velocity`` [m/s] and ``displacement`` beyond the static state [m], where given.
+    It follows from the last static state and the ``fields`` ``velocity`` [m/s] and
+    ``displacement`` beyond it [m], or else from a dynamic state ``start``. The first step is dt
+    [s] long.
     """
     if start is not None:
         start = scaled(solver.system, start, 0, 0.0)
@@ -121,12 +118,12 @@ def first_state(
     # The joints' tractions are taken as they are: a point that slid sits on the friction limit,
     # and asked again, round-off would decide.
     joints: Response | JointState | None = None if static is None else static.joints
-    u = unknowns(system, None if static is None else static.displacement)
+    u = system.unknowns(None if static is None else static.displacement)
     if added is not None:
         if system.internal_forces is not None:
             before = static.joints if static else None
             joints = before.state if before else system.internal_forces.at_rest(u)
-        u.axpy(1.0, unknowns(system, added))
+        u.axpy(1.0, system.unknowns(added))
     _check_displacement(system, u)
     return initial_state(solver, dt=dt, displacement=u, velocity=velocity, joints=joints)
 

@@ -20,6 +20,7 @@ from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.loads.load import Vector
 from dolfinx_joints.loads.wave_levels import warn_of_sides
+from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.modal_damping import modal_damping
 from dolfinx_joints.model.model import Model
@@ -28,7 +29,6 @@ from dolfinx_joints.model.modes import modes as lowest
 from dolfinx_joints.model.system import MatrixSystem, as_aij
 from dolfinx_joints.solvers.direct import DirectSolver
 
-Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
@@ -117,12 +117,7 @@ def frequency_response(
 
 
 def _summed(
-    system: MatrixSystem,
-    omegas: Floats,
-    along: Floats,
-    zeta: float,
-    reader: _Points,
-    count: int,
+    system: MatrixSystem, omegas: Floats, along: Floats, zeta: float, reader: _Points, count: int
 ) -> Complex:
     """Displacements of the points as sums over modes, coupled by C (collective)."""
     found = lowest(system, count)
@@ -139,12 +134,7 @@ def _summed(
 
 
 def _solved(
-    model: Model,
-    dry: MatrixSystem,
-    omegas: Floats,
-    along: Floats,
-    zeta: float,
-    reader: _Points,
+    model: Model, dry: MatrixSystem, omegas: Floats, along: Floats, zeta: float, reader: _Points
 ) -> tuple[Complex, Complex | None]:
     """Displacements of the points and forces of the water by direct solution (collective)."""
     coupled = model.coupled
@@ -159,12 +149,11 @@ def _solved(
         x = matrix.solve(omega, right)
         found.append(reader.read(x))
         if coupled is not None:
-            rates = [
-                _vector(system, part) for part in ((1j * omega * x).real, (1j * omega * x).imag)
-            ]
-            forces.append(coupled.force(rates[0]) + 1j * coupled.force(rates[1]))
+            rates = 1j * omega * x
+            parts = [coupled.force(system.vector(part)) for part in (rates.real, rates.imag)]
+            forces.append(parts[0] + 1j * parts[1])
     matrix.destroy()
-    return np.array(found), None if coupled is None else np.array(forces)
+    return np.array(found), np.array(forces) if forces else None
 
 
 class _DynamicStiffness:
@@ -260,9 +249,3 @@ def _pairs(real: PETSc.Mat | None, imaginary: PETSc.Mat | None) -> PETSc.Mat:
         negative.scale(-1.0)
     comm = next(each.comm for each in (real, imaginary) if each is not None)
     return as_aij(PETSc.Mat().createNest([[real, negative], [imaginary, real]], comm=comm))
-
-
-def _vector(system: MatrixSystem, values: Floats) -> PETSc.Vec:
-    vector = system.mass.createVecRight()
-    vector.setArray(values)
-    return vector

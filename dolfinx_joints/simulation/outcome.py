@@ -70,6 +70,11 @@ class StaticState(Summarised):
     cuts: int = 0
     jumps: list[Jump] = field(default_factory=list)
 
+    @property
+    def unloaded(self) -> bool:
+        """Whether no load step has led to the state."""
+        return not self.reports
+
     def _summary(self) -> Rows:
         solve = self.reports[-1] if self.reports else None
         yield "solves", f"{len(self.reports)}, {sum(r.iterations for r in self.reports)} iterations"

@@ -27,8 +27,9 @@ from dolfinx_joints.loads.free_field import SupportForces
 from dolfinx_joints.loads.ground_motion import for_steps, moved_by
 from dolfinx_joints.loads.load import Load
 from dolfinx_joints.model.model import Model
+from dolfinx_joints.motions.differing import DifferingMotion
 from dolfinx_joints.simulation.checkpoint import CheckpointKeeper, Checkpoints, static_keeper
-from dolfinx_joints.simulation.differing_ground import differing_ground, on_ground
+from dolfinx_joints.simulation.differing_ground import DifferingGround
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun, ground_motions
 from dolfinx_joints.simulation.first_state import (
     InitialFields,
@@ -44,10 +45,8 @@ from dolfinx_joints.simulation.record import StageRecord, grout_record, stage_na
 from dolfinx_joints.simulation.start_checks import check_complete, sudden_loads
 from dolfinx_joints.simulation.statics.construction import grouted
 from dolfinx_joints.simulation.statics.stage import check_acting, march
-from dolfinx_joints.simulation.statics.unfinished import (
-    check_grouted,
-    unfinished_stage,
-)
+from dolfinx_joints.simulation.statics.stage_start import unloaded
+from dolfinx_joints.simulation.statics.unfinished import check_grouted, unfinished_stage
 from dolfinx_joints.solvers.batch import SharedBulk
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
 from dolfinx_joints.solvers.step_solver import SolverOptions
@@ -72,7 +71,6 @@ class Simulation:
         solver: ``auto``, ``condensed``, ``monolithic`` or ``forms``; see `make_solver`.
 
     Attributes:
-        model: The model.
         static: Result of the last static stage, None before it.
         stages: Static stages so far. Dynamic stages show them to monitors and `save_static` writes
             them; where they are too many to keep, such as small steps in time, clear the list.
@@ -139,7 +137,8 @@ class Simulation:
         """
         acting = self.model.loads if loads is None else loads
         check_acting(self.model, acting)
-        stage = unfinished_stage(self.model, self.static, joints, absent, acting)
+        before = self.static or unloaded(self.model)
+        stage = unfinished_stage(self.model, before, joints, absent, acting)
         name = stage_name(name, "statics", self.stages)
         path = [(None, step / steps) for step in range(1, steps + 1)]
         self.static = self._march(name, path, acting, stage=stage, allow_jumps=allow_jumps)
@@ -238,7 +237,7 @@ class Simulation:
     ) -> StaticState:
         """`march` from the last static state with the simulation's solver (collective)."""
         with self._phase("static"), failures_shown(name, self.model, self.monitors, self.stages):
-            start = self.model, self.static, path, acting
+            start = self.model, self.static or unloaded(self.model), path, acting
             more |= {"options": self._options, "kind": self.solver, "watch": self._watch}
             found = march(*start, **more)
         free_petsc_garbage(self.model.jointed.mesh.comm)  # matrices of the stage's solver
@@ -247,18 +246,16 @@ class Simulation:
     def save_static(self, path: str | Path) -> None:
         """Keep the static stages so far in a file, to go on from the last later (collective).
 
-        Args:
-            path: The file; one that is there already is replaced at once.
+        A file that is there already is replaced at once.
         """
         if self.static is None:
             raise JointsError("There is no static state to save yet: run statics() before.")
         static_keeper(path, self.model).save_static(self.static, self.stages)
 
     def load_static(self, path: str | Path) -> StaticState:
-        """Go on from a static state of the same model that was saved (collective).
+        """Go on from a static state of the model, which `save_static` wrote (collective).
 
-        Args:
-            path: The file that `save_static` wrote, on any number of ranks.
+        The number of ranks may be another one.
         """
         self.static, self.stages = static_keeper(path, self.model).load_static()
         return self.static
@@ -302,10 +299,12 @@ class Simulation:
         given = given_fields(self.model, start)
         resume = checkpoint is not None and checkpoint.resume
         (motion, *loads), lost = for_steps([motion, *loads], dt, self.model.jointed.mesh.comm)
-        acting, differing = shaken_by(motion, loads), differing_ground(self.model, motion)
-        stage: dict[str, Any] = {"ground motion": motion}
+        acting, stage = shaken_by(motion, loads), dict[str, Any]({"ground motion": motion})
+        differing = None
+        if isinstance(motion, DifferingMotion):
+            differing = DifferingGround(self.model, motion)
         ground = ground_motions(self.model, motion, loads, differing)
-        motion = ground.motion
+        motion = ground["motion"]
         state = start if isinstance(start, DynamicState) else None
         if begins := not resume and state is None:
             check_complete(self.static)
@@ -314,7 +313,8 @@ class Simulation:
         with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
             kept = [SupportForces(self.model)] if self.model.absorbing else []
             shaking: list[Load] = [*moved_by(motion, dt), *kept, *loads]
-            system = on_ground(differing, self.model.system(shaking, waves=dt, shared=self.shared))
+            system = self.model.system(shaking, waves=dt, shared=self.shared)
+            system = differing.moving(system) if differing else system
             solver = make_solver(system, self._options, self.solver)
             times = ends_of_steps(state.time if state else 0.0, dt, steps)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
@@ -345,7 +345,7 @@ class Simulation:
         with released(checkpoint, at_end=True), run.watched(self.seconds):
             if saved is None:
                 settings = {name: in_words(each) for name, each in facts.items()} | acting
-                run.start(settings, tuple(self.stages))
+                run.start(settings=settings, stages=tuple(self.stages))
                 self._save(keeper, run)
             else:
                 run.resume(saved.state_dict, saved.origin)

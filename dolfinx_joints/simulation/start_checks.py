@@ -14,7 +14,7 @@ from dolfinx_joints.loads.ground_motion import BaseMotion
 from dolfinx_joints.loads.load import Load, load_names
 from dolfinx_joints.loads.oblique_field import rising_waves
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.model.system import MatrixSystem, unknowns
+from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import StageRecord
 from dolfinx_joints.simulation.statics.unfinished import check_grouted
@@ -56,18 +56,9 @@ def sudden_loads(
     """Warn on rank 0 of loads that differ from those of the static state (collective).
 
     Motions of the ground are left out. There is no warning if the forces at the start are in
-    balance.
-
-    Args:
-        model: The model.
-        system: System of the dynamic stage.
-        state: First state of the dynamic stage.
-        static: Last static state; None if no load has acted yet.
-        stages: Static stages so far.
-        of_stage: Loads of the dynamic stage besides the model's, in the order of the system's.
-
-    Returns:
-        The warning in a list, the same on every rank; empty without one.
+    balance. System, first state and loads ``of_stage`` besides the model's are those of the
+    dynamic stage; ``static`` is None if no load has acted yet. The warning is in a list, the same
+    on every rank, which is empty without one.
     """
     own, every = load_names(model.loads), [*model.loads, *of_stage]
     names = load_names(every)
@@ -78,10 +69,10 @@ def sudden_loads(
     for i, (name, load) in enumerate(zip(names, every, strict=True)):
         if isinstance(load, BaseMotion | SupportForces) or rising_waves([load]):
             continue
-        force = loads.get(name, unknowns(system, None))
+        force = loads.get(name, system.vector())
         largest = max(largest, float(force.norm()))
         if i < len(own) and own[i] in before:
-            force.axpy(-1.0, unknowns(system, before[own[i]]))
+            force.axpy(-1.0, system.unknowns(before[own[i]]))
         changes[name] = float(force.norm())
     sudden = [name for name, change in changes.items() if change > SAME_LOAD * largest]
     if not sudden or _in_balance(system, state):

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from dolfinx_joints.laws.law import Floats
@@ -36,18 +36,18 @@ class StaticEnergy:
         scale: Largest of stored energy, |input| and losses so far.
     """
 
-    strain: float
+    strain: float = 0.0
     joint_elastic: Floats
-    input_by_load: Mapping[str, float]
-    supports: float
+    input_by_load: Mapping[str, float] = field(default_factory=dict)
+    supports: float = 0.0
     joint_friction: Floats
     joint_numerical: Floats
     joint_bonds: Floats
-    plastic: float
+    plastic: float = 0.0
     joint_released: Floats
-    water_released: float
-    error: float
-    scale: float
+    water_released: float = 0.0
+    error: float = 0.0
+    scale: float = 0.0
 
     @cached_property
     def stored(self) -> float:

@@ -24,7 +24,7 @@ from multiprocessing import spawn
 from multiprocessing.process import BaseProcess
 from numbers import Real
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -47,15 +47,10 @@ def packed(function: Function) -> bytes:
 
 
 def run_case(name: str, work: bytes, folder: str, parameters: Mapping[str, Any]) -> Row:
-    """Run a case in an empty folder and a new interpreter; its row.
+    """Run a case in an empty folder and a new interpreter; return its row.
 
-    A case of the same name that a runner has left behind is waited for.
-
-    Args:
-        name: Name of the case.
-        work: Its function, `packed`.
-        folder: Its folder.
-        parameters: Parameters of the function.
+    ``work`` is its function, `packed`. A case of the same name that a runner has left behind is
+    waited for.
     """
     if parent := multiprocessing.parent_process():
         threading.Thread(target=_end_with_the_runner, args=(parent,), daemon=True).start()
@@ -112,7 +107,8 @@ def _outcome(work: bytes, folder: Path, parameters: Mapping[str, Any]) -> Row:
 
 def main() -> None:
     """Run the case that standard input tells; its outcome goes to standard output as JSON."""
-    (preparation, function), folder, parameters = _told(sys.stdin.buffer)
+    work, folder, parameters = pickle.load(sys.stdin.buffer)
+    preparation, function = pickle.loads(work)
     threading.Thread(target=_end_with_the_worker, daemon=True).start()
     answer = os.dup(1)
     with (folder / "log.txt").open("wb") as log:
@@ -130,11 +126,6 @@ def main() -> None:
     with os.fdopen(answer, "wb") as to_worker:
         to_worker.write(json.dumps(outcome | {"peak_mb": peak_mb()}).encode())
     os._exit(0)  # the thread that waits holds standard input
-
-
-def _told(source: BinaryIO) -> tuple[tuple[Any, bytes], Path, dict[str, Any]]:
-    work, folder, parameters = pickle.load(source)
-    return pickle.loads(work), folder, parameters
 
 
 def _end_with_the_worker() -> None:

@@ -144,19 +144,17 @@ class Study(Summarised):
             workers: Cases at once, where there is no executor.
             only: Names of the cases to run, all unless given.
             retry_failed: Run failed cases again.
-            rerun_changed: Run cases again whose parameters differ from those of their rows; an
-                error otherwise.
+            rerun_changed: Run cases again whose parameters have changed, an error otherwise.
             progress: Show a bar.
 
         Raises:
             ValueError: ``only`` names an unknown case.
-            StudyError: Another process runs it, mpirun started this process, parameters of
-                a case have changed, or the table cannot be written.
+            StudyError: Another process runs it, mpirun started this process, parameters have
+                changed, or the table cannot be written.
         """
         if unknown := set(only or ()) - self.cases.keys():
-            raise ValueError(
-                f"There is no case {min(unknown)!r}; there are {', '.join(self.cases)}."
-            )
+            known = ", ".join(self.cases)
+            raise ValueError(f"There is no case {min(unknown)!r}; there are {known}.")
         if executor is None and {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"} & os.environ.keys():
             raise StudyError(
                 "A study starts processes of its own: run it without mpirun, or give it an "

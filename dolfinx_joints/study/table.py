@@ -31,10 +31,7 @@ SUFFIX = " (value)"  # of a value that has the name of another column
 
 @checked
 def read_table(path: str | PathLike[str]) -> Table:
-    """The table of a study, one row per finished or failed case, in the order of the cases.
-
-    Args:
-        path: Folder of the study.
+    """The table of a study in a folder, one row per finished or failed case, in their order.
 
     Returns:
         Arrays of shape (rows,) by column: ``case``, ``status`` ("complete" or "failed"),

@@ -5,18 +5,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.time_integration.scheme import StepReport
 from dolfinx_joints.time_integration.states import DynamicState
-
-Floats = NDArray[np.float64]
 
 _TOTALS = ("_at_start", "scale", "largest", "_error", "_imbalance")
 
@@ -51,13 +49,13 @@ class EnergyRow:
     kinetic: float
     strain: float
     joint_elastic: Floats
-    input: float
+    input: float = 0.0
     input_by_load: Mapping[str, float]
-    viscous: float
+    viscous: float = 0.0
     joint_friction: Floats
     joint_numerical: Floats
     joint_imbalance: Floats
-    error: float
+    error: float = 0.0
     plastic: float = 0.0
     absorbed: float = 0.0
     impact: float = 0.0
@@ -121,13 +119,10 @@ class EnergyLedger:
             strain=strain,
             water=water,
             joint_elastic=self._elastic(state),
-            input=0.0,
             input_by_load=dict.fromkeys(self._system.names_of_works, 0.0),
-            viscous=0.0,
             joint_friction=self._none,
             joint_numerical=self._none,
             joint_imbalance=self._none,
-            error=0.0,
         )
         self._at_start = self.scale = self.largest = self.row.stored
         self._error = self._imbalance = 0.0
@@ -142,7 +137,7 @@ class EnergyLedger:
         entered = last.input + sum(work.loads.values()) + work.supports
         viscous = last.viscous + (work.viscous + work.absorbed)
         rubbed = last.joint_friction + joints.friction
-        plastic = last.plastic + self._plastic(state)
+        plastic = last.plastic + self._system.plastic_terms(state.joints)[1]
         kinetic, strain, water = self._of_state(state)
         stored = kinetic + strain + float(elastic.sum()) + water
         impact = last.impact + float(joints.impact.sum())
@@ -181,8 +176,7 @@ class EnergyLedger:
 
     def state_dict(self) -> dict[str, Any]:
         """Where the ledger stands."""
-        row = {each.name: getattr(self.row, each.name) for each in fields(EnergyRow)}
-        return {"row": row, "totals": [getattr(self, name) for name in _TOTALS]}
+        return {"row": asdict(self.row), "totals": [getattr(self, name) for name in _TOTALS]}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Go on from what another's ``state_dict`` gave."""
@@ -207,21 +201,10 @@ class EnergyLedger:
 
     def _of_state(self, state: DynamicState) -> tuple[float, float, float]:
         """Kinetic and strain energy of the body, and energy of the water."""
-        kinetic, strain, coupled = state.kinetic_energy, self._strain(state), self._system.coupled
+        kinetic, coupled = state.kinetic_energy, self._system.coupled
+        strain = state.strain_energy + self._system.plastic_terms(state.joints)[0]
         if coupled is None:
             return kinetic, strain, 0.0
         of_pressure = coupled.energy(state.velocity, state.momentum)
         of_motion = coupled.energy(state.displacement, state.elastic_force)
         return kinetic - of_pressure, strain - of_motion, of_pressure + of_motion
-
-    def _strain(self, state: DynamicState) -> float:
-        """Elastic energy of bulk and springs."""
-        bulk, joints = self._system.bulk, state.joints
-        if bulk is None or joints is None:
-            return state.strain_energy
-        return state.strain_energy + bulk.elastic_correction(joints.state)
-
-    def _plastic(self, state: DynamicState) -> float:
-        """Plastic work of the step that led to a state."""
-        bulk, joints = self._system.bulk, state.joints
-        return 0.0 if bulk is None or joints is None else bulk.dissipation(joints)

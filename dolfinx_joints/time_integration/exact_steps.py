@@ -11,26 +11,20 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.model.exact_modes import ModalStep, lowest_modes
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.time_integration.products import Products
 from dolfinx_joints.time_integration.states import DynamicState
 
-Floats = NDArray[np.float64]
-
 
 def scaled(system: MatrixSystem, state: DynamicState, count: int, rate: float) -> DynamicState:
-    """The state with its modal velocities scaled for a step, kinetic energy kept (collective).
+    """Return a state with modal velocities scaled for a step, kinetic energy kept (collective).
 
-    Args:
-        system: The system.
-        state: Its state.
-        count: Number of modes in which the step is exact.
-        rate: 2 / dt of the step [1/s].
+    The step is exact in ``count`` modes; its ``rate`` is 2 / dt [1/s].
     """
     if state.exact_modes == count and (count == 0 or state.rate == rate):
         return state
@@ -43,12 +37,7 @@ def scaled(system: MatrixSystem, state: DynamicState, count: int, rate: float) -
 
 
 def _scale(
-    system: MatrixSystem,
-    velocity: PETSc.Vec,
-    count: int,
-    rate: float,
-    *,
-    back: bool = False,
+    system: MatrixSystem, velocity: PETSc.Vec, count: int, rate: float, *, back: bool = False
 ) -> PETSc.Vec:
     """Modal velocities divided by the root of m', or times it (collective)."""
     if not count:
@@ -70,13 +59,9 @@ def add_inertia(step: ModalStep, velocity: PETSc.Vec, momentum: PETSc.Vec) -> No
 def add_free_vibration(
     step: ModalStep, velocity: Floats, dt: float, acceleration: PETSc.Vec
 ) -> None:
-    """Take the part of free vibration out of the change of the acceleration, a mean, in a step.
+    """Remove free vibration from the change of the mean acceleration in a step of length dt [s].
 
-    Args:
-        step: The modes.
-        velocity: Modal velocities at the start, shape (used,), [m/s].
-        dt: Length of the step [s].
-        acceleration: Its change.
+    ``velocity`` has the modal velocities at the start, shape (used,), [m/s].
     """
     turn = step.modes.frequencies[: step.used] * dt
     own = 2.0 * (1.0 - np.cos(turn)) / dt * velocity  # v(t + dt) - 2 v(t) + v(t - dt), over -dt
@@ -89,17 +74,11 @@ def complete(
     effective: MatrixCoefficients,
     x: PETSc.Vec,
     modal: Floats,
-    fixed: NDArray[np.int64],
+    fixed: Ints,
 ) -> None:
-    """Add what m' and c' change to the products of a step (collective).
+    """Add what m' and c' change to the products of a step with the body (collective).
 
-    Args:
-        step: m' and c'.
-        products: Of the body without them.
-        effective: Coefficients of the step's equation.
-        x: Change of the displacement.
-        modal: Phi.M x.
-        fixed: Constrained dofs.
+    x is the change of the displacement, ``modal`` Phi.M x, and ``fixed`` are constrained dofs.
     """
     inertia = _inertia(step, x, modal)
     products.mass.getArray()[:] += inertia
@@ -126,7 +105,6 @@ class LoadKick:
 
     Attributes:
         of_patterns: Modal kick of each pattern of the loads, shape (modes, patterns), [m/s].
-        felt: Whether any load changes.
     """
 
     def __init__(self, system: MatrixSystem, step: ModalStep, start: float, end: float) -> None:
@@ -134,7 +112,6 @@ class LoadKick:
         self._step, self._names = step, system.names_of_patterns
         loads = step.modes.loads[: step.used] * system.load_change(start, end)
         self.of_patterns: Floats = step.kick[:, None] * loads
-        self.felt = bool(np.any(self.of_patterns))
 
     def add(self, velocity: PETSc.Vec, momentum: PETSc.Vec) -> None:
         """Add the kick to a velocity, and S^T M S times it to a momentum."""
@@ -146,13 +123,10 @@ class LoadKick:
     def work(
         self, x: Floats, velocity: Floats, rate: float, of_supports: Floats
     ) -> dict[str, float]:
-        """Work of each load on the kick [J].
+        """Return the work of each load on the kick [J].
 
-        Args:
-            x: Modal displacements in the step, shape (used,).
-            velocity: Modal velocities at its start.
-            rate: 2 / dt [1/s].
-            of_supports: Phi.M of the change of the supports' velocities.
+        x and ``velocity`` are modal displacements in the step and velocities at its start,
+        ``rate`` is 2 / dt [1/s], ``of_supports`` Phi.M of the change of the supports' velocities.
         """
         change = rate * x - 2.0 * velocity + self.of_patterns.sum(axis=1)
         momentum = self._step.mass * change + self._step.root * of_supports

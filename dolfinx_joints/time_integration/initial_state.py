@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.laws.law import JointState, Response
 from dolfinx_joints.model.mass_redistribution import joint_dofs
-from dolfinx_joints.model.system import MatrixSystem, unknowns
+from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.products import combination
 from dolfinx_joints.time_integration.states import DynamicState
@@ -35,23 +35,18 @@ def initial_state(
     joints: JointState | Response | None = None,
     water: NDArray[np.int8] | None = None,
 ) -> DynamicState:
-    """State whose acceleration balances the forces at the start of the motion (collective).
+    """Return the state at a time [s] whose acceleration balances the forces (collective).
 
-    Args:
-        solver: Solver of the system.
-        time: Start [s].
-        dt: Step that is taken next [s]; needed where supports move, see `INTERVAL`.
-        displacement: u [m]; zero unless given, but for prescribed dofs.
-        velocity: v [m/s], zero unless given.
-        joints: State of the joints, asked for their tractions at ``displacement``, or the response
-            that led there, taken as it is; at rest at ``displacement`` unless given.
-        water: `DynamicState.water`; by the openings unless given.
+    The length dt [s] of the next step is needed where supports move, see `INTERVAL`. Displacement
+    [m] and velocity [m/s] are zero unless given, but for prescribed dofs. A state of the ``joints``
+    is evaluated at the displacement, a response is taken as it is; they are at rest unless given.
+    ``water``, see `DynamicState`, follows the openings unless given.
     """
     system = solver.system
-    u, v = unknowns(system, displacement), unknowns(system, velocity)
+    u, v = system.unknowns(displacement), system.unknowns(velocity)
     if displacement is None:
         u.getArray()[system.constrained] = system.prescribed(time)
-    moving = unknowns(system, None)
+    moving = system.vector()
     if dt is None and system.values is not None:
         raise ValueError("dt is missing; the first velocity of moving supports depends on it.")
     rates = None if dt is None else system.prescribed_rates(time, -INTERVAL * dt)
@@ -59,25 +54,21 @@ def initial_state(
         v.getArray()[system.constrained] = rates[0]
         moving.getArray()[system.constrained] = rates[1]
     if system.water is not None and system.contact is not None:
-        known = joints.state if isinstance(joints, Response) else joints
-        water = system.water.enter(system.contact.gap(u) if known is None else known.gap, water)
+        state = joints.state if isinstance(joints, Response) else joints
+        water = system.water.enter(system.contact.gap(u) if state is None else state.gap, water)
     load, work = system.load(time, u.duplicate()), u.duplicate()
     elastic_force = system.stiffness * u
     damping_force, inertia = system.damping_force(v, work), system.mass * moving
     force = combination((1.0, load), (-1.0, elastic_force), (-1.0, damping_force), (-1.0, inertia))
-    response = None
-    if system.internal_forces is not None:
-        response = (
-            joints
-            if isinstance(joints, Response)
-            else system.internal_forces.trial(u, joints or system.internal_forces.at_rest(u))
-        )
-        force.axpy(-1.0, system.internal_forces.force_at_end(response, work))
+    forces, response = system.internal_forces, joints if isinstance(joints, Response) else None
+    if forces is not None:
+        response = response or forces.trial(u, joints or forces.at_rest(u))
+        force.axpy(-1.0, forces.force_at_end(response, work))
     if velocity is None:
         _check_massless(system, force, max(load.norm(), elastic_force.norm()))
     a = _balance(system, force)
     left = combination((1.0, system.mass * a), (-1.0, force))
-    reaction = unknowns(system, None)
+    reaction = system.vector()
     reaction.getArray()[system.constrained] = left.array_r[system.constrained]
     a.axpy(1.0, moving)
     return DynamicState(
@@ -118,21 +109,17 @@ def _check_massless(system: MatrixSystem, force: PETSc.Vec, scale: float) -> Non
 
 def _balance(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
     """Acceleration with M a = force at the unconstrained dofs with mass and zero at all others."""
-    resting = np.zeros(force.getLocalSize(), dtype=bool)
-    resting[system.constrained] = True
-    unconstrained = int((~resting).sum())
-    resting[system.massless] = True
-    left = [unconstrained, int((~resting).sum())]
-    unconstrained, moving = np.sum(force.comm.tompi4py().allgather(left), axis=0)
-    if unconstrained and not moving:
+    mask = system.vector(1.0)
+    mask.getArray()[system.constrained] = 0.0
+    unconstrained = mask.sum()
+    mask.getArray()[system.massless] = 0.0
+    if unconstrained and not mask.sum():
         raise JointsError(
             "The body has no mass: all densities are zero, which dynamics cannot do with; "
             "quasi_statics can."
         )
-    mask = force.duplicate()
-    mask.setArray(np.where(resting, 0.0, 1.0))
     mass = system.mass.copy()
-    rows = np.flatnonzero(resting) + mass.getOwnershipRange()[0]
+    rows = np.flatnonzero(mask.array_r == 0.0) + mass.getOwnershipRange()[0]
     mass.zeroRowsColumns(rows.astype(PETSc.IntType), diag=1.0)
     b = force.duplicate()
     b.pointwiseMult(force, mask)
@@ -144,7 +131,6 @@ def _balance(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
     ksp.setTolerances(rtol=1e-13, atol=1e-300, max_it=1000)
     ksp.setFromOptions()
     a = b.duplicate()
-    a.set(0.0)
     ksp.solve(b, a)
     if ksp.getConvergedReason() < 0:
         raise JointsError(

@@ -16,13 +16,9 @@ from dolfinx_joints.time_integration.states import DynamicState
 def joints_before(
     system: MatrixSystem, state: DynamicState, turn: PETSc.Vec | None, rate: float
 ) -> JointState | None:
-    """State of the joints, slips for the length of the step, approach where none rebounds.
+    """Return the state of the joints, slips for the length of the step, approach without rebound.
 
-    Args:
-        system: The system.
-        state: Its state.
-        turn: v1 - (2 x / dt - v0), None where it is zero [m/s].
-        rate: 2 / dt of the step [1/s].
+    ``turn`` is v1 - (2 x / dt - v0), None where it is zero [m/s]; ``rate`` is 2 / dt [1/s].
     """
     if state.joints is None:
         return None

@@ -242,9 +242,8 @@ class _Turn:
         self.momentum: PETSc.Vec | None = None
         self._fixed = system.constrained
         self._kick = None if exact is None else LoadKick(system, exact, state.time, time)
-        kicked = self._kick is not None and self._kick.felt
         rates = system.prescribed_rates(time, dt)
-        if rates is None and not kicked:
+        if rates is None and exact is None:
             return
         self.velocity, self.momentum = x.duplicate(), x.duplicate()
         self.velocity.set(0.0)
@@ -255,7 +254,7 @@ class _Turn:
             system.mass.mult(self.velocity, self.momentum)
             if exact is not None:
                 add_inertia(exact, self.velocity, self.momentum)
-        if self._kick is not None and kicked:
+        if self._kick is not None:
             self._kick.add(self.velocity, self.momentum)
 
     @staticmethod
@@ -274,7 +273,7 @@ class _Turn:
 
     def works(self, *parts: Any) -> dict[str, float]:
         """Work of each load on this part of the motion [J], see `LoadKick.work`."""
-        return {} if self._kick is None or not self._kick.felt else self._kick.work(*parts)
+        return {} if self._kick is None else self._kick.work(*parts)
 
 
 def exact_square(rate: float) -> float:

@@ -36,13 +36,9 @@ class StepWork:
 
 @dataclass(frozen=True, kw_only=True)
 class StepReport:
-    """A step.
+    """Length [s], solve and works of a step.
 
-    Attributes:
-        dt: Its length [s].
-        solve: How its solve went.
-        work: Works.
-        local_error: Estimate of the displacement error made in this step, 2-norm over all dofs [m].
+    ``local_error`` estimates the displacement error made in it, 2-norm over all dofs [m].
     """
 
     dt: float

@@ -69,20 +69,18 @@ class DynamicState(Summarised):
 
 
 def with_means(known: DynamicState | None, after: DynamicState, share: float) -> DynamicState:
-    """The state after a substep, with the means of tractions and reactions over the step so far.
+    """Return the state after a substep with means of tractions and reactions over the step so far.
 
-    Args:
-        known: That of the substep before, None at the first.
-        after: The state after the substep.
-        share: Of the substep in the step.
+    ``known`` is that of the substep before, None at the first; ``share`` is the part of the step
+    that the substep takes.
     """
     reaction, joints = after.reaction.copy(), after.joints
     reaction.scale(share)
-    traction = None if joints is None else share * joints.traction
     if known is not None:
         reaction.axpy(1.0, known.reaction)
-        if traction is not None and known.joints is not None:
+    if joints is not None:
+        traction = share * joints.traction
+        if known is not None and known.joints is not None:
             traction += known.joints.traction
-    if joints is not None and traction is not None:
         joints = replace(joints, traction=traction)
     return replace(after, reaction=reaction, joints=joints)

@@ -51,12 +51,10 @@ class StepControl:
 
 @dataclass(kw_only=True)
 class StepCounts:
-    """Accepted substeps and rejected attempts.
+    """Accepted substeps and attempts rejected for one reason each.
 
     Attributes:
-        accepted: Substeps accepted.
-        landed: Of these, substeps of the shortest length in which a point opened or closed.
-        failed: Attempts whose solve failed.
+        landed: Accepted substeps of the shortest length in which a point opened or closed.
         unbalanced: Attempts whose energy lines did not add up.
         inaccurate: Attempts with too large a local error.
         held: Attempts with too large a local error that were not cut, as joints chatter.
@@ -80,16 +78,10 @@ class StepCounts:
 class Stepper:
     """Takes steps of a given length, in substeps where need be.
 
-    Substeps stay on the levels dt / 2^k, so that few matrices are factored.
-
-    Args:
-        scheme: The time scheme.
-        solver: Solver of the system.
-        ledger: Its energy ledger, started.
-        control: When steps are cut.
+    Substeps stay on the levels dt / 2^k, so that few matrices are factored. The ledger must have
+    been started.
 
     Attributes:
-        scheme, solver, ledger: As given.
         counts: Accepted substeps and rejected attempts.
         chatter: Which joints chatter.
     """
@@ -101,6 +93,7 @@ class Stepper:
         self.scheme, self.solver, self.ledger = scheme, solver, ledger
         self.forces_over_steps = scheme.forces_over_steps
         self._control, self.counts = control, StepCounts()
+        self._tolerance = control.tolerance or 0.0
         self.chatter, self._holds = Chatter(solver.system.contact), False
         self._largest = 0.0
         self._level = 0
@@ -112,7 +105,7 @@ class Stepper:
 
         The last one ends at ``end`` [s]; the sum of both times unless given.
         """
-        if self._control.tolerance is not None and not self._holds:
+        if self._tolerance and not self._holds:
             self._holds = bool(self.chatter.joints())
         finest = 2**self._control.max_halvings
         end = state.time + dt if end is None else end
@@ -184,14 +177,7 @@ class Stepper:
             if missing > allowed > 0.0 and missing > self._rounding(before, after):
                 self.counts.unbalanced += 1
                 if shortest:
-                    stiff = ", as for joints very much stiffer than the body"
-                    raise JointsError(
-                        f"The energy lines of the step to t = {after.time:.6g} s do not add up"
-                        f"{self._where(before, after)}: "
-                        f"{missing / scale:.1e} of the largest energy is missing, "
-                        f"{LARGEST_IMBALANCE:g} is allowed; the solve is not accurate enough"
-                        f"{stiff if self.solver.system.contact is not None else ''}."
-                    )
+                    raise _imbalance(self.solver.system, before, after, missing / scale)
                 return True
         if not shortest and self._too_rough(after, report):
             self.counts.held += self._holds
@@ -199,11 +185,9 @@ class Stepper:
             if not self._holds:
                 return True
         if self._control.landing and _changes(self.solver.system, before, after):
-            if shortest:
-                self.counts.landed += 1
-                return False
-            self.counts.crossed += 1
-            return True
+            self.counts.landed += shortest
+            self.counts.crossed += not shortest
+            return not shortest
         return False
 
     def _rounding(self, before: DynamicState, after: DynamicState) -> float:
@@ -217,34 +201,23 @@ class Stepper:
             size.pointwiseMult(size, factor)
         return float(np.finfo(float).eps * size.norm(PETSc.NormType.NORM_1))
 
-    def _where(self, before: DynamicState, after: DynamicState) -> str:
-        """The joint with the largest work in the step, where there are joints (collective)."""
-        contact = self.solver.system.contact
-        if contact is None or before.joints is None or after.joints is None:
-            return ""
-        change = after.joints.state.gap - before.joints.state.gap
-        work = np.einsum("ij,ij->i", np.abs(after.joints.traction), np.abs(change))
-        worst = contact.worst_joint(work)
-        return f" (joint {worst!r} did the largest work)" if worst else ""
-
     def _too_rough(self, after: DynamicState, report: StepReport) -> bool:
         """Whether the local error is above the tolerance, this attempt's displacement included."""
-        tolerance = self._control.tolerance
-        if tolerance is None:
+        if not self._tolerance:
             return False
         moved = self.solver.system.norm(after.displacement)
-        return report.local_error > tolerance * max(self._largest, moved)
+        return report.local_error > self._tolerance * max(self._largest, moved)
 
     def _calm(self, report: StepReport) -> bool:
         """Whether a substep of twice the length would do: the local error grows with its cube."""
-        tolerance = None if self._holds else self._control.tolerance
-        return tolerance is None or 8.0 * report.local_error <= tolerance * self._largest
+        tolerance = 0.0 if self._holds else self._tolerance
+        return not tolerance or 8.0 * report.local_error <= tolerance * self._largest
 
     def _accept(self, state: DynamicState, report: StepReport, dt: float) -> None:
         self.counts.accepted += 1
         if state.joints is not None:
             self.chatter.see(state.joints, report.dt, dt)
-        if self._control.tolerance is not None:
+        if self._tolerance:
             moved = self.solver.system.norm(state.displacement)
             self._largest = max(self._largest, moved)
 
@@ -255,6 +228,24 @@ def ends_of_steps(start: float, dt: float, steps: int) -> NDArray[np.float64]:
     So that they read 4.5 and not 4.499999999999926, as sums of steps do.
     """
     return np.array([float(f"{start + dt * step:.15g}") for step in range(steps + 1)])
+
+
+def _imbalance(
+    system: MatrixSystem, before: DynamicState, after: DynamicState, missing: float
+) -> JointsError:
+    """Return the error of a step that lacks a share of the largest energy (collective)."""
+    contact, where, stiff = system.contact, "", ""
+    if contact is not None and before.joints is not None and after.joints is not None:
+        change = after.joints.state.gap - before.joints.state.gap
+        work = np.einsum("ij,ij->i", np.abs(after.joints.traction), np.abs(change))
+        worst = contact.worst_joint(work)
+        where = f" (joint {worst!r} did the largest work)" if worst else ""
+        stiff = ", as for joints very much stiffer than the body"
+    return JointsError(
+        f"The energy lines of the step to t = {after.time:.6g} s do not add up{where}: "
+        f"{missing:.1e} of the largest energy is missing, {LARGEST_IMBALANCE:g} is allowed; the "
+        f"solve is not accurate enough{stiff}."
+    )
 
 
 def _changes(system: MatrixSystem, before: DynamicState, after: DynamicState) -> bool:

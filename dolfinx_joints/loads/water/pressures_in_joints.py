@@ -87,7 +87,7 @@ class JointWaters:
         self._start = self._at(codes)
         self._end = self._at(np.max([part.in_step(codes, gap) for part in self._parts], axis=0))
 
-    def add(self, out: PETSc.Vec, time: float, scale: float) -> None:
+    def add(self, out: PETSc.Vec, time: float, scale: float = 1.0) -> None:
         """Add the forces of the end of the step, times ``scale``, [N]."""
         for force in self.by_load(time, scale).values():
             out.axpy(1.0, force)

@@ -10,7 +10,6 @@ from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.common.errors import JointsError
@@ -21,7 +20,9 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.plausibility import warn_of_grout
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.statics.ledger import with_stored
+from dolfinx_joints.simulation.statics.stage_start import carrying_nothing
 from dolfinx_joints.simulation.statics.unfinished import (
+    Rows,
     Unfinished,
     check_elastic,
     check_joints,
@@ -29,8 +30,6 @@ from dolfinx_joints.simulation.statics.unfinished import (
     points_of,
     unfinished,
 )
-
-Rows = NDArray[np.bool_]
 
 # Newton iterations that a law may take to the pressure of the grout.
 MOST_ITERATIONS = 50
@@ -42,33 +41,22 @@ SAME = 1e-9
 def with_inactive(
     contact: Contact,
     response: Response | None,
-    before: StaticState | None,
+    before: StaticState,
     u: PETSc.Vec,
     stage: Unfinished,
 ) -> Response:
-    """The response at a displacement, points that carry nothing being at rest (collective).
+    """Return the response at a displacement [m], points that carry nothing at rest (collective).
 
-    Args:
-        contact: All joints.
-        response: Of the points that act, None where none does.
-        before: The static state that the stage began with, None for zero.
-        u: Displacement at its end [m].
-        stage: What did not act in it. Absent blocks will be cast against what is there.
+    Of all joints ``response`` has the points that act, None where none does; ``before`` is the
+    start of the stage. Absent blocks will be cast against what is there.
     """
     gap = contact.gap(u)
-    if before is not None and before.joints is not None:
+    if before.joints is not None:
         moved = u.copy()
         moved.axpy(-1.0, before.displacement)
         gap = before.joints.state.gap + contact.operator.jump(moved)
     gap[stage.uncast] = contact.initial_gap[stage.uncast]
-    count = len(gap)
-    rest = Response(
-        traction=np.zeros((count, 3)),
-        tangent=np.zeros((count, 3, 3)),
-        state=contact.resting(gap),
-        dissipation=np.zeros(count),
-        status=np.full(count, Status.OPEN, dtype=np.int8),
-    )
+    rest = carrying_nothing(contact.resting(gap))
     return rest if response is None else _chosen(stage.idle, rest, response)
 
 
@@ -81,16 +69,11 @@ def grouted(
     pressure: float,
     pressed: Callable[..., StaticState],
 ) -> StaticState:
-    """A static state with joints grouted; without pressure nothing moves (collective).
+    """Return a static state with joints grouted; without pressure nothing moves (collective).
 
-    Args:
-        model: The model.
-        before: The state.
-        names: Joints to be grouted; unless given those that are inactive, all if none is.
-        gap: Opening that the grout leaves [m].
-        pressure: Of the grout, where it finds a point that carries nothing [Pa].
-        pressed: The state from ``before`` on, given what does not act as ``stage`` and as ``apart``
-            the tractions that push faces apart, shape (n, 3), [Pa]; see `march`.
+    Arguments are those of `Simulation.grout`. ``pressed`` returns the state from ``before`` on,
+    given what does not act as ``stage`` and the tractions that push faces apart as ``apart``, see
+    `march`.
     """
     check_joints(model, names or ())
     check_elastic(model)
@@ -112,9 +95,9 @@ def grouted(
         assert response is not None
     idle = idle_points(response)
     target = np.where(idle[:, None], response.state.gap, 0.0)
-    target[filled] = (
-        _gap_under(model, contact, filled, pressure)[filled] if pressure else [gap, 0.0, 0.0]
-    )
+    target[filled] = [gap, 0.0, 0.0]
+    if pressure:
+        target[filled] = _gap_under(model, contact, filled, pressure)[filled]
     # Where cantilevers have moved into each other, one was cast against the other.
     left = idle & ~filled
     target[left, 0] = np.maximum(target[left, 0], 0.0)
@@ -129,11 +112,8 @@ def grouted(
     woken = idle & inactive & ~points_of(model, waiting)
     joints = _chosen(filled | woken, fresh, response)
     # Water in a joint that was open is that of an open one until a static stage looks again.
-    wet = {
-        name
-        for name, load in zip(load_names(model.loads), model.loads, strict=True)
-        if isinstance(load, FollowsJoints) and load.joint in chosen
-    }
+    named = zip(load_names(model.loads), model.loads, strict=True)
+    wet = [n for n, load in named if isinstance(load, FollowsJoints) and load.joint in chosen]
     missing = tuple(sorted({*missing, *wet}))
     energy = with_stored(before.energy, contact.stored_energy(joints.state))
     return replace(
@@ -231,13 +211,9 @@ def _check_open(contact: Contact, traction: Floats, gap: float) -> None:
 
 
 def _at_rest(model: Model, contact: Contact, gap: Floats, slip: Floats | float = 0.0) -> Response:
-    """Answer of the laws to a gap, shape (n, 3), [m], without any other history (collective).
+    """Return the response to a gap (n, 3) and an elastic slip (n, 2), [m], without other history.
 
-    Args:
-        model: The model.
-        contact: Its joints.
-        gap: The gap.
-        slip: Elastic slip, shape (n, 2), [m].
+    (Collective.)
     """
     still = model.stiffness.createVecRight()
     still.set(0.0)

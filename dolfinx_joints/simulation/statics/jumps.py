@@ -17,15 +17,9 @@ NAMED_SHARE = 0.05
 
 
 class Jumps:
-    """Jumps of a stage: shortest increments that release energy.
+    """Jumps ``found`` in a stage: shortest increments that release energy.
 
-    Args:
-        ledger: The ledger of the stage.
-        model: The model.
-        allowed: Whether jumps are kept rather than raised as errors.
-
-    Attributes:
-        found: Jumps of the stage.
+    If they are not ``allowed``, the first one is raised as an error.
     """
 
     def __init__(self, ledger: StaticLedger, model: Model, allowed: bool) -> None:

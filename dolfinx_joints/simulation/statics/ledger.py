@@ -14,7 +14,7 @@ of the laws. What an increment releases if the structure jumps is in `released`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,28 +76,17 @@ class SolvedIncrement:
 class StaticLedger:
     """Add up works and energies of a static stage, increment by increment.
 
-    Args:
-        system: The system of the stage.
-        names: Names of all joints of the model.
-        before: Energies after the last stage, None for the unloaded body.
-        start: Response of the joints and of plastic cells at the start, None without any.
-
-    Attributes:
-        energy: Energies after the last accepted increment.
+    ``energy`` has those after the last accepted increment; at first those after the last stage,
+    with what the response at the ``start`` stores in the joints.
     """
 
-    def __init__(
-        self,
-        system: MatrixSystem,
-        names: Sequence[str],
-        before: StaticEnergy | None,
-        start: Response | None,
-    ) -> None:
+    def __init__(self, system: MatrixSystem, before: StaticEnergy, start: Response | None) -> None:
         """Start; count a change of the stored energy since the last stage as construction work."""
-        self._system, self._names = system, names
+        self._system = system
+        self._none: Floats = np.zeros(len(before.joint_elastic))
         self._norm = float(system.stiffness.norm(PETSc.NormType.NORM_INFINITY))
         self._rounding = 0.0
-        self.energy = with_stored(before or _nothing(len(names)), self._elastic(start))
+        self.energy = with_stored(before, self._elastic(start))
 
     def after(self, increment: SolvedIncrement) -> StaticEnergy:
         """Return the energies after an increment; the ledger stays as it is (collective)."""
@@ -108,8 +97,7 @@ class StaticLedger:
         works = _works(increment)
         supports = [float(r.dot(x)) for r in (increment.reaction, increment.products.reaction)]
         forces = np.sum([*works.values(), supports], axis=0)
-        freed: Floats = np.zeros(len(self._names))
-        lost = float(np.abs([friction, numerical]).sum())
+        freed, lost = self._none, float(np.abs([friction, numerical]).sum())
         if lost > LEAST_LOSS * self.energy.stored:
             freed = self._released(increment, *forces)
         energy = replace(
@@ -121,7 +109,7 @@ class StaticLedger:
             joint_friction=last.joint_friction + friction,
             joint_numerical=last.joint_numerical + numerical,
             joint_bonds=last.joint_bonds + broken,
-            plastic=last.plastic + self._plastic(increment.after),
+            plastic=last.plastic + self._system.plastic_terms(increment.after)[1],
             joint_released=last.joint_released + freed * (not increment.water_moved),
             water_released=last.water_released + float(freed.sum()) * increment.water_moved,
         )
@@ -149,7 +137,7 @@ class StaticLedger:
         """
         contact, before, after = self._system.contact, increment.before, increment.after
         if contact is None or before is None or after is None:
-            return np.zeros((3, len(self._names)))
+            return np.array([self._none] * 3)
         traction = 0.5 * (before.traction + after.traction)
         with raised_together(contact.operator.comm):
             lost = contact.losses(BACKWARD_EULER, before.state, after, traction)
@@ -161,39 +149,28 @@ class StaticLedger:
     def _released(self, increment: SolvedIncrement, start: float, end: float) -> Floats:
         """Return the energy released in each joint [J], zero if it is no jump (collective).
 
-        Args:
-            increment: The increment.
-            start: Loads and supports at its start times the displacement x of the increment [J].
-            end: The same at its end [J].
+        ``start`` and ``end`` are loads and supports at both ends times the displacement x [J].
         """
         contact, before, after = self._system.contact, increment.before, increment.after
-        none = np.zeros(len(self._names))
         if contact is None or before is None or after is None:
-            return none
+            return self._none
         found, meanwhile = released(contact, before, after, start, end)
         limit = RELEASED_SHARE * (meanwhile + self.energy.stored)
         jumps = found.sum() > limit + EPS * self._norm * float(increment.change.norm()) ** 2
-        return found if jumps else none
+        return found if jumps else self._none
 
     def _strain(self, increment: SolvedIncrement) -> float:
         """Return the elastic energy of bulk and springs at the end of an increment (collective)."""
         u, x, force = increment.displacement, increment.change, increment.elastic_force
-        stiffness, bulk, after = increment.products.stiffness, self._system.bulk, increment.after
+        stiffness = increment.products.stiffness
         energy = 0.5 * float(u.dot(force)) + float(x.dot(force)) + 0.5 * float(x.dot(stiffness))
-        if bulk is None or after is None:
-            return energy
-        return energy + bulk.elastic_correction(after.state)
-
-    def _plastic(self, after: Response | None) -> float:
-        """Return the plastic work of the increment that led to a response (collective)."""
-        bulk = self._system.bulk
-        return 0.0 if bulk is None or after is None else bulk.dissipation(after)
+        return energy + self._system.plastic_terms(increment.after)[0]
 
     def _elastic(self, joints: Response | None) -> Floats:
         """Return the elastic energy of each joint, shape (number of joints,), [J] (collective)."""
         contact = self._system.contact
         if contact is None or joints is None:
-            return np.zeros(len(self._names))
+            return self._none
         return contact.stored_energy(joints.state)
 
 
@@ -207,25 +184,6 @@ def with_stored(energy: StaticEnergy, elastic: Floats) -> StaticEnergy:
         return energy
     works = _sum(energy.input_by_load, {"construction": added})
     return replace(energy, joint_elastic=elastic, input_by_load=works)
-
-
-def _nothing(joints: int) -> StaticEnergy:
-    """Return the energies of the unloaded body with a number of joints."""
-    none = np.zeros(joints)
-    return StaticEnergy(
-        strain=0.0,
-        joint_elastic=none,
-        input_by_load={},
-        supports=0.0,
-        joint_friction=none,
-        joint_numerical=none,
-        joint_bonds=none,
-        plastic=0.0,
-        joint_released=none,
-        water_released=0.0,
-        error=0.0,
-        scale=0.0,
-    )
 
 
 def _works(increment: SolvedIncrement) -> dict[str, list[float]]:

@@ -34,17 +34,8 @@ def released(
     """Return the energy released in each joint, and the work of the loads meanwhile (collective).
 
     Each joint gets a share in proportion to how far the work of its tractions falls below the
-    largest before.
-
-    Args:
-        contact: The joints.
-        before: Response at the start of the increment.
-        after: Response at its end.
-        start: R0, loads and supports at the start times x [J].
-        end: R1, the same at the end [J].
-
-    Returns:
-        The energy (31b), shape (number of joints,), and the integral of |P| where P > R, both [J].
+    largest before. Responses and R, loads and supports times x [J], are given at both ends. The
+    result is (31b), shape (number of joints,), and the integral of |P| where P > R, both [J].
     """
     way = after.state.gap - before.state.gap
     broken = contact.broken(before.state, after.state)

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,13 +15,13 @@ from petsc4py import PETSc
 from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.common.progress import Progress
+from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.joints.small_displacements import SmallDisplacements
 from dolfinx_joints.laws.law import Floats, Response
 from dolfinx_joints.loads.load import Load, always, load_names
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
-from dolfinx_joints.simulation.static_energy import Jump, StaticEnergy
 from dolfinx_joints.simulation.statics.construction import with_inactive
 from dolfinx_joints.simulation.statics.joint_water_iteration import JointWaterIteration
 from dolfinx_joints.simulation.statics.jumps import Jumps
@@ -38,7 +38,7 @@ from dolfinx_joints.time_integration.products import Products
 
 def march(
     model: Model,
-    before: StaticState | None,
+    before: StaticState,
     path: Sequence[tuple[float | None, float]],
     acting: Sequence[Load],
     *,
@@ -53,21 +53,11 @@ def march(
     """Return the equilibrium at the end of a path of load steps (collective).
 
     An increment is cut in halves if its solve does not converge, or if it releases energy (31b).
-
-    Args:
-        model: The model.
-        before: State to continue from; None for the unloaded body with its joints at rest.
-        path: Time [s] of each step, None for a ramp at time zero, and its share of the way from
-            the loads and prescribed displacements of ``before`` to those at this time.
-        acting: Those of the model's loads that act.
-        stage: What does not act yet; None where everything acts.
-        apart: Tractions on the faces of joints, shape (n, 3), [Pa], that are added to the loads of
-            ``before``. If given, no other load changes.
-        options: Tolerances and limits of Newton's method.
-        kind: Of the solver; see `make_solver`.
-        allow_jumps: Whether a jump is reported in the state rather than raised as an error.
-        watch: Observer of slip and opening.
-        reached: Called with time [s] and state after each step, if given.
+    Each step of the path has a time [s], None for a ramp at time zero, and its share of the way
+    from the loads and prescribed displacements of ``before`` to those at this time. ``acting`` are
+    those of the model's loads that act; without a ``stage`` all joints and blocks do. Tractions on
+    the faces of joints ``apart``, shape (n, 3), [Pa], are added to the loads of ``before``, and no
+    other load changes then. ``reached`` is called with time [s] and state after each step.
 
     Raises:
         JumpError: No equilibrium without a jump was found and ``allow_jumps`` is false.
@@ -76,37 +66,46 @@ def march(
     system, contact = model.system(only=acting, static=True), model.contact
     start = start_of_stage(system, before)
     carried = carried_loads(system, before, start)
-    if apart is not None and before is not None and contact is not None:
-        push = contact.operator.force(-apart, before.displacement.duplicate())
-        system = _under(system, before, push)
+    named = zip(load_names(model.loads), model.loads, strict=True)
+    missing = tuple(n for n, one in named if not any(one is other for other in acting))
+    facts: dict[str, Any] = {"missing": missing}
+    if apart is not None and contact is not None:
+        facts["loads"] = before.loads
+        system = _under(system, before, contact.operator, apart)
     if stage is not None:
+        facts |= {"inactive": stage.inactive, "absent": stage.absent}
         idle = None if contact is None else contact.without(stage.idle)
         system = _holding(replace(system, contact=idle), before, stage.dofs)
     solver = make_solver(system, options, kind, static_steps=len(path))
-    at = _Equilibrium(system, solver, model, before, start, carried, stays=apart is not None)
+    at = _Equilibrium(system, solver, before, start, carried, stays=apart is not None)
     increments, jumps = LoadIncrements(path), Jumps(at.ledger, model, allow_jumps)
-    missing = tuple(
-        name
-        for name, one in zip(load_names(model.loads), model.loads, strict=True)
-        if not any(one is other for other in acting)
-    )
-
-    def state(found: Sequence[Jump]) -> StaticState:
-        return StaticState(
-            displacement=at.displacement.copy(),
-            joints=at.response,
-            reaction=at.reaction,
-            reports=list(at.reports),
-            energy=at.ledger.energy,
-            loads=at.loads if apart is None or before is None else before.loads,
-            inactive=stage.inactive if stage else (),
-            absent=stage.absent if stage else (),
-            missing=missing,
-            cuts=increments.cuts,
-            jumps=list(found),
-        )
-
     progress = Progress("static stage", len(path), "steps", model.jointed.mesh.comm.rank)
+    for increment in _accepted(at, increments, jumps, kind, watch):
+        free_petsc_garbage(model.jointed.mesh.comm)
+        progress.advance(int(increment.whole))
+        if reached is not None and increment.whole:
+            facts |= {"cuts": increments.cuts, "jumps": jumps.of_step(increment.step)}
+            reached(increment.time or 0.0, at.state(facts))
+    progress.finish()
+    watch.warn("in a static stage")
+    at.ledger.warn()
+    if stage is not None:
+        # Blocks that are absent have no loads and no supports.
+        for force in (at.reaction, *at.loads.values()):
+            force.getArray()[stage.dofs] = 0.0
+        if contact is not None:
+            at.response = with_inactive(contact, at.response, before, at.displacement, stage)
+    return at.state(facts | {"cuts": increments.cuts, "jumps": jumps.found})
+
+
+def _accepted(
+    at: _Equilibrium,
+    increments: LoadIncrements,
+    jumps: Jumps,
+    kind: SolverKind,
+    watch: SmallDisplacements,
+) -> Iterator[Increment]:
+    """Solve the increments, cut where they fail; yield those that are accepted (collective)."""
     for increment in increments:
         try:
             solved = at.solve(increment)
@@ -123,78 +122,59 @@ def march(
         elif energy.released > at.ledger.energy.released:
             increments.cut()
             continue
-        at.accept(solved, energy, increment)
-        free_petsc_garbage(model.jointed.mesh.comm)
+        at.ledger.energy = energy
+        at.accept(solved, increment)
         if at.joints is not None:
             watch.see(at.joints.gap)
-        progress.advance(int(increment.whole))
-        if reached is not None and increment.whole:
-            reached(increment.time or 0.0, state(jumps.of_step(increment.step)))
-    progress.finish()
-    watch.warn("in a static stage")
-    at.ledger.warn()
-    if stage is not None:
-        # Blocks that are absent have no loads and no supports.
-        for force in (at.reaction, *at.loads.values()):
-            force.getArray()[stage.dofs] = 0.0
-        if contact is not None:
-            at.response = with_inactive(contact, at.response, before, at.displacement, stage)
-    return state(jumps.found)
+        yield increment
 
 
 class _Equilibrium:
     """The last accepted equilibrium of a stage, and the solution of the next increment.
 
-    Attributes:
-        solver: The solver, inside an iteration on the water if there is water in joints.
-        ledger: Energy ledger up to the last accepted increment.
-        displacement: Displacement vector [m].
-        joints: State of the joints, None without any.
-        response: Response of the joints, None if none acts.
-        reaction: Forces of the supports on the body, zero at unconstrained dofs [N].
-        loads: Loads by name [N].
-        reports: Reports of the solver, one for each accepted increment.
+    Attributes are those of a `StaticState`; ``joints`` is the state of the joints, None without
+    any, and ``response`` their response. The solver includes the iteration on water in joints.
     """
 
     def __init__(
         self,
         system: MatrixSystem,
         solver: StepSolver,
-        model: Model,
-        before: StaticState | None,
+        before: StaticState,
         start: Response | None,
         carried: Mapping[str, PETSc.Vec],
         *,
         stays: bool,
     ) -> None:
-        """Start from a static state, or from rest, with a response and loads [N] (collective).
+        """Start from a static state with a response and loads [N] (collective).
 
         If ``stays`` is true, these loads keep their value while those of the system are added.
         """
-        self._system, self._stays, self._unloaded = system, stays, before is None
-        self._chosen = solver.inner if isinstance(solver, HoldingBonds) else solver
-        self.solver = solver
-        self.displacement = u = system.stiffness.createVecRight()
-        u.set(0.0)
-        if before is not None:
-            before.displacement.copy(u)
+        self._system, self._stays, self._unloaded = system, stays, before.unloaded
+        self._without_water = self.solver = solver
+        self.displacement, self.reaction = before.displacement.copy(), before.reaction.copy()
         self._start = None if system.internal_forces is None else start
         self.response: Response | None = None
         self.joints = None if self._start is None else self._start.state
         if system.water is not None and self.joints is not None:
             self.solver = JointWaterIteration(system.water, solver)
         self.reports: list[SolveReport] = []
-        self._elastic_force, self._b, self._x = (u.duplicate() for _ in range(3))
-        system.stiffness.mult(u, self._elastic_force)
-        self.reaction = u.duplicate()
-        self.reaction.set(0.0)
-        if before is not None:
-            before.reaction.copy(self.reaction)
-        self.loads: Mapping[str, PETSc.Vec] = carried
-        self._step_loads, self._supported = self.loads, u.getArray()[system.constrained]
-        names = model.contact.operator.names if model.contact is not None else ()
-        energy = None if before is None else before.energy
-        self.ledger = StaticLedger(system, names, energy, self._start)
+        self._elastic_force = system.stiffness * self.displacement
+        self._b, self._x = system.vector(), system.vector()
+        self.loads = self._step_loads = carried
+        self._supported = self.displacement.getArray()[system.constrained]
+        self.ledger = StaticLedger(system, before.energy, self._start)
+
+    def state(self, facts: Mapping[str, Any]) -> StaticState:
+        """Return the equilibrium as a state of the stage, with further facts."""
+        return StaticState(
+            displacement=self.displacement.copy(),
+            joints=self.response,
+            reaction=self.reaction,
+            reports=list(self.reports),
+            energy=self.ledger.energy,
+            **{"loads": self.loads, **facts},
+        )
 
     def solve(self, increment: Increment) -> SolvedIncrement:
         """Return the solution of an increment; the last accepted one does not change (collective).
@@ -204,12 +184,10 @@ class _Equilibrium:
         """
         system, x, water = self._system, self._x, self._system.water
         self._set_up(increment)
-        if isinstance(self._chosen, StaticSolver):
-            # From the unloaded body without gaps the equations scale with the load: a shorter
-            # increment fails as well.
-            unloaded = self._unloaded and increment.whole and not self.reports
-            self._chosen.last_resort = increment.shortest or unloaded
-            self._chosen.continue_from(self._start)
+        # From the unloaded body without gaps the equations scale with the load: a shorter increment
+        # fails as well.
+        unloaded = self._unloaded and increment.whole and not self.reports
+        _prepare(self._without_water, increment.shortest or unloaded, self._start)
         response, report = self.solver.solve(STATIC, self._b, x, self.joints)
         products = Products(system, STATIC, self._b, x, response)
         moved = water is not None and bool(water.toggled(water.codes, water.entered).any())
@@ -226,12 +204,11 @@ class _Equilibrium:
             report=report,
         )
 
-    def accept(self, solved: SolvedIncrement, energy: StaticEnergy, increment: Increment) -> None:
+    def accept(self, solved: SolvedIncrement, increment: Increment) -> None:
         """Continue from the solution of an increment (collective)."""
         self.displacement.axpy(1.0, solved.change)
         self._elastic_force.axpy(1.0, solved.products.stiffness)
         self.reaction, self.loads = solved.products.reaction, solved.loads[1]
-        self.ledger.energy = energy
         self.response = solved.after
         if solved.after is not None:
             self._start, self.joints = solved.after, solved.after.state
@@ -269,19 +246,28 @@ class _Equilibrium:
         return found
 
 
-def _under(system: MatrixSystem, before: StaticState, push: PETSc.Vec) -> MatrixSystem:
-    """Return the system under a constant load of the grout, with its supports at rest."""
+def _prepare(solver: StepSolver, last_resort: bool, start: Response | None) -> None:
+    """Let a static solver continue from a response, and try other solvers as a last resort."""
+    chosen = solver.inner if isinstance(solver, HoldingBonds) else solver
+    if isinstance(chosen, StaticSolver):
+        chosen.last_resort = last_resort
+        chosen.continue_from(start)
+
+
+def _under(
+    system: MatrixSystem, before: StaticState, operator: GapOperator, apart: Floats
+) -> MatrixSystem:
+    """Return the system under constant tractions of the grout, with its supports at rest."""
+    push = operator.force(-apart, before.displacement.duplicate())
     there = before.displacement.getArray()[system.constrained]
     patterns, names = [(push, always)], ["grout"]
     return replace(system, patterns=patterns, load_names=names, values=lambda _: there)
 
 
-def _holding(
-    system: MatrixSystem, before: StaticState | None, dofs: NDArray[np.int64]
-) -> MatrixSystem:
+def _holding(system: MatrixSystem, before: StaticState, dofs: NDArray[np.int64]) -> MatrixSystem:
     """Return the system with further dofs constrained at their present displacement."""
     every = np.union1d(system.constrained, dofs)
-    there = before.displacement.getArray()[every] if before else np.zeros(len(every))
+    there = before.displacement.getArray()[every]
     supported, held = np.searchsorted(every, system.constrained), np.isin(every, dofs)
 
     def values(time: float) -> Floats:

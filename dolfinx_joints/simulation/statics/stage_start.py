@@ -7,65 +7,73 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_joints.laws.law import BACKWARD_EULER, Response, Status
+from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Status
+from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
+from dolfinx_joints.simulation.static_energy import StaticEnergy
 
 # Forces that earlier stages left in joints and blocks that did not act, as a load of the ledger.
 CONSTRUCTION = "construction"
 
 
-def start_of_stage(system: MatrixSystem, before: StaticState | None) -> Response | None:
+def unloaded(model: Model) -> StaticState:
+    """Return the state of the unloaded body, its joints at rest (collective)."""
+    none = np.zeros(0 if model.contact is None else len(model.contact.operator.names))
+    energy = StaticEnergy(
+        joint_elastic=none,
+        joint_friction=none,
+        joint_numerical=none,
+        joint_bonds=none,
+        joint_released=none,
+    )
+    still = model.stiffness.createVecRight()
+    still.set(0.0)
+    return StaticState(
+        displacement=still, joints=None, reaction=still, reports=[], energy=energy, loads={}
+    )
+
+
+def start_of_stage(system: MatrixSystem, before: StaticState) -> Response | None:
     """Return the response of joints and plastic cells at the start of a stage (collective).
 
     It is that of the last stage, or of the unloaded body; None without joints and plastic cells.
     """
     internal_forces = system.internal_forces
-    if internal_forces is None:
-        return None
-    if before is not None and before.joints is not None:
-        return before.joints
-    still = system.stiffness.createVecRight()
-    if before is None:
-        still.set(0.0)
-    else:
-        before.displacement.copy(still)
-    rest = internal_forces.at_rest(still)
-    still.set(0.0)
+    if internal_forces is None or before.joints is not None:
+        return None if internal_forces is None else before.joints
+    rest = internal_forces.at_rest(before.displacement)
     if system.bulk is not None or system.contact is None or not system.contact.rigid:
-        response: Response = internal_forces.respond(still, rest, BACKWARD_EULER)
+        response: Response = internal_forces.respond(system.vector(), rest, BACKWARD_EULER)
         return response
-    count = len(rest.gap)
+    return carrying_nothing(rest)
+
+
+def carrying_nothing(state: JointState) -> Response:
+    """Return the response of points that carry nothing in a state."""
+    count = len(state.gap)
     return Response(
         traction=np.zeros((count, 3)),
         tangent=np.zeros((count, 3, 3)),
-        state=rest,
+        state=state,
         dissipation=np.zeros(count),
         status=np.full(count, Status.OPEN, dtype=np.int8),
     )
 
 
 def carried_loads(
-    system: MatrixSystem, before: StaticState | None, start: Response | None
+    system: MatrixSystem, before: StaticState, start: Response | None
 ) -> dict[str, PETSc.Vec]:
     """Return the loads by name that are in balance at the start of a stage [N] (collective).
 
-    Args:
-        system: The system with all joints and blocks.
-        before: Last static state, None for the unloaded body.
-        start: Response of joints and plastic cells at the start.
+    The system has all joints and blocks; ``start`` is their response, see `start_of_stage`.
     """
-    rest = system.stiffness.createVecRight()
-    if before is None:
-        loads = {}
-        rest.set(0.0)
-    else:
-        loads = {name: load for name, load in before.loads.items() if name != CONSTRUCTION}
-        system.stiffness.mult(before.displacement, rest)
-        rest.axpy(-1.0, before.reaction)
+    loads = {name: load for name, load in before.loads.items() if name != CONSTRUCTION}
+    rest = system.stiffness * before.displacement
+    rest.axpy(-1.0, before.reaction)
     if system.internal_forces is not None and start is not None:
         rest.axpy(1.0, system.internal_forces.force(start, rest.duplicate()))
-    if before is None:
+    if before.unloaded:
         rest.getArray()[system.constrained] = 0.0
     for load in loads.values():
         rest.axpy(-1.0, load)

@@ -74,7 +74,7 @@ def unfinished(model: Model, inactive: Sequence[str], absent: Sequence[str]) -> 
 
 def unfinished_stage(
     model: Model,
-    before: StaticState | None,
+    before: StaticState,
     joints: str | Sequence[str],
     absent: Sequence[str],
     acting: Sequence[Load],
@@ -82,8 +82,15 @@ def unfinished_stage(
     """What does not act in a stage, None where all does; arguments of `Simulation.statics`.
 
     Checks that it may begin so after the one before (collective).
+
+    Raises:
+        MeshError: There is no such joint.
     """
-    inactive = inactive_joints(model, joints)
+    known = model.jointed.joint_names
+    named = {"active": known, "inactive": ()}.get(joints) if isinstance(joints, str) else joints
+    assert named is not None
+    check_joints(model, named)
+    inactive = tuple(name for name in known if name not in named)
     check_grouted(before, inactive)
     if not (inactive or absent or joints == "inactive"):
         return None
@@ -128,19 +135,6 @@ class _Blocks:
         self.beside_absent: Rows = self.absent[minus] | self.absent[plus]
 
 
-def inactive_joints(model: Model, joints: str | Sequence[str]) -> tuple[str, ...]:
-    """Names of the joints that do not act, of those that do: ``active``, ``inactive``, or names.
-
-    Raises:
-        MeshError: There is no such joint.
-    """
-    known = model.jointed.joint_names
-    acting = {"active": known, "inactive": ()}.get(joints) if isinstance(joints, str) else joints
-    assert acting is not None
-    check_joints(model, acting)
-    return tuple(name for name in known if name not in acting)
-
-
 def check_joints(model: Model, names: Sequence[str]) -> None:
     """Check that there are joints of these names."""
     known = model.jointed.joint_names
@@ -163,12 +157,12 @@ def idle_points(response: Response) -> Rows:
 
 
 def check_may_begin(
-    model: Model, before: StaticState | None, acting: Sequence[Load], stage: Unfinished
+    model: Model, before: StaticState, acting: Sequence[Load], stage: Unfinished
 ) -> None:
     """Check that joints are idle that are to be inactive, and that blocks stand (collective)."""
     check_elastic(model)
-    gone = sorted(set(stage.absent) - set(before.absent)) if before is not None else []
-    if gone:
+    gone = sorted(set(stage.absent) - set(before.absent))
+    if gone and not before.unloaded:
         raise JointsError(
             f"The block {gone[0]!r} cannot be absent: it was there in the last stage."
         )
@@ -178,7 +172,7 @@ def check_may_begin(
                 f"{type(load).__name__} acts in the joint {load.joint!r}, which is inactive; leave "
                 "it out of statics(loads=...) until the joint is grouted."
             )
-    if model.contact is not None and before is not None and before.joints is not None:
+    if model.contact is not None and before.joints is not None:
         carrying = model.contact.integrals((~idle_points(before.joints)).astype(np.float64))
         for name, area in zip(model.jointed.joint_names, carrying, strict=True):
             if name in stage.inactive and area > 0.0:
@@ -241,17 +235,11 @@ def check_blocks_stand(model: Model, stage: Unfinished) -> None:
 def _against_rigid_motions(
     model: Model, part: NDArray[np.int64], held: NDArray[np.int64], count: int
 ) -> tuple[Floats, Floats]:
-    """Stiffness of springs and supports against rigid motions of parts, and centres (collective).
+    """Return the stiffness against rigid motions of parts, and their centres (collective).
 
-    Args:
-        model: The model.
-        part: Part of each owned node.
-        held: Owned dofs that are held besides those of supports.
-        count: Number of parts.
-
-    Returns:
-        Matrices over the rigid motions, shape (parts, motions, motions), relative to the
-        stiffness of the part; centres, shape (parts, gdim), [m].
+    ``part`` is the part of each owned node; ``held`` are owned dofs that are constrained besides
+    those of supports. The stiffness of springs and supports has shape (parts, motions, motions),
+    relative to that of the part, the centres (parts, gdim), [m].
     """
     comm, gdim = model.jointed.mesh.comm, model.gdim
 

@@ -17,7 +17,7 @@ import annotated_types as at
 import numpy as np
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.kernels import inline, njit
+from dolfinx_joints.common.kernels import inline
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
@@ -32,8 +32,7 @@ from dolfinx_joints.laws.law import (
 from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction
 from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw
 from dolfinx_joints.laws.points.discrete_gradient import (
-    discrete_gradient_point,
-    discrete_gradient_points,
+    discrete_gradient_on,
     stored_by,
     whole_step_from,
 )
@@ -43,6 +42,8 @@ from dolfinx_joints.laws.points.return_mapping import (
     Shear,
     Start,
     Vector,
+    at_gap,
+    closed_form_loop,
     closed_status,
     law_of,
     put_nothing,
@@ -142,30 +143,12 @@ def backward_euler_on(i: int, c_n: float, c_s: float, start: Start, answer: Answ
     answer.dissipation[i] = friction_work((e_1, e_2), (t_1, t_2), plastic, d_s)
 
 
-@inline
-def backward_euler_point(i: int, start: Start, answer: Answer) -> None:
-    """Answer of a point at the end of a step, at its gap."""
-    backward_euler_on(i, 0.0, 0.0, start, answer)
-
-
-@njit(cache=True, error_model="numpy")
-def backward_euler_points(
-    compliance: Floats, start: Start, answer: Answer, first: int, stride: int
-) -> None:
-    """Answer at the end of a step of the points ``first``, ``first + stride`` and so on."""
-    for i in range(first, len(answer.gap), stride):
-        j = i if len(compliance) > 1 else 0
-        backward_euler_on(i, compliance[j, 0], compliance[j, 1], start, answer)
-
-
-LOOPS = {
-    BACKWARD_EULER.name: backward_euler_points,
-    DISCRETE_GRADIENT.name: discrete_gradient_points,
+_ON_COMPLIANCE = {
+    BACKWARD_EULER.name: backward_euler_on,
+    DISCRETE_GRADIENT.name: discrete_gradient_on,
 }
-POINTS = {
-    BACKWARD_EULER.name: backward_euler_point,
-    DISCRETE_GRADIENT.name: discrete_gradient_point,
-}
+LOOPS = {name: closed_form_loop(point) for name, point in _ON_COMPLIANCE.items()}
+POINTS = {name: at_gap(point) for name, point in _ON_COMPLIANCE.items()}
 
 
 @dataclass(frozen=True, kw_only=True)

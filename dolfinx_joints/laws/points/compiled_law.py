@@ -30,10 +30,9 @@ class CompiledLaw(ABC):
     ``register_jitable`` if it makes arrays. Newton's method of `on_compliance` finds it on the
     compliance of the structure. `bonded_point` in `mohr_coulomb` is one.
 
-    A law that is solved there in closed form has a ``loop(compliance, start, answer, first,
-    stride)`` instead, which writes the answer of the points ``first``, ``first + stride`` and so
-    on, and begins with the trial gap in ``answer.gap``. It is compiled by ``njit(cache=True)`` of
-    `common.kernels`. `backward_euler_points` in `friction` is one.
+    A law that is solved there in closed form has a ``loop(compliance, start, answer)`` as well,
+    which writes the answer of all points and begins with the trial gap in ``answer.gap``.
+    `closed_form_loop` makes it of the answer of one point, as that of `friction`.
 
     What is given for `BACKWARD_EULER` alone is used over whole steps as well. A law of finite
     stiffness also needs ``backward_euler``, for statics and the monolithic solver: this is

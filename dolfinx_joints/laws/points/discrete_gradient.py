@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_joints.common.kernels import inline, njit
+from dolfinx_joints.common.kernels import inline
 from dolfinx_joints.laws.law import Floats, JointState
 from dolfinx_joints.laws.points.return_mapping import (
     Answer,
@@ -224,26 +224,10 @@ def discrete_gradient_on(i: int, c_n: float, c_s: float, start: Start, answer: A
         status[i] = closed_status(slides, law)
 
 
-@inline
-def discrete_gradient_point(i: int, start: Start, answer: Answer) -> None:
-    """Answer of a point over a whole step, at its gap."""
-    discrete_gradient_on(i, 0.0, 0.0, start, answer)
-
-
-@njit(cache=True, error_model="numpy")
-def discrete_gradient_points(
-    compliance: Floats, start: Start, answer: Answer, first: int, stride: int
-) -> None:
-    """Answer over a whole step of the points ``first``, ``first + stride`` and so on."""
-    for i in range(first, len(answer.gap), stride):
-        j = i if len(compliance) > 1 else 0
-        discrete_gradient_on(i, compliance[j, 0], compliance[j, 1], start, answer)
-
-
 def whole_step_from(
     state: JointState, stored: Floats | None, law: Coulomb, struck: Floats | None = None
 ) -> Start:
-    """What `discrete_gradient_points` is told of the start of a step.
+    """Return the start of a step as `discrete_gradient_on` takes it.
 
     Args:
         state: State at the start of the step.

@@ -248,7 +248,7 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
     solve = solver_of(point)
 
     @njit(cache=True, error_model="numpy")
-    def loop(compliance: Floats, start: Start, answer: Answer, first: int, stride: int) -> None:
+    def loop(compliance: Floats, start: Start, answer: Answer) -> None:
         """Solve the points with their teeth, and without them if these are overloaded."""
         kind, teeth = answer.gap.dtype, _teeth_of(start.laws)
         before = np.zeros((3, 10 if teeth.whole == 1.0 else 2), kind)
@@ -260,7 +260,7 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
         faces = Faces(np.zeros(3, np.int64), planes, gaps, before)
         begun = KeyStart(start.gap, start.history, start.laws, faces, ends)
         search, sheared = search_of(1, kind), np.zeros(COLUMNS, kind)
-        for i in range(first, len(answer.gap), stride):
+        for i in range(len(answer.gap)):
             c = compliance[i if len(compliance) > 1 else 0]
             gap, history, end = start.gap[i], start.history[i], answer.gap[i]
             trial_gap = (end[0], end[1], end[2])

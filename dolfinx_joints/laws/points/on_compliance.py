@@ -233,9 +233,9 @@ def loop_of(point: Callable[..., None]) -> Any:
     solve = solver_of(point)
 
     @njit(cache=True, error_model="numpy")
-    def points(compliance: Floats, start: Start, answer: Answer, first: int, stride: int) -> None:
+    def points(compliance: Floats, start: Start, answer: Answer) -> None:
         search = search_of(1, answer.gap.dtype)
-        for i in range(first, len(answer.gap), stride):
+        for i in range(len(answer.gap)):
             j = i if len(compliance) > 1 else 0
             solve(i, compliance[j, 0], compliance[j, 1], start, answer, search)
 

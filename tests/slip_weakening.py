@@ -15,8 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numba.extending import register_jitable
 
-from dolfinx_joints.laws.law import NO_COMPLIANCE
-from dolfinx_joints.laws.points.compiled_law import CompiledLaw
+from dolfinx_joints.laws.points.compiled_law import CompiledLaw, ElasticContact
 from dolfinx_joints.laws.points.return_mapping import Start, put_nothing, response_of
 
 
@@ -53,7 +52,7 @@ def weakening_point(i, start, answer):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SlipWeakening(CompiledLaw):
+class SlipWeakening(ElasticContact, CompiledLaw):
     """The law. Stiffnesses are in Pa/m, the distance d in m."""
 
     points: ClassVar = {"backward_euler": weakening_point}
@@ -65,19 +64,8 @@ class SlipWeakening(CompiledLaw):
     residual_friction: float
     distance: float
 
-    def closed_stiffness(self):
-        return self.normal_stiffness, self.shear_stiffness
-
     def initial_variables(self, gap):
         return np.zeros((len(gap), 1))
-
-    def stored_energy(self, state):
-        closed = np.minimum(state.gap[:, 0], 0.0)
-        slip = (state.elastic_slip**2).sum(axis=1)
-        return 0.5 * (self.normal_stiffness * closed**2 + self.shear_stiffness * slip)
-
-    def backward_euler(self, gap, state):
-        return self.condensed_backward_euler(gap, NO_COMPLIANCE, state)
 
     def loop_start(self, rule, state):
         friction = self.static_friction, self.residual_friction

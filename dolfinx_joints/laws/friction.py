@@ -30,7 +30,7 @@ from dolfinx_joints.laws.law import (
     Rule,
 )
 from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction
-from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw
+from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw, ElasticContact
 from dolfinx_joints.laws.points.discrete_gradient import (
     discrete_gradient_on,
     stored_by,
@@ -153,7 +153,7 @@ POINTS = {name: at_gap(point) for name, point in _ON_COMPLIANCE.items()}
 
 @dataclass(frozen=True, kw_only=True)
 @checked
-class FrictionNoTension(CompiledEnergyConsistentLaw):
+class FrictionNoTension(ElasticContact, CompiledEnergyConsistentLaw):
     """No tension, elastic contact, Coulomb friction without dilatancy (paper eqs. 3 to 5).
 
     Open (gap_n > 0): t = 0. Closed: t_n = k_n gap_n, t_s = k_s e with |t_s| <= -t_n tan(alpha);
@@ -186,20 +186,6 @@ class FrictionNoTension(CompiledEnergyConsistentLaw):
     def __post_init__(self) -> None:
         """Take the friction."""
         set_friction(self)
-
-    def closed_stiffness(self) -> tuple[float, float]:
-        """k_n and k_s, [Pa/m]."""
-        return self.normal_stiffness, self.shear_stiffness
-
-    def stored_energy(self, state: JointState) -> Floats:
-        """k_n <-gap_n>^2 / 2 + k_s |e|^2 / 2 of each point, shape (n,), [J/m^2]."""
-        closed = np.minimum(state.gap[:, 0], 0.0)
-        slip = np.einsum("ij,ij->i", state.elastic_slip, state.elastic_slip)
-        return 0.5 * self.normal_stiffness * closed**2 + 0.5 * self.shear_stiffness * slip
-
-    def backward_euler(self, gap: Floats, state: JointState) -> Response:
-        """Return mapping at the end of a step: (4) to (8), tangent (10)."""
-        return self.condensed_backward_euler(gap, NO_COMPLIANCE, state)
 
     def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
         """Energy-consistent answer over a whole step: (15), (16)."""

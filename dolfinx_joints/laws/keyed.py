@@ -25,7 +25,7 @@ from dolfinx_joints.laws.law import (
     Rule,
 )
 from dolfinx_joints.laws.losses import Way, losses_on, overlap_and_slip
-from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw
+from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw, ElasticContact
 from dolfinx_joints.laws.points.discrete_gradient import normal_traction as normal_over_step
 from dolfinx_joints.laws.points.return_mapping import (
     FRICTIONLESS,
@@ -75,7 +75,7 @@ def keyed_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> No
 
 @dataclass(frozen=True, kw_only=True)
 @checked
-class KeyedJoint(CompiledEnergyConsistentLaw):
+class KeyedJoint(ElasticContact, CompiledEnergyConsistentLaw):
     """A joint that opens but does not slip: no tension, and shear keys that carry at any opening.
 
     t_n = k_n gap_n where gap_n <= 0, else 0;  t_s = k_s gap_s, measured from the state at rest.
@@ -90,20 +90,6 @@ class KeyedJoint(CompiledEnergyConsistentLaw):
 
     normal_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
     shear_stiffness: Annotated[float, at.Ge(0), at.Unit("Pa/m")]
-
-    def closed_stiffness(self) -> tuple[float, float]:
-        """k_n and k_s, [Pa/m]."""
-        return self.normal_stiffness, self.shear_stiffness
-
-    def stored_energy(self, state: JointState) -> Floats:
-        """k_n <-gap_n>^2 / 2 + k_s |gap_s|^2 / 2 of each point, shape (n,), [J/m^2]."""
-        closed = np.minimum(state.gap[:, 0], 0.0)
-        slip = np.einsum("ij,ij->i", state.elastic_slip, state.elastic_slip)
-        return 0.5 * self.normal_stiffness * closed**2 + 0.5 * self.shear_stiffness * slip
-
-    def backward_euler(self, gap: Floats, state: JointState) -> Response:
-        """Tractions of a gap of shape (n, 3), [m]; they depend on no history."""
-        return self.condensed_backward_euler(gap, NO_COMPLIANCE, state)
 
     def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
         """Tractions over a step that balance the energy; see `FrictionNoTension`."""

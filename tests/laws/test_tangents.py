@@ -152,7 +152,7 @@ def largest_error(evaluate, gap, steps):
     """Largest error of the tangent relative to the largest entry of its row, point by point.
 
     Second-order differences: central where both neighbours are on the same piece, one-sided where
-    one is.
+    one is. Points that Newton's method does not find are NaN and not compared.
 
     Args:
         evaluate: Traction, tangent and piece at gaps.
@@ -181,7 +181,8 @@ def largest_error(evaluate, gap, steps):
             slope[alone] = (one_sided / (2 * steps)[:, None])[alone]
             usable |= alone
         error = np.abs(slope - tangent[:, :, k]) / np.where(size > 0, size, 1.0)
-        worst = np.maximum(worst, error[usable].max())  # NaN if a point was not found
+        usable &= np.isfinite(error).all(axis=1)
+        worst = max(worst, float(error[usable].max()))
         compared |= usable
     return worst, compared.mean()
 

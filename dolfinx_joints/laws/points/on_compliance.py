@@ -33,8 +33,8 @@ from dolfinx_joints.laws.points.return_mapping import Answer, Start
 # Limits of Newton's method on a compliance, and its tolerance in rounding errors of a point.
 # Measured on random steps of shear keys, with a compliance of the structure of 0.1 to 10 000 times
 # that of the joint: of 450 400 points 4 are not found. With 12 halvings, and without the two rules
-# above, 512 of 345 600 were not. Joints that dilate by the angle of friction need the iterations: on
-# structures 1000 times as soft as they are, 3 of 100 000 points are not found, 315 with 100.
+# above, 512 of 345 600 were not. Joints that dilate by the angle of friction need the iterations:
+# on structures 1000 times as soft 3 of 100 000 points are not found, with 100 iterations 315.
 MOST_ITERATIONS, MOST_CUTS, ROUNDING = 1_000, 16, 16.0
 # Part of a correction that is taken where its length is not found by the residual.
 BEYOND_KINKS = 0.5

@@ -23,7 +23,7 @@ from dolfinx_joints.laws.points.return_mapping import Start, put_nothing, respon
 def weakening_point(i, start, answer):
     """Write the answer of the point i at the gap answer.gap[i]."""
     put_nothing(i, answer)
-    k_n, k_s, mu_s, mu_r, distance = start.laws[0]
+    k_n, k_s, mu_s, mu_r, distance = start.parameters
     gap, before, old = answer.gap[i], start.gap[i], start.history[i]
     traction, tangent, new = answer.traction[i], answer.tangent[i], answer.history[i]
     new[2] = old[2]
@@ -71,7 +71,7 @@ class SlipWeakening(ElasticContact, CompiledLaw):
         friction = self.static_friction, self.residual_friction
         parameters = (self.normal_stiffness, self.shear_stiffness, *friction, self.distance)
         history = np.column_stack([state.elastic_slip, state.internal])
-        return Start(state.gap, history, np.array([parameters]))
+        return Start(state.gap, history, np.array(parameters))
 
     def loop_response(self, rule, answer, state):
         slip, internal = answer.history[:, :2], answer.history[:, 2:]

@@ -107,7 +107,7 @@ def friction_work(before: Vector, t_s: Vector, plastic: Vector, d_s: float) -> f
 def backward_euler_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:
     """Answer of a point at the end of a step; its gap in the answer is the trial gap at first."""
     put_nothing(i, answer)
-    law, gap, end = law_of(i, start.laws), start.gap[i], answer.gap[i]
+    law, gap, end = law_of(start.parameters), start.gap[i], answer.gap[i]
     d_n, d_s, mu = law.normal_compliance, law.shear_compliance, law.friction
     h_n, opening = end[0], max(gap[0], 0.0)
     e_1, e_2 = start.history[i, 0], start.history[i, 1]
@@ -204,7 +204,7 @@ class FrictionNoTension(ElasticContact, CompiledEnergyConsistentLaw):
         if rule.name == BACKWARD_EULER.name:
             shear = (1.0 / k_s, k_n / k_s) if k_s else (math.inf, math.inf)
             law = Coulomb(1.0 / k_n, *shear, mu)
-            return Start(state.gap, state.elastic_slip, np.array([law], dtype=np.float64))
+            return Start(state.gap, state.elastic_slip, np.array(law, dtype=np.float64))
         stored = stored_by(state, k_n, k_s)
         # Without shear stiffness friction is never mobilised, as if there were none.
         law = Coulomb(1.0 / k_n, 1.0 / (k_s or k_n), k_n / (k_s or k_n), mu if k_s else 0.0)

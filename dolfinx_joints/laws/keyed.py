@@ -49,7 +49,7 @@ def keyed_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> No
     The parameters are k_n, k_s and the part of the slip of a step that counts: 1 at its end, 1/2
     over the whole step.
     """
-    k_n, k_s, mean = start.laws[0, 0], start.laws[0, 1], start.laws[0, 2]
+    k_n, k_s, mean = start.parameters[0], start.parameters[1], start.parameters[2]
     law = Coulomb(1.0 / k_n, 1.0 / k_n, 1.0, 0.0)
     before, gap, slip = start.gap[i], answer.gap[i], start.history[i]
     put_nothing(i, answer)
@@ -107,7 +107,7 @@ class KeyedJoint(ElasticContact, CompiledEnergyConsistentLaw):
     def loop_start(self, rule: Rule, state: JointState) -> Start:
         """Return the elastic slip at the start."""
         row = (self.normal_stiffness, self.shear_stiffness, rule.weight)
-        return Start(state.gap, state.elastic_slip, np.array([row]))
+        return Start(state.gap, state.elastic_slip, np.array(row))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
         """Return the answer with the elastic slip."""

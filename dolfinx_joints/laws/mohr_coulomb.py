@@ -66,8 +66,8 @@ class Bonded(NamedTuple):
 def bonded_point(i: int, start: Start, answer: Answer) -> None:
     """Answer of a point at the end of a step, at its gap: with its bond, or without."""
     put_nothing(i, answer)
-    row = start.laws[i if len(start.laws) > 1 else 0]
-    law = Bonded(row[0], row[1], row[2], row[3], row[4], row[5])
+    p = start.parameters
+    law = Bonded(p[0], p[1], p[2], p[3], p[4], p[5])
     gap, before, bond = answer.gap[i], start.gap[i], start.history[i, 2]
     slip = (
         start.history[i, 0] + gap[1] - before[1],
@@ -251,7 +251,7 @@ class MohrCoulombJoint(ElasticContact, CompiledLaw):
             self.tensile_strength,
         )
         history = np.column_stack([state.elastic_slip, state.internal])
-        return Start(state.gap, history, np.array([parameters]))
+        return Start(state.gap, history, np.array(parameters))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
         """Return the answer with the work of friction and dilatancy, and of bonds that break.

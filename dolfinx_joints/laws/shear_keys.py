@@ -176,7 +176,7 @@ class ShearKeyJoint(ElasticContact, CompiledEnergyConsistentLaw):
         history[:, :KEYS], history[:, KEYS:SLIPS] = state.elastic_slip, state.internal
         if len(state.slips):
             history[:, SLIPS:] = state.slips
-        return Start(state.gap, history, np.array([row]))
+        return Start(state.gap, history, np.array(row))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
         """Return the answer with elastic slip, internal variables and, over steps, the slips."""

@@ -172,7 +172,7 @@ def discrete_gradient_on(i: int, c_n: float, c_s: float, start: Start, answer: A
     traction, tangent, end_gap, end_stored, dissipation, status = answer
     gap, stored, trial_gap = start.gap, start.history, answer.gap
     put_nothing(i, answer)
-    law = law_of(i, start.laws)
+    law = law_of(start.parameters)
     mu = law.friction
     h_1, h_2 = trial_gap[i, 1] - gap[i, 1], trial_gap[i, 2] - gap[i, 2]
     q_1, q_2 = stored[i, 1], stored[i, 2]
@@ -246,7 +246,7 @@ def whole_step_from(
         history[:, 3:8] = state.slips
     if struck is not None:
         history[:, 8:] = struck
-    return Start(state.gap, history, np.array([law], dtype=np.float64))
+    return Start(state.gap, history, np.array(law, dtype=np.float64))
 
 
 def stored_by(state: JointState, normal_stiffness: float, shear_stiffness: float) -> Floats:

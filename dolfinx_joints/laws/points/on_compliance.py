@@ -196,7 +196,7 @@ def solver_of(point: Callable[..., None]) -> Callable[..., None]:
     Args:
         point: ``point(i, start, answer)`` writes the answer of the point ``i`` at the gap
             ``answer.gap[i]``, with its derivative by the gap, `Answer.history` included. The first
-            two parameters in ``start.laws`` are k_n and k_s. The function is decorated as
+            two parameters in ``start.parameters`` are k_n and k_s. The function is decorated as
             `CompiledLaw` says.
 
     Returns:
@@ -208,8 +208,8 @@ def solver_of(point: Callable[..., None]) -> Callable[..., None]:
     @inline
     def solve(i: int, c_n: float, c_s: float, start: Start, answer: Answer, search: Search) -> None:
         alone = c_n == 0.0 and c_s == 0.0
-        row = start.laws[i if len(start.laws) > 1 else 0]
-        gap, known, compliance = answer.gap[i], 0.0 * c_n, (c_n, c_s, row[0], row[1])
+        compliance = c_n, c_s, start.parameters[0], start.parameters[1]
+        gap, known = answer.gap[i], 0.0 * c_n
         trial_gap = (gap[0], gap[1], gap[2])
         for a in range(3):
             known = max(known, max(abs(gap[a]), abs(start.gap[i, a])))

@@ -61,12 +61,12 @@ class Start(NamedTuple):
     Attributes:
         gap: Gap, shape (n, 3), [m].
         history: What else the points know, shape (n, m).
-        laws: The numbers of a `Coulomb`, of each point or of all, shape (n or 1, 5).
+        parameters: Those of the law, as those of a `Coulomb`, shape (k,).
     """
 
     gap: Floats
     history: Floats
-    laws: Floats
+    parameters: Floats
 
 
 class Shear(NamedTuple):
@@ -159,10 +159,9 @@ def closed_status(slides: bool, law: Coulomb) -> int:
 
 
 @inline
-def law_of(i: int, laws: Floats) -> Coulomb:
-    """Parameters of the point ``i``."""
-    row = laws[i if len(laws) > 1 else 0]
-    return Coulomb(row[0], row[1], row[2], row[3], row[4] != 0.0)
+def law_of(given: Floats) -> Coulomb:
+    """Return the parameters of a point with friction."""
+    return Coulomb(given[0], given[1], given[2], given[3], given[4] != 0.0)
 
 
 @inline

@@ -151,9 +151,9 @@ def test_tangent_of_sliding_by_hand():
     np.testing.assert_allclose(tangent, expected, rtol=1e-12, atol=1e-3)
 
 
-@pytest.mark.parametrize("angle", [0.0, 30.0, 89.9])
-def test_tractions_are_admissible(angle):
-    law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=angle)
+@pytest.mark.parametrize(("angle", "k_s"), [(0.0, K_S), (30.0, K_S), (89.9, K_S), (30.0, 0.0)])
+def test_tractions_are_admissible(angle, k_s):
+    law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=k_s, friction_angle_deg=angle)
     gap, state = random_states(law, 10_000, seed=2)
     answer = law.backward_euler(gap, state)
     t_n, size = answer.traction[:, 0], np.linalg.norm(answer.traction[:, 1:], axis=1)
@@ -165,8 +165,12 @@ def test_tractions_are_admissible(angle):
     np.testing.assert_array_equal(answer.state.gap, gap)
     # k_s e is the shear traction, in every state.
     np.testing.assert_allclose(
-        K_S * answer.state.elastic_slip, answer.traction[:, 1:], rtol=1e-12, atol=1e-6
+        k_s * answer.state.elastic_slip, answer.traction[:, 1:], rtol=1e-12, atol=1e-6
     )
+    assert np.all(np.isfinite(answer.tangent))
+    if angle == 0.0 or k_s == 0.0:
+        assert set(answer.status.tolist()) == {Status.OPEN, Status.FRICTIONLESS}
+        assert not answer.state.elastic_slip.any()
 
 
 def test_friction_never_gains_energy():
@@ -196,27 +200,6 @@ def test_trial_leaves_its_state_alone():
     at_rest = JointState.at_rest(gap)
     at_rest.gap[:] = 0.0
     np.testing.assert_array_equal(gap, before[2])
-
-
-def test_without_friction():
-    law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=0.0)
-    answer = law.backward_euler(UM * np.array([[-1, 0.2, 0.1], [-1, 0.0, 0.0]]), rest(2))
-    np.testing.assert_allclose(answer.traction, [[-MPA, 0, 0], [-MPA, 0, 0]], rtol=1e-14)
-    assert answer.status.tolist() == [Status.FRICTIONLESS] * 2
-    assert np.all(np.isfinite(answer.tangent))
-    np.testing.assert_array_equal(answer.dissipation, 0.0)
-
-
-def test_without_shear_stiffness():
-    law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=0.0, friction_angle_deg=30.0)
-    gap = random_states(law, 100, seed=5)[0]
-    answer = law.backward_euler(gap, rest(100))
-    np.testing.assert_array_equal(answer.traction[:, 1:], 0.0)
-    np.testing.assert_array_equal(answer.tangent[:, 1:, 1:], 0.0)
-    np.testing.assert_array_equal(answer.state.elastic_slip, 0.0)
-    assert np.all(np.isfinite(answer.tangent))
-    assert set(answer.status.tolist()) == {Status.OPEN, Status.FRICTIONLESS}
-    assert np.all(np.isfinite(law.stored_energy(answer.state)))
 
 
 def test_friction_angle_near_ninety_degrees_holds():
@@ -286,27 +269,6 @@ def test_energy_of_an_impact_comes_back():
     assert dissipation == 0.0
 
 
-@pytest.mark.parametrize("angle", [0.0, 30.0])
-@pytest.mark.parametrize("k_s", [0.0, K_S])
-def test_local_solve_meets_the_law_on_the_gap_it_leads_to(angle, k_s):
-    # Its definition: t = backward_euler(trial_gap - compliance t).
-    law = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=k_s, friction_angle_deg=angle)
-    free, state = random_states(law, 5000, seed=8)
-    rng = np.random.default_rng(9)
-    compliance = 10.0 ** rng.uniform(-14, -9, (5000, 1)) * np.ones((1, 2))
-    compliance[:, 1] *= rng.uniform(0.3, 3.0, 5000)
-    there = law.condensed_backward_euler(free, compliance, state)
-    traction, status = there.traction, there.status
-    gap = (
-        free - np.column_stack([compliance[:, :1], compliance[:, 1:], compliance[:, 1:]]) * traction
-    )
-    answer = law.backward_euler(gap, state)
-    size = np.maximum(np.abs(traction).max(axis=1, keepdims=True), 1.0)
-    np.testing.assert_allclose(answer.traction / size, traction / size, atol=1e-6)
-    far = np.abs(gap[:, 0]) > 1e-3 * UM
-    np.testing.assert_array_equal((answer.status == Status.OPEN)[far], (status == Status.OPEN)[far])
-
-
 def test_law_cannot_be_changed_and_takes_keywords_only():
     with pytest.raises(AttributeError):
         LAW.normal_stiffness = 1.0
@@ -337,12 +299,6 @@ def test_no_points():
     assert answer.traction.shape == (0, 3)
     assert answer.tangent.shape == (0, 3, 3)
     assert LAW.stored_energy(answer.state).shape == (0,)
-
-
-def test_a_state_at_rest_has_the_variables_asked_for():
-    # Checkpoints keep states with as many internal variables as their laws have.
-    assert rest(4).internal.shape == (4, 0)
-    assert JointState.at_rest(np.zeros((4, 3)), variables=3).internal.shape == (4, 3)
 
 
 # A joint without compliance, on the compliance of the structure.
@@ -411,28 +367,6 @@ def test_rigid_joint_is_the_limit_of_stiff_ones():
         size = np.abs(b).reshape(count, -1).max(axis=1).reshape(-1, *[1] * (b.ndim - 1))
         assert np.all(np.abs(a - b) <= 1e-12 * size)
     np.testing.assert_allclose(one.state.gap, two.state.gap, rtol=0, atol=1e-19)
-
-
-def test_rigid_joint_meets_coulombs_law():
-    """No overlap, no tension, no traction across a gap, |t_s| <= mu p, and slip along t_s."""
-    rng = np.random.default_rng(7)
-    free = 1e-5 * rng.normal(size=(2000, 3))
-    answer = rigid().condensed_backward_euler(
-        free, OWN, JointState.at_rest(np.zeros((2000, 3)), variables=3)
-    )
-    t, gap = answer.traction, answer.state.gap
-    assert gap[:, 0].min() >= 0.0
-    assert t[:, 0].max() <= 0.0
-    assert not (t[:, 0] * gap[:, 0]).any()
-    shear, limit = np.hypot(t[:, 1], t[:, 2]), -math.tan(math.radians(30.0)) * t[:, 0]
-    assert np.all(shear <= limit * (1 + 1e-14))
-    slipped = np.sum(t[:, 1:] * gap[:, 1:], axis=1)
-    length = shear * np.hypot(gap[:, 1], gap[:, 2])
-    sliding = answer.status == Status.SLIP
-    np.testing.assert_allclose(slipped[sliding], length[sliding], rtol=1e-9)
-    assert np.abs(gap[answer.status == Status.STICK]).max() <= 1e-20
-    np.testing.assert_allclose(answer.dissipation[sliding], length[sliding], rtol=1e-9)
-    assert np.abs(answer.dissipation[~sliding]).max() <= 1e-14 * length.max()
 
 
 def test_rigid_points_have_no_answer_of_their_own():

@@ -229,6 +229,7 @@ def test_tangent_of_the_law(name, count):
 @pytest.mark.parametrize("count", COUNTS)
 @pytest.mark.parametrize("name", [n for n in LAWS if hasattr(LAWS[n], "condensed_backward_euler")])
 def test_tangent_of_the_local_solution(name, count):
+    """Also, the traction is that of the law at the gap it leads to."""
     law = LAWS[name]
     count = number_for(law, count)
     gap, state = random_states(law, count, seed=2)
@@ -245,6 +246,12 @@ def test_tangent_of_the_local_solution(name, count):
         return answer.traction, answer.tangent, piece
 
     at_start = law.condensed_backward_euler(gap, compliance.astype(np.longdouble), state)
+    found = np.isfinite(at_start.traction).all(axis=1)
+    there, traction = law.backward_euler(at_start.state.gap, state).traction, at_start.traction
+    size = np.maximum(np.abs(traction).max(axis=1, keepdims=True), 1.0)
+    assert np.abs((there - traction) / size)[found].max() <= 1e-6
+    moved = np.repeat(compliance, (1, 2), axis=1) * traction
+    np.testing.assert_allclose(at_start.state.gap[found], (gap - moved)[found], rtol=0, atol=1e-16)
     # Newton's method leaves 16 roundings of the stiffest part, a formula leaves one or two.
     steps = 3.0 * small_steps(gap, state, at_start)
     worst, share = largest_error(evaluate, gap, steps)

@@ -47,7 +47,6 @@ from dolfinx_joints import (
 )
 from dolfinx_joints.model.modes import modes
 from dolfinx_joints.simulation.monitor import Monitor
-from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC, MatrixCoefficients
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
@@ -179,17 +178,6 @@ def test_other_laws_with_every_compliance(wall, law):
         assert end.imbalance <= 1e-10
         assert far(other.gaps, path.gaps) <= 1e-9
         assert difference(end.state.displacement, outcome.state.displacement) <= 1e-9
-
-
-@pytest.mark.parametrize("now", [True, False], ids=["complement at once", "never"])
-def test_both_sets_march_alike(wall, monkeypatch, now):
-    model = wall()
-    path, _, outcome = march(model)
-    monkeypatch.setattr(limits, "COMPLEMENT_COST", 0.0 if now else np.inf)
-    other, _, end = march(model)
-    assert far(other.gaps, path.gaps) <= 1e-9
-    assert difference(end.state.displacement, outcome.state.displacement) <= 1e-9
-    assert end.imbalance <= 1e-10
 
 
 def test_gauss_points_and_a_mass_without_joint_nodes(wall):

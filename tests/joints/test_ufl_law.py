@@ -34,6 +34,7 @@ from cohesive import (
 from dolfinx import fem
 from dolfinx.mesh import create_unit_interval
 from shaken_wall import DT, STEPS, shaking, wall
+from tangent_errors import central_differences
 
 from dolfinx_joints import (
     Elastic,
@@ -331,11 +332,7 @@ LAWS = {
 def assert_consistent(ask, gap, state):
     """The tangent against central differences of the traction, of steps of 1e-5 of the gap."""
     answer, h = ask(gap, state), 1e-5 * A
-    differences = [
-        (ask(gap + e, state).traction - ask(gap - e, state).traction) / (2 * h)
-        for e in h * np.eye(3)
-    ]
-    numeric = np.stack(differences, axis=2)
+    numeric = central_differences(lambda g: ask(g, state).traction, gap, h)
     kinked = np.abs(gap[:, 0]) < 2.0 * h  # within reach of the differences
     if state.internal.size:
         kinked |= np.abs(gap[:, 0] - state.internal[:, 0]) < 2.0 * h

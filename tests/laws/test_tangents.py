@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tangent_errors import largest_error
 
 from dolfinx_joints import FrictionNoTension, KeyedJoint, MohrCoulombJoint, ViscousJoint
 from dolfinx_joints.laws.law import (
@@ -146,45 +147,6 @@ def branch(law, gap, state):
         bound = np.hypot(dash[:, 0], dash[:, 1]) >= -answer.traction[:, 0] * (1 - 1e-14)
         piece = piece + 32 * bound
     return answer.traction, answer.tangent, piece
-
-
-def largest_error(evaluate, gap, steps):
-    """Largest error of the tangent relative to the largest entry of its row, point by point.
-
-    Second-order differences: central where both neighbours are on the same piece, one-sided where
-    one is. Points that Newton's method does not find are NaN and not compared.
-
-    Args:
-        evaluate: Traction, tangent and piece at gaps.
-        gap: Where, shape (n, 3), [m].
-        steps: Step of each point, shape (n,), [m].
-
-    Returns:
-        The error, and the share of the points that could be compared.
-    """
-    traction, tangent, piece = evaluate(gap)
-    size = np.abs(tangent).max(axis=2)
-    worst, compared = 0.0, np.zeros(len(gap), dtype=bool)
-    for k in range(3):
-        values, same = {}, {}
-        for multiple in (-2, -1, 1, 2):
-            moved = gap.copy()
-            moved[:, k] += multiple * steps
-            values[multiple], _, there = evaluate(moved)
-            same[multiple] = there == piece
-        central = same[1] & same[-1]
-        slope = (values[1] - values[-1]) / (2 * steps)[:, None]
-        usable = central.copy()
-        for sign in (1, -1):
-            one_sided = (4 * values[sign] - values[2 * sign] - 3 * traction) * sign
-            alone = same[sign] & same[2 * sign] & ~central
-            slope[alone] = (one_sided / (2 * steps)[:, None])[alone]
-            usable |= alone
-        error = np.abs(slope - tangent[:, :, k]) / np.where(size > 0, size, 1.0)
-        usable &= np.isfinite(error).all(axis=1)
-        worst = max(worst, float(error[usable].max()))
-        compared |= usable
-    return worst, compared.mean()
 
 
 def small_steps(gap, state, answer):

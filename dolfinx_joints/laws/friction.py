@@ -22,7 +22,6 @@ from dolfinx_joints.laws.angle import coefficient_of, set_friction
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     DISCRETE_GRADIENT,
-    NO_COMPLIANCE,
     Floats,
     JointState,
     Losses,
@@ -30,7 +29,7 @@ from dolfinx_joints.laws.law import (
     Rule,
 )
 from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction
-from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw, ElasticContact
+from dolfinx_joints.laws.points.compiled_law import EnergyConsistentContact
 from dolfinx_joints.laws.points.discrete_gradient import (
     discrete_gradient_on,
     stored_by,
@@ -153,7 +152,7 @@ POINTS = {name: at_gap(point) for name, point in _ON_COMPLIANCE.items()}
 
 @dataclass(frozen=True, kw_only=True)
 @checked
-class FrictionNoTension(ElasticContact, CompiledEnergyConsistentLaw):
+class FrictionNoTension(EnergyConsistentContact):
     """No tension, elastic contact, Coulomb friction without dilatancy (paper eqs. 3 to 5).
 
     Open (gap_n > 0): t = 0. Closed: t_n = k_n gap_n, t_s = k_s e with |t_s| <= -t_n tan(alpha);
@@ -186,10 +185,6 @@ class FrictionNoTension(ElasticContact, CompiledEnergyConsistentLaw):
     def __post_init__(self) -> None:
         """Take the friction."""
         set_friction(self)
-
-    def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
-        """Energy-consistent answer over a whole step: (15), (16)."""
-        return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Losses of an end-point step (30), see `LawWithLosses`."""

@@ -17,7 +17,6 @@ from dolfinx_joints.laws.friction import normal_traction
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     DISCRETE_GRADIENT,
-    NO_COMPLIANCE,
     Floats,
     JointState,
     Losses,
@@ -25,7 +24,7 @@ from dolfinx_joints.laws.law import (
     Rule,
 )
 from dolfinx_joints.laws.losses import Way, losses_on, overlap_and_slip
-from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw, ElasticContact
+from dolfinx_joints.laws.points.compiled_law import EnergyConsistentContact
 from dolfinx_joints.laws.points.discrete_gradient import normal_traction as normal_over_step
 from dolfinx_joints.laws.points.return_mapping import (
     FRICTIONLESS,
@@ -75,7 +74,7 @@ def keyed_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> No
 
 @dataclass(frozen=True, kw_only=True)
 @checked
-class KeyedJoint(ElasticContact, CompiledEnergyConsistentLaw):
+class KeyedJoint(EnergyConsistentContact):
     """A joint that opens but does not slip: no tension, and shear keys that carry at any opening.
 
     t_n = k_n gap_n where gap_n <= 0, else 0;  t_s = k_s gap_s, measured from the state at rest.
@@ -90,10 +89,6 @@ class KeyedJoint(ElasticContact, CompiledEnergyConsistentLaw):
 
     normal_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
     shear_stiffness: Annotated[float, at.Ge(0), at.Unit("Pa/m")]
-
-    def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
-        """Tractions over a step that balance the energy; see `FrictionNoTension`."""
-        return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Losses of an end-point step (30), see `LawWithLosses`."""

@@ -30,7 +30,6 @@ from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     BROKEN,
     DISCRETE_GRADIENT,
-    NO_COMPLIANCE,
     Floats,
     JointState,
     Losses,
@@ -38,7 +37,7 @@ from dolfinx_joints.laws.law import (
     Rule,
 )
 from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction, work
-from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw, ElasticContact
+from dolfinx_joints.laws.points.compiled_law import EnergyConsistentContact
 from dolfinx_joints.laws.points.key_faces import (
     COLUMNS,
     KEYS,
@@ -54,7 +53,7 @@ from dolfinx_joints.laws.points.return_mapping import Answer, Coulomb, Start, re
 
 @dataclass(frozen=True, kw_only=True)
 @checked
-class ShearKeyJoint(ElasticContact, CompiledEnergyConsistentLaw):
+class ShearKeyJoint(EnergyConsistentContact):
     """Friction joint with shear keys, teeth of trapezoidal or triangular section.
 
     Slip along the keys, and across them within the play, meets the friction of the base. Beyond the
@@ -161,10 +160,6 @@ class ShearKeyJoint(ElasticContact, CompiledEnergyConsistentLaw):
     def stored_energy(self, state: JointState) -> Floats:
         """Elastic energy of the faces that are in contact, shape (n,), [J/m^2]."""
         return self._faces(state, state.gap, np.zeros(len(state.gap), dtype=np.bool_))[2]
-
-    def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
-        """Tractions over a step that balance the energy; see `FrictionNoTension`."""
-        return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)
 
     def loop_start(self, rule: Rule, state: JointState) -> Start:
         """Return elastic slip, internal variables and slips at the start."""

@@ -343,34 +343,6 @@ def test_admissible(name):
     assert not answer.state.elastic_slip[steps.gap[:, 0] > 0].any()
 
 
-@pytest.mark.parametrize("name", [name for name in LAWS if "no " not in name])
-def test_a_sticking_joint_is_a_spring(name):
-    """The midpoint rule of (k_n, k_s, k_s), which is Newmark's average acceleration, to rounding.
-
-    Pressures from 1 to 3 MPa, slips below a tenth of the least limit of friction.
-    """
-    law = LAWS[name]
-    rng = np.random.default_rng(4)
-    k_n, k_s = law.normal_stiffness, law.shear_stiffness
-    least = 0.1 * law.friction_coefficient * MPA / k_s
-    gaps = np.empty((2, 1000, 3))
-    gaps[:, :, 0] = -MPA / k_n * rng.uniform(1, 3, (2, 1000))
-    gaps[:, :, 1:] = least * rng.uniform(-1, 1, (2, 1000, 2))
-    slip = least * rng.uniform(-1, 1, (1000, 2))
-    answer = law.discrete_gradient(gaps[1], JointState(gap=gaps[0], elastic_slip=slip))
-    normal = 0.5 * k_n * (gaps[0, :, 0] + gaps[1, :, 0])
-    shear = k_s * (slip + 0.5 * (gaps[1, :, 1:] - gaps[0, :, 1:]))
-    np.testing.assert_allclose(answer.traction[:, 0], normal, rtol=1e-15)
-    np.testing.assert_allclose(answer.traction[:, 1:], shear, rtol=0, atol=2e-15 * k_s * least)
-    np.testing.assert_allclose(answer.tangent[:, 0, 0], 0.5 * k_n, rtol=1e-15)
-    np.testing.assert_allclose(answer.tangent[:, 1, 1], 0.5 * k_s, rtol=1e-15)
-    np.testing.assert_allclose(answer.tangent[:, 2, 2], 0.5 * k_s, rtol=1e-15)
-    assert np.count_nonzero(answer.tangent) == 3 * 1000
-    assert np.all(answer.status == Status.STICK)
-    lost = np.abs(answer.dissipation).max() / (k_s * least**2)
-    assert lost <= 1e-14  # a difference of energies of some k_s least^2
-
-
 # Tangents.
 
 

@@ -197,18 +197,9 @@ STEP = MatrixCoefficients(
 @pytest.fixture(scope="module")
 def wall(wall_file, read):
     """A clamped elastic wall of four blocks that touch nothing, in space."""
-    import dolfinx_joints as dj
+    import shaken_wall
 
-    model = dj.Model(
-        read(wall_file(divisions=(8, 3, 6))),
-        material=dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
-        joints=dj.FrictionNoTension(
-            normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0
-        ),
-        supports=[dj.Fixed(group="base")],
-        damping=dj.stiffness_proportional(ratio=0.02, frequency=5.0),
-    )
-    return model.system()
+    return shaken_wall.wall(read(wall_file(divisions=(8, 3, 6)))).system()
 
 
 def load(matrix: PETSc.Mat) -> PETSc.Vec:

@@ -123,3 +123,11 @@ class ElasticContact:
         """Return the answer at the end of a step to a gap of shape (n, 3), [m]."""
         response: Response = self.condensed_backward_euler(gap, NO_COMPLIANCE, state)
         return response
+
+
+class EnergyConsistentContact(ElasticContact, CompiledEnergyConsistentLaw):
+    """Base class of laws of finite stiffness with a compiled loop over whole steps."""
+
+    def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
+        """Return the answer over a whole step to a gap of shape (n, 3), [m]."""
+        return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)

@@ -78,9 +78,7 @@ def wall(wall_file, read) -> Callable[..., Any]:
 
 def difference(one: Any, two: Any) -> float:
     """Of two displacements, relative to the largest."""
-    change = one.copy()
-    change.axpy(-1.0, two)
-    return float(change.norm(3) / two.norm(3))
+    return float((one - two).norm(3) / two.norm(3))
 
 
 def test_what_is_kept_and_how_the_bulk_is_solved_do_not_matter(wall):

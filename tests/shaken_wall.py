@@ -82,3 +82,33 @@ def valley():
     names = {"dj": dj}
     exec(block, names)
     return replace(names["valley"], group="y_min")
+
+
+class JointPath(Monitor):
+    """Gaps, tractions and friction work of all points, and the counts of points, of each step."""
+
+    def __init__(self):
+        self.gaps, self.tractions, self.works, self.counts = [], [], [], []
+
+    def start(self, model, stage, steps, first):
+        self._comm = model.operator.comm
+
+    def record(self, record):
+        joints = record.joints
+        kept = (joints.state.gap, joints.traction, joints.dissipation)
+        for path, values in zip((self.gaps, self.tractions, self.works), kept, strict=True):
+            path.append(np.concatenate(self._comm.allgather(values)))
+        self.counts.append(record.solve.counts)
+
+
+def far(one, two):
+    """Largest difference over a path, relative to the largest value."""
+    return float(np.abs(np.array(one) - two).max() / np.abs(two).max())
+
+
+def march(model, steps=20, solver="auto", scheme=None, **options):
+    """Self weight and some steps to rounding: the path, the static stage and the outcome."""
+    path, newton = JointPath(), dj.SolverOptions(**{"relative_tolerance": 1e-12, **options})
+    simulation = dj.Simulation(model, options=newton, solver=solver, monitors=[path])
+    static = simulation.statics()
+    return path, static, simulation.dynamics(dt=0.005, steps=steps, motion=swaying, scheme=scheme)

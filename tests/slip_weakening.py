@@ -15,8 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numba.extending import register_jitable
 
-from dolfinx_joints.laws.law import NO_COMPLIANCE
-from dolfinx_joints.laws.points.compiled_law import CompiledLaw
+from dolfinx_joints.laws.points.compiled_law import CompiledLaw, ElasticContact
 from dolfinx_joints.laws.points.return_mapping import Start, put_nothing, response_of
 
 
@@ -24,7 +23,7 @@ from dolfinx_joints.laws.points.return_mapping import Start, put_nothing, respon
 def weakening_point(i, start, answer):
     """Write the answer of the point i at the gap answer.gap[i]."""
     put_nothing(i, answer)
-    k_n, k_s, mu_s, mu_r, distance = start.laws[0]
+    k_n, k_s, mu_s, mu_r, distance = start.parameters
     gap, before, old = answer.gap[i], start.gap[i], start.history[i]
     traction, tangent, new = answer.traction[i], answer.tangent[i], answer.history[i]
     new[2] = old[2]
@@ -53,7 +52,7 @@ def weakening_point(i, start, answer):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SlipWeakening(CompiledLaw):
+class SlipWeakening(ElasticContact, CompiledLaw):
     """The law. Stiffnesses are in Pa/m, the distance d in m."""
 
     points: ClassVar = {"backward_euler": weakening_point}
@@ -65,25 +64,14 @@ class SlipWeakening(CompiledLaw):
     residual_friction: float
     distance: float
 
-    def closed_stiffness(self):
-        return self.normal_stiffness, self.shear_stiffness
-
     def initial_variables(self, gap):
         return np.zeros((len(gap), 1))
-
-    def stored_energy(self, state):
-        closed = np.minimum(state.gap[:, 0], 0.0)
-        slip = (state.elastic_slip**2).sum(axis=1)
-        return 0.5 * (self.normal_stiffness * closed**2 + self.shear_stiffness * slip)
-
-    def backward_euler(self, gap, state):
-        return self.condensed_backward_euler(gap, NO_COMPLIANCE, state)
 
     def loop_start(self, rule, state):
         friction = self.static_friction, self.residual_friction
         parameters = (self.normal_stiffness, self.shear_stiffness, *friction, self.distance)
         history = np.column_stack([state.elastic_slip, state.internal])
-        return Start(state.gap, history, np.array([parameters]))
+        return Start(state.gap, history, np.array(parameters))
 
     def loop_response(self, rule, answer, state):
         slip, internal = answer.history[:, :2], answer.history[:, 2:]

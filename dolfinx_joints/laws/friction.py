@@ -17,12 +17,11 @@ import annotated_types as at
 import numpy as np
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.kernels import inline, njit
+from dolfinx_joints.common.kernels import inline
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     DISCRETE_GRADIENT,
-    NO_COMPLIANCE,
     Floats,
     JointState,
     Losses,
@@ -30,10 +29,9 @@ from dolfinx_joints.laws.law import (
     Rule,
 )
 from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction
-from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw
+from dolfinx_joints.laws.points.compiled_law import EnergyConsistentContact
 from dolfinx_joints.laws.points.discrete_gradient import (
-    discrete_gradient_point,
-    discrete_gradient_points,
+    discrete_gradient_on,
     stored_by,
     whole_step_from,
 )
@@ -43,6 +41,8 @@ from dolfinx_joints.laws.points.return_mapping import (
     Shear,
     Start,
     Vector,
+    at_gap,
+    closed_form_loop,
     closed_status,
     law_of,
     put_nothing,
@@ -106,7 +106,7 @@ def friction_work(before: Vector, t_s: Vector, plastic: Vector, d_s: float) -> f
 def backward_euler_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:
     """Answer of a point at the end of a step; its gap in the answer is the trial gap at first."""
     put_nothing(i, answer)
-    law, gap, end = law_of(i, start.laws), start.gap[i], answer.gap[i]
+    law, gap, end = law_of(start.parameters), start.gap[i], answer.gap[i]
     d_n, d_s, mu = law.normal_compliance, law.shear_compliance, law.friction
     h_n, opening = end[0], max(gap[0], 0.0)
     e_1, e_2 = start.history[i, 0], start.history[i, 1]
@@ -142,35 +142,17 @@ def backward_euler_on(i: int, c_n: float, c_s: float, start: Start, answer: Answ
     answer.dissipation[i] = friction_work((e_1, e_2), (t_1, t_2), plastic, d_s)
 
 
-@inline
-def backward_euler_point(i: int, start: Start, answer: Answer) -> None:
-    """Answer of a point at the end of a step, at its gap."""
-    backward_euler_on(i, 0.0, 0.0, start, answer)
-
-
-@njit(cache=True, error_model="numpy")
-def backward_euler_points(
-    compliance: Floats, start: Start, answer: Answer, first: int, stride: int
-) -> None:
-    """Answer at the end of a step of the points ``first``, ``first + stride`` and so on."""
-    for i in range(first, len(answer.gap), stride):
-        j = i if len(compliance) > 1 else 0
-        backward_euler_on(i, compliance[j, 0], compliance[j, 1], start, answer)
-
-
-LOOPS = {
-    BACKWARD_EULER.name: backward_euler_points,
-    DISCRETE_GRADIENT.name: discrete_gradient_points,
+_ON_COMPLIANCE = {
+    BACKWARD_EULER.name: backward_euler_on,
+    DISCRETE_GRADIENT.name: discrete_gradient_on,
 }
-POINTS = {
-    BACKWARD_EULER.name: backward_euler_point,
-    DISCRETE_GRADIENT.name: discrete_gradient_point,
-}
+LOOPS = {name: closed_form_loop(point) for name, point in _ON_COMPLIANCE.items()}
+POINTS = {name: at_gap(point) for name, point in _ON_COMPLIANCE.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
 @checked
-class FrictionNoTension(CompiledEnergyConsistentLaw):
+class FrictionNoTension(EnergyConsistentContact):
     """No tension, elastic contact, Coulomb friction without dilatancy (paper eqs. 3 to 5).
 
     Open (gap_n > 0): t = 0. Closed: t_n = k_n gap_n, t_s = k_s e with |t_s| <= -t_n tan(alpha);
@@ -204,24 +186,6 @@ class FrictionNoTension(CompiledEnergyConsistentLaw):
         """Take the friction."""
         set_friction(self)
 
-    def closed_stiffness(self) -> tuple[float, float]:
-        """k_n and k_s, [Pa/m]."""
-        return self.normal_stiffness, self.shear_stiffness
-
-    def stored_energy(self, state: JointState) -> Floats:
-        """k_n <-gap_n>^2 / 2 + k_s |e|^2 / 2 of each point, shape (n,), [J/m^2]."""
-        closed = np.minimum(state.gap[:, 0], 0.0)
-        slip = np.einsum("ij,ij->i", state.elastic_slip, state.elastic_slip)
-        return 0.5 * self.normal_stiffness * closed**2 + 0.5 * self.shear_stiffness * slip
-
-    def backward_euler(self, gap: Floats, state: JointState) -> Response:
-        """Return mapping at the end of a step: (4) to (8), tangent (10)."""
-        return self.condensed_backward_euler(gap, NO_COMPLIANCE, state)
-
-    def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
-        """Energy-consistent answer over a whole step: (15), (16)."""
-        return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)
-
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Losses of an end-point step (30), see `LawWithLosses`."""
         k = np.array([self.normal_stiffness, self.shear_stiffness, self.shear_stiffness])
@@ -235,7 +199,7 @@ class FrictionNoTension(CompiledEnergyConsistentLaw):
         if rule.name == BACKWARD_EULER.name:
             shear = (1.0 / k_s, k_n / k_s) if k_s else (math.inf, math.inf)
             law = Coulomb(1.0 / k_n, *shear, mu)
-            return Start(state.gap, state.elastic_slip, np.array([law], dtype=np.float64))
+            return Start(state.gap, state.elastic_slip, np.array(law, dtype=np.float64))
         stored = stored_by(state, k_n, k_s)
         # Without shear stiffness friction is never mobilised, as if there were none.
         law = Coulomb(1.0 / k_n, 1.0 / (k_s or k_n), k_n / (k_s or k_n), mu if k_s else 0.0)

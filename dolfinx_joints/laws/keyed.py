@@ -12,12 +12,11 @@ import annotated_types as at
 import numpy as np
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.common.kernels import njit
+from dolfinx_joints.common.kernels import inline
 from dolfinx_joints.laws.friction import normal_traction
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     DISCRETE_GRADIENT,
-    NO_COMPLIANCE,
     Floats,
     JointState,
     Losses,
@@ -25,7 +24,7 @@ from dolfinx_joints.laws.law import (
     Rule,
 )
 from dolfinx_joints.laws.losses import Way, losses_on, overlap_and_slip
-from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw
+from dolfinx_joints.laws.points.compiled_law import EnergyConsistentContact
 from dolfinx_joints.laws.points.discrete_gradient import normal_traction as normal_over_step
 from dolfinx_joints.laws.points.return_mapping import (
     FRICTIONLESS,
@@ -33,47 +32,49 @@ from dolfinx_joints.laws.points.return_mapping import (
     Answer,
     Coulomb,
     Start,
+    at_gap,
+    closed_form_loop,
     put_nothing,
     response_of,
 )
 
+RULES = (BACKWARD_EULER.name, DISCRETE_GRADIENT.name)
 
-@njit(cache=True, error_model="numpy")
-def keyed_points(compliance: Floats, start: Start, answer: Answer, first: int, stride: int) -> None:
-    """Answer of the points ``first``, ``first + stride`` and so on; see `CompiledLaw`.
+
+@inline
+def keyed_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:
+    """Answer of a point; its gap in the answer is the trial gap at first.
 
     The parameters are k_n, k_s and the part of the slip of a step that counts: 1 at its end, 1/2
     over the whole step.
     """
-    k_n, k_s, mean = start.laws[0, 0], start.laws[0, 1], start.laws[0, 2]
+    k_n, k_s, mean = start.parameters[0], start.parameters[1], start.parameters[2]
     law = Coulomb(1.0 / k_n, 1.0 / k_n, 1.0, 0.0)
-    for i in range(first, len(answer.gap), stride):
-        c = compliance[i if len(compliance) > 1 else 0]
-        before, gap, slip = start.gap[i], answer.gap[i], start.history[i]
-        put_nothing(i, answer)
-        if mean < 1.0:
-            overlap = min(before[0], 0.0)
-            energy = 0.5 * k_n * overlap * overlap
-            normal = normal_over_step(gap[0] - before[0], c[0], before[0], energy, law)
-            answer.traction[i, 0], answer.tangent[i, 0, 0] = normal.traction, normal.stiffness
-            gap[0] = normal.gap
-        elif gap[0] <= 0.0:
-            t_n, stiffness = normal_traction(gap[0], c[0], law)
-            answer.traction[i, 0], answer.tangent[i, 0, 0] = t_n, stiffness
-            gap[0] = t_n / k_n
-        k = k_s / (1.0 + mean * c[1] * k_s)
-        for a in range(1, 3):
-            answer.traction[i, a] = k * (slip[a - 1] + mean * (gap[a] - before[a]))
-            answer.tangent[i, a, a] = mean * k
-            gap[a] -= c[1] * answer.traction[i, a]
-            answer.history[i, a - 1] = slip[a - 1] + gap[a] - before[a]
-        if not gap[0] > 0.0:
-            answer.status[i] = STICK if k_s > 0.0 else FRICTIONLESS
+    before, gap, slip = start.gap[i], answer.gap[i], start.history[i]
+    put_nothing(i, answer)
+    if mean < 1.0:
+        overlap = min(before[0], 0.0)
+        energy = 0.5 * k_n * overlap * overlap
+        normal = normal_over_step(gap[0] - before[0], c_n, before[0], energy, law)
+        answer.traction[i, 0], answer.tangent[i, 0, 0] = normal.traction, normal.stiffness
+        gap[0] = normal.gap
+    elif gap[0] <= 0.0:
+        t_n, stiffness = normal_traction(gap[0], c_n, law)
+        answer.traction[i, 0], answer.tangent[i, 0, 0] = t_n, stiffness
+        gap[0] = t_n / k_n
+    k = k_s / (1.0 + mean * c_s * k_s)
+    for a in range(1, 3):
+        answer.traction[i, a] = k * (slip[a - 1] + mean * (gap[a] - before[a]))
+        answer.tangent[i, a, a] = mean * k
+        gap[a] -= c_s * answer.traction[i, a]
+        answer.history[i, a - 1] = slip[a - 1] + gap[a] - before[a]
+    if not gap[0] > 0.0:
+        answer.status[i] = STICK if k_s > 0.0 else FRICTIONLESS
 
 
 @dataclass(frozen=True, kw_only=True)
 @checked
-class KeyedJoint(CompiledEnergyConsistentLaw):
+class KeyedJoint(EnergyConsistentContact):
     """A joint that opens but does not slip: no tension, and shear keys that carry at any opening.
 
     t_n = k_n gap_n where gap_n <= 0, else 0;  t_s = k_s gap_s, measured from the state at rest.
@@ -83,31 +84,11 @@ class KeyedJoint(CompiledEnergyConsistentLaw):
         shear_stiffness: k_s.
     """
 
-    loops: ClassVar[Mapping[str, Any]] = {
-        BACKWARD_EULER.name: keyed_points,
-        DISCRETE_GRADIENT.name: keyed_points,
-    }
+    loops: ClassVar[Mapping[str, Any]] = dict.fromkeys(RULES, closed_form_loop(keyed_on))
+    points: ClassVar[Mapping[str, Any]] = dict.fromkeys(RULES, at_gap(keyed_on))
 
     normal_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
     shear_stiffness: Annotated[float, at.Ge(0), at.Unit("Pa/m")]
-
-    def closed_stiffness(self) -> tuple[float, float]:
-        """k_n and k_s, [Pa/m]."""
-        return self.normal_stiffness, self.shear_stiffness
-
-    def stored_energy(self, state: JointState) -> Floats:
-        """k_n <-gap_n>^2 / 2 + k_s |gap_s|^2 / 2 of each point, shape (n,), [J/m^2]."""
-        closed = np.minimum(state.gap[:, 0], 0.0)
-        slip = np.einsum("ij,ij->i", state.elastic_slip, state.elastic_slip)
-        return 0.5 * self.normal_stiffness * closed**2 + 0.5 * self.shear_stiffness * slip
-
-    def backward_euler(self, gap: Floats, state: JointState) -> Response:
-        """Tractions of a gap of shape (n, 3), [m]; they depend on no history."""
-        return self.condensed_backward_euler(gap, NO_COMPLIANCE, state)
-
-    def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
-        """Tractions over a step that balance the energy; see `FrictionNoTension`."""
-        return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Losses of an end-point step (30), see `LawWithLosses`."""
@@ -121,7 +102,7 @@ class KeyedJoint(CompiledEnergyConsistentLaw):
     def loop_start(self, rule: Rule, state: JointState) -> Start:
         """Return the elastic slip at the start."""
         row = (self.normal_stiffness, self.shear_stiffness, rule.weight)
-        return Start(state.gap, state.elastic_slip, np.array([row]))
+        return Start(state.gap, state.elastic_slip, np.array(row))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
         """Return the answer with the elastic slip."""

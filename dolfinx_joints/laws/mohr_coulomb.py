@@ -22,7 +22,6 @@ from dolfinx_joints.laws.law import (
     BROKEN,
     HELD,
     INTACT,
-    NO_COMPLIANCE,
     Floats,
     JointState,
     Losses,
@@ -30,7 +29,7 @@ from dolfinx_joints.laws.law import (
     Rule,
 )
 from dolfinx_joints.laws.losses import Way, losses_on, work
-from dolfinx_joints.laws.points.compiled_law import CompiledLaw
+from dolfinx_joints.laws.points.compiled_law import CompiledLaw, ElasticContact
 from dolfinx_joints.laws.points.return_mapping import (
     FRICTIONLESS,
     SLIP,
@@ -67,8 +66,8 @@ class Bonded(NamedTuple):
 def bonded_point(i: int, start: Start, answer: Answer) -> None:
     """Answer of a point at the end of a step, at its gap: with its bond, or without."""
     put_nothing(i, answer)
-    row = start.laws[i if len(start.laws) > 1 else 0]
-    law = Bonded(row[0], row[1], row[2], row[3], row[4], row[5])
+    p = start.parameters
+    law = Bonded(p[0], p[1], p[2], p[3], p[4], p[5])
     gap, before, bond = answer.gap[i], start.gap[i], start.history[i, 2]
     slip = (
         start.history[i, 0] + gap[1] - before[1],
@@ -165,7 +164,7 @@ def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> N
 
 @dataclass(frozen=True, kw_only=True)
 @checked
-class MohrCoulombJoint(CompiledLaw):
+class MohrCoulombJoint(ElasticContact, CompiledLaw):
     """Friction joint with a brittle bond and with dilatancy, a Mohr-Coulomb joint.
 
     Intact: t_n = k_n gap_n in tension too and t_s = k_s e, as long as t_n <= f_t and
@@ -235,29 +234,11 @@ class MohrCoulombJoint(CompiledLaw):
         bonded = (self.cohesion > 0.0) & (gap[:, 0] <= 0.0)
         return np.column_stack([np.where(bonded, INTACT, BROKEN), np.zeros(len(gap))])
 
-    def closed_stiffness(self) -> tuple[float, float]:
-        """k_n and k_s, [Pa/m]."""
-        return self.normal_stiffness, self.shear_stiffness
-
     def stored_energy(self, state: JointState) -> Floats:
         """k_n g^2 / 2 + k_s |e|^2 / 2 with the elastic normal gap g, shape (n,), [J/m^2]."""
         slip = np.einsum("ij,ij->i", state.elastic_slip, state.elastic_slip)
         normal = self._elastic_gap(state)
         return 0.5 * self.normal_stiffness * normal**2 + 0.5 * self.shear_stiffness * slip
-
-    def backward_euler(self, gap: Floats, state: JointState) -> Response:
-        """Return mapping at the end of a step (backward Euler, closed form).
-
-        Args:
-            gap: Trial gap, shape (n, 3), [m].
-            state: State at the start of the step.
-
-        Returns:
-            Tractions, consistent tangent, trial state, dissipation (friction, dilatancy and what
-            breaking bonds set free) and status; an intact point counts as sticking, without shear
-            stiffness as frictionless.
-        """
-        return self.condensed_backward_euler(gap, NO_COMPLIANCE, state)
 
     def loop_start(self, rule: Rule, state: JointState) -> Start:
         """Elastic slip and internal variables at the start."""
@@ -270,10 +251,13 @@ class MohrCoulombJoint(CompiledLaw):
             self.tensile_strength,
         )
         history = np.column_stack([state.elastic_slip, state.internal])
-        return Start(state.gap, history, np.array([parameters]))
+        return Start(state.gap, history, np.array(parameters))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
-        """Return the answer with the work of friction and dilatancy, and of bonds that break."""
+        """Return the answer with the work of friction and dilatancy, and of bonds that break.
+
+        An intact point counts as sticking, without shear stiffness as frictionless.
+        """
         slip, internal = answer.history[:, :2], answer.history[:, 2:]
         found = response_of(answer, elastic_slip=slip, internal=internal)
         mean = 0.5 * (self._tractions(state) + self._tractions(found.state))

@@ -99,7 +99,7 @@ class RigidJoint(CompiledEnergyConsistentLaw):
         """No energy stored at the end of a step (21); over a whole one (17) the variables."""
         law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self), self.restitution == 1)
         if rule.name == BACKWARD_EULER.name:
-            return Start(state.gap, state.elastic_slip, np.array([law], dtype=np.float64))
+            return Start(state.gap, state.elastic_slip, np.array(law, dtype=np.float64))
         if self.restitution:
             return whole_step_from(state, state.internal, law)
         way = state.approach if len(state.approach) else np.zeros(len(state.gap))

@@ -30,7 +30,6 @@ from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     BROKEN,
     DISCRETE_GRADIENT,
-    NO_COMPLIANCE,
     Floats,
     JointState,
     Losses,
@@ -38,7 +37,7 @@ from dolfinx_joints.laws.law import (
     Rule,
 )
 from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction, work
-from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw
+from dolfinx_joints.laws.points.compiled_law import EnergyConsistentContact
 from dolfinx_joints.laws.points.key_faces import (
     COLUMNS,
     KEYS,
@@ -54,7 +53,7 @@ from dolfinx_joints.laws.points.return_mapping import Answer, Coulomb, Start, re
 
 @dataclass(frozen=True, kw_only=True)
 @checked
-class ShearKeyJoint(CompiledEnergyConsistentLaw):
+class ShearKeyJoint(EnergyConsistentContact):
     """Friction joint with shear keys, teeth of trapezoidal or triangular section.
 
     Slip along the keys, and across them within the play, meets the friction of the base. Beyond the
@@ -158,21 +157,9 @@ class ShearKeyJoint(CompiledEnergyConsistentLaw):
         """
         return np.zeros((len(gap), len(self.internal_variables)))
 
-    def closed_stiffness(self) -> tuple[float, float]:
-        """k_n and k_s of the base, [Pa/m]."""
-        return self.normal_stiffness, self.shear_stiffness
-
     def stored_energy(self, state: JointState) -> Floats:
         """Elastic energy of the faces that are in contact, shape (n,), [J/m^2]."""
         return self._faces(state, state.gap, np.zeros(len(state.gap), dtype=np.bool_))[2]
-
-    def backward_euler(self, gap: Floats, state: JointState) -> Response:
-        """Tractions at the end of a step to a gap of shape (n, 3), [m], with their tangent."""
-        return self.condensed_backward_euler(gap, NO_COMPLIANCE, state)
-
-    def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
-        """Tractions over a step that balance the energy; see `FrictionNoTension`."""
-        return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)
 
     def loop_start(self, rule: Rule, state: JointState) -> Start:
         """Return elastic slip, internal variables and slips at the start."""
@@ -184,7 +171,7 @@ class ShearKeyJoint(CompiledEnergyConsistentLaw):
         history[:, :KEYS], history[:, KEYS:SLIPS] = state.elastic_slip, state.internal
         if len(state.slips):
             history[:, SLIPS:] = state.slips
-        return Start(state.gap, history, np.array([row]))
+        return Start(state.gap, history, np.array(row))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
         """Return the answer with elastic slip, internal variables and, over steps, the slips."""

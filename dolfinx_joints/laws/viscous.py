@@ -173,8 +173,7 @@ class CompiledDashpotStep(DashpotStep, CompiledEnergyConsistentLaw):
         """Return the start of the law, with stiffnesses and viscosities as its first parameters."""
         inner = self.law.loop_start(rule, state)
         own = (*self.closed_stiffness(), self.normal, self.shear)
-        rows = np.tile(own, (len(inner.laws), 1))
-        return inner._replace(laws=np.hstack([rows, inner.laws]))
+        return inner._replace(parameters=np.append(own, inner.parameters))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
         """Return the answer as the law does."""
@@ -190,9 +189,9 @@ def with_dashpots(point: Any) -> Any:
 
     @inline
     def both(i: int, start: Start, answer: Answer) -> None:
-        row = start.laws[i if len(start.laws) > 1 else 0]
-        point(i, Start(start.gap, start.history, start.laws[:, 4:]), answer)
-        add_dashpots(i, row[2], row[3], start.gap[i], answer)
+        given = start.parameters
+        point(i, Start(start.gap, start.history, given[4:]), answer)
+        add_dashpots(i, given[2], given[3], start.gap[i], answer)
 
     return both
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from tangent_errors import largest_error
 
 from dolfinx_joints import FrictionNoTension, KeyedJoint, RigidJoint
 from dolfinx_joints.laws.law import JointState, Status
@@ -342,34 +343,6 @@ def test_admissible(name):
     assert not answer.state.elastic_slip[steps.gap[:, 0] > 0].any()
 
 
-@pytest.mark.parametrize("name", [name for name in LAWS if "no " not in name])
-def test_a_sticking_joint_is_a_spring(name):
-    """The midpoint rule of (k_n, k_s, k_s), which is Newmark's average acceleration, to rounding.
-
-    Pressures from 1 to 3 MPa, slips below a tenth of the least limit of friction.
-    """
-    law = LAWS[name]
-    rng = np.random.default_rng(4)
-    k_n, k_s = law.normal_stiffness, law.shear_stiffness
-    least = 0.1 * law.friction_coefficient * MPA / k_s
-    gaps = np.empty((2, 1000, 3))
-    gaps[:, :, 0] = -MPA / k_n * rng.uniform(1, 3, (2, 1000))
-    gaps[:, :, 1:] = least * rng.uniform(-1, 1, (2, 1000, 2))
-    slip = least * rng.uniform(-1, 1, (1000, 2))
-    answer = law.discrete_gradient(gaps[1], JointState(gap=gaps[0], elastic_slip=slip))
-    normal = 0.5 * k_n * (gaps[0, :, 0] + gaps[1, :, 0])
-    shear = k_s * (slip + 0.5 * (gaps[1, :, 1:] - gaps[0, :, 1:]))
-    np.testing.assert_allclose(answer.traction[:, 0], normal, rtol=1e-15)
-    np.testing.assert_allclose(answer.traction[:, 1:], shear, rtol=0, atol=2e-15 * k_s * least)
-    np.testing.assert_allclose(answer.tangent[:, 0, 0], 0.5 * k_n, rtol=1e-15)
-    np.testing.assert_allclose(answer.tangent[:, 1, 1], 0.5 * k_s, rtol=1e-15)
-    np.testing.assert_allclose(answer.tangent[:, 2, 2], 0.5 * k_s, rtol=1e-15)
-    assert np.count_nonzero(answer.tangent) == 3 * 1000
-    assert np.all(answer.status == Status.STICK)
-    lost = np.abs(answer.dissipation).max() / (k_s * least**2)
-    assert lost <= 1e-14  # a difference of energies of some k_s least^2
-
-
 # Tangents.
 
 
@@ -392,30 +365,6 @@ def lengths(law, steps):
     return np.column_stack([normal, tangential, tangential])
 
 
-def largest_error(evaluate, tangent, step):
-    """Largest error of tangents (n, 3, 3) relative to their largest entry, and the share compared.
-
-    Second-order differences of ``evaluate``, traction and piece after moving by a number in one
-    direction: central where both neighbours are on the same piece, one-sided where two of one side
-    are.
-    """
-    (start, piece), size = evaluate(0, 0.0), np.abs(tangent).max(axis=(1, 2))
-    worst, compared = 0.0, np.zeros(len(tangent), dtype=bool)
-    for k in range(3):
-        moved = {m: evaluate(k, m * step) for m in (-2, -1, 1, 2)}
-        same = {m: there == piece for m, (_, there) in moved.items()}
-        values = {m: traction for m, (traction, _) in moved.items()}
-        estimates = [(same[1] & same[-1], (values[1] - values[-1]) / (2 * step))]
-        for m in (1, -1):
-            slope = (4 * values[m] - values[2 * m] - 3 * start) / (2 * m * step)
-            estimates.append((same[m] & same[2 * m] & ~(same[1] & same[-1]), slope))
-        for usable, slope in estimates:
-            error = np.abs(slope - tangent[:, :, k]).max(axis=1) / np.where(size > 0, size, 1.0)
-            worst = max(worst, float(error[usable].max(initial=0.0)))
-            compared |= usable
-    return worst, compared.mean()
-
-
 @extended
 @pytest.mark.parametrize("name", LAWS)
 def test_tangent(name):
@@ -428,14 +377,14 @@ def test_tangent(name):
     steps = random_steps(law, seed=5)
     unit = lengths(law, steps)
 
-    def evaluate(direction, way):
-        gap = steps.gap.astype(WIDE)
-        gap[:, direction] += way * unit[:, direction]
-        traction, _, _, piece = reference(law, gap, steps.state)
-        return traction, piece
-
     tangent = law.discrete_gradient(steps.gap, steps.state).tangent * unit[:, None, :]
-    worst, share = largest_error(evaluate, tangent, WIDE(3e-6))
+
+    def evaluate(way):
+        traction, _, _, piece = reference(law, steps.gap + way * unit, steps.state)
+        return traction, tangent, piece
+
+    start, step = np.zeros((COUNT, 3), WIDE), np.full(COUNT, WIDE(3e-6))
+    worst, share = largest_error(evaluate, start, step, over=(1, 2))
     print(f"\n{name}: tangent {worst:.1e}, {share:.2%} compared")
     assert worst <= 1e-8
     assert share > 0.999

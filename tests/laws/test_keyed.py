@@ -91,6 +91,15 @@ def test_dashpots_add_their_rate():
     np.testing.assert_allclose(lost, [1.0, 1.04, 0.0], rtol=1e-12, atol=1e-15)
 
 
+def test_dashpots_on_a_keyed_joint_on_a_compliance():
+    # Trial gap -3 um on 1 um/MPa, from -1 um: -3 = g + t with t = g + (g + 1); 0.5 = e + 2 e.
+    keyed = KeyedJoint(normal_stiffness=K_N, shear_stiffness=K_S)
+    law = ViscousJoint(law=keyed, normal_viscosity=1e9).for_step(1e-3)
+    state, trial_gap = JointState.at_rest(np.array([[-UM, 0, 0]])), UM * np.array([[-3, 0.5, 0]])
+    answer = law.condensed_backward_euler(trial_gap, np.full((1, 2), UM / MPA), state)
+    np.testing.assert_allclose(answer.traction[0] / MPA, [-5 / 3, 1 / 3, 0], rtol=1e-12)
+
+
 def test_dashpots_do_not_pull():
     # Back from -1 to -0.2 um: 0.2 MPa of pressure, 0.8 MPa of dashpot against it: nothing is left.
     law = ViscousJoint(law=FRICTION, normal_viscosity=1e9)

@@ -10,11 +10,10 @@ MPa; trial tractions of 1 kPa and 1 GPa lie below and beyond it.
 import numpy as np
 import pytest
 
-from dolfinx_joints.laws.friction import LOOPS, FrictionNoTension, frictionless
+from dolfinx_joints.laws.friction import FrictionNoTension, frictionless
 from dolfinx_joints.laws.keyed import KeyedJoint
-from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, JointState, Status
+from dolfinx_joints.laws.law import JointState, Status
 from dolfinx_joints.laws.mohr_coulomb import MohrCoulombJoint
-from dolfinx_joints.laws.points.return_mapping import Coulomb, Start, solve_points
 from dolfinx_joints.laws.rigid import RigidJoint
 from dolfinx_joints.laws.shear_keys import ShearKeyJoint
 from dolfinx_joints.laws.viscous import ViscousJoint
@@ -91,21 +90,3 @@ def test_status_of_every_law(name):
             assert answer.status.tolist() == expected
             asked += 1
     assert asked >= 1
-
-
-@pytest.mark.parametrize("rule", [BACKWARD_EULER, DISCRETE_GRADIENT], ids=lambda rule: rule.name)
-def test_points_of_one_loop_with_parameters_of_their_own(rule):
-    """The compiled loop takes friction and shear compliance point by point."""
-    parameters = {
-        "friction": (Coulomb(1e-12, 1e-12, 1.0, 0.5), SLIP),
-        "no friction": (Coulomb(1e-12, 1e-12, 1.0, 0.0), FREE),
-        "high friction": (Coulomb(1e-12, 1e-12, 1.0, 1e6), STICK),
-    }
-    if rule is BACKWARD_EULER:
-        parameters["no shear stiffness"] = (Coulomb(1e-12, np.inf, np.inf, 0.5), FREE)
-    count = len(parameters)
-    gap, history = np.zeros((count, 3)), np.zeros((count, 2 if rule is BACKWARD_EULER else 10))
-    laws = np.array([law for law, _ in parameters.values()], dtype=np.float64)
-    end = np.tile(GAP[2], (count, 1))
-    answer = solve_points(LOOPS[rule.name], end, np.zeros((1, 2)), Start(gap, history, laws))
-    assert answer.status.tolist() == [status for _, status in parameters.values()]

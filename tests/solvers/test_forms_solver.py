@@ -15,14 +15,14 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from shaken_wall import Killed, Killer, shaking
+import shaken_wall
+from shaken_wall import CONCRETE, Killed, Killer, shaking
 
 import dolfinx_joints as dj
 from dolfinx_joints.laws.law import StatusCounts
 from dolfinx_joints.simulation.monitor import Monitor
 
 DT, STEPS, TOLERANCE = 0.004, 8, 1e-10
-CONCRETE = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
 STIFF = {"normal_stiffness": 1e11, "shear_stiffness": 4e10, "friction_angle_deg": 30.0}
 FRICTION = dj.FrictionNoTension(**STIFF)
 FLOWING = dj.DruckerPrager(
@@ -81,15 +81,9 @@ def wall(wall_file, read):
     """Makes a simulation of the wall."""
 
     def make(solver, changes=None, monitors=()):
-        given = {
-            "material": CONCRETE,
-            "joints": FRICTION,
-            "supports": [dj.Fixed(group="base")],
-            "loads": [dj.Gravity()],
-            "damping": dj.stiffness_proportional(ratio=0.02, frequency=5.0),
-            **(changes or {}),
-        }
-        model = dj.Model(read(wall_file(divisions=(12, 1, 3))), **given)
+        given = {"material": CONCRETE, "joints": FRICTION, "loads": [dj.Gravity()]}
+        given |= {"supports": [shaken_wall.BASE], "damping": shaken_wall.DAMPING}
+        model = dj.Model(read(wall_file(divisions=(12, 1, 3))), **given | (changes or {}))
         options = dj.SolverOptions(relative_tolerance=1e-12)
         return dj.Simulation(model, options=options, solver=solver, monitors=list(monitors))
 

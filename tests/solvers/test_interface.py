@@ -12,6 +12,7 @@ import gc
 import weakref
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -23,7 +24,8 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from shaken_wall import swaying
+import shaken_wall
+from shaken_wall import far, swaying
 
 from dolfinx_joints import (
     Body,
@@ -46,8 +48,6 @@ from dolfinx_joints import (
     stiffness_proportional,
 )
 from dolfinx_joints.model.modes import modes
-from dolfinx_joints.simulation.monitor import Monitor
-from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC, MatrixCoefficients
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
@@ -57,6 +57,7 @@ from dolfinx_joints.time_integration.initial_state import initial_state
 COMPLIANCES = ("dense", "compressed", "matrix-free")
 LINEAR = ("direct", "iterative")
 DT = 0.005
+march = partial(shaken_wall.march, solver="condensed")
 
 
 def friction(**changes: float) -> FrictionNoTension:
@@ -69,57 +70,15 @@ def wall(wall_file, read) -> Callable[..., Any]:
     """Makes a wall of three joints on a clamped base under its own weight."""
 
     def make(law: Any = None, *, on: Any = None, **changes: Any) -> Any:
-        return Model(
-            read(wall_file(divisions=(8, 2, 3)), on),
-            material=Elastic(young=24e9, poisson=0.2, density=2400.0),
-            joints=law or friction(),
-            supports=[Fixed(group="base")],
-            loads=[Gravity()],
-            damping=stiffness_proportional(ratio=0.02, frequency=5.0),
-            **changes,
-        )
+        jointed = read(wall_file(divisions=(8, 2, 3)), on)
+        return shaken_wall.wall(jointed, law or friction(), **changes)
 
     return make
 
 
-class Path(Monitor):
-    """Monitor that keeps gaps and tractions of all points, and the counts, of each step."""
-
-    def __init__(self) -> None:
-        self.gaps, self.tractions, self.counts = [], [], []
-
-    def start(self, model: Any, stage: str, steps: int, first: Any) -> None:
-        self._operator = model.operator
-
-    def record(self, record: Any) -> None:
-        joints = record.joints
-        comm = self._operator.comm
-        for kept, values in ((self.gaps, joints.state.gap), (self.tractions, joints.traction)):
-            kept.append(np.concatenate(comm.allgather(values)))
-        self.counts.append(record.solve.counts)
-
-
-def march(model: Any, *, steps: int = 20, solver: str = "condensed", **options: Any) -> Any:
-    """Self weight and some steps: the path, the static and the last state, the outcome."""
-    scheme = options.pop("scheme", None)
-    path = Path()
-    newton = SolverOptions(**{"relative_tolerance": 1e-12, **options})
-    simulation = Simulation(model, options=newton, solver=solver, monitors=[path])
-    static = simulation.statics()
-    outcome = simulation.dynamics(dt=DT, steps=steps, motion=swaying, scheme=scheme)
-    return path, static, outcome
-
-
 def difference(one: Any, two: Any) -> float:
     """Of two displacements, relative to the largest."""
-    change = one.copy()
-    change.axpy(-1.0, two)
-    return float(change.norm(3) / two.norm(3))
-
-
-def far(one: list[np.ndarray], two: list[np.ndarray]) -> float:
-    """Largest difference over a path, relative to the largest value."""
-    return float(np.abs(np.array(one) - two).max() / np.abs(two).max())
+    return float((one - two).norm(3) / two.norm(3))
 
 
 def test_what_is_kept_and_how_the_bulk_is_solved_do_not_matter(wall):
@@ -179,17 +138,6 @@ def test_other_laws_with_every_compliance(wall, law):
         assert end.imbalance <= 1e-10
         assert far(other.gaps, path.gaps) <= 1e-9
         assert difference(end.state.displacement, outcome.state.displacement) <= 1e-9
-
-
-@pytest.mark.parametrize("now", [True, False], ids=["complement at once", "never"])
-def test_both_sets_march_alike(wall, monkeypatch, now):
-    model = wall()
-    path, _, outcome = march(model)
-    monkeypatch.setattr(limits, "COMPLEMENT_COST", 0.0 if now else np.inf)
-    other, _, end = march(model)
-    assert far(other.gaps, path.gaps) <= 1e-9
-    assert difference(end.state.displacement, outcome.state.displacement) <= 1e-9
-    assert end.imbalance <= 1e-10
 
 
 def test_gauss_points_and_a_mass_without_joint_nodes(wall):

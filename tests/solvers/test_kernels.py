@@ -1,17 +1,8 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What numba makes of the kernels is what their text says: the interpreter gets the same numbers.
-
-Compiled sums may be in another order, so that the two differ by rounding: some 1e-16 of the largest
-number for each of at most some hundred terms.
-"""
+"""Compiled kernels of the solvers against NumPy."""
 
 from __future__ import annotations
-
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,77 +12,23 @@ pytest.importorskip("numba")
 
 from mpi4py import MPI
 
-from plates import compressed, kernel, plates
-
-from dolfinx_joints.laws import friction
-from dolfinx_joints.laws.law import JointState
-from dolfinx_joints.laws.points import discrete_gradient
-from dolfinx_joints.laws.points.return_mapping import Answer, Coulomb, Start, empty_answer
-from dolfinx_joints.solvers.compliance import blocks_between_ranks, own_blocks
-from dolfinx_joints.solvers.compliance import row_matrix as row_matrices
-from dolfinx_joints.solvers.compliance.blocks_between_ranks import DENSE, FACTOR, PLACE
+from dolfinx_joints.solvers.compliance.blocks_between_ranks import (
+    DENSE,
+    FACTOR,
+    PLACE,
+    add_at_places,
+    expand,
+    expand_and_return,
+    reduce,
+)
 from dolfinx_joints.solvers.compliance.low_rank import Shares
+from dolfinx_joints.solvers.compliance.row_matrix import RowMatrix
 from dolfinx_joints.solvers.interface import joint_step, krylov_corrections
 
 RANDOM = np.random.default_rng(20)
-ROUNDING = 1e-13
 
 
-@contextmanager
-def interpreted(monkeypatch: pytest.MonkeyPatch, module: ModuleType) -> Iterator[None]:
-    """Let the interpreter run the kernels of a module; compiled ones divide by zero in silence."""
-    kernels = {name: k for name, k in vars(module).items() if hasattr(k, "py_func")}
-    assert kernels
-    with monkeypatch.context() as patch, np.errstate(all="ignore"):
-        for name, compiled in kernels.items():
-            patch.setattr(module, name, compiled.py_func)
-        yield
-
-
-def check_same(compiled: Any, written: Any) -> None:
-    """Compare arrays to rounding of the largest finite number in them; the others are equal."""
-    compiled, written = np.asarray(compiled), np.asarray(written)
-    assert compiled.dtype == written.dtype
-    size = np.abs(compiled[np.isfinite(compiled)]).max(initial=0.0)
-    np.testing.assert_allclose(compiled, written, rtol=ROUNDING, atol=ROUNDING * size)
-
-
-def check(
-    monkeypatch: pytest.MonkeyPatch, module: ModuleType, work: Callable[[], tuple[Any, ...]]
-) -> tuple[Any, ...]:
-    """The arrays that ``work`` gives, which both ways are the same."""
-    compiled = work()
-    with interpreted(monkeypatch, module):
-        written = work()
-    for one, other in zip(compiled, written, strict=True):
-        check_same(one, other)
-    return compiled
-
-
-@pytest.mark.parametrize("symmetric", [True, False])
-def test_low_rank_products(monkeypatch, symmetric):
-    # Of a block and its mirror image one is kept, or each for itself.
-    points, joint = plates(across=6)
-    matrix = kernel(points, joint, symmetric=symmetric)
-    whole = compressed(matrix, points, leaf=6, tolerance=1e-3, symmetric=symmetric)
-    small = whole.own
-    vector = RANDOM.normal(size=3 * len(points))
-    ranks = small.blocks[:, 4]
-    assert ranks.min() < 0 < ranks.max()  # blocks of both kinds
-    assert small.blocks[:, 5].any() == symmetric
-    vectors = [vector, np.ones_like(vector)]
-
-    def products():
-        x, y = small.scale * vector[small.order], np.zeros(small.size)
-        own_blocks.multiply_blocks(small.blocks, small.data, x, y)
-        return small.scale * y, *small.products(vectors)
-
-    one, *several = check(monkeypatch, own_blocks, products)
-    check_same(several[0][small.order], one)
-    check_same(several[1], whole.product(vectors[1]))
-
-
-def test_products_between_ranks(monkeypatch):
+def test_products_between_ranks():
     # 12 unknowns: a factor of the first six, two dense blocks of one panel, the places of three.
     factor, dense = RANDOM.normal(size=(2, 6)), RANDOM.normal(size=(2, 3, 6))
     shares = Shares(np.float64)
@@ -103,55 +40,45 @@ def test_products_between_ranks(monkeypatch):
     matrix[:2, :6], matrix[2:5, 3:9], matrix[5:, 9:] = factor, dense[0], np.eye(3)
     matrix[2:5, :6] += dense[1]
     x, values = RANDOM.normal(size=12), RANDOM.normal(size=8)
-
-    def work():
-        reduced, expanded = np.zeros(shares.length), np.ones(12)
-        blocks_between_ranks.reduce(*shares.arrays, x, reduced, True)
-        blocks_between_ranks.expand(*shares.arrays, values, expanded)
-        return reduced, expanded
-
-    def in_one_pass():
-        """As `reduce` and `expand`, dense blocks read once."""
-        gone, once, back = np.zeros(shares.length), np.ones(12), np.zeros(shares.length)
-        blocks_between_ranks.reduce(*shares.arrays, x, gone, False)
-        blocks_between_ranks.expand_and_return(*shares.arrays, values, x, once, back)
-        blocks_between_ranks.add_at_places(shares.arrays[0], values, once)
-        return gone + back, once
-
-    for kernels in (work, in_one_pass):
-        reduced, expanded = check(monkeypatch, blocks_between_ranks, kernels)
-        np.testing.assert_allclose(reduced, matrix @ x, atol=1e-14)
-        np.testing.assert_allclose(expanded, 1.0 + matrix.T @ values, atol=1e-14)
+    reduced, expanded = np.zeros(shares.length), np.ones(12)
+    reduce(*shares.arrays, x, reduced, True)
+    expand(*shares.arrays, values, expanded)
+    # The same with dense blocks read once.
+    gone, once, back = np.zeros(shares.length), np.ones(12), np.zeros(shares.length)
+    reduce(*shares.arrays, x, gone, False)
+    expand_and_return(*shares.arrays, values, x, once, back)
+    add_at_places(shares.arrays[0], values, once)
+    for down, up in ((reduced, expanded), (gone + back, once)):
+        np.testing.assert_allclose(down, matrix @ x, atol=1e-14)
+        np.testing.assert_allclose(up, 1.0 + matrix.T @ values, atol=1e-14)
 
 
 @pytest.mark.parametrize("count", [0, 1, 4, 7])
-def test_products_with_few_rows(monkeypatch, count):
+def test_products_with_few_rows(count):
     whole = RANDOM.normal(size=(9, 9))
-    matrix = row_matrices.RowMatrix.of(whole + whole.T, MPI.COMM_SELF, 9)
+    whole += whole.T
+    matrix = RowMatrix.of(whole, MPI.COMM_SELF, 9)
     rows = np.sort(RANDOM.permutation(9)[:count])
     values = np.zeros(9)
     values[rows] = RANDOM.normal(size=count)
-
-    (product,) = check(monkeypatch, row_matrices, lambda: [matrix.product(values, rows)])
-    np.testing.assert_allclose(product, (whole + whole.T) @ values, atol=1e-12)
+    np.testing.assert_allclose(matrix.product(values, rows), whole @ values, atol=1e-12)
 
 
-def test_blocks_of_points(monkeypatch):
+def test_blocks_of_points():
     tangent, values = RANDOM.normal(size=(5, 3, 3)), RANDOM.normal(size=15)
-    module = krylov_corrections
-    (turned,) = check(monkeypatch, module, lambda: (module._turned(tangent, values),))
+    turned = krylov_corrections._turned(tangent, values)
     np.testing.assert_allclose(
         turned, np.einsum("nij,nj->ni", tangent, values.reshape(5, 3)).ravel()
     )
 
 
-def test_scaled_residuals(monkeypatch):
+def test_scaled_residuals():
     force, coupled, scale, areas = RANDOM.normal(size=12), *RANDOM.random((3, 12))
     carried, tangent = RANDOM.normal(size=(4, 3)), RANDOM.normal(size=(4, 3, 3))
     root = np.where(np.isin(np.arange(12), [5, 9, 10, 11]), 0.0, areas * scale)  # dead directions
     scale[root == 0.0] = 0.0
     given = (force, coupled, 2.0 * carried, carried, tangent, scale, root)
-    residual, scaled, sizes = check(monkeypatch, joint_step, lambda: joint_step._residual(*given))
+    residual, scaled, sizes = joint_step._residual(*given)
     assert not residual[root == 0.0].any()
     assert not scaled[3].any()
     assert residual[0] == pytest.approx(force[0] - root[0] * carried[0, 0])
@@ -160,56 +87,3 @@ def test_scaled_residuals(monkeypatch):
     expected = [largest, *(np.abs(each).max() for each in (residual, force, coupled))]
     np.testing.assert_allclose(sizes[:4], expected)
     assert sizes[4] == pytest.approx(residual @ residual)
-
-
-# Gaps of the points before a step and after it if nothing were carried, of every kind: they stay
-# open or closed, open, close, touch, and start and end at zero.
-STARTS = np.array([-1.0, -1.0, -1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, -1.0, -1.0])
-ENDS = np.array([-3.0, 1.0, 0.0, -2.0, 1.0, 0.0, 2.0, -2.0, 0.0, -1.2, 5.0])
-
-
-def gaps() -> tuple[np.ndarray, np.ndarray]:
-    """Gaps before and free gaps after, with little slip and with much, shape (22, 3), [um]."""
-    slip = np.outer(np.repeat([0.01, 3.0], len(STARTS)), [1.0, -0.5])
-    before = np.column_stack([np.tile(STARTS, 2), 0.0 * slip])
-    after = np.column_stack([np.tile(ENDS, 2), slip])
-    return before, after
-
-
-def solved(loop: Any, trial_gap: np.ndarray, compliance: np.ndarray, start: Start) -> Answer:
-    """Answer of a loop, compiled or not."""
-    answer = empty_answer(trial_gap, start.history)
-    loop(compliance, start, answer, 0, 1)
-    return answer
-
-
-@pytest.mark.parametrize("compliance", [[[0.0, 0.0]], [[0.7, 0.4]], [[1.0, 0.0]]])
-@pytest.mark.parametrize("mu", [0.0, 0.6])
-@pytest.mark.parametrize("rigid", [False, True])
-def test_whole_steps(monkeypatch, compliance, mu, rigid):
-    before, after = gaps()
-    normal, shear = (0.0, 0.0) if rigid else (1.0, 2.5)
-    if rigid:
-        before[:, 0] = np.abs(before[:, 0])  # what is rigid does not overlap
-    state = JointState(gap=before, elastic_slip=np.full((len(before), 2), 0.1))
-    stored = discrete_gradient.stored_by(state, 1.0, 0.4)
-    start = discrete_gradient.whole_step_from(state, stored, Coulomb(normal, shear, 2.5, mu))
-
-    def work():
-        loop = discrete_gradient.discrete_gradient_points
-        return solved(loop, after, np.array(compliance), start)
-
-    check(monkeypatch, discrete_gradient, work)
-
-
-@pytest.mark.parametrize("compliance", [[[0.0, 0.0]], [[0.7, 0.4]], [[1.0, 0.0]]])
-@pytest.mark.parametrize(("normal", "shear"), [(1.0, 2.5), (0.0, 0.0), (1.0, np.inf)])
-def test_ends_of_steps(monkeypatch, compliance, normal, shear):
-    before, after = gaps()
-    slip, laws = np.full((len(before), 2), 0.1), np.array([Coulomb(normal, shear, 2.5, 0.6)])
-    start = Start(before, slip, laws)
-
-    def work():
-        return solved(friction.backward_euler_points, after, np.array(compliance), start)
-
-    check(monkeypatch, friction, work)

@@ -14,12 +14,26 @@ import pytest
 pytest.importorskip("petsc4py")
 
 from dolfinx_joints import ConvergenceError, FrictionNoTension, MatrixSystem, SolverOptions
-from dolfinx_joints.laws.law import DISCRETE_GRADIENT, JointState
+from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, JointState
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC
 from dolfinx_joints.solvers.newton import NewtonSolver
 from dolfinx_joints.solvers.newton_loop import newton
 from dolfinx_joints.solvers.step_solver import SolveReport
+
+
+def friction(**changes):
+    given = {"normal_stiffness": 1.0, "shear_stiffness": 0.0, "friction_angle_deg": 0.0}
+    return FrictionNoTension(**{**given, **changes})
+
+
+def solve(solver, system, load, rule=BACKWARD_EULER):
+    """Displacement and report of a static solve from rest."""
+    b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
+    b.setArray(load)
+    state = JointState.at_rest(system.contact.gap(x))
+    _, report = solver.solve(STATIC, b, x, state, rule)
+    return x.array, report
 
 
 class Backwards(FrictionNoTension):
@@ -37,11 +51,8 @@ def test_where_no_share_helps_the_best_is_taken(cuts):
     # `cuts` times, and the smallest is the best. Forces are 1, so that this is relative too.
     law = Backwards(normal_stiffness=1.0, shear_stiffness=0.0, friction_angle_deg=0.0)
     system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=[[1.0], [0.0], [0.0]], law=law)
-    solver = NewtonSolver(system, SolverOptions(max_iterations=1, max_cuts=cuts))
-    b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
-    b.set(-1.0)
     with pytest.raises(ConvergenceError) as failure:
-        solver.solve(STATIC, b, x, JointState.at_rest(system.contact.operator.jump(x)))
+        solve(NewtonSolver(system, SolverOptions(max_iterations=1, max_cuts=cuts)), system, [-1.0])
     assert failure.value.iteration == 1
     assert failure.value.residual == pytest.approx(1.0 + 0.5 ** (cuts + 1), rel=1e-14)
 
@@ -70,47 +81,34 @@ def test_without_joints_a_solve_is_linear():
 def test_loads_of_any_size_are_carried(kind, load):
     # [[3, -1], [-1, 3]] u = (load, 0): three springs in a row and two closed joints, of 1 N/m each.
     # Residuals are relative to the forces.
-    law = FrictionNoTension(normal_stiffness=1.0, shear_stiffness=0.0, friction_angle_deg=0.0)
     gap = [[-1, 0], [0, 0], [0, 0], [0, -1], [0, 0], [0, 0]]
     stiffness = [[2.0, -1.0], [-1.0, 2.0]]
-    system = MatrixSystem.from_arrays(mass=np.eye(2), stiffness=stiffness, gap=gap, law=law)
-    b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
-    b.setArray([load, 0.0])
-    state = JointState.at_rest(system.contact.operator.jump(x))
-    make_solver(system, kind=kind).solve(STATIC, b, x, state)
-    np.testing.assert_allclose(x.array, [0.375 * load, 0.125 * load], rtol=1e-13)
+    system = MatrixSystem.from_arrays(mass=np.eye(2), stiffness=stiffness, gap=gap, law=friction())
+    u, _ = solve(make_solver(system, kind=kind), system, [load, 0.0])
+    np.testing.assert_allclose(u, [0.375 * load, 0.125 * load], rtol=1e-13)
 
 
 @pytest.mark.parametrize("load", np.linspace(-30.0, -1.1, 20))
 def test_a_step_ends_at_rounding(load):
     # A point 1 m open closes, and its mean traction over the step is no line in u. The iteration
     # ends with the residual below 1e-10 of the forces; one correction more leaves their rounding.
-    law = FrictionNoTension(normal_stiffness=7.0, shear_stiffness=0.0, friction_angle_deg=0.0)
-    gap = [[1.0], [0.0], [0.0]]
+    law, gap = friction(normal_stiffness=7.0), [[1.0], [0.0], [0.0]]
     system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=gap, law=law, initial_gap=1.0)
-    b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
-    b.set(load)
-    state = JointState.at_rest(system.contact.gap(x))
-    _, report = NewtonSolver(system).solve(STATIC, b, x, state, DISCRETE_GRADIENT)
+    (u,), report = solve(NewtonSolver(system), system, [load], DISCRETE_GRADIENT)
     assert report.residual == report.residuals[-1] <= 4.0 * np.finfo(float).eps
     assert len(report.residuals) == report.iterations + 1
     # The energy that the joint stores, 7 J/m^2 (1 + u)^2 / 2, over the way u is its mean force.
-    u = x.array[0]
     assert u + 3.5 * (1.0 + u) ** 2 / u == pytest.approx(load, rel=1e-14)
 
 
 def test_the_whole_correction_is_tried_where_no_halving_is_allowed():
     # Bulk and closed joint of 1 N/m each: Newton's first correction solves this.
-    law = FrictionNoTension(normal_stiffness=1.0, shear_stiffness=0.0, friction_angle_deg=0.0)
     gap = [[-1.0], [0.0], [0.0]]
-    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=gap, law=law)
-    b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
-    b.set(3.0)
-    state = JointState.at_rest(system.contact.operator.jump(x))
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=gap, law=friction())
     solver = make_solver(system, SolverOptions(max_cuts=0), kind="condensed")
     solver.follows_path = False  # the elastic predictor would be the solution
-    _, report = solver.solve(STATIC, b, x, state)
-    assert x.array[0] == pytest.approx(1.5, rel=1e-14)
+    u, report = solve(solver, system, [3.0])
+    assert u[0] == pytest.approx(1.5, rel=1e-14)
     assert report.iterations == 1
 
 
@@ -202,9 +200,7 @@ def test_a_correction_beyond_what_is_defined_is_halved():
 def test_few_static_solves_keep_no_compliance(points, steps, asked, kept):
     # A column costs a seventh of a back-substitution, and a static solve takes 250 products: what
     # is kept pays from m / 1750 solves on, and always up to 6000 unknowns, which are made at once.
-    law = FrictionNoTension(normal_stiffness=1.0, shear_stiffness=1.0, friction_angle_deg=30.0)
-    gap = np.zeros((3 * points, 1))
-    gap[0] = 1.0
-    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=gap, law=law)
+    gap = np.eye(3 * points, 1)
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=gap, law=friction())
     options = SolverOptions(compliance=asked)
     assert make_solver(system, options, static_steps=steps).options.compliance == kept

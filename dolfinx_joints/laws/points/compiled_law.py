@@ -9,9 +9,12 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, ClassVar
 
+import numpy as np
+
 from dolfinx_joints.laws.law import (
     BACKWARD_EULER,
     DISCRETE_GRADIENT,
+    NO_COMPLIANCE,
     Floats,
     JointState,
     Response,
@@ -30,14 +33,12 @@ class CompiledLaw(ABC):
     ``register_jitable`` if it makes arrays. Newton's method of `on_compliance` finds it on the
     compliance of the structure. `bonded_point` in `mohr_coulomb` is one.
 
-    A law that is solved there in closed form has a ``loop(compliance, start, answer, first,
-    stride)`` instead, which writes the answer of the points ``first``, ``first + stride`` and so
-    on, and begins with the trial gap in ``answer.gap``. It is compiled by ``njit(cache=True)`` of
-    `common.kernels`. `backward_euler_points` in `friction` is one.
+    A law that is solved there in closed form has a ``loop(compliance, start, answer)`` as well,
+    which writes the answer of all points and begins with the trial gap in ``answer.gap``.
+    `closed_form_loop` makes it of the answer of one point, as that of `friction`.
 
     What is given for `BACKWARD_EULER` alone is used over whole steps as well. A law of finite
-    stiffness also needs ``backward_euler``, for statics and the monolithic solver: this is
-    ``condensed_backward_euler`` with `NO_COMPLIANCE`.
+    stiffness also inherits `ElasticContact`, for statics and the monolithic solver.
 
     Attributes:
         points: Points by the name of the rule.
@@ -87,10 +88,9 @@ class CompiledLaw(ABC):
     @classmethod
     def has_loops_alone(cls) -> bool:
         """Return True if the answers are those of the loops, and no subclass overrides that."""
-        return all(
-            getattr(cls, name) is getattr(CompiledLaw, name)
-            for name in ("condensed_backward_euler", "_looped")
-        )
+        methods = ("condensed_backward_euler", "condensed_discrete_gradient")
+        own = [getattr(cls, name) for name in methods if hasattr(cls, name)]
+        return all(method.__module__ == __name__ for method in own)
 
 
 class CompiledEnergyConsistentLaw(CompiledLaw):
@@ -102,8 +102,32 @@ class CompiledEnergyConsistentLaw(CompiledLaw):
         """Return the answer over a whole step; see `CondensedEnergyConsistentLaw`."""
         return self._looped(DISCRETE_GRADIENT, trial_gap, compliance, state)
 
-    @classmethod
-    def has_loops_alone(cls) -> bool:
-        """Return True if the answers are those of the loops, and no subclass overrides that."""
-        name, base = "condensed_discrete_gradient", CompiledEnergyConsistentLaw
-        return super().has_loops_alone() and getattr(cls, name) is getattr(base, name)
+
+class ElasticContact:
+    """Methods of a `CompiledLaw` of finite stiffness: at gaps, and by default without tension."""
+
+    normal_stiffness: float
+    shear_stiffness: float
+
+    def closed_stiffness(self) -> tuple[float, float]:
+        """k_n and k_s, [Pa/m]."""
+        return self.normal_stiffness, self.shear_stiffness
+
+    def stored_energy(self, state: JointState) -> Floats:
+        """k_n <-gap_n>^2 / 2 + k_s |e|^2 / 2 of each point, shape (n,), [J/m^2]."""
+        closed = np.minimum(state.gap[:, 0], 0.0)
+        slip = np.einsum("ij,ij->i", state.elastic_slip, state.elastic_slip)
+        return 0.5 * self.normal_stiffness * closed**2 + 0.5 * self.shear_stiffness * slip
+
+    def backward_euler(self: Any, gap: Floats, state: JointState) -> Response:
+        """Return the answer at the end of a step to a gap of shape (n, 3), [m]."""
+        response: Response = self.condensed_backward_euler(gap, NO_COMPLIANCE, state)
+        return response
+
+
+class EnergyConsistentContact(ElasticContact, CompiledEnergyConsistentLaw):
+    """Base class of laws of finite stiffness with a compiled loop over whole steps."""
+
+    def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
+        """Return the answer over a whole step to a gap of shape (n, 3), [m]."""
+        return self.condensed_discrete_gradient(gap, NO_COMPLIANCE, state)

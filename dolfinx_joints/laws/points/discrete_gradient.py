@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_joints.common.kernels import inline, njit
+from dolfinx_joints.common.kernels import inline
 from dolfinx_joints.laws.law import Floats, JointState
 from dolfinx_joints.laws.points.return_mapping import (
     Answer,
@@ -172,7 +172,7 @@ def discrete_gradient_on(i: int, c_n: float, c_s: float, start: Start, answer: A
     traction, tangent, end_gap, end_stored, dissipation, status = answer
     gap, stored, trial_gap = start.gap, start.history, answer.gap
     put_nothing(i, answer)
-    law = law_of(i, start.laws)
+    law = law_of(start.parameters)
     mu = law.friction
     h_1, h_2 = trial_gap[i, 1] - gap[i, 1], trial_gap[i, 2] - gap[i, 2]
     q_1, q_2 = stored[i, 1], stored[i, 2]
@@ -224,26 +224,10 @@ def discrete_gradient_on(i: int, c_n: float, c_s: float, start: Start, answer: A
         status[i] = closed_status(slides, law)
 
 
-@inline
-def discrete_gradient_point(i: int, start: Start, answer: Answer) -> None:
-    """Answer of a point over a whole step, at its gap."""
-    discrete_gradient_on(i, 0.0, 0.0, start, answer)
-
-
-@njit(cache=True, error_model="numpy")
-def discrete_gradient_points(
-    compliance: Floats, start: Start, answer: Answer, first: int, stride: int
-) -> None:
-    """Answer over a whole step of the points ``first``, ``first + stride`` and so on."""
-    for i in range(first, len(answer.gap), stride):
-        j = i if len(compliance) > 1 else 0
-        discrete_gradient_on(i, compliance[j, 0], compliance[j, 1], start, answer)
-
-
 def whole_step_from(
     state: JointState, stored: Floats | None, law: Coulomb, struck: Floats | None = None
 ) -> Start:
-    """What `discrete_gradient_points` is told of the start of a step.
+    """Return the start of a step as `discrete_gradient_on` takes it.
 
     Args:
         state: State at the start of the step.
@@ -262,7 +246,7 @@ def whole_step_from(
         history[:, 3:8] = state.slips
     if struck is not None:
         history[:, 8:] = struck
-    return Start(state.gap, history, np.array([law], dtype=np.float64))
+    return Start(state.gap, history, np.array(law, dtype=np.float64))
 
 
 def stored_by(state: JointState, normal_stiffness: float, shear_stiffness: float) -> Floats:

@@ -81,15 +81,15 @@ class KeyStart(NamedTuple):
 
     gap: Floats
     history: Floats
-    laws: Floats
+    parameters: Floats
     faces: Faces
     ends: Answer
 
 
 @inline
-def _teeth_of(laws: Floats) -> Teeth:
+def _teeth_of(given: Floats) -> Teeth:
     """Return the parameters of all points; columns 2 to 6 are those of the friction of faces."""
-    r, k_n, k_s = laws[0, 7:], laws[0, 0], laws[0, 1]
+    r, k_n, k_s = given[7:], given[0], given[1]
     return Teeth(k_n, k_s, r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9])
 
 
@@ -220,12 +220,12 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
     @inline
     def point(i: int, start: KeyStart, answer: Answer) -> None:
         """Write the sum over the faces (9a); the load of the teeth (9b) is in the history."""
-        teeth, faces, ends = _teeth_of(start.laws), start.faces, start.ends
+        teeth, faces, ends = _teeth_of(start.parameters), start.faces, start.ends
         traction, tangent = answer.traction[i], answer.tangent[i]
         put_nothing(i, answer)
         _put_gaps(answer.gap[i], faces.plane, teeth, ends.gap)
         ratio, sticks = 0.0, False
-        friction = Start(faces.gap, faces.history, start.laws[:, 2:7])
+        friction = Start(faces.gap, faces.history, start.parameters[2:7])
         for f in range(3):
             face_point(f, friction, ends)
             if faces.kind[f] == FLANK:
@@ -248,9 +248,9 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
     solve = solver_of(point)
 
     @njit(cache=True, error_model="numpy")
-    def loop(compliance: Floats, start: Start, answer: Answer, first: int, stride: int) -> None:
+    def loop(compliance: Floats, start: Start, answer: Answer) -> None:
         """Solve the points with their teeth, and without them if these are overloaded."""
-        kind, teeth = answer.gap.dtype, _teeth_of(start.laws)
+        kind, teeth = answer.gap.dtype, _teeth_of(start.parameters)
         before = np.zeros((3, 10 if teeth.whole == 1.0 else 2), kind)
         gaps, planes, tractions, end_gaps = np.zeros((4, 3, 3), kind)
         ends = Answer(
@@ -258,9 +258,9 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
             np.zeros(3, kind), np.zeros(3, np.int8),
         )  # fmt: skip
         faces = Faces(np.zeros(3, np.int64), planes, gaps, before)
-        begun = KeyStart(start.gap, start.history, start.laws, faces, ends)
+        begun = KeyStart(start.gap, start.history, start.parameters, faces, ends)
         search, sheared = search_of(1, kind), np.zeros(COLUMNS, kind)
-        for i in range(first, len(answer.gap), stride):
+        for i in range(len(answer.gap)):
             c = compliance[i if len(compliance) > 1 else 0]
             gap, history, end = start.gap[i], start.history[i], answer.gap[i]
             trial_gap = (end[0], end[1], end[2])
@@ -294,7 +294,7 @@ def choose_all(
         faces: Faces, without these teeth; written.
         end_gap: Gap at the end in the axes of the faces, shape (n, 3, 3), [m]; written.
     """
-    teeth, energy = _teeth_of(start.laws), np.zeros(len(end), end.dtype)
+    teeth, energy = _teeth_of(start.parameters), np.zeros(len(end), end.dtype)
     sheared = np.zeros(COLUMNS, end.dtype)
     for i in range(len(end)):
         own = Faces(faces.kind[i], faces.plane[i], faces.gap[i], faces.history[i])

@@ -14,12 +14,13 @@ case like any other.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.kernels import inline
+from dolfinx_joints.common.kernels import inline, njit
 from dolfinx_joints.laws.law import (
     BORNE,
     HELD,
@@ -60,12 +61,12 @@ class Start(NamedTuple):
     Attributes:
         gap: Gap, shape (n, 3), [m].
         history: What else the points know, shape (n, m).
-        laws: The numbers of a `Coulomb`, of each point or of all, shape (n or 1, 5).
+        parameters: Those of the law, as those of a `Coulomb`, shape (k,).
     """
 
     gap: Floats
     history: Floats
-    laws: Floats
+    parameters: Floats
 
 
 class Shear(NamedTuple):
@@ -158,10 +159,9 @@ def closed_status(slides: bool, law: Coulomb) -> int:
 
 
 @inline
-def law_of(i: int, laws: Floats) -> Coulomb:
-    """Parameters of the point ``i``."""
-    row = laws[i if len(laws) > 1 else 0]
-    return Coulomb(row[0], row[1], row[2], row[3], row[4] != 0.0)
+def law_of(given: Floats) -> Coulomb:
+    """Return the parameters of a point with friction."""
+    return Coulomb(given[0], given[1], given[2], given[3], given[4] != 0.0)
 
 
 @inline
@@ -203,6 +203,33 @@ def empty_answer(trial_gap: Floats, history: Floats) -> Answer:
     )
 
 
+def closed_form_loop(point: Callable[..., None]) -> Any:
+    """Return the compiled loop of a law that has a closed form on the compliance of the structure.
+
+    Args:
+        point: ``point(i, c_n, c_s, start, answer)`` writes the answer of the point ``i``, whose gap
+            in the answer is the trial gap at first.
+    """
+
+    @njit(cache=True, error_model="numpy")
+    def points(compliance: Floats, start: Start, answer: Answer) -> None:
+        for i in range(len(answer.gap)):
+            j = i if len(compliance) > 1 else 0
+            point(i, compliance[j, 0], compliance[j, 1], start, answer)
+
+    return points
+
+
+def at_gap(point: Callable[..., None]) -> Callable[..., None]:
+    """Return the answer of a point at its gap; ``point`` as in `closed_form_loop`."""
+
+    @inline
+    def alone(i: int, start: Start, answer: Answer) -> None:
+        point(i, 0.0, 0.0, start, answer)
+
+    return alone
+
+
 def solve_points(loop: Any, trial_gap: Floats, compliance: Floats, start: Start) -> Answer:
     """Tractions of points, each on its own compliance, in closed form.
 
@@ -216,7 +243,7 @@ def solve_points(loop: Any, trial_gap: Floats, compliance: Floats, start: Start)
     """
     work = loop if trial_gap.dtype == np.float64 else loop.py_func
     answer = empty_answer(trial_gap, start.history)
-    work(compliance, start, answer, 0, 1)
+    work(compliance, start, answer)
     return answer
 
 

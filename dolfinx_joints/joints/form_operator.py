@@ -73,8 +73,7 @@ class FormOperator(GapOperator):
         u.copy(self._u.x.petsc_vec)
         self._u.x.scatter_forward()
         jump = self._exchange.to_points(self._assembled(self._jump_form) / self._areas)
-        rotated: Floats = np.einsum("nki,ni->nk", self._axes, jump)
-        return rotated
+        return np.einsum("nki,ni->nk", self._axes, jump)
 
     def force(self, traction: Floats, out: PETSc.Vec) -> PETSc.Vec:
         """Nodal forces (2), [N] (collective)."""
@@ -102,8 +101,7 @@ class FormOperator(GapOperator):
     def _assembled(self, form: fem.Form) -> Floats:
         """A linear form on the vectors at quadrature points, facet by facet, shape (m, dim)."""
         found = fem.assemble_vector(form).array.reshape(-1, self._dim)
-        values: Floats = found[self._dofs]
-        return values
+        return found[self._dofs]
 
 
 class FormTangent:

@@ -242,8 +242,7 @@ def _without_pressure(law: Any, gap: Floats, state: JointState) -> Response:
             f"A rigid joint overlaps by {-gap[:, 0].min():.3g} m: it must start without overlap, "
             "or from a static stage, and needs the condensed solver."
         )
-    response: Response = law.condensed_backward_euler(gap, NO_COMPLIANCE, state)
-    return response
+    return law.condensed_backward_euler(gap, NO_COMPLIANCE, state)
 
 
 def empty_response(count: int, variables: int) -> Response:

@@ -78,5 +78,4 @@ def _order_of_integration(rule: Floats, turned: Ints) -> Ints:
     apart = np.linalg.norm((weights @ corners[kinds])[:, :, None] - rule, axis=3)
     if np.any(apart.min(axis=2, initial=np.inf) > 1e-9):
         raise ValueError("This quadrature rule depends on the order of a facet's vertices.")
-    order: Ints = apart.argmin(axis=2)[of_facet.ravel()]
-    return order
+    return apart.argmin(axis=2)[of_facet.ravel()]

@@ -218,11 +218,9 @@ def _invariants(stress: Floats) -> tuple[Floats, Floats, Floats]:
 
 def _product(stress: Floats, strain: Floats) -> Floats:
     """Stress times strain of each point."""
-    work: Floats = np.einsum("ni,ni->n", stress, strain)
-    return work
+    return np.einsum("ni,ni->n", stress, strain)
 
 
 def _amount(strain: Floats) -> Floats:
     """sqrt(2/3) times the norm of the strain tensors."""
-    amount: Floats = np.sqrt(2.0 / 3.0 * (strain**2 @ (1.0 / _DOUBLE)))
-    return amount
+    return np.sqrt(2.0 / 3.0 * (strain**2 @ (1.0 / _DOUBLE)))

@@ -34,8 +34,7 @@ def vertex_functions(facet_vertices: int, places: Floats) -> Floats:
     """Linear functions of a facet's vertices at places on it, shape (q, vertices)."""
     kind, variant = facet_cell_type(facet_vertices), basix.LagrangeVariant.gll_warped
     linear = basix.create_element(basix.ElementFamily.P, kind, 1, variant)
-    found: Floats = linear.tabulate(0, places)[0, :, :, 0]
-    return found
+    return linear.tabulate(0, places)[0, :, :, 0]
 
 
 def facet_rule(facet_vertices: int, degree: int, rule: str | int = "auto") -> tuple[Floats, Floats]:

@@ -77,5 +77,4 @@ def vertex_permutations(facet_vertices: int) -> Ints:
         for code in range(2 if facet_vertices == 2 else 2 * facet_vertices)
     ]
     apart = np.linalg.norm(np.array(moved)[:, :, None] - corners, axis=3)
-    found: Ints = apart.argmin(axis=2)
-    return found
+    return apart.argmin(axis=2)

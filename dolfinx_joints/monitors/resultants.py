@@ -143,8 +143,7 @@ class JointForces:
 
     def water_forces(self, pressure: Floats) -> Floats:
         """The same of the water, of a pressure of shape (n,) [Pa]."""
-        normal: Floats = self._operator.frames[:, 0] * (self.areas * pressure)[:, None]
-        return normal
+        return self._operator.frames[:, 0] * (self.areas * pressure)[:, None]
 
     def points(self, joints: Response, start: Floats) -> JointPoints:
         """State of the local points, slip counted from gaps ``start``, shape (n, 3), [m]."""

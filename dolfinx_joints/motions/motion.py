@@ -81,8 +81,7 @@ class Motion(Summarised):
     @property
     def peak(self) -> NDArray[np.float64]:
         """Largest absolute value of each component, shape (3,), [m/s^2]."""
-        peaks: NDArray[np.float64] = np.abs(self.acceleration).max(axis=0)
-        return peaks
+        return np.abs(self.acceleration).max(axis=0)
 
     def __call__(self, time: ArrayLike) -> NDArray[np.float64]:
         """Return the acceleration (..., 3) [m/s^2] at times (...) [s], zero outside the motion."""

@@ -118,8 +118,7 @@ class SpectrumMatch:
     def _misfit(self, motion: Motion) -> Floats:
         values = self.with_rest(motion).acceleration[:, component_numbers(self.components)]
         found = response_spectrum(values, motion.dt, self.periods, self.damping_ratio)
-        misfit: Floats = found.pseudo_acceleration / self.target[:, None] - 1.0
-        return misfit
+        return found.pseudo_acceleration / self.target[:, None] - 1.0
 
 
 @checked

@@ -161,8 +161,7 @@ def top(points: Floats, camera: Camera) -> Floats:
     """The rightmost of the highest points, in the picture."""
     size = size_of(points)
     highest = camera.project(points[points[:, 2] >= points[:, 2].max() - 0.01 * size])
-    top: Floats = highest[np.argmax(highest[:, 0])]
-    return top
+    return highest[np.argmax(highest[:, 0])]
 
 
 def size_of(nodes: Floats) -> float:

@@ -41,16 +41,14 @@ def principal_extremes(stress: ArrayLike) -> Floats:
     """Largest and smallest principal stress, shape (2, n), of stresses (n, 6) [Pa]."""
     rows = np.asarray(stress, dtype=np.float64)
     tensors = rows[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3)
-    found: Floats = np.linalg.eigvalsh(tensors)[:, [2, 0]].T
-    return found
+    return np.linalg.eigvalsh(tensors)[:, [2, 0]].T
 
 
 def stress_along(stress: ArrayLike, direction: ArrayLike) -> Floats:
     """Normal stress along unit vectors (n, 3) of stresses (n, 6) [Pa], NaN where a vector is."""
     x, y, z = np.asarray(direction, dtype=np.float64).T
     factors = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * y * z, 2 * x * z], axis=1)
-    found: Floats = np.einsum("ij,ij->i", np.asarray(stress, dtype=np.float64), factors)
-    return found
+    return np.einsum("ij,ij->i", np.asarray(stress, dtype=np.float64), factors)
 
 
 def extreme_of(name: str, values: Floats) -> float:
@@ -146,5 +144,4 @@ def stage_stresses(stress: Floats, arch: Floats, cantilever: Floats) -> Floats:
         cantilever: Cantilever directions, shape (n, 3).
     """
     along = [stress_along(stress, direction) for direction in (arch, cantilever)]
-    columns: Floats = np.column_stack([*principal_extremes(stress), *along])
-    return columns
+    return np.column_stack([*principal_extremes(stress), *along])

@@ -56,8 +56,7 @@ class Camera:
 
     def project(self, points: ArrayLike) -> Floats:
         """Coordinates in the picture of points (..., 3), shape (..., 2), [m]."""
-        placed: Floats = np.asarray(points) @ np.stack([self.right, self.up], axis=1)
-        return placed
+        return np.asarray(points) @ np.stack([self.right, self.up], axis=1)
 
     @property
     def side(self) -> str:

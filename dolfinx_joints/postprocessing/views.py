@@ -267,8 +267,7 @@ def _turned(points: Floats, axes: Floats, camera: Camera) -> Floats:
     old, new = axes[0, :2], camera.right[:2]
     cosine, sine = old @ new, old[0] * new[1] - old[1] * new[0]
     rotation = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    turned: Floats = (points - middle) @ rotation.T + middle
-    return turned
+    return (points - middle) @ rotation.T + middle
 
 
 def _separate(polygons: Sequence[Floats] | Floats) -> tuple[Floats, list[Ints]]:

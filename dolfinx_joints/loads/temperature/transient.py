@@ -157,8 +157,7 @@ class _Stepper:
         """The values with the given temperatures of a time."""
         phase = FREQUENCY * time
         swing = self._parts @ np.array([1.0, math.cos(phase), math.sin(phase)])
-        given: Floats = np.where(self._known, swing, values)
-        return given
+        return np.where(self._known, swing, values)
 
     def _stage(self, before: Floats, time: float) -> Floats:
         """T with (M + gamma dt A) T = M before, and given temperatures at a time."""
@@ -170,8 +169,7 @@ class _Stepper:
         self._whole.mult(self._x, self._b)
         self._b.setArray(np.where(self._known, given, right - self._b.getArray()))
         self._ksp.solve(self._b, self._x)
-        found: Floats = self._x.getArray().copy()
-        return found
+        return self._x.getArray().copy()
 
     def _factor(self, dt: float) -> None:
         """Factor M + gamma dt A (collective)."""

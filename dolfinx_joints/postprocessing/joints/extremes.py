@@ -134,8 +134,7 @@ def open_points(gap: Floats, traction: Floats) -> NDArray[np.bool_]:
     """
     # A rigid joint leaves gaps of rounding size where it carries load: they do not count as open.
     negligible = 1e-12 * np.abs(traction).max(axis=(-2, -1), initial=0.0, keepdims=True)[..., 0]
-    is_open: NDArray[np.bool_] = (gap[..., 0] > 0.0) & (np.abs(traction[..., 0]) <= negligible)
-    return is_open
+    return (gap[..., 0] > 0.0) & (np.abs(traction[..., 0]) <= negligible)
 
 
 def strength_of(results: Results, joint: str, angle: float | None) -> tuple[float, float]:

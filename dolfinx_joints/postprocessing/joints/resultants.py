@@ -143,8 +143,7 @@ class JointResultants(_Resultants):
 
         Of a curved joint, see ``geometry.warning``, it is a component and not what presses.
         """
-        normal: Floats = self.force @ self.geometry.normal
-        return normal
+        return self.force @ self.geometry.normal
 
     @property
     def shear(self) -> Floats:
@@ -154,8 +153,7 @@ class JointResultants(_Resultants):
     @property
     def shear_force(self) -> Floats:
         """|V|, shape (...), [N]."""
-        size: Floats = np.linalg.norm(self.shear, axis=-1)
-        return size
+        return np.linalg.norm(self.shear, axis=-1)
 
     @property
     def sliding_safety(self) -> Floats:
@@ -219,8 +217,7 @@ def forces_of(frames: Floats, areas: Floats, traction: Floats) -> Floats:
         areas: Shape (n,), [m^2].
         traction: Components (n, s1, s2), shape (..., n, 3), [Pa].
     """
-    force: Floats = -areas[:, None] * np.einsum("nki,...nk->...ni", frames, traction)
-    return force
+    return -areas[:, None] * np.einsum("nki,...nk->...ni", frames, traction)
 
 
 @checked

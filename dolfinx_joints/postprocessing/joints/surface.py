@@ -238,8 +238,7 @@ class _Bilinear:
         """Map reference coordinates (n, 2) of facets (n,) into the plane or into space."""
         u, v = local[:, :1], local[:, 1:]
         linear = self._a[facet] + u * self._b[facet] + v * self._c[facet]
-        mapped: Floats = linear + u * v * self._d[facet]
-        return mapped
+        return linear + u * v * self._d[facet]
 
     def inverse(self, points: Floats, facet: Ints) -> Floats:
         """Reference coordinates of points (n, 2) of facets (n,), by Newton's method."""
@@ -289,8 +288,7 @@ def _nearer_part(polygon: Floats, point: Floats, other: Floats) -> Floats:
     share = np.divide(beyond, beyond - following, out=np.zeros_like(beyond), where=cut)
     crossing = polygon + share[:, None] * (polygon[then] - polygon)
     both = np.stack([polygon, crossing], axis=1).reshape(-1, 2)
-    part: Floats = both[np.stack([inside, cut], axis=1).ravel()]
-    return part
+    return both[np.stack([inside, cut], axis=1).ravel()]
 
 
 def tractions(results: Results, joint: str, number: int) -> tuple[Floats, NDArray[np.bool_]]:
@@ -323,8 +321,7 @@ def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) 
 def _value(results: Results, joint: str, quantity: MapQuantity, number: int) -> Floats:
     """Return the same as `map_value` with what the file has at tied points."""
     if quantity == "state":
-        status: Floats = results.series("states", f"joints/{joint}/status", number).astype(float)
-        return status
+        return results.series("states", f"joints/{joint}/status", number).astype(float)
     if quantity == "opening" or quantity == "slip":
         gap = 1e3 * gaps(results, "states", joint, number)
         opening: Floats = np.maximum(gap[:, 0], 0.0)

@@ -64,8 +64,7 @@ def tangent_axes(corners: Floats) -> Floats:
     first = first - normal * (np.sum(first * normal, axis=1) / np.sum(normal**2, axis=1))[:, None]
     second = np.cross(normal, first)
     axes = np.stack([first, second], axis=1)
-    unit: Floats = axes / np.linalg.norm(axes, axis=2, keepdims=True)
-    return unit
+    return axes / np.linalg.norm(axes, axis=2, keepdims=True)
 
 
 def _vertices(corners: Floats) -> tuple[Floats, Integers]:
@@ -148,5 +147,4 @@ def _placed(laid: Floats, points: Floats) -> tuple[Floats, bool]:
 def _doubled_areas(triangles: Floats) -> Floats:
     """Twice the areas of triangles in the plane (t, 3, 2), negative of clockwise ones."""
     a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    doubled: Floats = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    return doubled
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

@@ -49,7 +49,6 @@ class ImpactOscillator:
     gap: Annotated[float, at.Ge(0)] = 0.0
 
     def __post_init__(self) -> None:
-        """Check that the gap closes."""
         if self.frequency * self.gap >= self.initial_velocity:
             raise ValueError(f"gap is {self.gap} m; it must be below {self.amplitude} m, v0/omega.")
 

@@ -31,7 +31,6 @@ class Dealt:
     def __init__(
         self, comm: Any, mine: NDArray[Any], blocks: NDArray[np.int64] | None = None
     ) -> None:
-        """Keep the rows."""
         self.mine = np.ascontiguousarray(mine)
         self._blocks = np.cumsum([0, *comm.allgather(len(mine))]) if blocks is None else blocks
         self.shape = (int(self._blocks[-1]), *mine.shape[1:])

@@ -63,7 +63,6 @@ class CallGraph:
     """
 
     def __init__(self) -> None:
-        """Begin without values."""
         self.facts: list[str] = []
         # The values as well, so that no other takes their address.
         self._numbers: dict[int, tuple[int, Any]] = {}
@@ -218,13 +217,9 @@ def cell_content(cell: CellType) -> Any:
 
 class _Cache(NullCache):  # type: ignore[misc]
     """Machine code of a loop, one file for each key.
-
-    Args:
-        loop: The loop.
     """
 
     def __init__(self, loop: Dispatcher) -> None:
-        """Begin with nothing read."""
         self._loop = loop
 
     @property

@@ -62,13 +62,6 @@ def check_number(
 ) -> None:
     """Check that a value is a finite number in its range.
 
-    Args:
-        name: What the value is.
-        value: The value.
-        valid: Whether a finite number is in the range.
-        allowed: The range as text.
-        unit: Unit of the value.
-
     Raises:
         ValueError: It is not.
     """

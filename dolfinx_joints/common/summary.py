@@ -31,7 +31,6 @@ class Summarised(ABC):
         return [(printable(name), printable(str(value))) for name, value in rows]
 
     def __repr__(self) -> str:
-        """The facts as lines of text."""
         rows = self._shown()
         width = max((len(name) for name, _ in rows), default=0)
         lines = [f"  {name:<{width}}  {value}" for name, value in rows]

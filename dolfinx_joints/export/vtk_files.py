@@ -47,7 +47,6 @@ class VtkFile:
     """
 
     def __init__(self, path: Path, grid: Grid) -> None:
-        """Write the grid."""
         self.path, self._fixed = path, dict(grid.cell_data)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

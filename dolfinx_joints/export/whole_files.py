@@ -120,7 +120,6 @@ class _Waiting:
     """
 
     def __init__(self, disk: io.FileIO) -> None:
-        """Begin with what the disk has."""
         self._disk, self._place = disk, 0
         self.before = self.size = os.fstat(disk.fileno()).st_size
         self.pieces: list[Piece] = []

@@ -23,15 +23,9 @@ class Bonds:
 
     So what breaks does not depend on the way that a solver takes, and what lets go may unload
     others, as it does in steps that are short.
-
-    Args:
-        parts: Points by law.
-        comm: Communicator of the joints.
-        state: State at the start of the step.
     """
 
     def __init__(self, parts: Sequence[LawPoints], comm: Any, state: JointState) -> None:
-        """Hold all."""
         self._parts, self._comm, self._state = parts, comm, state
         self._released: NDArray[np.bool_] = np.zeros(len(state.gap), dtype=bool)
 

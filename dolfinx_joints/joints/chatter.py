@@ -37,7 +37,6 @@ class Chatter:
     """
 
     def __init__(self, contact: Contact | None) -> None:
-        """Nothing is seen yet."""
         self._contact = contact
         points = 0 if contact is None else len(contact.operator.joint)
         # By point: time of its contact, impulse, friction work; time of the last flight.

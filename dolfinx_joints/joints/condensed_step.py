@@ -104,7 +104,6 @@ class PointStep:
     """
 
     def __init__(self, part: LawPoints, rule: Rule, compliance: Floats, state: JointState) -> None:
-        """Prepare what all evaluations share."""
         self._part, self._rule, self._compliance, self._state = part, rule, compliance, state
         self._law = law = part.compiled_over(rule)
         if law is not None:

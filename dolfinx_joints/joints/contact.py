@@ -65,7 +65,6 @@ class Contact:
         laws: AnyLaw | Mapping[str, AnyLaw],
         initial_gaps: Mapping[str, InitialGap] | None = None,
     ) -> None:
-        """Sort the points by law."""
         self.operator = operator
         gaps = initial_gaps or {}
         check_kind_of("initial_gaps", gaps, isinstance(gaps, Mapping), "a gap per joint name")

@@ -56,13 +56,9 @@ class InternalForces(Protocol):
 
 class JointInternalForces:
     """The joints.
-
-    Args:
-        contact: Joints with their laws.
     """
 
     def __init__(self, contact: Contact) -> None:
-        """Nothing is computed."""
         self.contact = contact
         self.at_rest, self.trial, self.respond = contact.at_rest, contact.trial, contact.respond
 

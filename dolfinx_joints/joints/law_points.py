@@ -55,10 +55,6 @@ _SHAPES: dict[str, tuple[int, ...]] = {
 class LawPoints:
     """The points of one law.
 
-    Args:
-        law: The law.
-        points: Its local points.
-
     Attributes:
         law: The law.
         points: Its local points.
@@ -74,7 +70,6 @@ class LawPoints:
     """
 
     def __init__(self, law: AnyLaw, points: NDArray[np.int64]) -> None:
-        """Find the methods that the rules ask for."""
         from dolfinx_joints.laws.rigid import RigidJoint
         from dolfinx_joints.laws.viscous import DashpotStep
 

@@ -18,15 +18,9 @@ from dolfinx_joints.mesh.joint_surface import JointSurface
 
 class PointExchange:
     """Carries values between joint points, dealt to the ranks in blocks, and points of facets.
-
-    Args:
-        surface: The joint surface.
-        layout: All joint points.
-        count: Number of joint points of this rank.
     """
 
     def __init__(self, surface: JointSurface, layout: JointPoints, count: int) -> None:
-        """Find the joint point of each point of each facet."""
         number = surface.number
         order = _order_of_integration(layout.rule, surface.turned)
         self._point = np.take_along_axis(layout.number[number], order, axis=1).ravel()

@@ -60,7 +60,6 @@ class PotentialJoint:
     _points: UflPoints = field(init=False)
 
     def __post_init__(self) -> None:
-        """Compile psi, traction and tangent."""
         points = UflPoints(type(self).__name__)
         psi = points.expression("energy", self.energy)
         traction = ufl.diff(psi, points.gap)
@@ -146,7 +145,6 @@ class TractionJoint:
     _points: UflPoints = field(init=False)
 
     def __post_init__(self) -> None:
-        """Compile traction, tangent, updates and energy."""
         owner, internal = type(self).__name__, self.internal
         _check_internal(owner, internal)
         points = UflPoints(owner, tuple(internal))

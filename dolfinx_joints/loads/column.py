@@ -38,7 +38,6 @@ class Column:
         travels: Sequence[float],
         spacing: float,
     ) -> None:
-        """Begin without samples."""
         self._incident, self._z, self._travels = incident, list(impedances), list(travels)
         self._spacing = min(spacing, min(travels) / FEWEST)
         self._block = max(int(min(travels) / self._spacing) - FEWEST + 1, 1)

@@ -80,7 +80,6 @@ class FreeField:
     highest_frequency: Annotated[float, at.Gt(0), at.Unit("Hz")] = 25.0
 
     def __post_init__(self) -> None:
-        """Check groups and letters."""
         check_groups("FreeField", self.groups)
         if self.components is not None:
             components_of(self.components, 3)

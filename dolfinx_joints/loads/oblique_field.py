@@ -127,7 +127,6 @@ class ObliqueFreeField:
     highest_frequency: Annotated[float, at.Gt(0), at.Unit("Hz")] = 25.0
 
     def __post_init__(self) -> None:
-        """Check the groups."""
         check_groups("ObliqueFreeField", self.groups)
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:

@@ -79,10 +79,6 @@ class CellShape:
 
 def vtk_layout(shape: CellShape, count: int) -> tuple[int, Ints]:
     """VTK's number of a Lagrange cell, and its nodes in VTK's order.
-
-    Args:
-        shape: Of the cell.
-        count: Number of its nodes.
     """
     kind = getattr(dolfinx.mesh.CellType, shape.name)
     order = np.argsort(dolfinx.cpp.io.perm_vtk(kind, count))

@@ -79,7 +79,6 @@ class FacetSurface:
     """
 
     def __init__(self, x: Floats, vertices: int, degree: int) -> None:
-        """Sample the facets."""
         kind = _TYPES[vertices]
         # Coordinates of maps are millions of metres: differences would be rounding.
         self._origin: Floats = x.reshape(-1, x.shape[2]).mean(axis=0)

@@ -26,9 +26,6 @@ Floats = NDArray[np.float64]
 class CellOrder:
     """Values on cells in the order of the input mesh, in which cells are dealt in equal blocks.
 
-    Args:
-        model: The model.
-
     Attributes:
         owned: Number of cells that this rank owns.
     """
@@ -69,11 +66,6 @@ class OwnCells(NamedTuple):
 
 def own_cells(model: Model, nodes: NodeNumbering, cells: CellOrder) -> OwnCells:
     """The cells of a model that are dealt to this rank (collective).
-
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
-        cells: Orders the cells.
     """
     jointed, V = model.jointed, model.V
     table = V.dofmap.list[: cells.owned]
@@ -89,10 +81,6 @@ def own_cells(model: Model, nodes: NodeNumbering, cells: CellOrder) -> OwnCells:
 
 def body_cells(model: Model, nodes: NodeNumbering) -> Cells:
     """The cells of a model for a results file (collective).
-
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
     """
     order, comm = CellOrder(model), model.jointed.mesh.comm
     kind, own, inside = own_cells(model, nodes, order)
@@ -112,11 +100,6 @@ class BodyMesh(NamedTuple):
 
 def body_mesh(model: Model, nodes: NodeNumbering, rows: JointRows | None) -> tuple[BodyMesh, str]:
     """Mesh and joints for a results file, and on rank 0 the hash of the mesh (collective).
-
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
-        rows: Orders the joint points; None without joints.
     """
     comm, surface = model.jointed.mesh.comm, boundary_facets(model, nodes)
     mesh = BodyMesh(

@@ -26,10 +26,6 @@ _FROM_PLASTIC = [0, 1, 2, 5, 3, 4]  # VTK's order from that of strains
 
 class CellFields:
     """Stress, change of temperature and plastic strain of each cell.
-
-    Args:
-        model: The model.
-        cells: Orders its cells.
     """
 
     def __init__(self, model: Model, cells: CellOrder) -> None:

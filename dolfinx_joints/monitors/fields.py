@@ -54,18 +54,11 @@ def energies(model: Model, record: Record) -> dict[str, float]:
 
 class Fields:
     """Displacements of all nodes and values of all joint points.
-
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
-        rows: Orders the joint points; None without joints.
-        wet: Names of the joints with water.
     """
 
     def __init__(
         self, model: Model, nodes: NodeNumbering, rows: JointRows | None, wet: Sequence[str]
     ) -> None:
-        """Find the joints with water or a bond."""
         self._nodes, self._rows, self._contact = nodes, rows, model.contact
         bonded = () if model.contact is None else broken_joints(model.contact)
         self._only: dict[str, Sequence[str]] = {"pressure": wet, "broken": bonded}
@@ -115,13 +108,6 @@ class Fields:
 
 class StageFields:
     """Static stages as the stream ``statics`` of a results file.
-
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
-        rows: Orders the joint points; None without joints.
-        probe: Reads the monitor points.
-        envelopes: Recovers stresses; None for none.
     """
 
     def __init__(
@@ -132,7 +118,6 @@ class StageFields:
         probe: PointProbe,
         envelopes: StressEnvelopes | None,
     ) -> None:
-        """Find the joints with water."""
         self._model, self._nodes, self._probe, self._envelopes = model, nodes, probe, envelopes
         wet = tuple(dict.fromkeys(load.joint for load in water_in_joints(model.loads)))
         self._fields = Fields(model, nodes, rows, wet)

@@ -19,9 +19,6 @@ Rows = NDArray[Any]
 class JointRows:
     """Values of joint points facet by facet, joint by joint, facets dealt in equal blocks.
 
-    Args:
-        operator: The joint operator.
-
     Attributes:
         names: Names of the joints.
         joint: Joint number of each row of this rank, ascending, shape (n,).

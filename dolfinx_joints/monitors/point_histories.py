@@ -22,14 +22,9 @@ STATIC_PART = "static_displacement"
 
 class PointHistories:
     """What of the stream ``histories`` is read of each record.
-
-    Args:
-        model: The model.
-        probe: Reads nodal vectors at the points.
     """
 
     def __init__(self, model: Model, probe: PointProbe) -> None:
-        """Begin without a record."""
         self._model, self._probe = model, probe
         self._supports = (*model.constraints.groups, *model.constraints.points)
         self._before: tuple[float, Floats] | None = None

@@ -70,9 +70,6 @@ def broken(contact: Contact, joints: Response) -> NDArray[np.int8]:
 class JointForces:
     """Resultants of the joints of a model in any of its states.
 
-    Args:
-        model: The model, with joints.
-
     Attributes:
         names: Names of the joints.
         geometry: Centroid, mean normal, area and flatness of each joint.
@@ -170,10 +167,6 @@ class Blocks:
 
     They are numbered by their first node in the input mesh.
 
-    Args:
-        model: The model, with joints.
-        nodes: Numbers the nodes.
-
     Attributes:
         mass: Shape (blocks,), [kg].
         centre: Centre of mass, of a block without mass the mean of its nodes, (blocks, 3), [m].
@@ -226,12 +219,6 @@ def _masses(model: Model, block: Ints, count: int) -> tuple[Floats, Floats]:
 
 class ResultantsStream:
     """Resultants of joints and blocks as a stream of a results file, at every step.
-
-    Args:
-        model: The model, with joints.
-        nodes: Numbers the nodes.
-        rows: Orders the joint points.
-        wet: Names of the joints with water.
 
     Attributes:
         sides: Blocks on the - and + side of each joint point by joint, facet by facet.

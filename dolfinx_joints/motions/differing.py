@@ -40,7 +40,6 @@ class Passage:
     direction: Annotated[Sequence[float], at.Len(2, 3)]
 
     def __post_init__(self) -> None:
-        """Check that it goes somewhere."""
         if not np.any(self.direction):
             raise ValueError(f"Passage: direction is {shown(self.direction)}; it has no length.")
 

@@ -51,7 +51,6 @@ class Motion(Summarised):
     name: str = "motion"
 
     def __post_init__(self) -> None:
-        """Check the values."""
         values = numbers_of(self.acceleration)
         if values is None or values.ndim != 2 or len(values) < 2 or values.shape[1] != 3:
             got = shown(self.acceleration) if values is None else values.shape

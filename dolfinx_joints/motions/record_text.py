@@ -101,7 +101,6 @@ class RecordText:
     """Lines of a text file, of its first ``head`` bytes where that is given."""
 
     def __init__(self, path: str | Path, *, head: int = -1) -> None:
-        """Read the lines."""
         self.path = Path(path)
         try:
             with self.path.open("rb") as file:

@@ -49,7 +49,6 @@ class Body:
     """
 
     def __init__(self, results: Results, groups: Collection[str] | None = None) -> None:
-        """Read the boundary, part it and find the joints."""
         check_results(results)
         self.nodes: Floats = results.static("mesh/nodes")
         surface = results.static("mesh/surface")
@@ -97,7 +96,6 @@ class Deformed:
     """
 
     def __init__(self, body: Body, displacement: Floats, factor: float) -> None:
-        """Move the nodes."""
         self._body = body
         self._moved = self._body.nodes + factor * displacement
         self._size = 1e3 * np.linalg.norm(displacement, axis=1)

@@ -104,7 +104,6 @@ class Envelopes:
     """
 
     def __init__(self, arch: Floats, cantilever: Floats) -> None:
-        """Begin before the first stresses."""
         self._arch, self._cantilever = arch, cantilever
         self._largest: Floats = np.full((3, len(arch)), -np.inf)
         self._smallest: Floats = np.full((3, len(arch)), np.inf)

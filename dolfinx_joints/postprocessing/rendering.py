@@ -47,7 +47,6 @@ class Camera:
     """
 
     def __init__(self, azimuth_deg: float, elevation_deg: float) -> None:
-        """Take the axes of the picture from the angles."""
         azimuth, elevation = np.deg2rad([azimuth_deg, elevation_deg])
         flat = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         self.right: Floats = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
@@ -81,7 +80,6 @@ class Scene:
     """
 
     def __init__(self, room: Floats | None = None) -> None:
-        """Start with nothing."""
         self._framed = [] if room is None else [room]
         self.layers: list[tuple[Any, dict[str, Any]]] = []
 

@@ -50,7 +50,6 @@ class StageStates(Results):
     """
 
     def __init__(self, results: Results) -> None:
-        """Share the file."""
         self.path, self._opened = results.path, results._opened
         self._names, self._rows = results._names, results._rows
 

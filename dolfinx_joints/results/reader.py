@@ -56,18 +56,15 @@ class Results(Summarised):
     """
 
     def __init__(self, path: str | Path) -> None:
-        """Open the file."""
         self.path = Path(path)
         self._opened = _open(self.path)
         self._names: dict[str, list[str]] = {}  # by group
         self._rows: dict[str, int] = {}  # likewise, once the run has ended
 
     def __enter__(self) -> Self:
-        """Return the reader."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the file."""
         self.close()
 
     def close(self) -> None:

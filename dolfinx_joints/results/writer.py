@@ -54,7 +54,6 @@ class ResultsWriter:
         aside: Path | None = None,
         flush_interval: float = 1.0,
     ) -> None:
-        """Create the file and write the metadata."""
         self.path = Path(path)
         encoded = _encode_json(metadata, "metadata")
         self._lock = FileLock(self.path, ResultsError)
@@ -169,7 +168,6 @@ class ResultsWriter:
         return {name: stream.records for name, stream in self._streams.items()}
 
     def __enter__(self) -> Self:
-        """Return the writer."""
         return self
 
     def __exit__(

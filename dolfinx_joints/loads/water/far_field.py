@@ -70,7 +70,6 @@ class FarField:
     def __init__(
         self, section: Section, velocities: Sequence[Sequence[TimeFactor]], step: float
     ) -> None:
-        """Factor the section's matrix."""
         self._section, self._velocities, self._step = section, velocities, step
         matrix = 2.0 / step**2 * section.mass + section.losses / step + 0.5 * section.stiffness
         self._factor = splu(csc_array(matrix))

@@ -64,7 +64,6 @@ class SeepageLine:
     gravity: Annotated[float, at.Ge(0), at.Unit("m/s^2")] = STANDARD_GRAVITY
 
     def __post_init__(self) -> None:
-        """Check that there is a way."""
         if len(self.start) != len(self.end) or np.array_equal(self.start, self.end):
             raise ValueError(
                 f"SeepageLine: end is {self.end}; it must be another point than start "
@@ -106,7 +105,6 @@ class Uplift:
     factor: TimeFactor = always
 
     def __post_init__(self) -> None:
-        """Check the pressure."""
         _check_pressure("Uplift: pressure", self.pressure)
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
@@ -152,7 +150,6 @@ class JointWater:
     factor: TimeFactor = always
 
     def __post_init__(self) -> None:
-        """Check the pressure of the closed joint."""
         _check_pressure("JointWater: closed", self.closed)
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:

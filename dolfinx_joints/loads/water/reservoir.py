@@ -69,7 +69,6 @@ class ReservoirMass:
     sound_speed: Annotated[float, at.Gt(0), at.Unit("m/s")] = 1440.0
 
     def __post_init__(self) -> None:
-        """Check the direction."""
         check_upstream(self)
 
     def __str__(self) -> str:

@@ -72,7 +72,6 @@ class MeshedReservoir:
     gravity_waves: bool = False
 
     def __post_init__(self) -> None:
-        """Check the mesh and its groups."""
         good = isinstance(self.mesh, JointedMesh)
         check_kind_of(f"{self}: mesh", self.mesh, good, "a mesh, as from read_msh")
         if self.mesh.mesh.comm.size > 1:

@@ -81,7 +81,6 @@ class ReservoirWaves:
     layers: Annotated[int, at.Ge(1)] | None = None
 
     def __post_init__(self) -> None:
-        """Check what is no plain parameter."""
         check_upstream(self)
         if self.absorbing_length > self.length:
             raise ValueError(
@@ -295,7 +294,6 @@ class _Edges:
     apex: Floats
 
     def __getitem__(self, chosen: Ints) -> _Edges:
-        """Some of them."""
         return _Edges(nodes=self.nodes[chosen], ends=self.ends[chosen], apex=self.apex[chosen])
 
 

@@ -184,7 +184,6 @@ class _Face:
     """Facets of this rank as lines or triangles, along their middle nodes where they have some."""
 
     def __init__(self, facets: WettedFacets) -> None:
-        """Divide the facets."""
         self._facets = facets
         count, nodes = facets.nodes.shape
         gdim = facets.places.shape[2]

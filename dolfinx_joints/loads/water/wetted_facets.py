@@ -69,7 +69,6 @@ class WettedFacets:
     def __init__(
         self, space: Any, jointed: JointedMesh, facets: NDArray[Any], level: float
     ) -> None:
-        """Cut the facets into pieces."""
         mesh, self._shape, self._level = jointed.mesh, jointed.shape, level
         self._gdim = mesh.geometry.dim
         self._geometry = jointed.shape.element()

@@ -22,11 +22,6 @@ from dolfinx_joints.mesh.joint_pairs import JointPairs
 
 def glued(pairs: JointPairs, start: int, stop: int) -> Ints:
     """Number of each node from ``start`` to ``stop`` where the joints are glued together.
-
-    Args:
-        pairs: All facet pairs.
-        start: First node.
-        stop: The node after the last.
     """
     sides = np.stack([pairs.minus_vertices, pairs.plus_vertices])
     nodes, place = np.unique(sides, return_inverse=True)

@@ -42,7 +42,6 @@ class XdmfGrids:
     """The grids of one file."""
 
     def __init__(self, path: Path) -> None:
-        """Read what is in the file itself."""
         check_file(path, f"Mesh file {str(path)!r} does not exist.", MeshError)
         try:
             domain = ElementTree.parse(path).find("Domain")

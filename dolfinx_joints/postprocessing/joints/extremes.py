@@ -57,7 +57,6 @@ class JointExtremes:
     values: Mapping[str, Floats]
 
     def __getattr__(self, name: str) -> Floats:
-        """Return one of the values."""
         if name == "values" or name not in self.values:
             raise AttributeError(f"Extremes of a joint have no {name!r}.")
         return self.values[name]

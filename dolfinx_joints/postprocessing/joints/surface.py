@@ -57,10 +57,6 @@ def is_plane(results: Statics) -> bool:
 class JointFacets:
     """The facets of a joint in space, and the part of its facet that is nearest to each point.
 
-    Args:
-        results: the run.
-        joint: name of the joint.
-
     Attributes:
         tied: which points are tied, shape (n,).
         corners: corners of the facets, shape (facets, 3 or 4, 3), [m].
@@ -68,7 +64,6 @@ class JointFacets:
     """
 
     def __init__(self, results: Statics, joint: str) -> None:
-        """Find the facets of the mesh that carry the points."""
         results.check_joint(joint)
         points = results.static(f"joints/{joint}/points")
         self.tied = tied_points(results, joint)
@@ -140,10 +135,6 @@ class JointSurface(JointFacets):
     The plane is the mean plane of the joint; a joint that bends more than a little, such as the
     perimetral one of a dam, is unrolled.
 
-    Args:
-        results: the run.
-        joint: name of the joint.
-
     Attributes:
         points: joint points in the plane, shape (n, 2), [m].
         facets: corners of the facets in the plane, shape (facets, 3 or 4, 2), [m].
@@ -154,7 +145,6 @@ class JointSurface(JointFacets):
     """
 
     def __init__(self, results: Statics, joint: str) -> None:
-        """Project or unroll the facets of the mesh that carry the points."""
         super().__init__(results, joint)
         frames = results.static(f"joints/{joint}/frames")
         areas = results.static(f"joints/{joint}/areas")
@@ -224,7 +214,6 @@ class _Bilinear:
     """
 
     def __init__(self, corners: Floats) -> None:
-        """Take the coefficients from the corners."""
         self.reference: Floats = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
         self._a = corners[:, 0]
         self._b, self._c = corners[:, 1] - self._a, corners[:, -1] - self._a

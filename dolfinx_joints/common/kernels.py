@@ -216,8 +216,7 @@ def cell_content(cell: CellType) -> Any:
 
 
 class _Cache(NullCache):  # type: ignore[misc]
-    """Machine code of a loop, one file for each key.
-    """
+    """Machine code of a loop, one file for each key."""
 
     def __init__(self, loop: Dispatcher) -> None:
         self._loop = loop

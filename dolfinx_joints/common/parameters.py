@@ -226,16 +226,21 @@ def numbers_of(value: Any) -> NDArray[np.float64] | None:
         return None
 
 
+def whole_number(value: Any) -> int | None:
+    """Return a value as a whole number, None if it is none, as truth values."""
+    try:
+        return None if isinstance(value, bool | np.bool_) else operator.index(value)
+    except TypeError:
+        return None
+
+
 def check_count(name: str, value: Any, least: int, allowed: str) -> int:
     """The value as a whole number of ``least`` or more.
 
     Raises:
         ValueError: It is none.
     """
-    try:
-        whole = None if isinstance(value, bool | np.bool_) else operator.index(value)
-    except TypeError:
-        whole = None
+    whole = whole_number(value)
     if whole is None or whole < least:
         raise ValueError(f"{name} is {shown(value)}; {allowed}.")
     return whole

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
 from functools import cached_property
 from typing import Any
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import JointsError, MeshError
 from dolfinx_joints.common.mpi import raised_together, summed
-from dolfinx_joints.common.parameters import check_each, check_kind_of, check_number, shown
+from dolfinx_joints.common.parameters import check_each, check_kind_of, check_number
 from dolfinx_joints.joints.bonds import Bonds, broken_points
 from dolfinx_joints.joints.condensed_step import ContactStep
 from dolfinx_joints.joints.form_operator import FormOperator
@@ -34,6 +34,7 @@ from dolfinx_joints.laws.law import (
     StatusCounts,
     check_law,
 )
+from dolfinx_joints.mesh.joint_pairs import no_such_joint
 
 InitialGap = float | Callable[[Floats], Floats]
 
@@ -338,11 +339,6 @@ class Contact:
         wrong &= np.isfinite(response.state.gap).all(axis=1)
         joint = self.worst_joint(wrong.astype(np.float64))
         return None if joint is None else (joint, type(self.laws[joint]).__name__)
-
-
-def no_such_joint(name: Any, names: Collection[str]) -> str:
-    """What to say of the name of a joint that there is none of."""
-    return f"There is no joint {shown(name)}; the joints are: {', '.join(names) or 'none'}."
 
 
 def _checked_gap(name: str, gap: InitialGap, places: Floats) -> Floats:

@@ -55,8 +55,7 @@ class InternalForces(Protocol):
 
 
 class JointInternalForces:
-    """The joints.
-    """
+    """The joints."""
 
     def __init__(self, contact: Contact) -> None:
         self.contact = contact

@@ -17,8 +17,7 @@ from dolfinx_joints.mesh.joint_surface import JointSurface
 
 
 class PointExchange:
-    """Carries values between joint points, dealt to the ranks in blocks, and points of facets.
-    """
+    """Carries values between joint points, dealt to the ranks in blocks, and points of facets."""
 
     def __init__(self, surface: JointSurface, layout: JointPoints, count: int) -> None:
         number = surface.number

@@ -49,11 +49,11 @@ def prepare(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
         here = pairs.joint == i
         slots.pop(name, None)
         slots[f"{name}-"], slots[f"{name}+"] = pairs.minus[here], pairs.plus[here]
-    facets, tags, facet_groups = tag_sets(*_members(slots))
+    facets, tags, facet_groups = tag_sets(*members(slots))
     facet_values = np.zeros((len(split.cells), len(raw.shape.facet_vertices)), dtype=np.int32)
     facet_values[facets[:, 0], facets[:, 1]] = tags
     chosen = {name: cells[:, None] for name, cells in raw.cell_groups.items()}
-    tagged, tags, cell_groups = tag_sets(*_members(chosen))
+    tagged, tags, cell_groups = tag_sets(*members(chosen))
     cell_values = np.zeros(len(split.cells), dtype=np.int32)
     cell_values[tagged[:, 0]] = tags
     return PreparedMesh(
@@ -181,7 +181,7 @@ def tag_sets(
     return found, (values[len(sets) :][of_own.ravel()] + 1).astype(np.int32), tags
 
 
-def _members(slots: Mapping[str, Ints]) -> tuple[Ints, Ints, Iterable[str]]:
+def members(slots: Mapping[str, Ints]) -> tuple[Ints, Ints, Iterable[str]]:
     """What `tag_sets` takes, of rows by name."""
     if not slots:
         return np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64), ()

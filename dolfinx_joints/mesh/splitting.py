@@ -19,7 +19,7 @@ from scipy.spatial import KDTree
 
 from dolfinx_joints.common.errors import MeshError, warn
 from dolfinx_joints.mesh.blocks import connected
-from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets, middle
 from dolfinx_joints.mesh.orientation import orient_pairs
 
 
@@ -186,7 +186,6 @@ def _check_sides(names: list[str], facets: Ints, number: Ints, count: Ints, x: F
     """Check that joint facets separate two cells and stand in one joint."""
     wrong = np.flatnonzero(count != 2)
     if len(wrong):
-        where = ", ".join(f"{v:.4g}" for v in x[facets[wrong[0]]].mean(axis=0))
         outer = count == 1
         centres = x[facets[outer]].mean(axis=1).round(12)
         if len(np.unique(centres, axis=0)) < len(centres):
@@ -197,8 +196,8 @@ def _check_sides(names: list[str], facets: Ints, number: Ints, count: Ints, x: F
             )
         raise MeshError(
             f"Joint {names[number[wrong[0]]]!r}: {len(wrong)} of its facets do not have one cell "
-            f"on each side (the first, centred at ({where}), has {count[wrong[0]]}); a joint must "
-            "lie inside the body, between two cells."
+            f"on each side (the first, centred at {middle(x[facets[wrong[0]]])}, has "
+            f"{count[wrong[0]]}); a joint must lie inside the body, between two cells."
         )
     _, first, inverse = np.unique(
         np.sort(facets, axis=1), axis=0, return_index=True, return_inverse=True

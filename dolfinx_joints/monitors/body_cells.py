@@ -65,8 +65,7 @@ class OwnCells(NamedTuple):
 
 
 def own_cells(model: Model, nodes: NodeNumbering, cells: CellOrder) -> OwnCells:
-    """The cells of a model that are dealt to this rank (collective).
-    """
+    """The cells of a model that are dealt to this rank (collective)."""
     jointed, V = model.jointed, model.V
     table = V.dofmap.list[: cells.owned]
     kind, order = vtk_layout(jointed.shape, table.shape[1])
@@ -80,8 +79,7 @@ def own_cells(model: Model, nodes: NodeNumbering, cells: CellOrder) -> OwnCells:
 
 
 def body_cells(model: Model, nodes: NodeNumbering) -> Cells:
-    """The cells of a model for a results file (collective).
-    """
+    """The cells of a model for a results file (collective)."""
     order, comm = CellOrder(model), model.jointed.mesh.comm
     kind, own, inside = own_cells(model, nodes, order)
     first = blocks_of(comm, len(own))[comm.rank]
@@ -99,8 +97,7 @@ class BodyMesh(NamedTuple):
 
 
 def body_mesh(model: Model, nodes: NodeNumbering, rows: JointRows | None) -> tuple[BodyMesh, str]:
-    """Mesh and joints for a results file, and on rank 0 the hash of the mesh (collective).
-    """
+    """Mesh and joints for a results file, and on rank 0 the hash of the mesh (collective)."""
     comm, surface = model.jointed.mesh.comm, boundary_facets(model, nodes)
     mesh = BodyMesh(
         nodes=nodes.across(nodes.positions),

@@ -53,8 +53,7 @@ def energies(model: Model, record: Record) -> dict[str, float]:
 
 
 class Fields:
-    """Displacements of all nodes and values of all joint points.
-    """
+    """Displacements of all nodes and values of all joint points."""
 
     def __init__(
         self, model: Model, nodes: NodeNumbering, rows: JointRows | None, wet: Sequence[str]
@@ -107,8 +106,7 @@ class Fields:
 
 
 class StageFields:
-    """Static stages as the stream ``statics`` of a results file.
-    """
+    """Static stages as the stream ``statics`` of a results file."""
 
     def __init__(
         self,

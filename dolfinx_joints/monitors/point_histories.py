@@ -21,8 +21,7 @@ STATIC_PART = "static_displacement"
 
 
 class PointHistories:
-    """What of the stream ``histories`` is read of each record.
-    """
+    """What of the stream ``histories`` is read of each record."""
 
     def __init__(self, model: Model, probe: PointProbe) -> None:
         self._model, self._probe = model, probe

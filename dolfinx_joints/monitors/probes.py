@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
+from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
@@ -18,6 +19,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import sorted_rows, summed
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
+from dolfinx_joints.mesh.cells import facet_slots
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.mesh.orientation import facet_normals
 from dolfinx_joints.model.model import Model
@@ -62,13 +64,9 @@ def _probe(name: str, given: Any) -> Probe:
 
 
 def boundary_facets(
-    model: Model,
-    nodes: NodeNumbering,
-    *,
-    without: NDArray[np.int32] | None = None,
-    only: NDArray[np.int32] | None = None,
+    model: Model, nodes: NodeNumbering, facets: NDArray[np.int32] | None = None
 ) -> NDArray[np.int64]:
-    """Vertices of all exterior facets in cyclic order, in rising order, dealt (collective).
+    """Vertices of exterior facets in cyclic order, in rising order, dealt (collective).
 
     Both sides of the joints are among them. The normals of that order, `facet_normals`, point out
     of the body. A rank has the facets whose first vertex is dealt to it.
@@ -76,31 +74,14 @@ def boundary_facets(
     Args:
         model: The model.
         nodes: Numbers the nodes.
-        without: Local numbers of facets to leave out.
-        only: Local numbers of facets, of which the exterior ones are taken; all unless given.
+        facets: Local numbers of the exterior facets to take; all unless given.
 
     Returns:
         Node numbers, shape (num_facets, vertices per facet).
     """
-    from dolfinx.cpp.mesh import cell_num_entities
-    from dolfinx.mesh import exterior_facet_indices
-
     mesh = model.jointed.mesh
-    tdim = mesh.topology.dim
-    mesh.topology.create_connectivity(tdim - 1, tdim)
-    mesh.topology.create_connectivity(tdim, tdim - 1)
-    facets = exterior_facet_indices(mesh.topology)
-    if without is not None:
-        facets = np.setdiff1d(facets, without)
-    if only is not None:
-        facets = np.intersect1d(facets, only)
-    to_cell = mesh.topology.connectivity(tdim - 1, tdim)
-    to_facet = mesh.topology.connectivity(tdim, tdim - 1)
-    cells = to_cell.array[to_cell.offsets[facets]]
-    per_cell = to_facet.array.reshape(  # a rank may have no cells
-        -1, cell_num_entities(mesh.topology.cell_type, tdim - 1)
-    )
-    local = np.argmax(per_cell[cells] == facets[:, None], axis=1)
+    chosen = exterior_facet_indices(mesh.topology) if facets is None else facets
+    cells, local = facet_slots(mesh, chosen)
     return sorted_rows(mesh.comm, nodes.blocks, facets_of_cells(model, nodes, cells, local))
 
 

@@ -11,6 +11,7 @@ import basix
 import numpy as np
 import ufl
 from dolfinx import fem
+from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix
@@ -293,7 +294,8 @@ def facets_of_groups(model: Model, nodes: NodeNumbering, groups: Sequence[str]) 
     """Vertices of the exterior facets of named groups, dealt (collective)."""
     found, comm = [], model.jointed.mesh.comm
     for group in groups:
-        facets = boundary_facets(model, nodes, only=model.jointed.facets(group))
+        outer = exterior_facet_indices(model.jointed.mesh.topology)
+        facets = boundary_facets(model, nodes, np.intersect1d(outer, model.jointed.facets(group)))
         if not comm.allreduce(len(facets)):
             raise MeshError(f"The facet group {group!r} has no facets on the boundary.")
         found.append(facets)
@@ -304,6 +306,7 @@ def free_facets(model: Model, nodes: NodeNumbering) -> Ints:
     """Vertices of the exterior facets of no joint and no support, dealt (collective)."""
     jointed = model.jointed
     sides = [f"{name}{side}" for name in jointed.joint_names for side in "-+"]
-    taken = [jointed.facets(group) for group in (*sides, *model.constraints.groups)]
-    without = np.unique(np.concatenate(taken)) if taken else np.empty(0, dtype=np.int32)
-    return boundary_facets(model, nodes, without=without)
+    free = exterior_facet_indices(jointed.mesh.topology)
+    for group in (*sides, *model.constraints.groups):
+        free = np.setdiff1d(free, jointed.facets(group))
+    return boundary_facets(model, nodes, free)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.postprocessing import measures, views
 from dolfinx_joints.postprocessing.envelopes import EnvelopeName
 from dolfinx_joints.postprocessing.frames import common_frame, nodal_displacement
-from dolfinx_joints.postprocessing.joints.surface import JointSurface
+from dolfinx_joints.postprocessing.joints.surface import facets_of_joint
 from dolfinx_joints.postprocessing.palette import colours
 from dolfinx_joints.postprocessing.rendering import round_scale
 from dolfinx_joints.report.page import (
@@ -202,7 +202,7 @@ def _opening(results: Results, joint: str, number: int) -> Floats:
 
 def _joint_faces(results: Results, surface: Integers) -> tuple[dict[str, dict[str, str]], Integers]:
     """Triangles of the joints' faces, and the number of the joint facet of each triangle."""
-    sides = [JointSurface(results, joint).sides() for joint in results.joints]
+    sides = [facets_of_joint(results, joint)[1].ravel() for joint in results.joints]
     chosen = np.concatenate([np.zeros(0, dtype=np.int64), *sides])
     return _triangles(surface[chosen], np.repeat(np.arange(len(chosen) // 2), 2))
 

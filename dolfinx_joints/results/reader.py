@@ -43,8 +43,6 @@ VERSION = 1
 STAGE_NAME_BYTES = 120  # of the name of a static stage
 RELATIVE, ABSOLUTE = "relative to the ground", "absolute"  # displacements, in the metadata
 
-_MOST_LISTED = 12  # names in a message
-
 Index = int | slice
 
 
@@ -368,11 +366,9 @@ def _dataset_names(group: h5py.Group) -> list[str]:
     return names
 
 
-def listing(names: Iterable[str]) -> str:
+def listing(every: Iterable[str]) -> str:
     """Names in one line, for messages; of many the first."""
-    every = list(names)
-    more = f" and {len(every) - _MOST_LISTED} more" if len(every) > _MOST_LISTED else ""
-    return (", ".join(every[:_MOST_LISTED]) or "none") + more
+    return names(every) or "none"
 
 
 def _decode_json(dataset: h5py.Dataset) -> dict[str, Any]:

@@ -29,6 +29,7 @@ from dolfinx_joints.loads.temperature.fields import (
     Face,
     face_values,
     factored,
+    field_of,
     scalar_space,
 )
 from dolfinx_joints.loads.temperature.joint_conductance import Joints, Openings, joint_term
@@ -84,10 +85,7 @@ def transient_temperatures(
     for end in ends:
         now = stepper.step(now, time, float(end) - time)
         time = float(end)
-        field = fem.Function(space, name="temperature")
-        field.x.array[: len(now)] = now
-        field.x.scatter_forward()
-        found.append(field)
+        found.append(field_of(space, now))
     stepper.destroy()
     return found
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.mesh import dolfinx_versions
-from dolfinx_joints.mesh.cells import Floats, Ints, facet_slots
+from dolfinx_joints.mesh.cells import Floats, Ints, facet_slots, lagrange
 from dolfinx_joints.mesh.closest_points import longest_sides
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
@@ -72,12 +72,7 @@ class WettedFacets:
         mesh, self._shape, self._level = jointed.mesh, jointed.shape, level
         self._gdim = mesh.geometry.dim
         self._geometry = jointed.shape.element()
-        self._displacement = basix.create_element(
-            basix.ElementFamily.P,
-            jointed.shape.type,
-            space.ufl_element().degree,
-            basix.LagrangeVariant.gll_warped,
-        )
+        self._displacement = lagrange(jointed.shape.type, space.ufl_element().degree)
         fdim = mesh.topology.dim - 1
         cells, self._local = facet_slots(mesh, facets)
         closure = space.dofmap.dof_layout.entity_closure_dofs

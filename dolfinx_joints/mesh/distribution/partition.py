@@ -21,8 +21,7 @@ from dolfinx_joints.mesh.joint_pairs import JointPairs
 
 
 def glued(pairs: JointPairs, start: int, stop: int) -> Ints:
-    """Number of each node from ``start`` to ``stop`` where the joints are glued together.
-    """
+    """Number of each node from ``start`` to ``stop`` where the joints are glued together."""
     sides = np.stack([pairs.minus_vertices, pairs.plus_vertices])
     nodes, place = np.unique(sides, return_inverse=True)
     one, other = place.reshape(2, -1)

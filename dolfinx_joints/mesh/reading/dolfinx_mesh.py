@@ -7,7 +7,7 @@ Cells and nodes have the numbers that they had when the mesh was made, which no 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -31,7 +31,7 @@ from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, check_curves, facet_slots
 from dolfinx_joints.mesh.distribution.shares import PreparedMesh
 from dolfinx_joints.mesh.joint_pairs import JointPairs
-from dolfinx_joints.mesh.preparation import check_names, prepare, tag_sets
+from dolfinx_joints.mesh.preparation import check_names, members, prepare, tag_sets
 
 
 def split_share(
@@ -48,7 +48,7 @@ def split_share(
     """
     comm, tdim, shape = mesh.comm, mesh.topology.dim, _shape(mesh)
     facets = _group_entities(mesh, tdim - 1, groups, facet_tags)
-    members = _group_entities(mesh, tdim, cell_groups, cell_tags)
+    cells_of_groups = _group_entities(mesh, tdim, cell_groups, cell_tags)
     check_names(facets)
     with raised_together(comm):
         original = _order_of_cells(mesh)
@@ -85,6 +85,9 @@ def split_share(
     set_rows(comm, glued, node, split.glued)
     facet_values = np.zeros((len(table), len(shape.facet_vertices)), dtype=np.int32)
     cell_values = np.zeros(len(table), dtype=np.int32)
+    of_cells = {name: original[each, None] for name, each in cells_of_groups.items()}
+    tagged, tags, cell_groups = _tagged(comm, len(table), of_cells)
+    cell_values[tagged[:, 0]] = tags
     return PreparedMesh(
         shape=shape,
         cells=table,
@@ -93,7 +96,7 @@ def split_share(
         x=dealt(comm, every, *x_of_all),
         glued=glued,
         pairs=split.pairs,
-        cell_groups=_cell_values(comm, cell_values, original, members),
+        cell_groups=cell_groups,
         facet_groups=_facet_values(comm, facet_values, rows, list(facets), split.pairs),
     )
 
@@ -199,58 +202,44 @@ def _facet_values(
         groups: The groups.
         pairs: The facet pairs, on rank 0.
     """
-    names = [name for name in groups if name not in pairs.names]
-    sides = [
-        (f"{name}{end}", side, i)
-        for i, name in enumerate(pairs.names)
-        for end, side in (("-", pairs.minus), ("+", pairs.plus))
-    ]
-    names = list(dict.fromkeys([*names, *(name for name, *_ in sides)]))
+    slots = {name: rows[rows[:, 2] == k, :2] for k, name in enumerate(groups)}
     # Of a facet on a joint, `rows` have one of the two faces; other groups get that across too.
     number = np.array([values.shape[1], 1])  # of a facet of a cell, by a product
     one, across = np.vstack([pairs.minus, pairs.plus]), np.vstack([pairs.plus, pairs.minus])
     of_joint = np.isin(rows[:, 2], [k for k, name in enumerate(groups) if name in pairs.names])
     doubled = np.isin(rows[:, :2] @ number, rows[of_joint, :2] @ number) & ~of_joint
     shared = np.concatenate(comm.allgather(rows[doubled, :3]))
-    parts = [rows[:0, :3]]
     for k, name in enumerate(groups):
-        if name in names:
-            slots = rows[rows[:, 2] == k, :2]
-            here = np.isin(one @ number, shared[shared[:, 2] == k, :2] @ number)
-            slots = np.vstack([slots, across[here]])
-            parts.append(np.column_stack([slots, np.full(len(slots), names.index(name))]))
-    for name, side, i in sides:
-        slots = side[pairs.joint == i]
-        parts.append(np.column_stack([slots, np.full(len(slots), names.index(name))]))
-    first, members = _to_blocks(comm, len(values), np.concatenate(parts))
-    found, tags, of_groups = tag_sets(members[:, :2], members[:, 2], names, _of_all(comm))
-    values[found[:, 0] - first, found[:, 1]] = tags
+        here = np.isin(one @ number, shared[shared[:, 2] == k, :2] @ number)
+        slots[name] = np.vstack([slots[name], across[here]])
+    for i, name in enumerate(pairs.names):
+        slots.pop(name, None)
+        for end, side in (("-", pairs.minus), ("+", pairs.plus)):
+            none = np.empty((0, 2), dtype=np.int64)
+            slots[name + end] = np.vstack([slots.get(name + end, none), side[pairs.joint == i]])
+    found, tags, of_groups = _tagged(comm, len(values), slots)
+    values[found[:, 0], found[:, 1]] = tags
     return of_groups
 
 
-def _cell_values(
-    comm: Any, values: NDArray[np.int32], original: Ints, groups: dict[str, NDArray[np.int32]]
-) -> dict[str, tuple[int, ...]]:
-    """Tag this rank's block of cells, shape (cells,); the tags of each group (collective)."""
-    parts = [np.empty((0, 2), dtype=np.int64)]
-    parts += [
-        np.column_stack([original[each], np.full(len(each), k)])
-        for k, each in enumerate(groups.values())
-    ]
-    first, members = _to_blocks(comm, len(values), np.concatenate(parts))
-    found, tags, of_groups = tag_sets(members[:, :1], members[:, 1], groups, _of_all(comm))
-    values[found[:, 0] - first] = tags
-    return of_groups
+def _tagged(
+    comm: Any, num_cells: int, slots: dict[str, Ints]
+) -> tuple[Ints, NDArray[np.int32], dict[str, tuple[int, ...]]]:
+    """Tag the cells or facets of groups in this rank's block of cells (collective).
 
+    Args:
+        comm: Communicator of the mesh.
+        num_cells: Cells of the block.
+        slots: Cells, or cells and local facets, by group; any rank may have them.
 
-def _to_blocks(comm: Any, num_cells: int, rows: Ints) -> tuple[int, Ints]:
-    """First cell of this rank's block, and the rows of cells in it (collective)."""
+    Returns:
+        What `tag_sets` gives, cells counted from the first one of the block.
+    """
+    rows, group, names = members(slots)
     blocks = blocks_of(comm, num_cells)
-    return int(blocks[comm.rank]), sent_to(comm, rank_of(blocks, rows[:, 0]), rows)
-
-
-def _of_all(comm: Any) -> Callable[[NDArray[np.bool_]], NDArray[np.bool_]]:
-    return lambda member: np.concatenate(comm.allgather(member))
+    here = sent_to(comm, rank_of(blocks, rows[:, 0]), np.column_stack([rows, group]))
+    here[:, 0] -= blocks[comm.rank]
+    return tag_sets(here[:, :-1], here[:, -1], names, lambda m: np.concatenate(comm.allgather(m)))
 
 
 def _group_entities(

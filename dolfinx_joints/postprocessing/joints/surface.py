@@ -89,10 +89,6 @@ class JointFacets:
         both: Ints = np.take_along_axis(numbers, nearest, axis=-1)
         return both.swapaxes(1, 2)
 
-    def sides(self) -> Ints:
-        """Numbers of the boundary facets of both sides, shape (2 facets,)."""
-        return self._both.ravel()
-
     def patches_in_space(self) -> list[Floats]:
         """Polygon of each point: the part of its facet nearer to it than to the others, [m].
 
@@ -280,23 +276,6 @@ def _nearer_part(polygon: Floats, point: Floats, other: Floats) -> Floats:
     return both[np.stack([inside, cut], axis=1).ravel()]
 
 
-def tractions(results: Results, joint: str, number: int) -> tuple[Floats, NDArray[np.bool_]]:
-    """Tractions (n, 3) [MPa] and which points are open (positive gap, no traction)."""
-    traction = 1e-6 * results.series("states", f"joints/{joint}/traction", number)
-    gap = results.series("states", f"joints/{joint}/gap", number)
-    return traction, open_points(gap, traction)
-
-
-def traction_value(traction: Floats, quantity: Quantity) -> Floats:
-    """Quantity of each point; the ratio is 0 where there is no normal traction."""
-    normal, shear = traction[:, 0].copy(), np.hypot(traction[:, 1], traction[:, 2])
-    if quantity == "ratio":
-        loaded = normal != 0.0
-        ratio: Floats = np.divide(shear, np.abs(normal), out=np.zeros_like(shear), where=loaded)
-        return -ratio
-    return normal if quantity == "normal" else shear
-
-
 def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) -> Floats:
     """Value of each point in the unit of its label, shape (n,).
 
@@ -315,8 +294,12 @@ def _value(results: Results, joint: str, quantity: MapQuantity, number: int) -> 
         gap = 1e3 * gaps(results, "states", joint, number)
         opening: Floats = np.maximum(gap[:, 0], 0.0)
         return opening if quantity == "opening" else np.hypot(gap[:, 1], gap[:, 2])
-    traction, is_open = tractions(results, joint, number)
-    return np.where(is_open, np.nan, traction_value(traction, quantity))
+    traction = 1e-6 * results.series("states", f"joints/{joint}/traction", number)
+    normal, shear = traction[:, 0], np.hypot(traction[:, 1], traction[:, 2])
+    ratio = -np.divide(shear, np.abs(normal), out=np.zeros_like(shear), where=normal != 0.0)
+    values = {"normal": normal, "tangential": shear, "ratio": ratio}[quantity]
+    gap = results.series("states", f"joints/{joint}/gap", number)
+    return np.where(open_points(gap, traction), np.nan, values)
 
 
 def map_limits(quantity: MapQuantity, values: Floats) -> tuple[float, float]:

@@ -10,11 +10,11 @@ from typing import Annotated
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 
-Floats = NDArray[np.float64]
 Positive = Annotated[float, at.Gt(0)]
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing.joints.surface import (
     JointFacets,
@@ -23,8 +24,6 @@ from dolfinx_joints.results.joint_points import Statics, tied_points
 from dolfinx_joints.results.quantities import JointPoints, at_points, rows_below, rows_by
 from dolfinx_joints.results.reader import Results
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Array = Any  # NumPy's, or `Dealt`
 
 POLYGON, VERTEX = 7, 1  # VTK's numbers
@@ -79,9 +78,9 @@ def body_grid(results: Results, groups: Collection[str] | None = None) -> Grid:
 
 def uniform_grid(
     points: Floats,
-    cells: NDArray[np.integer[Any]],
+    cells: Ints,
     kind: int,
-    groups: Mapping[str, NDArray[np.integer[Any]]],
+    groups: Mapping[str, Ints],
 ) -> Grid:
     """Grid of cells of one kind, shape (num_cells, nodes per cell), with the rows of each group.
 

@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Response
-
-Floats = NDArray[np.float64]
 
 # Steps of a contact or a flight that a run resolves; shorter contacts per point that are more than
 # impacts; their share of the normal impulse.

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.errors import JointsError, MeshError
 from dolfinx_joints.common.mpi import raised_together, summed
 from dolfinx_joints.common.parameters import check_each, check_kind_of, check_number
@@ -84,7 +85,7 @@ class Contact:
             members = [i for i, name in enumerate(operator.names) if by_name[name] is law]
             self._laws.append(LawPoints(law, np.flatnonzero(np.isin(operator.joint, members))))
         self._variables = max((part.variables for part in self._laws), default=0)
-        self.acting: NDArray[np.bool_] = np.ones(len(operator.joint), dtype=bool)
+        self.acting: Flags = np.ones(len(operator.joint), dtype=bool)
         self.tied = operator.tied
         self.initial_gap: Floats = operator.initial_gap.copy()
         places = np.zeros_like(self.initial_gap) if operator.points is None else operator.points
@@ -115,7 +116,7 @@ class Contact:
         other.operator = operator
         return other
 
-    def without(self, idle: NDArray[np.bool_]) -> Contact | None:
+    def without(self, idle: Flags) -> Contact | None:
         """The same with nothing carried by some local points; None if no point acts (collective).
 
         Laws without a point that acts are no longer there to choose a solver by.
@@ -222,7 +223,7 @@ class Contact:
         """Kinds of the laws whose numerical loss under a rule is a difference of other works."""
         return tuple(sorted({part.kind for part in self._laws if not part.states_losses(rule)}))
 
-    def broken(self, before: JointState, after: JointState) -> NDArray[np.bool_]:
+    def broken(self, before: JointState, after: JointState) -> Flags:
         """Return at which local points bonds have broken between two states, shape (n,)."""
         return broken_points(self._laws, before, after)
 

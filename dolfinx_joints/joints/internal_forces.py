@@ -7,14 +7,12 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import TangentMatrix
 from dolfinx_joints.laws.law import JointState, Response, Rule, StatusCounts
-
-Floats = NDArray[np.float64]
 
 
 class InternalForces(Protocol):

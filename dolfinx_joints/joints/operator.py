@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.sparse import coo_array
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.mpi import gathered, lasting, rows_at
 from dolfinx_joints.joints.points import JointPoints, joint_points
 from dolfinx_joints.mesh.cells import Floats, Ints
@@ -87,7 +88,7 @@ class GapOperator:
         return int(self.matrix.getSize()[0] // 3)
 
     @cached_property
-    def tied(self) -> NDArray[np.bool_]:
+    def tied(self) -> Flags:
         """Return which local points can neither open nor slide, their rows of B zero, shape (n,).
 
         At the end of a joint inside a body both sides share their nodes.

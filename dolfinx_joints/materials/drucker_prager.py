@@ -12,12 +12,11 @@ import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.materials.bulk_law import BulkResponse, BulkState, BulkStatus
 from dolfinx_joints.materials.elastic import Elastic
-
-Floats = NDArray[np.float64]
 
 _TRACE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 # Deviatoric stress of a unit shear modulus over 2 from strains with angles.

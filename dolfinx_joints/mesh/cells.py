@@ -14,10 +14,9 @@ import numpy as np
 from dolfinx.cpp.mesh import cell_num_entities
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats as Floats
+from dolfinx_joints.common.arrays import Ints as Ints
 from dolfinx_joints.common.errors import MeshError
-
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 # VTK's numbers of linear and of Lagrange cells.
 _VTK = {
@@ -108,9 +107,7 @@ class RawMesh:
     facet_groups: dict[str, Ints]
 
 
-def find_facets(
-    shape: CellShape, cells: Ints, facets: Ints
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def find_facets(shape: CellShape, cells: Ints, facets: Ints) -> tuple[Ints, Ints]:
     """Find the cells at given facets.
 
     Args:

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import basix
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.mesh.cells import Floats, Ints, lagrange
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
 
@@ -50,7 +50,7 @@ class ClosestPoints:
     facet: Ints
     local: Floats
     distance: Floats
-    converged: NDArray[np.bool_]
+    converged: Flags
 
 
 def longest_sides(vertices: Floats) -> Floats:
@@ -143,7 +143,7 @@ class FacetSurface:
 
     def _projected(
         self, points: Floats, facet: Ints, local: Floats
-    ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    ) -> tuple[Floats, Floats, Flags]:
         """Return the closest place on one facet for each point, its distance, and convergence."""
         local, distance = local.copy(), np.zeros(len(points))
         active = np.arange(len(points))

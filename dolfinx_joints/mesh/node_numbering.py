@@ -11,6 +11,7 @@ from dolfinx.fem import FunctionSpace
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Ints
 from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.mpi import (
     RowsAt,
@@ -85,7 +86,7 @@ def _cells(V: FunctionSpace) -> int:
     return int(V.mesh.topology.index_map(V.mesh.topology.dim).size_global)
 
 
-def _least_slots(V: FunctionSpace, place: NDArray[np.int64]) -> NDArray[np.int64]:
+def _least_slots(V: FunctionSpace, place: Ints) -> Ints:
     """A number for each local node that no partition changes (collective).
 
     The smallest (input cell, position in the cell) slot that holds the node, on any rank.

@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 
 
@@ -31,7 +31,7 @@ def facet_normals(x: Floats) -> Floats:
 
 def orient_pairs(
     shape: CellShape, cells: Ints, x: Floats, joint: Ints, one: Ints, two: Ints
-) -> NDArray[np.bool_]:
+) -> Flags:
     """Decide which side of each joint facet is the - side.
 
     Within a connected part of a joint all normals (from - to +) agree; the part as a whole is

@@ -11,6 +11,7 @@ from difflib import get_close_matches
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.errors import MeshError, warn
 from dolfinx_joints.common.parameters import PLAIN_NAMES, is_plain_name, shown
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, find_facets
@@ -151,7 +152,7 @@ def tag_sets(
     entities: Ints,
     group: Ints,
     names: Iterable[str],
-    of_all: Callable[[NDArray[np.bool_]], NDArray[np.bool_]] = lambda member: member,
+    of_all: Callable[[Flags], Flags] = lambda member: member,
 ) -> tuple[Ints, NDArray[np.int32], dict[str, tuple[int, ...]]]:
     """Give each set of groups that some entity belongs to a tag of its own.
 

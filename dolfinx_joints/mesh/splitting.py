@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import basix
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.errors import MeshError, warn
 from dolfinx_joints.mesh.blocks import connected
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets, middle
@@ -104,7 +104,7 @@ def _number_groups(table: Ints, next_number: int) -> Ints:
     return number[inverse.ravel()]
 
 
-def _rows_in(rows: Ints, table: Ints) -> NDArray[np.bool_]:
+def _rows_in(rows: Ints, table: Ints) -> Flags:
     """Whether each row stands in ``table``."""
     _, inverse = np.unique(np.vstack([table, rows]), axis=0, return_inverse=True)
     return np.isin(inverse.ravel()[len(table) :], inverse.ravel()[: len(table)])

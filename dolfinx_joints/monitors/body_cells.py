@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Flags, Ints
 from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.mpi import RowsAt, across, blocks_of, dealt, equal_blocks
 from dolfinx_joints.mesh.cells import vtk_layout
@@ -19,8 +20,6 @@ from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.manifest import mesh_hash
 from dolfinx_joints.monitors.probes import boundary_facets
 from dolfinx_joints.results.layout import Array, Cells
-
-Floats = NDArray[np.float64]
 
 
 class CellOrder:
@@ -60,8 +59,8 @@ class OwnCells(NamedTuple):
     """
 
     kind: int
-    nodes: NDArray[np.int64]
-    inside: dict[str, NDArray[np.bool_]]
+    nodes: Ints
+    inside: dict[str, Flags]
 
 
 def own_cells(model: Model, nodes: NodeNumbering, cells: CellOrder) -> OwnCells:

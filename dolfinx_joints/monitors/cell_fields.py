@@ -10,17 +10,15 @@ from typing import Any
 import basix
 import numpy as np
 from dolfinx import fem
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.plastic_cells import PlasticResponse
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.body_cells import CellOrder
 from dolfinx_joints.postprocessing.envelopes import principal_extremes
-
-Floats = NDArray[np.floating[Any]]
 
 _FROM_PLASTIC = [0, 1, 2, 5, 3, 4]  # VTK's order from that of strains
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError, warn
 from dolfinx_joints.common.files import FileLock, released
@@ -43,7 +44,6 @@ from dolfinx_joints.monitors.probes import facets_of_cells
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record, StageRecord
 
-Floats = NDArray[np.float64]
 # Values of points and of cells, by name.
 Values = tuple[Mapping[str, Any], Mapping[str, Any]]
 

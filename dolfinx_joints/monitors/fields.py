@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.mpi import rows_at
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.loads.load import load_names
@@ -28,8 +29,6 @@ from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import Record, StageRecord
 from dolfinx_joints.simulation.statics.stage_start import CONSTRUCTION
 from dolfinx_joints.simulation.statics.unfinished import unfinished
-
-Floats = NDArray[np.float64]
 
 
 def energy_terms(model: Model) -> list[str]:

@@ -8,14 +8,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.probes import PointProbe
 from dolfinx_joints.simulation.record import Record
-
-Floats = NDArray[np.floating[Any]]
 
 STATIC_PART = "static_displacement"
 
@@ -65,7 +63,7 @@ class PointHistories:
         acceleration: Floats = np.zeros_like(velocity)
         if self._before is not None:
             time, before = self._before
-            acceleration = (velocity - before) / (record.time - time)
+            acceleration = np.asarray((velocity - before) / (record.time - time))
         self._before = record.time, velocity
         ground = {"ground_acceleration": record.ground_acceleration}
         if record.free_surface is not None:

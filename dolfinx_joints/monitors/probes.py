@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.places import as_text, cell_size, extent, nearest_nodes, sides_at
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import sorted_rows, summed
@@ -23,9 +24,6 @@ from dolfinx_joints.mesh.cells import facet_slots
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.mesh.orientation import facet_normals
 from dolfinx_joints.model.model import Model
-
-Floats = NDArray[np.float64]
-
 
 # Of the size of the cells there: a node farther from its point is told of.
 FAR = 0.1
@@ -65,7 +63,7 @@ def _probe(name: str, given: Any) -> Probe:
 
 def boundary_facets(
     model: Model, nodes: NodeNumbering, facets: NDArray[np.int32] | None = None
-) -> NDArray[np.int64]:
+) -> Ints:
     """Vertices of exterior facets in cyclic order, in rising order, dealt (collective).
 
     Both sides of the joints are among them. The normals of that order, `facet_normals`, point out
@@ -87,7 +85,7 @@ def boundary_facets(
 
 def facets_of_cells(
     model: Model, nodes: NodeNumbering, cells: NDArray[Any], local: NDArray[Any]
-) -> NDArray[np.int64]:
+) -> Ints:
     """Vertices of facets of local cells in cyclic order, normals pointing out of the cells.
 
     Args:

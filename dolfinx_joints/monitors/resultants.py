@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.joints.contact import Contact
@@ -25,9 +26,6 @@ from dolfinx_joints.postprocessing.joints.resultants import (
 from dolfinx_joints.results.quantities import JointPoints
 from dolfinx_joints.results.writer import ResultsWriter
 from dolfinx_joints.simulation.record import Record
-
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.int64]
 
 
 def strengths(contact: Contact) -> dict[str, dict[str, Any]]:

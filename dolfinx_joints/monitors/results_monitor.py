@@ -12,9 +12,9 @@ from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError, MeshError, OtherRunError, warn
 from dolfinx_joints.common.mpi import handing_out, raised_together
@@ -37,8 +37,6 @@ from dolfinx_joints.results.reader import ABSOLUTE, RELATIVE
 from dolfinx_joints.results.writer import ResultsWriter, check_storable, holds_statics_alone
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record, StageRecord
-
-Floats = NDArray[np.floating[Any]]
 
 
 @dataclass(eq=False)

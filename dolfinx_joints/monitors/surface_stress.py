@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.dealt import Dealt
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import (
@@ -35,8 +36,6 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.probes import boundary_facets
 from dolfinx_joints.postprocessing.envelopes import Envelopes, face_directions, stage_stresses
 
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.int64]
 Array = NDArray[Any] | Dealt
 
 _CHUNK = 512  # cells evaluated at a time: 16 MB for hexahedra of degree 2

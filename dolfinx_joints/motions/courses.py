@@ -8,14 +8,13 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import numbers_of, shown
 from dolfinx_joints.motions.motion import Motion, Seconds
-
-Floats = NDArray[np.float64]
 
 # Of the largest velocity, with which a record of velocities may begin.
 AT_REST = 0.01

@@ -10,17 +10,15 @@ from typing import Annotated, Literal
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
+from dolfinx_joints.common.arrays import Flags, Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning, warn
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.common.summary import Rows, Summarised
 from dolfinx_joints.motions.courses import displacement_of
 from dolfinx_joints.motions.motion import Motion
-
-Floats = NDArray[np.float64]
 
 # Of the largest velocity, by which the final velocities of two motions may differ.
 DRIFT = 0.01
@@ -164,7 +162,7 @@ class DifferingMotion(Summarised):
     def relative_to_reference(
         self,
         x: Floats,
-        members: Mapping[str, NDArray[np.bool_]],
+        members: Mapping[str, Flags],
         first: float,
         *,
         rate: bool = False,
@@ -195,7 +193,7 @@ class DifferingMotion(Summarised):
 
         return moved
 
-    def _shares(self, x: Floats, members: Mapping[str, NDArray[np.bool_]]) -> Floats:
+    def _shares(self, x: Floats, members: Mapping[str, Flags]) -> Floats:
         """Share of each motion at each place, shape (n, motions)."""
         one_each = np.eye(len(self.named))
         if self.groups:

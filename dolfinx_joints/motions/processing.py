@@ -10,18 +10,18 @@ samples, and are linear in between. Parameters are checked by the methods of
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from dolfinx_joints.common.arrays import Floats
 
 ROUNDING = 1e-9
 """Part of a sample by which a time may miss a sample and still mean it."""
 
 
-def fall(x: NDArray[np.floating[Any]], start: float, end: float) -> Floats:
+def fall(x: ArrayLike, start: float, end: float) -> Floats:
     """Half a cosine that falls from 1 at ``start`` to 0 at ``end``."""
-    share = np.clip((x - start) / (end - start), 0.0, 1.0)
-    values: Floats = np.cos(0.5 * np.pi * share) ** 2
+    share = np.clip((np.asarray(x) - start) / (end - start), 0.0, 1.0)
+    values = np.cos(0.5 * np.pi * share) ** 2
     return np.where(share == 1.0, 0.0, values)
 
 
@@ -81,7 +81,7 @@ def band_pass(
     return both[pad:-pad]
 
 
-def low_pass(acceleration: NDArray[np.floating[Any]], dt: float, band: float) -> Floats:
+def low_pass(acceleration: Floats, dt: float, band: float) -> Floats:
     """The signal with the part 1 / (1 + (f / band)^8) of what it holds at a frequency f.
 
     No phase is shifted, and the gain is the same at every ``dt``. The cosine transform mirrors the

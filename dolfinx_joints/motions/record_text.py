@@ -5,6 +5,7 @@
 Every message names the file, the line, what it has and what it should.
 """
 
+import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -133,8 +134,8 @@ class RecordText:
 
     def number(self, number: int, text: str, what: str = "") -> float:
         """A finite number in a line, or an error message with ``what``."""
-        value = float(text) if _NUMBER.fullmatch(text) else np.nan
-        if not np.isfinite(value):
+        value = float(text) if _NUMBER.fullmatch(text) else math.nan
+        if not math.isfinite(value):
             self.fail(number, f"{what}{' ' if what else ''}{shown(text)} is not a finite number.")
         return value
 
@@ -183,7 +184,9 @@ class RecordText:
 
     def words(self, number: int, width: int = 0) -> list[str]:
         """Parts of a line, between blanks, commas or semicolons, or of a fixed width."""
-        line = _FORTRAN.sub("E", self.lines[number - 1])
+        line = self.lines[number - 1]
+        if "D" in line or "d" in line:
+            line = _FORTRAN.sub("E", line)
         if width:
             return [line[i : i + width].strip() for i in range(0, len(line), width)]
         return line.replace(",", " ").replace(";", " ").split()

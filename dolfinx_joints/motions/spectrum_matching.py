@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve
 from scipy.ndimage import gaussian_filter1d
 
+from dolfinx_joints.common.arrays import Flags, Floats, Ints
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import RecordError
@@ -29,9 +30,7 @@ from dolfinx_joints.motions.spectra import (
     significant_duration,
 )
 
-Floats = NDArray[np.float64]
 Whole = NDArray[np.intp]
-Flags = NDArray[np.bool_]
 
 SAMPLES = 10
 """In the shortest period that is matched; a peak between two samples is then 5 % higher at most.
@@ -79,8 +78,8 @@ class SpectrumMatch:
     damping_ratio: float
     tolerance: float
     factors: Floats
-    passes: NDArray[np.int64]
-    rounds: NDArray[np.int64]
+    passes: Ints
+    rounds: Ints
 
     @property
     def misfit_before(self) -> Floats:

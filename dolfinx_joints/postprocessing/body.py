@@ -8,8 +8,8 @@ from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.postprocessing.joints.surface import facets_of_joint
 from dolfinx_joints.postprocessing.palette import CONCRETE, RED, colours
 from dolfinx_joints.postprocessing.rendering import (
@@ -26,8 +26,6 @@ from dolfinx_joints.results.reader import Results
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.integer[Any]]
 
 MESH: dict[str, Any] = {"show_edges": True, "edge_color": "#8c8c8c", "edge_opacity": 0.35}
 OUTLINE: dict[str, Any] = {"color": "#737373", "line_width": 3.0}

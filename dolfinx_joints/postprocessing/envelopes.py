@@ -7,15 +7,14 @@ Stresses are rows (xx, yy, zz, xy, yz, xz) [Pa], tension positive.
 
 from __future__ import annotations
 
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.results.layout import Array
 from dolfinx_joints.results.writer import ResultsWriter
-
-Floats = NDArray[np.floating[Any]]
 
 EnvelopeName = Literal[
     "principal_max",
@@ -41,7 +40,7 @@ def principal_extremes(stress: ArrayLike) -> Floats:
     """Largest and smallest principal stress, shape (2, n), of stresses (n, 6) [Pa]."""
     rows = np.asarray(stress, dtype=np.float64)
     tensors = rows[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3)
-    return np.linalg.eigvalsh(tensors)[:, [2, 0]].T
+    return np.asarray(np.linalg.eigvalsh(tensors)[:, [2, 0]].T)
 
 
 def stress_along(stress: ArrayLike, direction: ArrayLike) -> Floats:

@@ -10,16 +10,13 @@ would move it, such as an outcrop far from the dam.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing.joints.surface import is_plane
 from dolfinx_joints.results.reader import ABSOLUTE, RELATIVE, Results
-
-Floats = NDArray[np.floating[Any]]
 
 GROUND = "ground"  # what a displacement may be relative to, besides monitor points
 BASE = "mean of the base"

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.constants import ACCELERATION_BAND, STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError, ResultsError
@@ -87,8 +87,6 @@ from dolfinx_joints.results.reader import Results
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
-
-Floats = NDArray[np.floating[Any]]
 
 
 @checked

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.postprocessing.axes import new_figure
 
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.integer[Any]]
 Faces = Sequence[Sequence[int]] | Sequence[Ints] | Ints
 
 _MARGIN = 0.02  # of the larger side of a picture
@@ -50,8 +49,9 @@ class Camera:
         azimuth, elevation = np.deg2rad([azimuth_deg, elevation_deg])
         flat = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         self.right: Floats = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-        self.towards: Floats = np.cos(elevation) * flat + np.array([0.0, 0.0, np.sin(elevation)])
-        self.up: Floats = np.cross(self.towards, self.right)
+        up = np.array([0.0, 0.0, np.sin(elevation)])
+        self.towards: Floats = np.asarray(np.cos(elevation) * flat + up)
+        self.up: Floats = np.asarray(np.cross(self.towards, self.right))
 
     def project(self, points: ArrayLike) -> Floats:
         """Coordinates in the picture of points (..., 3), shape (..., 2), [m]."""

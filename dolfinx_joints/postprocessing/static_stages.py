@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES, extreme_of
 from dolfinx_joints.postprocessing.joints.resultants import JointResultants, stage_resultants
 from dolfinx_joints.results.arguments import check_results
@@ -18,8 +18,6 @@ from dolfinx_joints.results.joint_points import gaps, tied_points
 from dolfinx_joints.results.layout import JUMP
 from dolfinx_joints.results.quantities import rows_below
 from dolfinx_joints.results.reader import Results
-
-Floats = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.motions.processing import low_pass
 from dolfinx_joints.motions.spectra import (
-    Floats,
     equally_spaced,
     fourier_amplitude,
     response_spectrum,

@@ -14,9 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Flags, Floats
 from dolfinx_joints.results.reader import Results
-
-Floats = NDArray[np.floating[Any]]
 
 
 class Statics(Protocol):
@@ -33,7 +32,7 @@ class Statics(Protocol):
         """Raise an error for a joint that is not there."""
 
 
-def tied_points(results: Statics, joint: str) -> NDArray[np.bool_]:
+def tied_points(results: Statics, joint: str) -> Flags:
     """Return which points of a joint are tied, shape (n,); none in files of earlier versions."""
     where = f"joints/{joint}/tied"
     if where in results.statics:

@@ -12,9 +12,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Ints
 from dolfinx_joints.loads.load import Codes, FollowsJoints, Load
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.loads.water.joint_water import Uplift, label, opening_force
@@ -114,7 +114,7 @@ class JointWaters:
             for part, before, after in ends
         }
 
-    def toggled(self, codes: Codes, others: Codes) -> NDArray[np.int64]:
+    def toggled(self, codes: Codes, others: Codes) -> Ints:
         """Points of each joint on all ranks in which codes differ (collective)."""
         differ = np.bincount(
             self._operator.joint, codes != others, minlength=len(self._operator.names)

@@ -13,9 +13,9 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import locate_entities_boundary, meshtags
-from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import raised_together
@@ -269,7 +269,7 @@ class _Meshed:
         )
 
     def _entries(
-        self, points: WettedPoints, acts: NDArray[np.bool_], found: ClosestPoints, model: LoadedBody
+        self, points: WettedPoints, acts: Flags, found: ClosestPoints, model: LoadedBody
     ) -> tuple[Floats, tuple[Ints, Ints]]:
         """Values with rows and columns of the points (pieces, q) of the body's face that act."""
         basis, dofs = self._face.shape_functions(found.local), self._of_face[found.facet]

@@ -17,6 +17,7 @@ from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.errors import MeshError, warn
 from dolfinx_joints.common.mpi import blocks_of, raised_together, sent_to
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, facet_slots, middle
@@ -91,9 +92,7 @@ def warn_of_untied(jointed: JointedMesh) -> None:
         )
 
 
-def _with_neighbours(
-    comm: Any, x: Floats, inner: Floats
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+def _with_neighbours(comm: Any, x: Floats, inner: Floats) -> tuple[Floats, Floats, Flags]:
     """Return the facets of some cubes of space, those that reach into them included (collective).
 
     The cubes are dealt to the ranks by their hash, so that no rank holds the whole surface.
@@ -129,7 +128,7 @@ def _rank_of(comm: Any, cube: Ints) -> Ints:
     return (key % np.uint64(comm.size)).astype(np.int64)
 
 
-def _touching(x: Floats, inner: Floats, own: NDArray[np.bool_]) -> Floats:
+def _touching(x: Floats, inner: Floats, own: Flags) -> Floats:
     """Return the centres of own facets that lie on another facet with the opposite normal.
 
     Args:

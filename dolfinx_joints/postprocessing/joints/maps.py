@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.postprocessing.axes import decorate, new_figure
 from dolfinx_joints.postprocessing.joints.surface import (
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.floating[Any]]
 
 # Inches.
 _WIDTH, _LEFT, _RIGHT = 10.0, 0.75, 0.15

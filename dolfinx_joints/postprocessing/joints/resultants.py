@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing.joints.extremes import (
@@ -30,8 +30,6 @@ from dolfinx_joints.postprocessing.joints.extremes import (
 from dolfinx_joints.results.arguments import check_results
 from dolfinx_joints.results.joint_points import free_areas
 from dolfinx_joints.results.reader import Results
-
-Floats = NDArray[np.floating[Any]]
 
 # Normals that lie within about 18 degrees of their mean; below, a joint has no plane to speak of.
 NEARLY_PLANE = 0.95
@@ -65,9 +63,12 @@ class JointGeometry:
     def from_sums(cls, area: float, first: Floats, normal: Floats) -> JointGeometry:
         """Of the sums over the area of 1, of the position, and of the normal."""
         length = float(np.linalg.norm(normal))
-        unit = normal / length if length > 1e-9 * area else np.full(3, np.nan)
+        unit = np.asarray(normal / length) if length > 1e-9 * area else np.full(3, np.nan)
         return cls(
-            centroid=first / area, normal=unit, area=float(area), flatness=length / float(area)
+            centroid=np.asarray(first / area),
+            normal=unit,
+            area=float(area),
+            flatness=length / float(area),
         )
 
     @property

@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.postprocessing.joints.extremes import open_points
 from dolfinx_joints.postprocessing.joints.unrolled import Unrolled, tangent_axes, unrolled
 from dolfinx_joints.postprocessing.palette import OPEN, colour_limits, colours, signed_colours
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 Quantity = Literal["normal", "tangential", "ratio"]
 MapQuantity = Literal["normal", "tangential", "ratio", "opening", "slip", "state"]
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.integer[Any]]
 
 LABELS = {
     "normal": r"normal traction $t_n$ [MPa], tension $> 0$",

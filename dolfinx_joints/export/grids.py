@@ -111,9 +111,6 @@ class StaticArrays(dict[str, NDArray[Any]]):
         """Return an array."""
         return self[name]
 
-    def check_joint(self, joint: str) -> None:
-        """Accept every joint: an array that is missing raises a KeyError."""
-
 
 def joint_grid(results: Statics, joint: str) -> Grid:
     """Grid of a joint: a polygon for each joint point, the part of its facet nearest to it.

@@ -100,7 +100,8 @@ class VtkFile:
                 file.flush()
                 _append_time(steps, time)
         except (OSError, KeyError, RuntimeError) as error:
-            raise ResultsError(f"{self.path} cannot grow: {_reason(error)}.") from None
+            reason = getattr(error, "strerror", None) or error
+            raise ResultsError(f"{self.path} cannot grow: {reason}.") from None
 
 
 class DamagedFileError(ResultsError):
@@ -117,10 +118,6 @@ def vtk_path(path: str | PathLike[str]) -> Path:
     if given.is_dir():
         raise ResultsError(f"{path} is a folder; give the name of a file, such as run{SUFFIX}.")
     return given if given.suffix == SUFFIX else given.with_name(given.name + SUFFIX)
-
-
-def _reason(error: Exception) -> str:
-    return (isinstance(error, OSError) and error.strerror) or str(error)
 
 
 def check_free(paths: Iterable[Path], *, overwrite: bool) -> None:

@@ -47,7 +47,8 @@ class NodeNumbering:
         owned, self.count = index_map.size_local, index_map.size_global
         local = np.arange(owned + index_map.num_ghosts, dtype=np.int32)
         place = index_map.local_to_global(local).astype(np.int64)
-        slots = _cells(V) * V.dofmap.list.shape[1]
+        cells = V.mesh.topology.index_map(V.mesh.topology.dim).size_global
+        slots = cells * V.dofmap.list.shape[1]
         own = positions(self._comm, _least_slots(V, place)[:owned], slots)
         self.number = rows_at(self._comm, own, place)
         self.blocks = equal_blocks(self.count, self._comm.size)
@@ -79,11 +80,6 @@ class NodeNumbering:
         """Nodal vectors of all nodes, (num_nodes, 3), on rank 0, empty elsewhere (collective)."""
         every = gathered(self._comm, self.dealt(u))
         return np.zeros((0, 3)) if every is None else every
-
-
-def _cells(V: FunctionSpace) -> int:
-    """Number of the cells of all ranks."""
-    return int(V.mesh.topology.index_map(V.mesh.topology.dim).size_global)
 
 
 def _least_slots(V: FunctionSpace, place: Ints) -> Ints:

@@ -173,14 +173,12 @@ class FieldMonitor(Monitor):
         cells = self._cell_fields(record.displacement, record.joints, record.time)
         values = self._values(record.displacement, record.joints, record.pressure, cells)
         if record.reservoir_pressure is not None:
-            waves = across(self._comm, self._of_water(record.reservoir_pressure()))
+            # The last rank has the points at the level as well, where the pressure is zero.
+            is_last = self._comm.rank == self._comm.size - 1
+            zeros = np.zeros(self._at_level if is_last else 0)
+            waves = across(self._comm, np.append(record.reservoir_pressure(), zeros))
             values[RESERVOIR] = ({"hydrodynamic pressure [Pa]": waves}, {})
         self._append(record.time, values)
-
-    def _of_water(self, pressures: Floats) -> Floats:
-        """Pressures at the points dealt to this rank: the last has those at the level, zero."""
-        is_last = self._comm.rank == self._comm.size - 1
-        return np.append(pressures, np.zeros(self._at_level if is_last else 0))
 
     def _append(self, time: float, values: Mapping[str, Values]) -> None:
         """Write on rank 0; what goes wrong there stops every rank (collective)."""

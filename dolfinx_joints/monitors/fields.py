@@ -121,11 +121,6 @@ class StageFields:
         self._joints = () if model.operator is None else tuple(model.operator.names)
         self._loads = (*load_names(model.loads), "grout", CONSTRUCTION)
 
-    def _held(self) -> tuple[str, ...]:
-        """Supports; viscous boundaries hold the body in static stages."""
-        model = self._model
-        return tuple(dict.fromkeys((*model.constraints.groups, *model.absorbing)))
-
     def values(self, stage: StageRecord) -> dict[str, Any]:
         """Record of a stage (collective)."""
         state, pressure = stage.state, stage.pressure
@@ -134,7 +129,8 @@ class StageFields:
         )
         found |= {"name": stage_bytes(stage.name), "load_time": stage.time}
         found["point_displacement"] = self._probe.read(state.displacement)
-        for group in self._held():
+        # Viscous boundaries hold the body in static stages.
+        for group in dict.fromkeys((*self._model.constraints.groups, *self._model.absorbing)):
             found[f"reaction/{group}"] = self._model.resultant(state.reaction, group)
         if self._envelopes is not None:
             there = self._there(self._envelopes, state.absent)

@@ -28,9 +28,6 @@ class Statics(Protocol):
     def static(self, name: str) -> NDArray[Any]:
         """Return an array written once."""
 
-    def check_joint(self, joint: str) -> None:
-        """Raise an error for a joint that is not there."""
-
 
 def tied_points(results: Statics, joint: str) -> Flags:
     """Return which points of a joint are tied, shape (n,); none in files of earlier versions."""

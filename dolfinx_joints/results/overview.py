@@ -135,11 +135,8 @@ def _made_by(manifest: Any) -> list[str]:
         if label == "resolved_hz":
             continue
         if label == "joint_laws" and isinstance(value, dict):
-            joints: dict[str, list[str]] = {}
-            for joint, law in value.items():
-                joints.setdefault(str(law), []).append(joint)
-            for i, (law, names) in enumerate(joints.items()):
-                lines += _line("" if i else label, [f"{', '.join(names)}: {law}"])
+            for i, (joints, law) in enumerate(joints_by_law(value)):
+                lines += _line("" if i else label, [f"{joints}: {law}"])
         elif label == "static_stages" and isinstance(value, dict):
             for i, (stage, acting) in enumerate(value.items()):
                 lines += _line("" if i else label, [f"{stage}: {acting}"])
@@ -148,6 +145,14 @@ def _made_by(manifest: Any) -> list[str]:
         else:
             lines += _line(label, map(str, value) if isinstance(value, list) else [str(value)])
     return lines
+
+
+def joints_by_law(laws: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """Return the names of the joints that have equal laws, and the law."""
+    joints: dict[str, list[str]] = {}
+    for joint, law in laws.items():
+        joints.setdefault(str(law), []).append(joint)
+    return [(", ".join(names), law) for law, names in joints.items()]
 
 
 def _by_law(results: Results) -> dict[str, list[str]]:

@@ -76,7 +76,8 @@ def transient_temperatures(
         MeshError: There is no such group or joint.
     """
     ends = numbers_of(times)
-    if ends is None or ends.ndim != 1 or not _rise(ends):
+    rising = ends is not None and ends.ndim == 1 and ends.size and np.isfinite(ends).all()
+    if ends is None or not rising or not (np.diff(ends, prepend=0.0) > 0.0).all():
         raise ValueError(f"times is {shown(times)}; it must be rising, positive times [s].")
     space = scalar_space(jointed)
     parts = face_values(jointed, faces, day) if faces else None
@@ -88,12 +89,6 @@ def transient_temperatures(
         found.append(field_of(space, now))
     stepper.destroy()
     return found
-
-
-def _rise(times: Floats) -> bool:
-    """Whether there are times, one after the other and after zero."""
-    good = np.isfinite(times).all() and (np.diff(times, prepend=0.0) > 0.0).all()
-    return len(times) > 0 and bool(good)
 
 
 def _first(space: Any, initial: Any) -> Floats:

@@ -20,7 +20,12 @@ from dolfinx_joints.common.parameters import check_vector, shown
 from dolfinx_joints.loads.load import Vector
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.loads.water.reservoir_slabs import SURFACE, WaterFace, clipped, lidded
-from dolfinx_joints.loads.water.wetted_facets import WettedFacets, WettedPoints, wetted_facets
+from dolfinx_joints.loads.water.wetted_facets import (
+    WettedFacets,
+    WettedPoints,
+    sizes,
+    wetted_facets,
+)
 from dolfinx_joints.mesh.blocks import same_places
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
@@ -253,7 +258,7 @@ class _Face:
         whole, shares, which = clipped(depths)
         corners = np.einsum("pab,pbi->pai", shares, self._corners[whole])
         places = np.einsum("pab,pbi->pai", shares, self._places[whole])
-        size = np.sqrt(np.linalg.det(_gram(places)))
+        size = sizes(places)
         kept = size > 1e-12
         whole, corners, places, which = whole[kept], corners[kept], places[kept], which[kept]
         nodes = np.take_along_axis(numbers[whole], np.maximum(which, 0), axis=1)
@@ -349,12 +354,6 @@ class _WetParts:
         columns = np.broadcast_to(dofs[:, None], values.shape)
         wet = rows < count
         return rows[wet], columns[wet], values[wet]
-
-
-def _gram(simplices: Floats) -> Floats:
-    """Gram matrices of the edges of lines or triangles (n, corners, dim)."""
-    edges = simplices[:, 1:] - simplices[:, :1]
-    return np.einsum("nid,njd->nij", edges, edges)
 
 
 def _gathered(comm: Any, part: NDArray[Any]) -> NDArray[Any]:

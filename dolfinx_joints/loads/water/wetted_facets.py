@@ -127,7 +127,8 @@ class WettedFacets:
         degree *= 4 if len(self._shape.facet_vertices[0]) == 4 else 2
         barycentric, weights = slices(self._depth(facet, corners), degree)
         points = np.einsum("npc,ncd->npd", barycentric, corners)
-        return self.at(facet, points, weights * _measure(corners)[:, None])
+        size = sizes(corners) / (1 if corners.shape[1] == 2 else 2)
+        return self.at(facet, points, weights * size[:, None])
 
     def at(self, facet: Ints, points: Floats, weights: Floats) -> WettedPoints:
         """Points of the reference cells, mapped to the mesh.
@@ -243,8 +244,7 @@ def _divided(count: int) -> Floats:
     return np.array([[(n - i - j, i, j) for i, j in part] for part in up + down]) / n
 
 
-def _measure(corners: Floats) -> Floats:
-    """Length or area of pieces in the reference cell, shape (n,)."""
-    edges = corners[:, 1:] - corners[:, :1]
-    gram = np.einsum("nid,njd->nij", edges, edges)
-    return np.sqrt(np.linalg.det(gram)) / (1 if edges.shape[1] == 1 else 2)
+def sizes(simplices: Floats) -> Floats:
+    """Length of lines, twice the area of triangles (n, corners, dim), shape (n,)."""
+    edges = simplices[:, 1:] - simplices[:, :1]
+    return np.sqrt(np.linalg.det(np.einsum("nid,njd->nij", edges, edges)))

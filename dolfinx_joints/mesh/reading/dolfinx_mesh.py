@@ -62,7 +62,8 @@ def split_share(
         check_curves(shape, x, local, "The mesh")
 
     rows = _facet_rows(mesh, shape, cells, original, facets)
-    of_joints = {k: name for k, name in enumerate(facets) if _is_of_joint(name, joints)}
+    sides = {name + end for name in joints for end in ("", "-", "+")}  # or duplicated already
+    of_joints = {k: name for k, name in enumerate(facets) if name in sides}
     at_joints = np.concatenate(comm.allgather(rows[np.isin(rows[:, 2], list(of_joints))]))
     corners = cells[owned, : int(shape.facet_vertices.max()) + 1]
     near = np.flatnonzero(np.isin(corners, at_joints[:, 3:]).any(axis=1))
@@ -99,11 +100,6 @@ def split_share(
         cell_groups=cell_groups,
         facet_groups=_facet_values(comm, facet_values, rows, list(facets), split.pairs),
     )
-
-
-def _is_of_joint(name: str, joints: list[str]) -> bool:
-    """Whether a group is a joint, or the side of one whose faces are duplicated already."""
-    return name in joints or (name[-1:] in ("-", "+") and name[:-1] in joints)
 
 
 def _split_near(

@@ -131,7 +131,8 @@ def _laid_out(
     boxes = {name: _box(surface) for name, surface in surfaces.items()}
     heights = []
     for row in rows:
-        low, high = _range(boxes[name][1] for name in row)
+        low = min(boxes[name][1][0] for name in row)
+        high = max(boxes[name][1][1] for name in row)
         width = max(right - left for left, right in (boxes[name][0] for name in row))
         room = (_WIDTH - _LEFT - _RIGHT + _GAP) / len(row) - _GAP
         heights.append((low, high, min(room / width, _HIGHEST / (high - low))))
@@ -169,11 +170,6 @@ def _box(surface: JointSurface) -> tuple[tuple[float, float], tuple[float, float
     margin = 0.02 * float((high - low).max())
     (left, bottom), (right, top) = low - margin, high + margin
     return (float(left), float(right)), (float(bottom), float(top))
-
-
-def _range(ranges: Iterator[tuple[float, float]]) -> tuple[float, float]:
-    each = np.array(list(ranges))
-    return float(each[:, 0].min()), float(each[:, 1].max())
 
 
 def _explain(

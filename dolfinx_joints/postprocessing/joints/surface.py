@@ -62,7 +62,6 @@ class JointFacets:
     """
 
     def __init__(self, results: Statics, joint: str) -> None:
-        results.check_joint(joint)
         points = results.static(f"joints/{joint}/points")
         self.tied = tied_points(results, joint)
         self.facet_of_point, self._both = facets_of_joint(results, joint)
@@ -138,7 +137,8 @@ class JointSurface(JointFacets):
         upright: whether the ordinate is an elevation, the same as that of other joints.
     """
 
-    def __init__(self, results: Statics, joint: str) -> None:
+    def __init__(self, results: Results, joint: str) -> None:
+        results.check_joint(joint)
         super().__init__(results, joint)
         frames = results.static(f"joints/{joint}/frames")
         areas = results.static(f"joints/{joint}/areas")

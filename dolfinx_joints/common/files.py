@@ -13,9 +13,16 @@ import socket
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Self
+from typing import IO, Protocol, Self
 
 from dolfinx_joints.common.errors import warn
+
+
+class Lock(Protocol):
+    """Right to write files."""
+
+    def release(self) -> None:
+        """Let others write them."""
 
 
 class FileLock:
@@ -87,7 +94,7 @@ class FileLock:
 
 
 @contextmanager
-def released(lock: FileLock | None, *, at_end: bool) -> Iterator[None]:
+def released(lock: Lock | None, *, at_end: bool) -> Iterator[None]:
     """Let other runs write a file if the block fails, or at its end."""
     try:
         yield

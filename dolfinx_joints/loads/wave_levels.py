@@ -134,21 +134,16 @@ def check_groups(name: str, groups: Sequence[str]) -> None:
         )
 
 
-def check_absorbing(name: str, model: LoadedBody, groups: Sequence[str]) -> None:
-    """Check that groups have a viscous boundary."""
+def checked_base(
+    name: str, model: LoadedBody, groups: Sequence[str], surface: float, base: float | None
+) -> float:
+    """Height of the base, the lowest node unless given, once heights are checked (collective)."""
     missing = [group for group in groups if group not in model.absorbing]
     if missing:
         raise ValueError(
             f"{name}: the group {missing[0]!r} has no viscous boundary; add "
             f"ViscousBoundary(group={missing[0]!r}) to the supports."
         )
-
-
-def checked_base(
-    name: str, model: LoadedBody, groups: Sequence[str], surface: float, base: float | None
-) -> float:
-    """Height of the base, the lowest node unless given, once heights are checked (collective)."""
-    check_absorbing(name, model, groups)
     lowest, highest = extent_along(model, groups, np.eye(model.gdim)[-1])
     base = lowest if base is None else base
     if highest - surface > 1e-9 * (highest - base) or surface <= base:

@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.manifest import mesh_hash
 from dolfinx_joints.monitors.probes import boundary_facets
-from dolfinx_joints.results.layout import Array, Cells
+from dolfinx_joints.results.layout import Cells
 
 
 class CellOrder:
@@ -49,22 +48,15 @@ class CellOrder:
         return across(self._comm, rows, equal_blocks(self._count, self._comm.size))
 
 
-class OwnCells(NamedTuple):
-    """Cells dealt to a rank.
+def own_cells(
+    model: Model, nodes: NodeNumbering, cells: CellOrder
+) -> tuple[int, Ints, dict[str, Flags]]:
+    """The cells of a model that are dealt to this rank (collective).
 
-    Attributes:
-        kind: VTK's number of the cell's shape.
-        nodes: Nodes of each cell in VTK's order, shape (n, nodes per cell).
-        inside: Which of them are in each cell group, shape (n,) each.
+    Returns:
+        VTK's number of the cells' shape; nodes of each cell in VTK's order, shape (n, nodes per
+        cell); and which cells are in each cell group, shape (n,) each.
     """
-
-    kind: int
-    nodes: Ints
-    inside: dict[str, Flags]
-
-
-def own_cells(model: Model, nodes: NodeNumbering, cells: CellOrder) -> OwnCells:
-    """The cells of a model that are dealt to this rank (collective)."""
     jointed, V = model.jointed, model.V
     table = V.dofmap.list[: cells.owned]
     kind, order = vtk_layout(jointed.shape, table.shape[1])
@@ -74,7 +66,7 @@ def own_cells(model: Model, nodes: NodeNumbering, cells: CellOrder) -> OwnCells:
         of_group = jointed.cells(name)
         marks[of_group[of_group < cells.owned]] = True
         inside[name] = cells.dealt(marks)
-    return OwnCells(kind, cells.dealt(nodes.number[table][:, order]), inside)
+    return kind, cells.dealt(nodes.number[table][:, order]), inside
 
 
 def body_cells(model: Model, nodes: NodeNumbering) -> Cells:
@@ -86,22 +78,11 @@ def body_cells(model: Model, nodes: NodeNumbering) -> Cells:
     return Cells(kind, order.across(own), groups)
 
 
-class BodyMesh(NamedTuple):
-    """Mesh and joints as `declare_states` takes them."""
-
-    nodes: Array
-    surface: Array
-    joints: Mapping[str, Mapping[str, Array]]
-    cells: Cells
-
-
-def body_mesh(model: Model, nodes: NodeNumbering, rows: JointRows | None) -> tuple[BodyMesh, str]:
-    """Mesh and joints for a results file, and on rank 0 the hash of the mesh (collective)."""
+def body_mesh(
+    model: Model, nodes: NodeNumbering, rows: JointRows | None
+) -> tuple[tuple[Any, ...], str]:
+    """Arguments of `declare_body`, and on rank 0 the hash of the mesh (collective)."""
     comm, surface = model.jointed.mesh.comm, boundary_facets(model, nodes)
-    mesh = BodyMesh(
-        nodes=nodes.across(nodes.positions),
-        surface=across(comm, surface),
-        joints={} if rows is None else rows.statics(),
-        cells=body_cells(model, nodes),
-    )
+    joints = {} if rows is None else rows.statics()
+    mesh = nodes.across(nodes.positions), across(comm, surface), joints, body_cells(model, nodes)
     return mesh, mesh_hash(comm, nodes.positions, surface)

@@ -295,7 +295,11 @@ class Results(Summarised):
     def _names_in(self, group: h5py.Group) -> list[str]:
         """Names of the datasets in a group, which a started file keeps."""
         if group.name not in self._names:
-            self._names[group.name] = _dataset_names(group)
+            found: list[str] = []
+            group.visititems(
+                lambda name, item: found.append(name) if isinstance(item, h5py.Dataset) else None
+            )
+            self._names[group.name] = found
         return self._names[group.name]
 
     def _reading(self) -> AbstractContextManager[None]:
@@ -353,17 +357,6 @@ def _check(file: h5py.File, path: Path) -> None:
         )
     if not all(key in file for key in ("metadata", "status", "summary", "static", "streams")):
         raise ResultsError(f"{path} was left incomplete before its run started.")
-
-
-def _dataset_names(group: h5py.Group) -> list[str]:
-    names: list[str] = []
-
-    def visit(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        if isinstance(item, h5py.Dataset):
-            names.append(name)
-
-    group.visititems(visit)
-    return names
 
 
 def listing(every: Iterable[str]) -> str:

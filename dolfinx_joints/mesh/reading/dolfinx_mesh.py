@@ -51,7 +51,14 @@ def split_share(
     cells_of_groups = _group_entities(mesh, tdim, cell_groups, cell_tags)
     check_names(facets)
     with raised_together(comm):
-        original = _order_of_cells(mesh)
+        try:
+            original = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
+        except RuntimeError:
+            raise MeshError(
+                "The mesh does not know in which order its cells were made, as one from "
+                "create_submesh does not; make it with create_mesh, or write it to a file for "
+                "read_xdmf."
+            ) from None
     cell_map, node_map = mesh.topology.index_map(tdim), mesh.geometry.index_map()
     owned, nodes = slice(cell_map.size_local), slice(node_map.size_local)
     number = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
@@ -305,14 +312,3 @@ def _shape(mesh: dolfinx.mesh.Mesh) -> CellShape:
             "1 or 2 can."
         )
     return CellShape(name=name, degree=degree)
-
-
-def _order_of_cells(mesh: dolfinx.mesh.Mesh) -> Ints:
-    """Numbers that the cells of a rank had when the mesh was made."""
-    try:
-        return np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
-    except RuntimeError:
-        raise MeshError(
-            "The mesh does not know in which order its cells were made, as one from create_submesh "
-            "does not; make it with create_mesh, or write it to a file for read_xdmf."
-        ) from None

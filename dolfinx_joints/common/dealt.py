@@ -23,7 +23,6 @@ class Dealt:
         blocks: First row of each rank, and their number; found out unless given (collective).
 
     Attributes:
-        mine: Rows of this rank.
         shape: Of the whole array.
         dtype: Of its entries.
     """

@@ -226,12 +226,9 @@ def positions(comm: Any, numbers: NDArray[np.int64], count: int) -> NDArray[np.i
 
 
 def sorted_rows(comm: Any, blocks: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Rows of whole numbers of all ranks in rising order, dealt by their first (collective).
+    """Rows of whole numbers (n, m) of all ranks in rising order (collective).
 
-    Args:
-        comm: Communicator.
-        blocks: First numbers of each rank, and the end.
-        rows: Of this rank, shape (n, m).
+    They are dealt by their first number, of which each rank has a block.
     """
     here = sent_to(comm, rank_of(blocks, rows[:, 0]), rows)
     return here[np.lexsort(here.T[::-1])]
@@ -248,11 +245,8 @@ def across(
 def handing_out(comm: Any, *things: Any) -> Iterator[None]:
     """Let rank 0 read dealt arrays inside the block; an error is raised on all ranks (collective).
 
-    The block must hold no collective call. Other ranks run it first, then hand out.
-
-    Args:
-        comm: Communicator.
-        things: Arrays, and dictionaries and sequences of them.
+    The block must hold no collective call. Other ranks run it first, then hand out what is in the
+    things: arrays, and dictionaries and sequences of them.
     """
     parts = [] if comm.size == 1 else list(_dealt_in(things))
     for number, part in enumerate(parts):

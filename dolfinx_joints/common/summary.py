@@ -37,7 +37,6 @@ class Summarised(ABC):
         return "\n".join([type(self).__name__, *lines])
 
     def _repr_html_(self) -> str:
-        """The facts as a table."""
         cells = "".join(
             f'<tr><th style="text-align: left">{html.escape(name)}</th>'
             f'<td style="text-align: left">{html.escape(value)}</td></tr>'

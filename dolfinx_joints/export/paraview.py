@@ -63,7 +63,6 @@ def write_vtk(
 
 
 def _write(results: Results, path: Path) -> None:
-    """Write the states of body and joints."""
     times = results.time("states")
     body = VtkFile(path, body_grid(results))
     for number, time in enumerate(times):

@@ -132,14 +132,12 @@ def check_free(paths: Iterable[Path], *, overwrite: bool) -> None:
 
 
 def _is_of(root: h5py.Group, grid: Grid) -> bool:
-    """Whether a file has this grid."""
     size = max(np.abs(each).max(initial=0.0) for each in blocks_in(grid.points))
     wanted = {"Points": grid.points, "Connectivity": grid.connectivity, "Offsets": grid.offsets}
     return all(_alike(root[name], each, 1e-9 * size) for name, each in wanted.items())
 
 
 def _alike(dataset: h5py.Dataset, wanted: Array, tolerance: float) -> bool:
-    """Whether a dataset holds an array."""
     if dataset.shape != wanted.shape:
         return False
     first, same = 0, True

@@ -50,7 +50,6 @@ class Contact:
             point coordinates (n, 3) that gives (n,); added to a gap in the mesh itself.
 
     Attributes:
-        operator: The gap operator.
         laws: Law of each joint by name.
         initial_gap: Gap before any displacement, in the mesh and given, shape (n, 3), [m].
         acting: Which of the local points carry tractions, shape (n,).
@@ -158,8 +157,7 @@ class Contact:
 
     def at_gap(self, gap: Floats, state: JointState) -> Response:
         """Return the end-point response at a gap (n, 3) [m], from ``state`` (collective)."""
-        with raised_together(self.operator.comm):
-            return self._ask(BACKWARD_EULER, gap, None, state)
+        return self._ask(BACKWARD_EULER, gap, None, state)
 
     def respond(self, change: Any, state: JointState, rule: Rule) -> Response:
         """Answer of the laws to a change of the displacement since ``state`` (collective).
@@ -169,9 +167,7 @@ class Contact:
             state: State at the start of the step.
             rule: How the laws are asked.
         """
-        gap = state.gap + self.operator.jump(change)
-        with raised_together(self.operator.comm):
-            return self._ask(rule, gap, None, state)
+        return self._ask(rule, state.gap + self.operator.jump(change), None, state)
 
     def respond_condensed(
         self, trial_gap: Floats, compliance: Floats, state: JointState, rule: Rule
@@ -184,8 +180,7 @@ class Contact:
             state: State at the start of the step.
             rule: How the laws are asked.
         """
-        with raised_together(self.operator.comm):
-            return self._ask(rule, trial_gap, compliance, state)
+        return self._ask(rule, trial_gap, compliance, state)
 
     def condensed_step(self, compliance: Floats, state: JointState, rule: Rule) -> ContactStep:
         """Return the local points in a step, each on its own compliance, for many trial gaps.
@@ -200,15 +195,16 @@ class Contact:
     def _ask(
         self, rule: Rule, gap: Floats, compliance: Floats | None, state: JointState
     ) -> Response:
-        """Answer of the laws of the local points, without waiting for other ranks."""
-        if len(self._laws) == 1:
-            return self._laws[0].ask(rule, gap, compliance, state)
-        answer = empty_response(len(gap), self._variables)
-        for part in self._laws:
-            here = part.points
-            own = None if compliance is None else compliance[here]
-            part.put(part.ask(rule, gap[here], own, part.state_of(state)), answer)
-        return answer
+        """Answer of the laws of the local points (collective)."""
+        with raised_together(self.operator.comm):
+            if len(self._laws) == 1:
+                return self._laws[0].ask(rule, gap, compliance, state)
+            answer = empty_response(len(gap), self._variables)
+            for part in self._laws:
+                here = part.points
+                own = None if compliance is None else compliance[here]
+                part.put(part.ask(rule, gap[here], own, part.state_of(state)), answer)
+            return answer
 
     @property
     def brittle(self) -> bool:
@@ -343,7 +339,6 @@ class Contact:
 
 
 def _checked_gap(name: str, gap: InitialGap, places: Floats) -> Floats:
-    """Values of an initial gap at the points of a joint."""
     what = f"The initial gap of {name!r}"
     if not callable(gap):
         check_number(what, gap, lambda _: True, "finite", unit="m")

@@ -59,10 +59,6 @@ class GapOperator:
         names: Joint names.
 
     Attributes:
-        matrix: B.
-        areas: w.
-        joint: Joint numbers.
-        names: Joint names.
         comm: Communicator of the matrix.
         initial_gap: Gap before any displacement, shape (n, 3), [m].
         points: Coordinates of the local points, shape (n, 3), [m]. None where there is no mesh.
@@ -142,11 +138,8 @@ class JointOperator(GapOperator):
         quadrature: ``auto``, ``nodal``, ``gauss`` or a degree, see `facet_rule`.
 
     Attributes:
-        jointed: The mesh.
         space: The space V.
-        quadrature: The rule.
         layout: The points, and this rank's facets.
-        points: Coordinates of the local points, shape (n, 3), [m].
         frames: Rows n, s1, s2 of each local point, shape (n, 3, 3).
 
     Raises:
@@ -332,7 +325,6 @@ def _side_table(element: Any, rule: Floats, vertices: Floats) -> Floats:
 
 
 def _coordinates(V: Any) -> PETSc.Vec:
-    """The coordinates of the nodes as a vector of the space."""
     from dolfinx import fem
 
     x = fem.Function(V)

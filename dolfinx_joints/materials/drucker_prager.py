@@ -209,14 +209,12 @@ class DruckerPrager:
 
 
 def _invariants(stress: Floats) -> tuple[Floats, Floats, Floats]:
-    """Deviator, sqrt(J2) and trace of stresses."""
     trace = stress[:, :3].sum(axis=1)
     deviator = stress - np.outer(trace / 3.0, _TRACE)
     return deviator, np.sqrt(0.5 * (deviator**2 @ _DOUBLE)), trace
 
 
 def _product(stress: Floats, strain: Floats) -> Floats:
-    """Stress times strain of each point."""
     return np.einsum("ni,ni->n", stress, strain)
 
 

@@ -28,12 +28,6 @@ class JointSurface:
     either restriction, ``k("-")``, and `JointedMesh.form` compiles it. Continuous functions are so
     along the nodes of the - faces, on a surface of several joints also where these meet.
 
-    Args:
-        body: The split mesh.
-        pairs: This rank's facet pairs of all its joints.
-        here: How it integrates over them.
-        joints: Positions of the joints among their names.
-
     Attributes:
         mesh: The mesh; each cell is on the rank that integrates over its pair, some ranks may have
             none.

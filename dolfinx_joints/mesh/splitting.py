@@ -105,7 +105,6 @@ def _number_groups(table: Ints, next_number: int) -> Ints:
 
 
 def _rows_in(rows: Ints, table: Ints) -> Flags:
-    """Whether each row stands in ``table``."""
     _, inverse = np.unique(np.vstack([table, rows]), axis=0, return_inverse=True)
     return np.isin(inverse.ravel()[len(table) :], inverse.ravel()[: len(table)])
 

@@ -88,13 +88,7 @@ class Fields:
     def values(
         self, u: PETSc.Vec, joints: Response | None, pressure: Callable[[], Floats] | None
     ) -> dict[str, Any]:
-        """Values of all ranks by name (collective).
-
-        Args:
-            u: Displacement [m].
-            joints: Response of the joints.
-            pressure: Gives that of the water at the local joint points, (n,), [Pa].
-        """
+        """Displacement and values `of_joints` of all ranks by name (collective)."""
         found: dict[str, Any] = {"displacement": self._nodes.across(self._nodes.dealt(u))}
         for what, rows in self.of_joints(joints, pressure).items():
             assert self._rows is not None

@@ -109,10 +109,8 @@ def versions() -> dict[str, str]:
 def mesh_hash(comm: Any, nodes: NDArray[np.float64], surface: NDArray[np.int64]) -> str:
     """SHA-256 of node coordinates and boundary facets on rank 0, of nothing elsewhere (collective).
 
-    Args:
-        comm: Communicator.
-        nodes: Coordinates of this rank's nodes in the order of the input mesh, shape (n, 3), [m].
-        surface: Vertices of this rank's boundary facets, shape (num_facets, 2 to 4), in any order.
+    Of this rank nodes are in the order of the input mesh, shape (n, 3), [m], and the vertices of
+    facets, shape (num_facets, 2 to 4), in any order.
     """
     blocks = blocks_of(comm, len(nodes))
     facets = sorted_rows(comm, blocks, np.sort(surface, axis=1))

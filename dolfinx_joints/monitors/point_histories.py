@@ -27,12 +27,7 @@ class PointHistories:
         self._before: tuple[float, Floats] | None = None
 
     def values(self, record: Record, static: PETSc.Vec | None) -> dict[str, Any]:
-        """Values of a record by name (collective).
-
-        Args:
-            record: The record.
-            static: Static part of its displacement [m], None where it is not recorded.
-        """
+        """Values of a record by name, with the static part of its displacement [m] (collective)."""
         found: dict[str, Any] = self._motion(record)
         for group in self._supports:
             found[f"reaction/{group}"] = self._model.resultant(record.reaction, group)

@@ -64,18 +64,11 @@ def _probe(name: str, given: Any) -> Probe:
 def boundary_facets(
     model: Model, nodes: NodeNumbering, facets: NDArray[np.int32] | None = None
 ) -> Ints:
-    """Vertices of exterior facets in cyclic order, in rising order, dealt (collective).
+    """Vertices of exterior facets, of all unless given by their local numbers (collective).
 
+    Node numbers, shape (num_facets, vertices per facet), in cyclic order, facets in rising order.
     Both sides of the joints are among them. The normals of that order, `facet_normals`, point out
     of the body. A rank has the facets whose first vertex is dealt to it.
-
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
-        facets: Local numbers of the exterior facets to take; all unless given.
-
-    Returns:
-        Node numbers, shape (num_facets, vertices per facet).
     """
     mesh = model.jointed.mesh
     chosen = exterior_facet_indices(mesh.topology) if facets is None else facets
@@ -86,16 +79,9 @@ def boundary_facets(
 def facets_of_cells(
     model: Model, nodes: NodeNumbering, cells: NDArray[Any], local: NDArray[Any]
 ) -> Ints:
-    """Vertices of facets of local cells in cyclic order, normals pointing out of the cells.
+    """Vertices of a facet of each local cell, node numbers, shape (n, vertices per facet).
 
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
-        cells: Local cells, shape (n,).
-        local: A facet of each.
-
-    Returns:
-        Node numbers, shape (n, vertices per facet).
+    They are in cyclic order, normals pointing out of the cells.
     """
     shape = model.jointed.shape
     corners = shape.facet_vertices[local][:, shape.facet_cycle]

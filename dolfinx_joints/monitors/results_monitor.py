@@ -200,7 +200,6 @@ class ResultsMonitor(Monitor):
             raise
 
     def _facts(self, model: Model) -> dict[str, Any]:
-        """Facts of the model, and those of the caller."""
         probes = zip(self._points.items(), self._probe.sides, strict=True)
         return {
             "point_names": list(self._points),

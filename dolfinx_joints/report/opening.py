@@ -143,7 +143,6 @@ def ending(run: Run) -> str:
 
 
 def _runs(content: Content) -> str:
-    """Sentences on the runs."""
     others = len(content.runs) - len(content.compared)
     further = f" and {others} further run{'s' if others > 1 else ''}" if others else ""
     each = ", ".join(f"{run.label} ({_span(run)})" for run in content.compared)
@@ -152,7 +151,6 @@ def _runs(content: Content) -> str:
 
 
 def _span(run: Run) -> str:
-    """How far a run went."""
     if run.static_alone:
         count = len(run.results.stage_names)
         return f"{count} static stage{'s' if count > 1 else ''}"
@@ -195,7 +193,6 @@ def _crest_acceleration(run: Run, *, band: float) -> Cell:
 
 
 def _stress(name: str) -> Callable[[Run], Cell]:
-    """Cell of the extreme of an envelope."""
 
     def cell(run: Run) -> Cell:
         peak = peaks.stress_peak(run.results, name)  # type: ignore[arg-type]

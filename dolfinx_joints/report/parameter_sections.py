@@ -175,7 +175,6 @@ def _mesh(run: Run) -> dict[str, Any]:
 
 
 def _resolved(run: Run) -> dict[str, Any]:
-    """Frequencies by what limits them."""
     limits = measures.resolved_frequencies(run.results).as_json()
     titles = (
         "time step, ten to a period",

@@ -46,11 +46,7 @@ def free_areas(results: Statics, joint: str) -> Floats:
 def gaps(results: Results, stream: str, joint: str, index: int | slice = slice(None)) -> Floats:
     """Return the gaps of the points of a joint, zero at tied ones, shape (..., n, 3), [m].
 
-    Args:
-        results: The run.
-        stream: ``states`` or ``statics``.
-        joint: Name of the joint.
-        index: Number of a record, or a slice of them.
+    They are those of a record, or of a slice of records, of the stream ``states`` or ``statics``.
     """
     gap = results.series(stream, f"joints/{joint}/gap", index)
     return np.where(tied_points(results, joint)[:, None], 0.0, gap)

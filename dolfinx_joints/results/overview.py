@@ -21,17 +21,8 @@ _LABEL = 13
 
 # Facts that have a line of their own, and are not repeated among the others.
 _SHOWN = (
-    "stage",
-    "steps",
-    "displacements",
-    "point_names",
-    "points",
-    "dofs",
-    "joint_points",
-    "ranks",
-    "units",
-    "laws",
-    "manifest",
+    *("stage", "steps", "displacements", "point_names", "points", "dofs", "joint_points"),
+    *("ranks", "units", "laws", "manifest"),
 )
 _COSTS = ("steps", "iterations", "solver", "energy_error", "imbalance", "local_error", "seconds")
 
@@ -156,7 +147,6 @@ def joints_by_law(laws: Mapping[str, Any]) -> list[tuple[str, Any]]:
 
 
 def _by_law(results: Results) -> dict[str, list[str]]:
-    """Names of joints by the text on their law."""
     found: dict[str, list[str]] = {}
     for name in results.joints:
         law, text = results.law(name), ""

@@ -72,7 +72,6 @@ class ResultsWriter:
         self._flushed_at = clock.monotonic()
 
     def _create(self, overwrite: bool, aside: Path | None) -> None:
-        """Make an empty file."""
         if self.path.exists() and not overwrite:
             raise ResultsError(f"{self.path} exists; pass overwrite=True to replace it.")
         try:
@@ -87,7 +86,6 @@ class ResultsWriter:
             raise ResultsError(f"{self.path} cannot be created: {error}.") from error
 
     def _lay_out(self, encoded: NDArray[np.uint8]) -> None:
-        """Make what every file has."""
         self._room.reserve(self.path, encoded.nbytes + _SUMMARY_BYTES)
         self._file.attrs["version"] = VERSION
         created = datetime.now(UTC).isoformat(timespec="seconds")

@@ -117,7 +117,6 @@ class ReservoirMass:
             ) from None
 
     def _check_size(self, nodes: int, dofs: int, free: float) -> None:
-        """Check that the matrix fits into memory."""
         needed = 8.0 * SLAB_MATRICES * nodes**2 + MASS_BYTES * dofs**2
         if needed > SHARE * free:
             raise ValueError(

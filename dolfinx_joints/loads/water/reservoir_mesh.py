@@ -251,7 +251,6 @@ class _Meshed:
         )
 
     def _check(self, worst: _Gap) -> None:
-        """Check the largest gap between the faces, of all ranks."""
         if worst.allowed:
             return
         place = ", ".join(f"{value:.4g}" for value in worst.place)

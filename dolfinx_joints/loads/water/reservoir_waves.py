@@ -309,7 +309,6 @@ def _edges(face: WaterFace) -> _Edges:
 
 
 def _on_level(face: WaterFace) -> _Edges:
-    """Edges on the level."""
     edges = _edges(face)
     return edges[np.flatnonzero((edges.nodes >= face.below).all(axis=1))]
 

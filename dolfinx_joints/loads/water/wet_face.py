@@ -163,7 +163,6 @@ def _direction(water: MovedFace, area: Floats) -> Floats:
 
 
 def _check_top(water: MovedFace, highest: float, lowest: float) -> None:
-    """Check that the face reaches up to the level."""
     if lowest < water.level and highest < water.level - ON_LEVEL * (highest - lowest):
         raise ValueError(
             f"{water}: the level is {water.level:g} m, but the face ends at {highest:g} m; it "

@@ -34,12 +34,7 @@ def glued(pairs: JointPairs, start: int, stop: int) -> Ints:
 
 
 def partitioner_across(pairs: JointPairs, number: Ints) -> Callable[..., Any]:
-    """A partitioner for `dolfinx.mesh.create_mesh`.
-
-    Args:
-        pairs: This rank's share of the facet pairs.
-        number: Of this rank's nodes those of `glued`.
-    """
+    """A partitioner for `dolfinx.mesh.create_mesh`, ``number`` being this rank's of `glued`."""
     by_facets = dolfinx_versions.cell_partitioner()
 
     def partition(comm: Any, parts: int, cell_types: Any, cells: list[Any]) -> Any:

@@ -291,7 +291,6 @@ def _entities(kind: str, name: str, given: Any, count: int) -> NDArray[np.int32]
 
 
 def _check_tags(tags: dolfinx.mesh.MeshTags, dim: int, name: str, count: int) -> None:
-    """Check that tags are of these entities and of this mesh."""
     if tags.dim != dim:
         raise MeshError(f"{name} holds tags of dimension {tags.dim}; {dim} is needed.")
     if tags.indices.max(initial=-1) >= count:

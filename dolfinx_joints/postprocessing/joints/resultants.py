@@ -55,11 +55,6 @@ class JointGeometry:
     flatness: float
 
     @classmethod
-    def of(cls, points: Floats, normals: Floats, areas: Floats) -> JointGeometry:
-        """Of points (n, 3) [m], their unit normals (n, 3) and areas (n,) [m^2]."""
-        return cls.from_sums(areas.sum(), areas @ points, areas @ normals)
-
-    @classmethod
     def from_sums(cls, area: float, first: Floats, normal: Floats) -> JointGeometry:
         """Of the sums over the area of 1, of the position, and of the normal."""
         length = float(np.linalg.norm(normal))
@@ -342,7 +337,8 @@ def joint_geometry(results: Results, joint: str) -> JointGeometry:
 def _geometry(results: Results, joint: str) -> tuple[_Arrays, JointGeometry]:
     """Arrays of a joint, and its centroid, mean normal and area."""
     arrays = _Arrays(*(results.static(f"joints/{joint}/{name}") for name in _Arrays._fields))
-    geometry = JointGeometry.of(arrays.points, arrays.frames[:, 0], arrays.areas)
+    first, normal = (arrays.areas @ each for each in (arrays.points, arrays.frames[:, 0]))
+    geometry = JointGeometry.from_sums(arrays.areas.sum(), first, normal)
     return arrays._replace(areas=free_areas(results, joint)), geometry
 
 

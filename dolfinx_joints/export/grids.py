@@ -14,11 +14,7 @@ from scipy.sparse import csr_matrix, vstack
 
 from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.postprocessing.joints.surface import (
-    JointFacets,
-    facets_of_joint,
-    is_plane,
-)
+from dolfinx_joints.postprocessing.joints.surface import JointFacets, facets_of_joint, is_plane
 from dolfinx_joints.results.arguments import rows_of_groups
 from dolfinx_joints.results.joint_points import Statics, tied_points
 from dolfinx_joints.results.quantities import JointPoints, at_points, rows_below, rows_by
@@ -76,12 +72,7 @@ def body_grid(results: Results, groups: Collection[str] | None = None) -> Grid:
     return uniform_grid(results.static("mesh/nodes"), cells[chosen], kind, inside)
 
 
-def uniform_grid(
-    points: Floats,
-    cells: Ints,
-    kind: int,
-    groups: Mapping[str, Ints],
-) -> Grid:
+def uniform_grid(points: Floats, cells: Ints, kind: int, groups: Mapping[str, Ints]) -> Grid:
     """Grid of cells of one kind, shape (num_cells, nodes per cell), with the rows of each group.
 
     ``in NAME [-]`` is 1 in the cells of a group, 0 in others.

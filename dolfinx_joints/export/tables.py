@@ -19,11 +19,7 @@ from dolfinx_joints.postprocessing.joints.resultants import (
     joint_resultants,
     resultant_measures,
 )
-from dolfinx_joints.postprocessing.measures import (
-    common_band,
-    joint_extremes,
-    joint_measures,
-)
+from dolfinx_joints.postprocessing.measures import common_band, joint_extremes, joint_measures
 from dolfinx_joints.postprocessing.peaks import (
     Peak,
     acceleration_peak,

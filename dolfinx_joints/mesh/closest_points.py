@@ -116,10 +116,7 @@ class FacetSurface:
         order = np.lexsort((distance, point))
         best = order[np.append(True, np.diff(point[order]) > 0)]
         return ClosestPoints(
-            facet=facet[best],
-            local=local[best],
-            distance=distance[best],
-            converged=converged[best],
+            facet=facet[best], local=local[best], distance=distance[best], converged=converged[best]
         )
 
     def _candidates(self, points: Floats) -> tuple[Ints, Ints, Floats]:

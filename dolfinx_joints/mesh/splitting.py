@@ -171,13 +171,7 @@ def split_cells(
     parent = np.arange(max(int(new.max()) + 1, len(x)), dtype=np.int64)
     parent[new] = cells
     return SplitMesh(
-        cells=new,
-        parent=parent,
-        joint=number,
-        minus=minus,
-        plus=plus,
-        match=match,
-        bonded=bonded,
+        cells=new, parent=parent, joint=number, minus=minus, plus=plus, match=match, bonded=bonded
     )
 
 

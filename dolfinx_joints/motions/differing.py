@@ -160,12 +160,7 @@ class DifferingMotion(Summarised):
         return self.named[self._reference](time)
 
     def relative_to_reference(
-        self,
-        x: Floats,
-        members: Mapping[str, Flags],
-        first: float,
-        *,
-        rate: bool = False,
+        self, x: Floats, members: Mapping[str, Flags], first: float, *, rate: bool = False
     ) -> Callable[[float], Floats]:
         """Return the displacement of the ground less that of the reference as a function of time.
 

@@ -142,10 +142,7 @@ class Motion(Summarised):
 
     @checked
     def trimmed(
-        self,
-        duration: Seconds,
-        *,
-        start: Annotated[float, at.Ge(0.0), at.Unit("s")] = 0.0,
+        self, duration: Seconds, *, start: Annotated[float, at.Ge(0.0), at.Unit("s")] = 0.0
     ) -> Self:
         """Return the samples from ``start`` to ``start + duration`` [s]; time starts again at 0.
 

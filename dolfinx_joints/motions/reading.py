@@ -22,12 +22,7 @@ from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.motions.columns import is_columns, read_columns, states_unit
 from dolfinx_joints.motions.formats import FORMATS, at2_record
 from dolfinx_joints.motions.motion import Motion, Seconds
-from dolfinx_joints.motions.record_text import (
-    Component,
-    RecordText,
-    direction_named,
-    unit_named,
-)
+from dolfinx_joints.motions.record_text import Component, RecordText, direction_named, unit_named
 
 WEAK_G, STRONG_G = 0.02, 5.0
 """Plausible peaks, in units of g: to 0.028 g shaking is light (intensity IV, Worden et al., Bull.

@@ -17,12 +17,7 @@ from dolfinx_joints.results.layout import Array
 from dolfinx_joints.results.writer import ResultsWriter
 
 EnvelopeName = Literal[
-    "principal_max",
-    "principal_min",
-    "arch_max",
-    "arch_min",
-    "cantilever_max",
-    "cantilever_min",
+    "principal_max", "principal_min", "arch_max", "arch_min", "cantilever_max", "cantilever_min"
 ]
 ENVELOPE_NAMES: tuple[str, ...] = get_args(EnvelopeName)
 

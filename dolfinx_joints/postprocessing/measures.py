@@ -42,11 +42,7 @@ from dolfinx_joints.postprocessing.static_stages import StageEnergy as StageEner
 from dolfinx_joints.postprocessing.static_stages import StageJoint as StageJoint
 from dolfinx_joints.postprocessing.static_stages import StaticStage as StaticStage
 from dolfinx_joints.postprocessing.static_stages import static_stages as static_stages
-from dolfinx_joints.results.arguments import (
-    COMPONENTS,
-    Component,
-    check_results,
-)
+from dolfinx_joints.results.arguments import COMPONENTS, Component, check_results
 from dolfinx_joints.results.joint_points import free_areas, gaps
 from dolfinx_joints.results.quantities import JOINT_SERIES, TABLE, Quantity, rows_below
 from dolfinx_joints.results.reader import Results

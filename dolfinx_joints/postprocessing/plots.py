@@ -58,12 +58,7 @@ from dolfinx_joints.postprocessing.joints.extremes import drawn_series
 from dolfinx_joints.postprocessing.joints.maps import TIED_STYLE, draw_map
 from dolfinx_joints.postprocessing.joints.maps import joint_maps as joint_maps
 from dolfinx_joints.postprocessing.joints.panels import joint_panels as joint_panels
-from dolfinx_joints.postprocessing.joints.surface import (
-    LABELS,
-    JointSurface,
-    Quantity,
-    map_value,
-)
+from dolfinx_joints.postprocessing.joints.surface import LABELS, JointSurface, Quantity, map_value
 from dolfinx_joints.postprocessing.measures import (
     acceleration_history,
     band_name,
@@ -74,12 +69,7 @@ from dolfinx_joints.postprocessing.measures import (
     resolved_frequencies,
 )
 from dolfinx_joints.postprocessing.palette import BLUE, RED, colour_limits
-from dolfinx_joints.results.arguments import (
-    COMPONENTS,
-    Component,
-    check_results,
-    chosen_state,
-)
+from dolfinx_joints.results.arguments import COMPONENTS, Component, check_results, chosen_state
 from dolfinx_joints.results.joint_points import free_areas
 from dolfinx_joints.results.quantities import row_of
 from dolfinx_joints.results.reader import Results

@@ -9,11 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from dolfinx_joints.common.constants import (
-    LARGE_ENERGY_ERROR,
-    LARGE_LOCAL_ERROR,
-    STANDARD_GRAVITY,
-)
+from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR, STANDARD_GRAVITY
 from dolfinx_joints.postprocessing import measures, peaks, views
 from dolfinx_joints.postprocessing.energy_lines import energy_lines, joint_losses
 from dolfinx_joints.postprocessing.frames import frame_name

@@ -227,12 +227,7 @@ def copy_rows(source: h5py.Dataset, target: h5py.Dataset, count: int) -> None:
 
 
 def extendable(
-    group: h5py.Group,
-    name: str,
-    shape: tuple[int, ...],
-    dtype: np.dtype[Any],
-    *,
-    fill: float = 0.0,
+    group: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], *, fill: float = 0.0
 ) -> h5py.Dataset:
     """A new dataset without rows that can grow; ``shape`` is that of one row."""
     row_bytes = max(1, int(np.prod(shape)) * dtype.itemsize)

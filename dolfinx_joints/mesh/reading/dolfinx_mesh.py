@@ -246,10 +246,7 @@ def _tagged(
 
 
 def _group_entities(
-    mesh: dolfinx.mesh.Mesh,
-    dim: int,
-    groups: Mapping[str, Any],
-    tags: dolfinx.mesh.MeshTags | None,
+    mesh: dolfinx.mesh.Mesh, dim: int, groups: Mapping[str, Any], tags: dolfinx.mesh.MeshTags | None
 ) -> dict[str, NDArray[np.int32]]:
     """Local facets or cells of each group, by its tag or as given (collective)."""
     comm, kind = mesh.comm, "cell" if dim == mesh.topology.dim else "facet"

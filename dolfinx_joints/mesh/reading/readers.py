@@ -13,11 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.common.parameters import (
-    check_count,
-    check_named,
-    shown,
-)
+from dolfinx_joints.common.parameters import check_count, check_named, shown
 from dolfinx_joints.mesh.distribution.shares import PreparedMesh, create_jointed, distribute
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.mesh.preparation import prepare

@@ -123,9 +123,7 @@ _ENDS = (
 )
 
 
-def _laid_out(
-    surfaces: Mapping[str, JointSurface],
-) -> tuple[Figure, dict[str, Axes], Axes]:
+def _laid_out(surfaces: Mapping[str, JointSurface]) -> tuple[Figure, dict[str, Axes], Axes]:
     """A figure, axes for each joint, and axes for the colour bar."""
     rows = list(_rows(surfaces))
     boxes = {name: _box(surface) for name, surface in surfaces.items()}

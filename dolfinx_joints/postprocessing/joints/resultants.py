@@ -218,10 +218,7 @@ def forces_of(frames: Floats, areas: Floats, traction: Floats) -> Floats:
 
 @checked
 def joint_resultants(
-    results: Results,
-    joint: str,
-    *,
-    friction_angle_deg: FrictionAngle | None = None,
+    results: Results, joint: str, *, friction_angle_deg: FrictionAngle | None = None
 ) -> JointResultants:
     """Resultants of a joint at every step if the run recorded them, else at its stored states.
 

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.dealt import TAG, Dealt
+from dolfinx_joints.common.arrays import TAG, Dealt
 
 T = TypeVar("T")
 

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dolfinx_joints.common.dealt import Dealt, blocks_in
+from dolfinx_joints.common.arrays import Dealt, blocks_in
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.export.grids import Array, Grid
 from dolfinx_joints.export.whole_files import begun, changed, finished, forgotten

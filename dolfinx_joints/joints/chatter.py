@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.arrays import Floats
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt, Floats
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Response

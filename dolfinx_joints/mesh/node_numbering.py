@@ -11,8 +11,7 @@ from dolfinx.fem import FunctionSpace
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.common.arrays import Ints
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt, Ints
 from dolfinx_joints.common.mpi import (
     RowsAt,
     across,

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.arrays import Flags, Ints
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt, Flags, Ints
 from dolfinx_joints.common.mpi import RowsAt, across, blocks_of, dealt, equal_blocks
 from dolfinx_joints.mesh.cells import vtk_layout
 from dolfinx_joints.mesh.node_numbering import NodeNumbering

@@ -6,8 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dolfinx_joints.common.arrays import Floats
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt, Floats
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.model.model import Model

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt
 from dolfinx_joints.common.mpi import RowsAt, across, dealt, equal_blocks
 from dolfinx_joints.joints.operator import JointOperator
 

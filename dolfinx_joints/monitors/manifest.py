@@ -18,7 +18,7 @@ import ufl
 from numpy.typing import NDArray
 
 from dolfinx_joints import __version__
-from dolfinx_joints.common.dealt import blocks_in
+from dolfinx_joints.common.arrays import blocks_in
 from dolfinx_joints.common.mpi import across, blocks_of, handing_out, sorted_rows
 from dolfinx_joints.loads.load import always, load_names
 from dolfinx_joints.results.layout import JUMP

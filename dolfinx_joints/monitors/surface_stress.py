@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix
 
-from dolfinx_joints.common.arrays import Floats, Ints
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt, Floats, Ints
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import (
     across,

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.results.quantities import row_of
 from dolfinx_joints.results.reader import STAGE_NAME_BYTES

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.dealt import Dealt, blocks_in
+from dolfinx_joints.common.arrays import Dealt, blocks_in
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import set_texts
 from dolfinx_joints.results.reader import listing

@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.files import FileLock, released
 from dolfinx_joints.common.hdf5 import set_texts

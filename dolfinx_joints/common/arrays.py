@@ -31,9 +31,7 @@ class Dealt:
         dtype: Of its entries.
     """
 
-    def __init__(
-        self, comm: Any, mine: NDArray[Any], blocks: NDArray[np.int64] | None = None
-    ) -> None:
+    def __init__(self, comm: Any, mine: NDArray[Any], blocks: Ints | None = None) -> None:
         self.mine = np.ascontiguousarray(mine)
         self._blocks = np.cumsum([0, *comm.allgather(len(mine))]) if blocks is None else blocks
         self.shape = (int(self._blocks[-1]), *mine.shape[1:])

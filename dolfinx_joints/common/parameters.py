@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from dolfinx_joints.common.arrays import Floats
 
 # Escapes, directions of writing, parts of characters; beginnings of formulas that are no numbers.
 _CONTROL = re.compile(
@@ -142,7 +143,7 @@ def check_file(path: Path, missing: str, error: type[Exception] = ValueError) ->
         raise error(missing)
 
 
-def check_vector(name: str, value: Any, sizes: Collection[int]) -> NDArray[np.float64]:
+def check_vector(name: str, value: Any, sizes: Collection[int]) -> Floats:
     """Finite real numbers, as many as one of ``sizes`` says.
 
     Raises:
@@ -179,7 +180,7 @@ def number_at(name: str, function: Callable[[float], Any], time: float, *, unit:
 
 def check_each(
     name: str, given: Any, count: int, *, negative: bool = True, one: bool = True
-) -> NDArray[np.float64]:
+) -> Floats:
     """The values of a function of points, a finite number for each, shape (count,).
 
     Args:
@@ -203,12 +204,12 @@ def check_each(
     return np.broadcast_to(values, count).astype(np.float64)
 
 
-def finite(values: NDArray[np.float64]) -> bool:
+def finite(values: Floats) -> bool:
     """Whether all numbers are finite."""
     return bool(np.isfinite(values).all())
 
 
-def numbers_of(value: Any) -> NDArray[np.float64] | None:
+def numbers_of(value: Any) -> Floats | None:
     """An array of any shape of what are real numbers throughout, None of anything else.
 
     Truth values, texts and complex numbers are none.

@@ -6,13 +6,12 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-import numpy as np
 from dolfinx.fem import FunctionSpace
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.elasticity import ElasticBody
 from dolfinx_joints.body.supports import Constraints
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
@@ -46,9 +45,7 @@ class LoadedBody(Protocol):
     def assemble(self, form: Any) -> PETSc.Vec:
         """Nodal forces of a linear form, [N] (collective)."""
 
-    def inertia_pattern(
-        self, acceleration: NDArray[np.float64], *, body_only: bool = False
-    ) -> PETSc.Vec:
+    def inertia_pattern(self, acceleration: Floats, *, body_only: bool = False) -> PETSc.Vec:
         """M times a uniform acceleration [m/s^2], [N] (collective).
 
         With ``body_only`` without added masses, which have no weight.
@@ -57,5 +54,5 @@ class LoadedBody(Protocol):
     def joined(self, force: PETSc.Vec) -> PETSc.Vec:
         """A vector of the body's unknowns among those of a dynamic stage (collective)."""
 
-    def nodes(self, group: str) -> NDArray[np.int64]:
+    def nodes(self, group: str) -> Ints:
         """Owned nodes of a facet group, local numbers (collective)."""

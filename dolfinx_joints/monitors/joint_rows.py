@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.arrays import Dealt
+from dolfinx_joints.common.arrays import Dealt, Ints
 from dolfinx_joints.common.mpi import RowsAt, across, dealt, equal_blocks
 from dolfinx_joints.joints.operator import JointOperator
 
@@ -33,7 +33,7 @@ class JointRows:
             for each in (layout.number, layout.share)
         )
         self._rows = RowsAt(self._comm, len(layout.areas), number.ravel())
-        self.joint: NDArray[np.int64] = self._rows(layout.joint)
+        self.joint: Ints = self._rows(layout.joint)
         facets = np.bincount(pairs.joint, minlength=len(self.names))
         ends = np.concatenate([[0], np.cumsum(self._comm.allreduce(facets))])
         blocks = equal_blocks(pairs.count, self._comm.size)

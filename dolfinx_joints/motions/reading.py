@@ -13,8 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning, RecordError, warn
@@ -255,7 +255,7 @@ def _assembled(parts: list[Component], title: str) -> tuple[Motion, float | None
     return Motion(acceleration=columns, dt=x.dt, name=title), azimuth
 
 
-def _shared_time(parts: Sequence[Component], title: str) -> NDArray[np.float64]:
+def _shared_time(parts: Sequence[Component], title: str) -> Floats:
     """Accelerations in the time that all components cover, shape (n, components), [m/s^2]."""
     dt, shortest = parts[0].dt, min(len(part.acceleration) for part in parts)
     if max(abs(part.dt - dt) for part in parts) * shortest > _OFF * dt:

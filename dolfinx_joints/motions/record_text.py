@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import shown
@@ -75,7 +75,7 @@ class Component:
             time begins; None if the file does not hold it.
     """
 
-    acceleration: NDArray[np.float64]
+    acceleration: Floats
     dt: float
     unit: str
     record: str
@@ -93,7 +93,7 @@ class Component:
 class Samples(NamedTuple):
     """Numbers of a file, the number of their first line, and how many are on each line."""
 
-    values: NDArray[np.float64]
+    values: Floats
     first: int
     per_line: int = 1
 
@@ -173,7 +173,7 @@ class RecordText:
             )
         return Samples(found, first, len(self.words(first, width)))
 
-    def rows(self, first: int, columns: int) -> NDArray[np.float64]:
+    def rows(self, first: int, columns: int) -> Floats:
         """Numbers from a line to the end of the file, shape (lines, columns)."""
         for number in range(first, len(self.lines) + 1):
             found = len(self.words(number))
@@ -299,7 +299,7 @@ def component(
     return Component(acceleration=acceleration, unit=unit, path=text.path, **facts)
 
 
-def _filler(values: NDArray[np.float64], unknown: float | None) -> int | None:
+def _filler(values: Floats, unknown: float | None) -> int | None:
     """Return the place of a missing sample: ``unknown``, or nines alone that jump or repeat."""
     if unknown is not None and (values == unknown).any():
         return int(np.argmax(values == unknown))

@@ -9,8 +9,8 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 from h5py import Group
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Ints
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.parameters import check_kind_of, shown
 from dolfinx_joints.results.reader import Results, listing
@@ -90,7 +90,7 @@ def chosen_state(
     return results, number, f"at t = {results.time('states')[number]:.3f} s"
 
 
-def rows_of_groups(results: Results, groups: Collection[str]) -> NDArray[np.int64]:
+def rows_of_groups(results: Results, groups: Collection[str]) -> Ints:
     """Rows of ``mesh/cells`` that make up cell groups.
 
     Raises:

@@ -32,6 +32,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import attribute, check_version, damage_reported, open_growing
@@ -215,11 +216,11 @@ class Results(Summarised):
         with self._reading():
             yield self._file["static"], self._file["streams"]
 
-    def time(self, stream: str) -> NDArray[np.float64]:
+    def time(self, stream: str) -> Floats:
         """Times of the whole records of a stream, shape (rows,), [s]."""
         group, rows = self._stream(stream), self.rows(stream)
         with self._reading():
-            times: NDArray[np.float64] = group["time"][:rows]
+            times: Floats = group["time"][:rows]
         if not (np.diff(times, prepend=-np.inf) > 0.0).all():
             raise ResultsError(
                 f"{self.path} is damaged: the times of the stream {stream!r} do not increase."

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import MeshError, warn
 from dolfinx_joints.common.parameters import check_file
-from dolfinx_joints.mesh.cells import CellShape, Ints, RawMesh, check_curves, find_facets
+from dolfinx_joints.mesh.cells import CellShape, RawMesh, check_curves, find_facets
 from dolfinx_joints.mesh.dolfinx_versions import gmsh_permutation
 from dolfinx_joints.mesh.reading.gmsh_syntax import check_msh
 
@@ -83,7 +83,7 @@ def _read_model(model: Any, source: str, names: Names) -> RawMesh:
             "format 2.2: set Mesh.SaveAll to 0, or write format 4.1."
         )
     kinds, blocks, cell_groups, start = set(), [], {}, 0
-    numbered: dict[int, NDArray[np.int64]] = {}
+    numbered: dict[int, Ints] = {}
     for name, entities in groups[dim].items():
         members = []
         for entity in entities:
@@ -104,7 +104,7 @@ def _read_model(model: Any, source: str, names: Names) -> RawMesh:
     used = np.flatnonzero(place == 0)
     place[used] = np.arange(len(used))
     nodes, in_cells = place[nodes], place[tags] >= 0
-    x: NDArray[np.float64] = np.empty((len(used), 3))
+    x: Floats = np.empty((len(used), 3))
     x[place[tags[in_cells]]] = coordinates.reshape(-1, 3)[in_cells]
     facets = {
         name: _facets(model, dim, entities, name, used)

@@ -21,14 +21,8 @@ TAG = 4101
 class Dealt:
     """A dealt array, which rank 0 can read block by block within `mpi.handing_out`.
 
-    Args:
-        comm: Communicator.
-        mine: Rows of this rank.
-        blocks: First row of each rank, and their number; found out unless given (collective).
-
-    Attributes:
-        shape: Of the whole array.
-        dtype: Of its entries.
+    Blocks, the first row of each rank and the number of all, are found out unless given
+    (collective); shape and dtype are those of the whole array.
     """
 
     def __init__(self, comm: Any, mine: NDArray[Any], blocks: Ints | None = None) -> None:

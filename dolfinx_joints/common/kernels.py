@@ -267,13 +267,7 @@ class _Cache(NullCache):  # type: ignore[misc]
 
 
 def njit(function: Any = None, *, cache: bool = False, **options: Any) -> Any:
-    """Compile a function as `numba.njit` does.
-
-    Args:
-        function: The function; without it a decorator is returned.
-        cache: Whether to keep the machine code in the user's cache folder.
-        **options: As those of numba.
-    """
+    """Compile as `numba.njit` does; with ``cache`` keep machine code in the user's cache folder."""
     if function is None:
         return partial(njit, cache=cache, **options)
     loop = numba.njit(**options)(function)

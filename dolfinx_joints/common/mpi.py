@@ -80,11 +80,8 @@ def lasting(comm: Any, kept: list[Any] = _LASTING) -> Any:
 def all_fail(comm: Any, error: BaseException) -> bool:
     """Whether all ranks get here within `APART` seconds, so that they may go on together.
 
-    For handlers of errors, as others do not know of an error of this rank alone.
-
-    Args:
-        comm: ``lasting(comm, OF_ERRORS)``, made before and used for nothing else.
-        error: What has ended the work of this rank.
+    For handlers of errors, as others do not know of an error of this rank alone; ``comm`` is
+    ``lasting(comm, OF_ERRORS)``, made before and used for nothing else.
     """
     arrival, end = comm.Ibarrier(), monotonic() + APART
     while not arrival.Test():
@@ -146,13 +143,7 @@ def rows_at(comm: Any, rows: NDArray[Any], number: Ints) -> NDArray[Any]:
 
 
 class RowsAt:
-    """The same of many arrays dealt alike.
-
-    Args:
-        comm: Communicator.
-        count: Rows of this rank.
-        number: Numbers among all of the rows that this rank asks for, shape (n,).
-    """
+    """The same of many arrays of ``count`` rows here dealt alike; numbers are among all rows."""
 
     def __init__(self, comm: Any, count: int, number: Ints) -> None:
         """Tell each rank what is asked for (collective)."""
@@ -174,12 +165,7 @@ class RowsAt:
         return found[self._place]
 
     def mark(self, marks: Flags, rows: Flags) -> None:
-        """Set those of this rank's rows that any rank marks where it has asked (collective).
-
-        Args:
-            marks: Of the numbers asked for, shape (n,).
-            rows: This rank's rows.
-        """
+        """Set those of this rank's rows that any rank marks where it has asked (collective)."""
         if self._comm.size == 1:
             rows[self._number[marks]] = True
             return

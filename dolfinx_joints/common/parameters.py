@@ -157,17 +157,7 @@ def check_vector(name: str, value: Any, sizes: Collection[int]) -> Floats:
 
 
 def number_at(name: str, function: Callable[[float], Any], time: float, *, unit: str = "") -> float:
-    """The value of a function of time, a finite number.
-
-    Args:
-        name: What the value is.
-        function: The function.
-        time: Time [s].
-        unit: Unit of the value.
-
-    Raises:
-        ValueError: It gives something else.
-    """
+    """The finite number that a function gives at a time [s], or a ValueError that has its name."""
     value = function(time)
     if isinstance(value, float) and math.isfinite(value):  # of each load in each step
         return float(value)
@@ -183,12 +173,7 @@ def check_each(
 ) -> Floats:
     """The values of a function of points, a finite number for each, shape (count,).
 
-    Args:
-        name: What the values are.
-        given: What the function has given, or a number in its place.
-        count: Number of points.
-        negative: Whether values may be negative.
-        one: Whether one number for all will do.
+    ``given`` is what it has given, or where ``one`` number for all will do, this.
 
     Raises:
         ValueError: It is something else.

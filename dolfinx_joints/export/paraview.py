@@ -83,13 +83,9 @@ def joints_path(path: Path) -> Path:
 
 
 def values_of(results: Results, joints: Sequence[str], number: int, grid: Grid) -> dict[str, Any]:
-    """Values of the points of joints by name with unit, one joint after the other.
+    """Values of the points of joints by name with unit, one joint after the other, at a record.
 
-    Args:
-        results: The run.
-        joints: Names of the joints; what only some of them have is NaN in the others.
-        number: Number of the record of ``states``.
-        grid: Grid of these joints.
+    What only some of the joints have is NaN in the others.
     """
     starts = tuple(f"joints/{joint}/" for joint in joints)
     names = [name for name in results.streams["states"] if name.startswith(starts)]

@@ -174,11 +174,8 @@ class Contact:
     ) -> Response:
         """Answer of the laws of the local points, each on its own compliance (collective).
 
-        Args:
-            trial_gap: Gap if the point carried no traction, shape (n, 3), [m].
-            compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
-            state: State at the start of the step.
-            rule: How the laws are asked.
+        Trial gaps are those of points without traction, shape (n, 3), [m]; the compliance of the
+        structure is normal and tangential, shape (n, 2), [m/Pa].
         """
         return self._ask(rule, trial_gap, compliance, state)
 

@@ -107,10 +107,7 @@ class FormOperator(GapOperator):
 class FormTangent:
     """Tangents of joints assembled by a form, with their sparsity kept.
 
-    Args:
-        operator: The joint operator.
-        free: Vector with 1 for free and 0 for constrained dofs; constrained rows and columns of
-            the result are zero.
+    Dofs are constrained where ``free`` is 0: rows and columns of the result are zero there.
     """
 
     def __init__(self, operator: FormOperator, free: PETSc.Vec) -> None:

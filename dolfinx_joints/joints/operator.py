@@ -32,12 +32,7 @@ ROUNDING = 1e-14
 
 
 class TangentMatrix(Protocol):
-    """Point tangents as a matrix.
-
-    Attributes:
-        comm: Communicator of the matrix.
-        joints: B with the columns of constrained dofs zero, None where there is none.
-    """
+    """Point tangents as a matrix; ``joints`` is B with zero columns of constrained dofs."""
 
     comm: Any
     joints: PETSc.Mat | None
@@ -168,10 +163,7 @@ class JointOperator(GapOperator):
 class JointTangent:
     """B^T (w D) B for changing point tangents D, with its sparsity kept.
 
-    Args:
-        operator: The joint operator.
-        free: Vector with 1 for free and 0 for constrained dofs; constrained rows and columns of
-            the result are zero.
+    Dofs are constrained where ``free`` is 0: rows and columns of the result are zero there.
     """
 
     def __init__(self, operator: GapOperator, free: PETSc.Vec) -> None:
@@ -249,12 +241,7 @@ def _assemble_operator(jointed: JointedMesh, V: Any, layout: JointPoints) -> PET
 
 
 def diagonal_compliance(operator: PETSc.Mat, diagonal: PETSc.Vec) -> Floats:
-    """B diag(A)^-1 B^T, the estimate of the compliance's diagonal, shape (local rows,), [m/N].
-
-    Args:
-        operator: B.
-        diagonal: That of the body's matrix A [N/m].
-    """
+    """B diag(A)^-1 B^T, the estimate of the compliance's diagonal, shape (local rows,), [m/N]."""
     squares, inverse = operator.copy(), diagonal.copy()
     starts, columns, values = squares.getValuesCSR()
     squares.setValuesCSR(starts, columns, values**2)
@@ -312,11 +299,7 @@ def _side_entries(jointed: JointedMesh, V: Any, layout: JointPoints) -> tuple[In
 def _side_table(element: Any, rule: Floats, vertices: Floats) -> Floats:
     """Basis functions of a cell at the rule's points on one of its facets, shape (q, a).
 
-    Args:
-        element: Scalar basix element of the displacement.
-        rule: Points on the reference facet, shape (q, facet dimension).
-        vertices: Reference coordinates of the facet's vertices in the order of the - side,
-            shape (vertices per facet, cell dimension).
+    Vertices are the facet's in the order of the - side, in reference coordinates of the cell.
     """
     position = vertex_functions(len(vertices), rule) @ vertices
     table: Floats = element.tabulate(0, position)[0, :, :, 0]

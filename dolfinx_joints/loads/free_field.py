@@ -144,9 +144,6 @@ class SupportForces:
     """Forces of supports that held the body in statics and are no more in a dynamic stage.
 
     Rock that is held in statics and stands on dashpots in an earthquake needs them.
-
-    Args:
-        model: The model of the dynamic stage.
     """
 
     def __init__(self, model: LoadedBody) -> None:

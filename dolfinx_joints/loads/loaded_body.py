@@ -20,16 +20,8 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 class LoadedBody(Protocol):
     """A body on a split mesh, its matrices and its joints.
 
-    Attributes:
-        jointed: The mesh.
-        gdim: Axes of the model.
-        V: Displacement space.
-        body: Material fields.
-        mass: M, whose layout forces and added masses have [kg].
-        constraints: Constrained dofs.
-        absorbing: Groups with a viscous boundary.
-        operator: Joint operator, None without joints.
-        contact: Joints with their laws, None without joints.
+    M, whose layout forces and added masses have, is ``mass``; groups with a viscous boundary are
+    ``absorbing``; without joints operator and contact are None.
     """
 
     jointed: JointedMesh

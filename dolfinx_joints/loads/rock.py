@@ -19,15 +19,7 @@ LEVEL = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Layer:
-    """A level layer of rock.
-
-    Attributes:
-        bottom: Its height [m].
-        top: Likewise [m].
-        first_lame: Lambda [Pa].
-        shear_modulus: Mu [Pa].
-        density: Rho [kg/m^3].
-    """
+    """A level layer of rock: its ends [m], lambda and mu [Pa], and density [kg/m^3]."""
 
     bottom: float
     top: float
@@ -68,13 +60,6 @@ def layers_along(
     name: str, model: LoadedBody, groups: Sequence[str], base: float, surface: float
 ) -> list[Layer]:
     """Layers of the rock behind groups from the base up to the level surface (collective).
-
-    Args:
-        name: Name of the load in error messages.
-        model: The body.
-        groups: Facet groups.
-        base: Height that the lowest layer reaches down to [m].
-        surface: Height that the highest layer reaches up to [m].
 
     Raises:
         ValueError: The rock has no mass, or its materials are not level layers.

@@ -46,16 +46,9 @@ def forces_of_levels(
 ) -> list[tuple[float, PETSc.Vec]]:
     """Delay of each level [s], and forces of a unit velocity there, equation (12j) (collective).
 
-    Between levels velocities are cubic, on facets as the shape functions of the mesh.
-
-    Args:
-        model: The body.
-        groups: Facet groups with a viscous boundary.
-        motion: Direction d in which the wave moves, shape (gdim,).
-        slowness: Its slowness s, shape (gdim,), [s/m].
-        spacing: Delay between levels [s].
-        start: Phase s.x without delay [s].
-        layer: Layer whose facets alone are loaded; all of them unless given.
+    Between levels, ``spacing`` apart [s], velocities are cubic, on facets as the shape functions of
+    the mesh. The wave moves along d, ``motion``, with a slowness s [s/m]; the phase s.x without
+    delay is ``start`` [s]. With a layer its facets alone are loaded.
     """
     degree = model.V.element.basix_element.degree
     scalar = fem.functionspace(model.jointed.mesh, ("Lagrange", degree))

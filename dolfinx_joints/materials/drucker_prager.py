@@ -188,9 +188,7 @@ class DruckerPrager:
     def _cone_tangent(self, direction: Floats, part: Floats) -> Floats:
         """Derivative of the stress on the cone by the strain, shape (n, 6, 6), [Pa].
 
-        Args:
-            direction: Deviator over its sqrt(J2), shape (n, 6).
-            part: Part of the trial's deviator that was taken off, shape (n,).
+        The direction is the deviator over its sqrt(J2), the part what of the trial's was taken off.
         """
         shear, bulk = self._moduli()
         side = np.einsum("ni,nj->nij", direction, direction)

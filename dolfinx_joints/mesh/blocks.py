@@ -64,10 +64,7 @@ def same_places(points: Floats, distance: float) -> Ints:
 def first_at_places(comm: Any, points: Floats, distance: float) -> Ints:
     """Number among those of all ranks of the first point at the place of each, (n,) (collective).
 
-    Args:
-        comm: Communicator.
-        points: Coordinates of this rank's, shape (n, 3), [m].
-        distance: Points nearer to each other than that are at the same place [m].
+    Points, (n, 3), that are nearer to each other than a distance are at the same place [m].
     """
     blocks = blocks_of(comm, len(points))
     number = blocks[comm.rank] + np.arange(len(points))

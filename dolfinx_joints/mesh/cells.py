@@ -108,12 +108,7 @@ class RawMesh:
 
 
 def find_facets(shape: CellShape, cells: Ints, facets: Ints) -> tuple[Ints, Ints]:
-    """Find the cells at given facets.
-
-    Args:
-        shape: The reference cell.
-        cells: Cell nodes, shape (num_cells, nodes per cell).
-        facets: Vertices of the facets in any order, shape (n, vertices per facet).
+    """Find the cells at facets given by their vertices in any order, (n, vertices per facet).
 
     Returns:
         ``owner`` of shape (n, 2, 2): (cell, local facet) of the first and second cell, -1 where

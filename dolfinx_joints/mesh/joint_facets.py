@@ -51,12 +51,8 @@ def integrated_pairs(
 ) -> IntegratedPairs:
     """Find the pairs of this rank, and make the quadrature points of their two sides meet.
 
-    Args:
-        mesh: The split mesh; the cells across the joints are ghosts on the rank of the - side.
-        shape: Reference cell.
-        pairs: The facet pairs whose - cell this rank owns.
-        minus: Local number of each pair's cell on the - side.
-        plus: The same on the + side.
+    The cells across the joints are ghosts on the rank of the - side; ``minus`` and ``plus`` are the
+    local numbers of each pair's cells.
     """
     entities = np.column_stack([plus, pairs.plus[:, 1], minus, pairs.minus[:, 1]])
     codes = dolfinx_versions.facet_permutations(mesh)

@@ -85,10 +85,6 @@ def _least_slots(V: FunctionSpace, place: Ints) -> Ints:
     """A number for each local node that no partition changes (collective).
 
     The smallest (input cell, position in the cell) slot that holds the node, on any rank.
-
-    Args:
-        V: Space of the nodes.
-        place: DOLFINx's number of each local node among those of all ranks.
     """
     mesh, dofmap = V.mesh, V.dofmap
     cells = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)

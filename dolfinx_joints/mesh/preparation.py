@@ -156,13 +156,8 @@ def tag_sets(
 ) -> tuple[Ints, NDArray[np.int32], dict[str, tuple[int, ...]]]:
     """Give each set of groups that some entity belongs to a tag of its own.
 
-    Groups may overlap although a DOLFINx tag is one number per entity.
-
-    Args:
-        entities: A row for each member of each group, shape (n, k).
-        group: Position of the group among the names, shape (n,).
-        names: The groups.
-        of_all: Gathers the sets, shape (m, groups), of all ranks.
+    Groups may overlap although a DOLFINx tag is one number per entity. There is a row of entities,
+    and the position of its group, for each member; ``of_all`` gathers the sets of all ranks.
 
     Returns:
         The entities, each once, their tags, and the tags of each group.

@@ -64,12 +64,7 @@ class Fields:
     def of_joints(
         self, joints: Response | None, pressure: Callable[[], Floats] | None
     ) -> dict[str, NDArray[Any]]:
-        """Values of the rows of this rank by what they are (collective).
-
-        Args:
-            joints: Response of the joints.
-            pressure: Gives that of the water at the local joint points, (n,), [Pa].
-        """
+        """Values of this rank's rows; the water's pressure is of local points (collective)."""
         if self._rows is None or self._contact is None or joints is None:
             return {}
         found: dict[str, NDArray[Any]] = {"gap": joints.state.gap, "traction": joints.traction}

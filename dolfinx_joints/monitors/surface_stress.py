@@ -88,13 +88,7 @@ class SurfaceStress:
         self._stress = self._matrix.createVecLeft()
 
     def _assemble(self, model: Model, place: Ints, count: Floats) -> PETSc.Mat:
-        """Rows of the vertices, six each.
-
-        Args:
-            model: The model.
-            place: Number of the vertex at each corner of the owned cells, -1 off the boundary.
-            count: Number of the cells around each vertex.
-        """
+        """Six rows for each vertex; ``place`` is that of owned cells' corners, -1 inside."""
         dofmap, columns = model.V.dofmap, model.stiffness.getSizes()[1]
         evaluate = _evaluator(model)
         cells = np.flatnonzero((place >= 0).any(axis=1)).astype(np.int32)
@@ -253,14 +247,7 @@ class StressEnvelopes:
 def _directions(
     model: Model, nodes: NodeNumbering, facets: Ints, wanted: Ints
 ) -> tuple[Floats, Floats]:
-    """Arch and cantilever directions at some nodes (collective).
-
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
-        facets: This rank's part of the facets of the surface, in rising order over all.
-        wanted: Numbers of the nodes, rising.
-    """
+    """Arch and cantilever directions at wanted nodes; facets are this rank's (collective)."""
     comm = model.jointed.mesh.comm
     # Each facet goes to all that have one of its vertices; as there, their order is that of all.
     first = comm.allgather(int(wanted[0]) if len(wanted) else nodes.count)

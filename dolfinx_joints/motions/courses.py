@@ -67,14 +67,10 @@ def motion_from_velocity(velocity: ArrayLike, *, dt: Seconds, name: str = "motio
 
 
 def displacement_of(motion: Motion, *, rate: bool = False) -> Callable[[Floats], Floats]:
-    """Return the displacement of a motion as a function of times [s]: shape (n,) to (n, 3).
+    """Return displacement, or the ``rate`` [m/s], of a motion by times [s]: shape (n,) to (n, 3).
 
     Accelerations are linear between samples and are integrated exactly. The ground rests before the
     first sample. After the last sample it keeps its velocity.
-
-    Args:
-        motion: The motion.
-        rate: Return the velocity [m/s] instead of the displacement [m].
     """
     velocity, displacement = motion.integrated()
     acceleration, dt = motion.acceleration, motion.dt

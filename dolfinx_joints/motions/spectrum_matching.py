@@ -321,11 +321,8 @@ class _Matcher:
 def _amplitudes(effects: Floats, lacking: Floats, highest: Flags, weight: Floats) -> Floats:
     """Least squares: the highest peaks reach the target, others do not rise above it; shape (w,).
 
-    Args:
-        effects: of wavelets of amplitude one on peaks, shape (m, w).
-        lacking: what peaks lack to the target, negative above it, shape (m,).
-        highest: of their oscillators, shape (m,).
-        weight: of peaks, shape (m,).
+    Effects, shape (m, w), are those of wavelets of amplitude one on peaks, ``lacking`` is what
+    these lack to the target, negative above it.
     """
     active = highest | (lacking < 0.0)
     for _ in range(_SWAPS):  # (12aj)

@@ -82,15 +82,9 @@ class Body:
 
 
 class Deformed:
-    """A body whose nodes have moved, its displacements enlarged.
+    """A body whose nodes have moved by a factor times their displacements.
 
-    Args:
-        body: The body.
-        displacement: Of the nodes, shape (nodes, 3), [m].
-        factor: Displacements are multiplied by it.
-
-    Attributes:
-        places: Where the nodes of the faces that fill the picture are, shape (n, 3), [m].
+    ``places`` are those of the nodes of the faces that fill the picture, shape (n, 3), [m].
     """
 
     def __init__(self, body: Body, displacement: Floats, factor: float) -> None:

@@ -129,12 +129,6 @@ def declare_directions(writer: ResultsWriter, nodes: Array, arch: Array, cantile
 
 
 def stage_stresses(stress: Floats, arch: Floats, cantilever: Floats) -> Floats:
-    """Columns in the order of the series of ``STAGE_STRESSES``, shape (n, 4), [Pa].
-
-    Args:
-        stress: Shape (n, 6), [Pa].
-        arch: Arch directions, shape (n, 3).
-        cantilever: Cantilever directions, shape (n, 3).
-    """
+    """Columns in the order of the series of ``STAGE_STRESSES``, shape (n, 4), [Pa]."""
     along = [stress_along(stress, direction) for direction in (arch, cantilever)]
     return np.column_stack([*principal_extremes(stress), *along])

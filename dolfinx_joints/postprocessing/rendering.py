@@ -358,11 +358,6 @@ def round_down(wanted: float) -> float:
 
 
 def round_scale(nodes: Floats, largest: float) -> float:
-    """A round factor by which the largest displacement becomes some 6 % of the body's size.
-
-    Args:
-        nodes: of the body, shape (n, 3), [m].
-        largest: displacement [m].
-    """
+    """A round factor by which the largest displacement becomes some 6 % of the body's size."""
     size = float(np.linalg.norm(np.ptp(nodes, axis=0)))
     return 1.0 if largest == 0.0 else round_down(0.06 * size / largest)

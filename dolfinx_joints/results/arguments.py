@@ -26,13 +26,7 @@ def check_results(results: Any) -> None:
 
 
 def record_number(results: Results, time: float | None, index: int) -> int:
-    """Number of a record of the stream ``states``, from 0.
-
-    Args:
-        results: the run.
-        time: the record nearest to it [s].
-        index: number of the record where no time is given, negative from the end.
-    """
+    """Number of a record of ``states``, from 0: nearest to a time [s], else by an index."""
     check_results(results)
     if time is not None:
         return results.nearest("states", time)

@@ -56,13 +56,8 @@ def joint_term(
 ) -> Any:
     """Work of the fluxes through joints on a test function (UFL), [W]; 0 without such.
 
-    Args:
-        jointed: The mesh.
-        joints: Conductance of each joint that lets heat through.
-        openings: Normal gap of these, a number or a UFL scalar under `JointedMesh.dS` [m]; those
-            not named are closed.
-        t: Temperature.
-        q: Test function.
+    Openings are normal gaps, numbers or UFL scalars under `JointedMesh.dS` [m]; joints not named
+    there are closed.
 
     Raises:
         ValueError: A conductance is none, or an opening is of a joint without one.

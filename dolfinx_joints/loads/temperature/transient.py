@@ -105,12 +105,8 @@ def _first(space: Any, initial: Any) -> Floats:
 class _Stepper:
     """Steps of the temperatures at the rank's own nodes.
 
-    Args:
-        jointed: The mesh.
-        space: Scalar space.
-        parts: Mean, cosine and sine of given temperatures, (n, 3), NaN where none; None for none.
-        material: k and rho c.
-        through: Conductances and openings of joints.
+    ``parts`` are mean, cosine and sine of given temperatures, (n, 3), NaN where none; ``material``
+    is k and rho c, ``through`` conductances and openings of joints.
     """
 
     def __init__(

@@ -23,24 +23,14 @@ from dolfinx_joints.mesh.cells import Floats
 
 @dataclass(frozen=True)
 class _End:
-    """The water at one end of a step.
-
-    Attributes:
-        codes: Wetness of the local points.
-        forces: Of each load, its factor left out [N].
-    """
+    """Water at one end of a step: wetness of local points, forces of loads without factors [N]."""
 
     codes: Codes
     forces: list[PETSc.Vec]
 
 
 class JointWaters:
-    """All loads of a system that depend on the state of its joints.
-
-    Attributes:
-        names: Names of the loads.
-        joints: Names of all joints of the body.
-    """
+    """Loads of a system that depend on the state of its joints; ``joints`` names all of these."""
 
     def __init__(
         self, model: LoadedBody, loads: Mapping[str, FollowsJoints], *, waves: bool = False

@@ -222,13 +222,9 @@ class _Meshed:
     def _closest(self, places: Floats, sizes: Floats) -> tuple[ClosestPoints, _Gap]:
         """Return the closest points of the water's face to places on the dam's, and the worst gap.
 
-        Args:
-            places: Shape (n, gdim), [m].
-            sizes: Longest sides of the dam's facets there, shape (n,), [m].
-
-        Returns:
-            All points, or that of the farthest place alone if its gap is too large: all facets
-            may have about the same distance to a place that is far away.
+        ``sizes`` are the longest sides of the dam's facets there [m]. If the worst gap is too
+        large, the points are that of its place alone: all facets may have about the same distance
+        to a place that is far away.
         """
         farthest = [int(self._face.sample_distances(places).argmax())]
         found = self._face.closest(places[farthest])

@@ -260,9 +260,7 @@ def _lengths(s: Floats) -> Floats:
 def _line(s: Floats, weight: Callable[[Floats], Floats] | None = None) -> list[csr_array]:
     """Integrals of N N, N' N' and N N' of the linear shape functions of a line's nodes.
 
-    Args:
-        s: Places of the nodes, shape (n,), [m].
-        weight: Factor of N N at places, taken in the middle of elements.
+    Nodes are at s, shape (n,), [m]; the weight is a factor of N N, taken in the middle of elements.
     """
     size, h = len(s), np.diff(s)
     factor = np.ones_like(h) if weight is None else weight(s[:-1] + h / 2.0)

@@ -107,12 +107,8 @@ def wet_face(
 ) -> WetFace:
     """The wet face of a reservoir (collective).
 
-    Args:
-        model: The body.
-        water: The reservoir.
-        order: Numbers the nodes of the body; those of the water are then in the same order, first
-            those below the level and then those on it.
-        surface_moves: Whether nodes on the level have a pressure.
+    With ``order`` nodes of the water are in that of the body's, first those below the level and
+    then those on it, which have a pressure if ``surface_moves``.
 
     Raises:
         ValueError: The face ends below the level, or a part of it does not look upstream.
@@ -245,11 +241,7 @@ class _Face:
     ) -> tuple[_WetParts, int]:
         """The parts below the level, and the number of all their nodes (collective).
 
-        Args:
-            comm: Communicator.
-            numbers: Of the corners of the face, from `numbers` or `in_order`.
-            below: Number of nodes below the level; those on it are numbered after them.
-            order: Numbers the nodes of the body.
+        Corners have numbers from `numbers` or `in_order`, nodes on the level higher ones.
         """
         depths = self._level - self._corners[:, :, -1]
         depths = np.where(numbers == SURFACE, np.minimum(depths, 0.0), depths)
@@ -284,13 +276,10 @@ class _Face:
 
 
 def _edge_keys(nodes: Ints, shares: Floats, order: NodeNumbering | None) -> Ints:
-    """What sorts corners on the level in the order of the body's nodes, shape (n,).
+    """What sorts corners on the level in the order of the body's nodes, alike without, shape (n,).
 
-    Args:
-        nodes: Of the whole triangle or line that each is of, shape (n, gdim).
-        shares: Barycentric coordinates in it, zero but for the ends of the edge that the level
-            cuts, or the node on it, shape (n, gdim).
-        order: Numbers the nodes of the body; all keys are alike without it.
+    Each is of a whole triangle or line, whose nodes and shares (barycentric coordinates) are given,
+    these zero but for the ends of the edge that the level cuts, or the node on it.
     """
     if order is None:
         return np.zeros(len(nodes), dtype=np.int64)
@@ -302,11 +291,7 @@ def _edge_keys(nodes: Ints, shares: Floats, order: NodeNumbering | None) -> Ints
 def _level_numbers(comm: Any, points: Floats, keys: Ints, shortest: float) -> tuple[Ints, int]:
     """Number of each corner on the level, and of all of them, in the order of keys (collective).
 
-    Args:
-        comm: Communicator.
-        points: Coordinates of this rank's corners, shape (n, gdim), [m].
-        keys: One for each, shape (n,).
-        shortest: Side of a part at one of them [m].
+    Points are this rank's corners, ``shortest`` is the side of a part at one of them [m].
     """
     every = comm.gather((points, keys, shortest), root=0)
 

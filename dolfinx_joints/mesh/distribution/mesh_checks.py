@@ -34,11 +34,7 @@ TOUCHING = 1e-6  # of a facet's size: facets that are nearer touch
 def check_cells(comm: Any, shape: CellShape, cells: Ints, x: Floats) -> None:
     """Check that cells have a volume and occur once, and facets belong to two cells (collective).
 
-    Args:
-        comm: Communicator of the mesh.
-        shape: Reference cell.
-        cells: Nodes of the cells of this rank, numbered over all ranks, shape (n, nodes of a cell).
-        x: Coordinates of these nodes, shape (n, nodes of a cell, gdim), [m].
+    Cells are this rank's, with nodes numbered over all ranks; x has the places of these [m].
 
     Raises:
         MeshError: A coordinate is not finite, or a cell or facet is wrong.
@@ -95,15 +91,8 @@ def warn_of_untied(jointed: JointedMesh) -> None:
 def _with_neighbours(comm: Any, x: Floats, inner: Floats) -> tuple[Floats, Floats, Flags]:
     """Return the facets of some cubes of space, those that reach into them included (collective).
 
-    The cubes are dealt to the ranks by their hash, so that no rank holds the whole surface.
-
-    Args:
-        comm: Communicator.
-        x: Vertices of the facets of this rank, shape (n, vertices, gdim), [m].
-        inner: A point in the cell of each, shape (n, gdim), [m].
-
-    Returns:
-        The same of the facets that this rank compares, and True for those centred in its cubes.
+    The cubes are dealt to the ranks by their hash, so that no rank holds the whole surface. What is
+    returned are `_touching`'s arguments; its own facets are those centred in this rank's cubes.
     """
     if comm.size == 1:
         return x, inner, np.ones(len(x), dtype=bool)

@@ -120,14 +120,8 @@ def _split_near(
 ) -> tuple[Ints, Ints, PreparedMesh]:
     """Split the cells that touch a joint, on rank 0 (collective).
 
-    Args:
-        comm: Communicator of the mesh.
-        shape: Reference cell.
-        cells: Number and nodes of each of these cells that this rank owns.
-        points: Numbers and coordinates of their nodes.
-        facet_groups: Vertices of the facets of each joint, or side.
-        joints: Names of the joints.
-        num_nodes: Number of the first node that is new.
+    Cells and points are numbers with nodes, or with coordinates, of this rank's; new nodes have
+    numbers from ``num_nodes`` on.
 
     Returns:
         Numbers of the cells and of the nodes, and what there is of each, in these numbers; nothing
@@ -198,12 +192,7 @@ def _facet_values(
 ) -> dict[str, tuple[int, ...]]:
     """Tag the facets of this rank's block of cells; the tags of each group (collective).
 
-    Args:
-        comm: Communicator of the mesh.
-        values: Receives the tags, shape (cells, facets of a cell).
-        rows: What `_facet_rows` gives.
-        groups: The groups.
-        pairs: The facet pairs, on rank 0.
+    ``values`` receives the tags, rows are of `_facet_rows`, the facet pairs are on rank 0.
     """
     slots = {name: rows[rows[:, 2] == k, :2] for k, name in enumerate(groups)}
     # Of a facet on a joint, `rows` have one of the two faces; other groups get that across too.
@@ -230,13 +219,8 @@ def _tagged(
 ) -> tuple[Ints, NDArray[np.int32], dict[str, tuple[int, ...]]]:
     """Tag the cells or facets of groups in this rank's block of cells (collective).
 
-    Args:
-        comm: Communicator of the mesh.
-        num_cells: Cells of the block.
-        slots: Cells, or cells and local facets, by group; any rank may have them.
-
-    Returns:
-        What `tag_sets` gives, cells counted from the first one of the block.
+    Slots are cells, or cells and local facets, which any rank may have. What is returned is that of
+    `tag_sets`, cells counted from the first one of the block.
     """
     rows, group, names = members(slots)
     blocks = blocks_of(comm, num_cells)

@@ -124,12 +124,7 @@ def ratio(strength: Floats, shear: Floats, none: float) -> Floats:
 
 
 def open_points(gap: Floats, traction: Floats) -> Flags:
-    """Which joint points are open: a positive gap and no traction, shape (..., points).
-
-    Args:
-        gap: Components (n, s1, s2), shape (..., points, 3), [m].
-        traction: Likewise, in any unit.
-    """
+    """Which joint points are open: a positive gap and no traction, shape (..., points)."""
     # A rigid joint leaves gaps of rounding size where it carries load: they do not count as open.
     negligible = 1e-12 * np.abs(traction).max(axis=(-2, -1), initial=0.0, keepdims=True)[..., 0]
     return (gap[..., 0] > 0.0) & (np.abs(traction[..., 0]) <= negligible)

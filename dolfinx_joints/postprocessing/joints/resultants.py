@@ -206,13 +206,7 @@ class BlockResultants(_Resultants):
 
 
 def forces_of(frames: Floats, areas: Floats, traction: Floats) -> Floats:
-    """Force of each joint point on the + side, in global axes, shape (..., n, 3), [N].
-
-    Args:
-        frames: Rows n, s1, s2 of the points, shape (n, 3, 3).
-        areas: Shape (n,), [m^2].
-        traction: Components (n, s1, s2), shape (..., n, 3), [Pa].
-    """
+    """Force of each joint point on the + side, in global axes, shape (..., n, 3), [N]."""
     return -areas[:, None] * np.einsum("nki,...nk->...ni", frames, traction)
 
 

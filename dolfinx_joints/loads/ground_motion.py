@@ -49,10 +49,7 @@ class BaseMotion:
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """One inertia pattern per axis."""
         factors = _by_axis(self.acceleration, model.gdim, "acceleration")
-        return [
-            (model.inertia_pattern(-np.eye(model.gdim)[axis]), factors[axis])
-            for axis in range(model.gdim)
-        ]
+        return [(model.inertia_pattern(-np.eye(model.gdim)[i]), f) for i, f in enumerate(factors)]
 
     def velocities(self, gdim: int) -> list[TimeFactor]:
         """Ground velocity along each axis [m/s] at a time [s]."""

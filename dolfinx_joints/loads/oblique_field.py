@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Annotated, Any, Literal
 
@@ -80,13 +80,8 @@ def plane_waves(kind: str, angle: float, azimuth: float, rock: Layer) -> list[Pl
     in_plane = np.stack([h, z])
     tractions = np.column_stack([in_plane @ each.traction(rock, z) for each in reflected])
     sizes = np.linalg.solve(tractions, -in_plane @ incident.traction(rock, z))
-    return [
-        incident,
-        *(
-            PlaneWave(motion=size * each.motion, slowness=each.slowness)
-            for size, each in zip(sizes, reflected, strict=True)
-        ),
-    ]
+    pairs = zip(sizes, reflected, strict=True)
+    return [incident, *(replace(each, motion=size * each.motion) for size, each in pairs)]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,11 +28,6 @@ class Layer:
     density: float
 
     @property
-    def material(self) -> tuple[float, float, float]:
-        """Lambda, mu and rho."""
-        return self.first_lame, self.shear_modulus, self.density
-
-    @property
     def pressure_speed(self) -> float:
         """c_p [m/s]."""
         return float(np.sqrt((self.first_lame + 2.0 * self.shear_modulus) / self.density))
@@ -74,8 +69,9 @@ def layers_along(
     slack = LEVEL * max(np.abs(rows[:, :2]).max(), np.ptp(rows[:, :2]))
     layers: list[Layer] = []
     for bottom, top, lame, shear, density in rows.tolist():
+        rock = Layer(bottom=bottom, top=top, first_lame=lame, shear_modulus=shear, density=density)
         last = layers[-1] if layers else None
-        if last is not None and last.material == (lame, shear, density):
+        if last is not None and replace(rock, bottom=last.bottom, top=last.top) == last:
             layers[-1] = replace(last, top=max(last.top, top))
         elif last is not None and abs(bottom - last.top) > slack:
             ends = [f"{round(height, 6) + 0.0:g}" for height in (last.bottom, last.top, bottom)]
@@ -85,9 +81,7 @@ def layers_along(
                 f"the other from {ends[2]} m on; they must be level layers, one on the other."
             )
         else:
-            layers.append(
-                Layer(bottom=bottom, top=top, first_lame=lame, shear_modulus=shear, density=density)
-            )
+            layers.append(rock)
     layers[0] = replace(layers[0], bottom=base)
     layers[-1] = replace(layers[-1], top=surface)
     if layers[0].top <= base:

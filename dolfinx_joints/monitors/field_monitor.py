@@ -271,7 +271,7 @@ def joint_grid_of_rank(model: Model, nodes: NodeNumbering, rows: JointRows) -> t
     at = RowsAt(comm, len(nodes.positions), near)
     arrays = StaticArrays({"mesh/nodes": at(nodes.positions)})
     arrays["mesh/surface"] = numbers.reshape(surface.shape)
-    for name, each in rows.own_statics().items():
+    for name, each in rows.statics(own=True).items():
         arrays |= {f"joints/{name}/{what}": values for what, values in each.items()}
     return joined({name: joint_grid(arrays, name) for name in rows.names}), at
 

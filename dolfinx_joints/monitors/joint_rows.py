@@ -63,15 +63,8 @@ class JointRows:
         each = zip(self.by_joint(rows).items(), self._within, strict=True)
         return {name: across(self._comm, mine, blocks) for (name, mine), blocks in each}
 
-    def own_statics(self) -> dict[str, dict[str, Rows]]:
-        """Points, frames, areas, facet numbers and tied points of this rank, by joint.
-
-        See `declare_states`.
-        """
-        parts = {what: self.by_joint(rows) for what, rows in self._statics.items()}
-        return {name: {what: each[name] for what, each in parts.items()} for name in self.names}
-
-    def statics(self) -> dict[str, dict[str, Rows | Dealt]]:
-        """The same of all ranks."""
-        parts = {what: self.across(rows) for what, rows in self._statics.items()}
+    def statics(self, *, own: bool = False) -> dict[str, dict[str, Any]]:
+        """Points, frames, areas, facets, tied points by joint, of all ranks or their ``own``."""
+        split = self.by_joint if own else self.across
+        parts = {what: split(rows) for what, rows in self._statics.items()}
         return {name: {what: each[name] for what, each in parts.items()} for name in self.names}

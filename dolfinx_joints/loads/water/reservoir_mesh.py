@@ -226,13 +226,12 @@ class _Meshed:
         large, the points are that of its place alone: all facets may have about the same distance
         to a place that is far away.
         """
-        farthest = [int(self._face.sample_distances(places).argmax())]
-        found = self._face.closest(places[farthest])
-        gap = self._gap(places[farthest], sizes[farthest], found)
-        if not gap.allowed:
-            return found, gap
-        found = self._face.closest(places)
-        return found, self._gap(places, sizes, found)
+        for some in ([int(self._face.sample_distances(places).argmax())], slice(None)):
+            found = self._face.closest(places[some])
+            gap = self._gap(places[some], sizes[some], found)
+            if not gap.allowed:
+                break
+        return found, gap
 
     def _gap(self, places: Floats, sizes: Floats, found: ClosestPoints) -> _Gap:
         """Return the worst gap at places with sizes as in `_closest`."""

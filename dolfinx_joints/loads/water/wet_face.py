@@ -229,11 +229,7 @@ class _Face:
         """The numbers in the order of the body's nodes, on any number of ranks (collective)."""
         wet = numbers != SURFACE
         pairs = np.column_stack([numbers[wet], nodes.number[self._nodes[wet]]])
-        pairs = np.concatenate(comm.allgather(pairs))
-        least = np.full(count, np.iinfo(np.int64).max)
-        np.minimum.at(least, pairs[:, 0], pairs[:, 1])
-        place = np.empty(count, dtype=np.int64)
-        place[np.argsort(least)] = np.arange(count)
+        place = _places_by_key(count, *np.concatenate(comm.allgather(pairs)).T)
         return np.append(place, SURFACE)[numbers]
 
     def wet_parts(
@@ -275,6 +271,15 @@ class _Face:
         return parts, below + count
 
 
+def _places_by_key(count: int, label: Ints, keys: Ints) -> Ints:
+    """Place of each label in the order of its least key, shape (count,)."""
+    least = np.full(count, np.iinfo(np.int64).max)
+    np.minimum.at(least, label, keys)
+    place = np.empty(count, dtype=np.int64)
+    place[np.argsort(least, kind="stable")] = np.arange(count)
+    return place
+
+
 def _edge_keys(nodes: Ints, shares: Floats, order: NodeNumbering | None) -> Ints:
     """What sorts corners on the level in the order of the body's nodes, alike without, shape (n,).
 
@@ -299,11 +304,9 @@ def _level_numbers(comm: Any, points: Floats, keys: Ints, shortest: float) -> tu
         places, keys = (np.concatenate([each[i] for each in every]) for i in (0, 1))
         distance = SAME_CORNER * min(each[2] for each in every)
         _, label = np.unique(same_places(places, distance), return_inverse=True)
-        least = np.full(int(label.max(initial=-1)) + 1, np.iinfo(np.int64).max)
-        np.minimum.at(least, label, keys)
-        number = np.empty(len(least), dtype=np.int64)
-        number[np.argsort(least, kind="stable")] = np.arange(len(least))
-        return np.split(number[label], np.cumsum([len(each[0]) for each in every])[:-1]), len(least)
+        number = _places_by_key(int(label.max(initial=-1)) + 1, label, keys)
+        ends = np.cumsum([len(each[0]) for each in every])
+        return np.split(number[label], ends[:-1]), len(number)
 
     each, count = on_root(comm, work)
     return each[comm.rank], count

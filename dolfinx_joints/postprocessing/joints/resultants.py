@@ -227,7 +227,6 @@ def joint_resultants(
     """
     results.check_joint(joint)
     friction, cohesion = strength_of(results, joint, friction_angle_deg)
-    arrays, geometry = _geometry(results, joint)
     where = f"joints/{joint}"
     forces = f"{where}/force" in results.streams.get("resultants", [])
     if forces and recorded(results, joint):
@@ -235,13 +234,14 @@ def joint_resultants(
         stream, rows = "resultants", slice(min(results.rows(s) for s in ("resultants", "joints")))
         names = ("force", "moment", "water_force", "water_moment", "contact")
         parts = _recorded(results, where, names, rows)
+        parts["geometry"] = joint_geometry(results, joint)
         extremes = joint_extremes(results, joint)
         parts |= {name: extremes.values[name][rows] for name in SLIDING}
     else:
         stream, rows = "states", slice(results.rows("states"))
-        parts = _from_fields(results, stream, joint, arrays, geometry, cohesion, rows)
+        parts = _from_fields(results, stream, joint, cohesion, rows)
     time = results.time(stream)[rows]
-    return JointResultants(joint=joint, time=time, geometry=geometry, friction=friction, **parts)
+    return JointResultants(joint=joint, time=time, friction=friction, **parts)
 
 
 def stage_resultants(results: Results, joint: str) -> JointResultants:
@@ -254,11 +254,10 @@ def stage_resultants(results: Results, joint: str) -> JointResultants:
     """
     results.check_joint(joint)
     friction, cohesion = strength_of(results, joint, None)
-    arrays, geometry = _geometry(results, joint)
     rows = slice(results.rows("statics"))
-    parts = _from_fields(results, "statics", joint, arrays, geometry, cohesion, rows)
+    parts = _from_fields(results, "statics", joint, cohesion, rows)
     time = results.series("statics", "load_time", rows)
-    return JointResultants(joint=joint, time=time, geometry=geometry, friction=friction, **parts)
+    return JointResultants(joint=joint, time=time, friction=friction, **parts)
 
 
 def block_resultants(results: Results) -> BlockResultants:
@@ -344,18 +343,13 @@ def _recorded(results: Results, where: str, names: Iterable[str], rows: slice) -
 
 
 def _from_fields(
-    results: Results,
-    stream: str,
-    joint: str,
-    arrays: _Arrays,
-    geometry: JointGeometry,
-    cohesion: float,
-    rows: slice,
+    results: Results, stream: str, joint: str, cohesion: float, rows: slice
 ) -> dict[str, Any]:
-    """Resultants from the tractions that a stream holds."""
+    """Geometry, and resultants from the tractions that a stream holds."""
+    arrays, geometry = _geometry(results, joint)
     series, where = results.streams[stream], f"joints/{joint}"
     traction = results.series(stream, f"{where}/traction", rows)
-    parts = _moved(arrays, geometry, traction, "")
+    parts: dict[str, Any] = {"geometry": geometry} | _moved(arrays, geometry, traction, "")
     parts["contact"] = (traction[..., 0] < 0.0) @ arrays.areas / arrays.areas.sum()
     if f"{where}/pressure" in series:
         pressed = np.zeros_like(traction)

@@ -161,16 +161,13 @@ class _Waiting:
         return self.refused is None
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Go to a place [bytes]."""
         self._place = offset + (0, self._place, self.size)[whence]
         return self._place
 
     def tell(self) -> int:
-        """Return the place [bytes]."""
         return self._place
 
     def truncate(self, size: int) -> int:
-        """Set the size [bytes]."""
         self.size = size
         return size
 

@@ -201,7 +201,6 @@ def _stiffness(law: PotentialJoint | TractionJoint) -> dict[str, float]:
 
 
 def _check_internal(owner: str, internal: Any) -> None:
-    """Check names, initial values and updates of internal variables."""
     wanted = 'it must be {"name": (initial value, function that updates it), ...}.'
     if not isinstance(internal, Mapping):
         raise ValueError(f"{owner}: internal is {shown(internal)}; {wanted}")

@@ -90,7 +90,6 @@ def layers_along(
 
 
 def _values(field: Any, cells: Ints) -> Floats:
-    """A material parameter in some cells."""
     if not hasattr(field, "function_space"):
         return np.full(len(cells), float(field.value))
     return np.asarray(field.x.array[field.function_space.dofmap.list[cells, 0]])

@@ -122,7 +122,6 @@ def _warn_of_misspelt(raw: RawMesh, name: str, joints: list[str]) -> None:
 def _pair_table(
     shape: CellShape, x: Floats, names: list[str], split: SplitMesh, duplicated: bool
 ) -> JointPairs:
-    """Collect what ranks need to know of the facet pairs."""
     cells, minus, plus = split.cells, split.minus, split.plus
     cycle = cells[minus[:, :1], shape.facet_vertices[minus[:, 1]][:, shape.facet_cycle]]
     corners = int(shape.facet_vertices.max()) + 1

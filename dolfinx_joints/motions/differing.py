@@ -76,7 +76,6 @@ class DifferingMotion(Summarised):
     reference: str | None = None
 
     def __post_init__(self) -> None:
-        """Check motions and stations; warn where the ground drifts apart."""
         wanted = "a Motion, or several by name"
         known = isinstance(self.motions, Motion | Mapping) and bool(self.named)
         check_kind_of("DifferingMotion: motions", self.motions, known, wanted)
@@ -112,7 +111,6 @@ class DifferingMotion(Summarised):
             )
 
     def _warn_of_drift(self) -> None:
-        """Warn of ground that moves apart for ever."""
         ends = np.array([m.integrated()[0][-1] for m in self.named.values()])
         largest = max(np.abs(m.integrated()[0]).max() for m in self.named.values())
         apart = float(np.ptp(ends, axis=0).max())

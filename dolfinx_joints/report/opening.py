@@ -219,7 +219,6 @@ def _rows(band: float, runs: Sequence[Run]) -> Sequence[tuple[str, Callable[[Run
 
 
 def _joints(run: Run) -> Html:
-    """Table of the largest opening and slip and the smallest safety of each joint."""
     rows: list[list[Cell]] = []
     for joint in run.results.joints:
         found = peaks.joint_peaks(run.results, joint)

@@ -83,7 +83,6 @@ def describe(path: str | Path) -> str:
 
 
 def _records(results: Results, stream: str) -> str:
-    """Number and times of the records of a stream."""
     times = results.time(stream)
     if stream == "statics":
         return f"stream statics: {listing(results.stage_names)}"

@@ -239,7 +239,6 @@ class Results(Summarised):
         return rows
 
     def _count(self, group: h5py.Group) -> int:
-        """Number of whole records of a stream now."""
         block = 1
         with self._reading():
             rows = min(len(group[name]) for name in self._names_in(group))

@@ -72,7 +72,6 @@ class ReservoirMass:
         check_upstream(self)
 
     def __str__(self) -> str:
-        """Its name in error messages."""
         return f"ReservoirMass on {shown(self.group)}"
 
     def matrix(self, model: LoadedBody) -> PETSc.Mat:

@@ -83,7 +83,6 @@ class MeshedReservoir:
             self.mesh.facets(name)
 
     def __str__(self) -> str:
-        """Its name in error messages."""
         return f"MeshedReservoir on {shown(self.group)}"
 
     def water(self, model: LoadedBody) -> Water:
@@ -168,7 +167,6 @@ class _Meshed:
                 self.driven[:, axis] += flux[self._kept]
 
     def _matrix(self, form: Any) -> csr_array:
-        """Matrix of a form, of the unknowns alone."""
         found = fem.assemble_matrix(fem.form(form)).to_scipy()
         return csr_array(found)[self._kept][:, self._kept]
 
@@ -193,7 +191,6 @@ class _Meshed:
         return WaterCells(surface=x[dry], nodes=number[table][:, order], kind=kind)
 
     def rows(self, first: int, last: int) -> WaterRows:
-        """Rows of the unknowns from one up to another."""
         mass, stiffness, losses = (matrix[first:last] for matrix in self._matrices)
         return WaterRows(mass=mass, stiffness=stiffness, losses=losses)
 
@@ -295,5 +292,4 @@ class _Gap:
 
     @property
     def allowed(self) -> bool:
-        """Whether the faces are the same surface there."""
         return self.part <= OUTSIDE

@@ -89,7 +89,6 @@ class ReservoirWaves:
             )
 
     def __str__(self) -> str:
-        """Its name in error messages."""
         return f"ReservoirWaves on {shown(self.group)}"
 
     def water(self, model: LoadedBody) -> Water:
@@ -296,7 +295,6 @@ class _Edges:
 
 
 def _edges(face: WaterFace) -> _Edges:
-    """Those of all parts."""
     axes = face.corners.shape[2]
     others = [[j for j in range(axes) if j != i] for i in range(axes)]
     return _Edges(

@@ -168,7 +168,6 @@ def _read(path: Path, rank: int, ranks: int) -> PreparedMesh:
 
 
 def _check(share: PreparedMesh, counts: dict[str, int]) -> None:
-    """Check that rows have the shapes of the cells, and name what is there."""
     shape, pairs = share.shape, share.pairs
     facets, corners = shape.facet_vertices.shape
     rows = _rows(share)

@@ -257,7 +257,6 @@ def _group_entities(
 
 
 def _entities(kind: str, name: str, given: Any, count: int) -> NDArray[np.int32]:
-    """Check what is given as local facets or cells."""
     whole = isinstance(given, np.ndarray) and given.ndim == 1 and given.dtype.kind in "iu"
     wanted = f"an array of local {kind}s, or {kind}_tags be given and this a tag"
     if isinstance(given, np.ndarray) and given.dtype == bool:

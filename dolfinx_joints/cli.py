@@ -20,13 +20,9 @@ from dolfinx_joints.common.progress import set_log_level
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command.
+    """Run a command: 0, or 2 where a file cannot be used or written.
 
-    Args:
-        arguments: those of the command line, without the program's name.
-
-    Returns:
-        0, or 2 where a file cannot be used or written; wrong usage ends the program with 2.
+    Wrong usage ends the program with 2.
     """
     options = _parser().parse_args(arguments)
     if not options.quiet:

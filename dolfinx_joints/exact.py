@@ -10,11 +10,11 @@ from typing import Annotated
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 
-Floats = NDArray[np.float64]
 Positive = Annotated[float, at.Gt(0)]
 
 
@@ -49,7 +49,6 @@ class ImpactOscillator:
     gap: Annotated[float, at.Ge(0)] = 0.0
 
     def __post_init__(self) -> None:
-        """Check that the gap closes."""
         if self.frequency * self.gap >= self.initial_velocity:
             raise ValueError(f"gap is {self.gap} m; it must be below {self.amplitude} m, v0/omega.")
 

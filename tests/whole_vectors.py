@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt
 
 if TYPE_CHECKING:
     from dolfinx_joints.joints.points import JointPoints

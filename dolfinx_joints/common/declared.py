@@ -25,7 +25,7 @@ import annotated_types as at
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dolfinx_joints.common.parameters import numbers_of, real, shown
+from dolfinx_joints.common.parameters import numbers_of, real, shown, whole_number
 
 T = TypeVar("T", bound=Callable[..., Any])
 REQUIRED = inspect.Parameter.empty
@@ -207,10 +207,7 @@ def _convert(kind: Any, value: Any) -> tuple[bool, Any]:
         number = real(value)
         return math.isfinite(number), value if type(value) is float else number
     if kind is int:
-        try:
-            whole = None if isinstance(value, bool | np.bool_) else operator.index(value)
-        except TypeError:
-            whole = None
+        whole = whole_number(value)
         return whole is not None, whole
     if kind is bool:
         return isinstance(value, bool | np.bool_), value

@@ -166,7 +166,6 @@ class ConvergenceError(JointsError, RuntimeError):
     remedy: str | None = None
 
     def __post_init__(self) -> None:
-        """Build the message."""
         super().__init__(self._sentence())
 
     def __reduce__(self) -> tuple[Callable[[], "ConvergenceError"], tuple[()]]:

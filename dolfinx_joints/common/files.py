@@ -80,11 +80,9 @@ class FileLock:
             return False
 
     def __enter__(self) -> Self:
-        """Return the lock."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Let others write the file."""
         self.release()
 
     def release(self) -> None:

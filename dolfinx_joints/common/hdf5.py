@@ -119,7 +119,6 @@ def check_seal(path: Path) -> None:
 
 
 def _checksum(path: Path, left: int) -> bytes:
-    """Checksum of the first bytes of a file."""
     checksum = hashlib.sha256()
     with path.open("rb") as file:
         while left > 0 and (block := file.read(min(left, 1 << 20))):

@@ -63,7 +63,6 @@ class CallGraph:
     """
 
     def __init__(self) -> None:
-        """Begin without values."""
         self.facts: list[str] = []
         # The values as well, so that no other takes their address.
         self._numbers: dict[int, tuple[int, Any]] = {}
@@ -217,14 +216,9 @@ def cell_content(cell: CellType) -> Any:
 
 
 class _Cache(NullCache):  # type: ignore[misc]
-    """Machine code of a loop, one file for each key.
-
-    Args:
-        loop: The loop.
-    """
+    """Machine code of a loop, one file for each key."""
 
     def __init__(self, loop: Dispatcher) -> None:
-        """Begin with nothing read."""
         self._loop = loop
 
     @property
@@ -273,13 +267,7 @@ class _Cache(NullCache):  # type: ignore[misc]
 
 
 def njit(function: Any = None, *, cache: bool = False, **options: Any) -> Any:
-    """Compile a function as `numba.njit` does.
-
-    Args:
-        function: The function; without it a decorator is returned.
-        cache: Whether to keep the machine code in the user's cache folder.
-        **options: As those of numba.
-    """
+    """Compile as `numba.njit` does; with ``cache`` keep machine code in the user's cache folder."""
     if function is None:
         return partial(njit, cache=cache, **options)
     loop = numba.njit(**options)(function)

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.dealt import TAG, Dealt
+from dolfinx_joints.common.arrays import TAG, Dealt, Flags, Ints
 
 T = TypeVar("T")
 
@@ -80,11 +80,8 @@ def lasting(comm: Any, kept: list[Any] = _LASTING) -> Any:
 def all_fail(comm: Any, error: BaseException) -> bool:
     """Whether all ranks get here within `APART` seconds, so that they may go on together.
 
-    For handlers of errors, as others do not know of an error of this rank alone.
-
-    Args:
-        comm: ``lasting(comm, OF_ERRORS)``, made before and used for nothing else.
-        error: What has ended the work of this rank.
+    For handlers of errors, as others do not know of an error of this rank alone; ``comm`` is
+    ``lasting(comm, OF_ERRORS)``, made before and used for nothing else.
     """
     arrival, end = comm.Ibarrier(), monotonic() + APART
     while not arrival.Test():
@@ -118,43 +115,37 @@ def gathered(comm: Any, values: NDArray[Any]) -> NDArray[Any] | None:
     return None if parts is None else np.concatenate(parts)
 
 
-def equal_blocks(count: int, ranks: int) -> NDArray[np.int64]:
+def equal_blocks(count: int, ranks: int) -> Ints:
     """First row of each rank's share of some rows, and their number, shape (ranks + 1,)."""
     return np.linspace(0, count, ranks + 1).astype(np.int64)
 
 
-def blocks_of(comm: Any, count: int) -> NDArray[np.int64]:
+def blocks_of(comm: Any, count: int) -> Ints:
     """The same where each rank has a number of rows of its own (collective)."""
     return np.concatenate([[0], np.cumsum(comm.allgather(count), dtype=np.int64)])
 
 
-def rank_of(blocks: NDArray[np.int64], number: NDArray[np.int64]) -> NDArray[np.int64]:
+def rank_of(blocks: Ints, number: Ints) -> Ints:
     """Rank that has each row, by its number among all."""
     return np.searchsorted(blocks, number, side="right") - 1
 
 
-def sent_to(comm: Any, rank: NDArray[np.int64], rows: NDArray[Any]) -> NDArray[Any]:
+def sent_to(comm: Any, rank: Ints, rows: NDArray[Any]) -> NDArray[Any]:
     """Send each row to a rank; what this one gets, from rank 0 first (collective)."""
     order = np.argsort(rank, kind="stable")
     ends = np.searchsorted(rank[order], np.arange(1, comm.size))
     return np.concatenate(comm.alltoall(np.split(rows[order], ends)))
 
 
-def rows_at(comm: Any, rows: NDArray[Any], number: NDArray[np.int64]) -> NDArray[Any]:
+def rows_at(comm: Any, rows: NDArray[Any], number: Ints) -> NDArray[Any]:
     """Rows of a dealt array by their number among all, in any order and repeated (collective)."""
     return RowsAt(comm, len(rows), number)(rows)
 
 
 class RowsAt:
-    """The same of many arrays dealt alike.
+    """The same of many arrays of ``count`` rows here dealt alike; numbers are among all rows."""
 
-    Args:
-        comm: Communicator.
-        count: Rows of this rank.
-        number: Numbers among all of the rows that this rank asks for, shape (n,).
-    """
-
-    def __init__(self, comm: Any, count: int, number: NDArray[np.int64]) -> None:
+    def __init__(self, comm: Any, count: int, number: Ints) -> None:
         """Tell each rank what is asked for (collective)."""
         self._comm, self._number = comm, number
         if comm.size == 1:
@@ -173,13 +164,8 @@ class RowsAt:
         found = np.concatenate(self._comm.alltoall([rows[each] for each in self._sent]))
         return found[self._place]
 
-    def mark(self, marks: NDArray[np.bool_], rows: NDArray[np.bool_]) -> None:
-        """Set those of this rank's rows that any rank marks where it has asked (collective).
-
-        Args:
-            marks: Of the numbers asked for, shape (n,).
-            rows: This rank's rows.
-        """
+    def mark(self, marks: Flags, rows: Flags) -> None:
+        """Set those of this rank's rows that any rank marks where it has asked (collective)."""
         if self._comm.size == 1:
             rows[self._number[marks]] = True
             return
@@ -190,7 +176,7 @@ class RowsAt:
             rows[sent[part]] = True
 
 
-def dealt(comm: Any, count: int, number: NDArray[np.int64], rows: NDArray[Any]) -> NDArray[Any]:
+def dealt(comm: Any, count: int, number: Ints, rows: NDArray[Any]) -> NDArray[Any]:
     """Deal rows in equal blocks by their number; what no rank has, is zero (collective)."""
     start, stop = equal_blocks(count, comm.size)[comm.rank :][:2]
     found = np.zeros((stop - start, *rows.shape[1:]), rows.dtype)
@@ -198,16 +184,14 @@ def dealt(comm: Any, count: int, number: NDArray[np.int64], rows: NDArray[Any]) 
     return found
 
 
-def set_rows(comm: Any, array: NDArray[Any], number: NDArray[np.int64], rows: NDArray[Any]) -> None:
+def set_rows(comm: Any, array: NDArray[Any], number: Ints, rows: NDArray[Any]) -> None:
     """Set rows of a dealt array by their number among all, wherever they are (collective)."""
     blocks = blocks_of(comm, len(array))
     rank = rank_of(blocks, number)
     array[sent_to(comm, rank, number) - blocks[comm.rank]] = sent_to(comm, rank, rows)
 
 
-def added(
-    comm: Any, blocks: NDArray[np.int64], number: NDArray[np.int64], values: NDArray[Any]
-) -> NDArray[Any]:
+def added(comm: Any, blocks: Ints, number: Ints, values: NDArray[Any]) -> NDArray[Any]:
     """Sums of values (n,) over the rows that they belong to; this rank's rows (collective)."""
     rank = rank_of(blocks, number)
     here, first = sent_to(comm, rank, number), blocks[comm.rank]
@@ -215,7 +199,7 @@ def added(
     return np.bincount(here - first, weights=sent_to(comm, rank, values), minlength=size)
 
 
-def positions(comm: Any, numbers: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+def positions(comm: Any, numbers: Ints, count: int) -> Ints:
     """Position of each number, of 0 to ``count``, among those of all ranks (collective)."""
     blocks = equal_blocks(count, comm.size)
     start, stop = blocks[comm.rank :][:2]
@@ -225,21 +209,16 @@ def positions(comm: Any, numbers: NDArray[np.int64], count: int) -> NDArray[np.i
     return rows_at(comm, position, numbers)
 
 
-def sorted_rows(comm: Any, blocks: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Rows of whole numbers of all ranks in rising order, dealt by their first (collective).
+def sorted_rows(comm: Any, blocks: Ints, rows: Ints) -> Ints:
+    """Rows of whole numbers (n, m) of all ranks in rising order (collective).
 
-    Args:
-        comm: Communicator.
-        blocks: First numbers of each rank, and the end.
-        rows: Of this rank, shape (n, m).
+    They are dealt by their first number, of which each rank has a block.
     """
     here = sent_to(comm, rank_of(blocks, rows[:, 0]), rows)
     return here[np.lexsort(here.T[::-1])]
 
 
-def across(
-    comm: Any, mine: NDArray[Any], blocks: NDArray[np.int64] | None = None
-) -> NDArray[Any] | Dealt:
+def across(comm: Any, mine: NDArray[Any], blocks: Ints | None = None) -> NDArray[Any] | Dealt:
     """The array of the rows of all ranks: on one rank itself, else `Dealt` (collective)."""
     return mine if comm.size == 1 else Dealt(comm, mine, blocks)
 
@@ -248,11 +227,8 @@ def across(
 def handing_out(comm: Any, *things: Any) -> Iterator[None]:
     """Let rank 0 read dealt arrays inside the block; an error is raised on all ranks (collective).
 
-    The block must hold no collective call. Other ranks run it first, then hand out.
-
-    Args:
-        comm: Communicator.
-        things: Arrays, and dictionaries and sequences of them.
+    The block must hold no collective call. Other ranks run it first, then hand out what is in the
+    things: arrays, and dictionaries and sequences of them.
     """
     parts = [] if comm.size == 1 else list(_dealt_in(things))
     for number, part in enumerate(parts):

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from dolfinx_joints.common.arrays import Floats
 
 # Escapes, directions of writing, parts of characters; beginnings of formulas that are no numbers.
 _CONTROL = re.compile(
@@ -61,13 +62,6 @@ def check_number(
     name: str, value: Any, valid: Callable[[float], bool], allowed: str, *, unit: str = ""
 ) -> None:
     """Check that a value is a finite number in its range.
-
-    Args:
-        name: What the value is.
-        value: The value.
-        valid: Whether a finite number is in the range.
-        allowed: The range as text.
-        unit: Unit of the value.
 
     Raises:
         ValueError: It is not.
@@ -149,7 +143,7 @@ def check_file(path: Path, missing: str, error: type[Exception] = ValueError) ->
         raise error(missing)
 
 
-def check_vector(name: str, value: Any, sizes: Collection[int]) -> NDArray[np.float64]:
+def check_vector(name: str, value: Any, sizes: Collection[int]) -> Floats:
     """Finite real numbers, as many as one of ``sizes`` says.
 
     Raises:
@@ -163,17 +157,7 @@ def check_vector(name: str, value: Any, sizes: Collection[int]) -> NDArray[np.fl
 
 
 def number_at(name: str, function: Callable[[float], Any], time: float, *, unit: str = "") -> float:
-    """The value of a function of time, a finite number.
-
-    Args:
-        name: What the value is.
-        function: The function.
-        time: Time [s].
-        unit: Unit of the value.
-
-    Raises:
-        ValueError: It gives something else.
-    """
+    """The finite number that a function gives at a time [s], or a ValueError that has its name."""
     value = function(time)
     if isinstance(value, float) and math.isfinite(value):  # of each load in each step
         return float(value)
@@ -186,15 +170,10 @@ def number_at(name: str, function: Callable[[float], Any], time: float, *, unit:
 
 def check_each(
     name: str, given: Any, count: int, *, negative: bool = True, one: bool = True
-) -> NDArray[np.float64]:
+) -> Floats:
     """The values of a function of points, a finite number for each, shape (count,).
 
-    Args:
-        name: What the values are.
-        given: What the function has given, or a number in its place.
-        count: Number of points.
-        negative: Whether values may be negative.
-        one: Whether one number for all will do.
+    ``given`` is what it has given, or where ``one`` number for all will do, this.
 
     Raises:
         ValueError: It is something else.
@@ -210,12 +189,12 @@ def check_each(
     return np.broadcast_to(values, count).astype(np.float64)
 
 
-def finite(values: NDArray[np.float64]) -> bool:
+def finite(values: Floats) -> bool:
     """Whether all numbers are finite."""
     return bool(np.isfinite(values).all())
 
 
-def numbers_of(value: Any) -> NDArray[np.float64] | None:
+def numbers_of(value: Any) -> Floats | None:
     """An array of any shape of what are real numbers throughout, None of anything else.
 
     Truth values, texts and complex numbers are none.
@@ -233,16 +212,21 @@ def numbers_of(value: Any) -> NDArray[np.float64] | None:
         return None
 
 
+def whole_number(value: Any) -> int | None:
+    """Return a value as a whole number, None if it is none, as truth values."""
+    try:
+        return None if isinstance(value, bool | np.bool_) else operator.index(value)
+    except TypeError:
+        return None
+
+
 def check_count(name: str, value: Any, least: int, allowed: str) -> int:
     """The value as a whole number of ``least`` or more.
 
     Raises:
         ValueError: It is none.
     """
-    try:
-        whole = None if isinstance(value, bool | np.bool_) else operator.index(value)
-    except TypeError:
-        whole = None
+    whole = whole_number(value)
     if whole is None or whole < least:
         raise ValueError(f"{name} is {shown(value)}; {allowed}.")
     return whole

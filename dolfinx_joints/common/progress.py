@@ -21,9 +21,6 @@ def set_log_level(level: Level) -> None:
     and films are and how long they will still take, which meshes were written and which cases of a
     study have ended; ``WARNING``, with which a program begins, tells nothing of that. A program
     that has set up `logging` itself gets the lines of the logger ``dolfinx_joints`` without this.
-
-    Args:
-        level: The lowest level that is shown.
     """
     LOGGER.setLevel(level)
     if not LOGGER.hasHandlers():
@@ -46,7 +43,6 @@ class Progress:
     """
 
     def __init__(self, what: str, total: int, unit: str, rank: int = 0, done: int = 0) -> None:
-        """Note the time."""
         self._before = done
         self._what, self._total, self._unit, self._shows = what, total, unit, rank == 0
         self._done, self._began = done, perf_counter()

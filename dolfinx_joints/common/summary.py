@@ -31,14 +31,12 @@ class Summarised(ABC):
         return [(printable(name), printable(str(value))) for name, value in rows]
 
     def __repr__(self) -> str:
-        """The facts as lines of text."""
         rows = self._shown()
         width = max((len(name) for name, _ in rows), default=0)
         lines = [f"  {name:<{width}}  {value}" for name, value in rows]
         return "\n".join([type(self).__name__, *lines])
 
     def _repr_html_(self) -> str:
-        """The facts as a table."""
         cells = "".join(
             f'<tr><th style="text-align: left">{html.escape(name)}</th>'
             f'<td style="text-align: left">{html.escape(value)}</td></tr>'

@@ -74,8 +74,11 @@ class _Builder:
         """Add a series by the shape of its records."""
         values = self._results.series(self._stream, name, slice(self._rows))
         if values.ndim == 3:
-            many = "point" if self._stream == "histories" else "node"
-            self._places(many)
+            many, places = "node", "mesh/nodes"
+            if self._stream == "histories":
+                many, places = "point", "histories/points"
+                self.coordinates["point"] = self._results.point_names
+            self._coordinates(many, "", self._results.static(places))
             dims: tuple[str, ...] = ("time", many, "component")
         else:
             dims = ("time", "component")[: values.ndim]
@@ -121,14 +124,6 @@ class _Builder:
     def _attributes(self, name: str) -> dict[str, str]:
         unit = self._results.unit(self._stream, name)
         return {"units": unit, "long_name": self._results.description(self._stream, name)}
-
-    def _places(self, many: str) -> None:
-        """Coordinates of monitor points or nodes."""
-        if many == "point":
-            self.coordinates["point"] = self._results.point_names
-            self._coordinates("point", "", self._results.static("histories/points"))
-        else:
-            self._coordinates("node", "", self._results.static("mesh/nodes"))
 
     def _coordinates(self, many: str, prefix: str, places: Any) -> None:
         for axis, values in zip(COMPONENTS, places.T, strict=True):

@@ -12,19 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.postprocessing.joints.surface import (
-    JointFacets,
-    facets_of_joint,
-    is_plane,
-)
+from dolfinx_joints.postprocessing.joints.surface import JointFacets, facets_of_joint, is_plane
 from dolfinx_joints.results.arguments import rows_of_groups
 from dolfinx_joints.results.joint_points import Statics, tied_points
 from dolfinx_joints.results.quantities import JointPoints, at_points, rows_below, rows_by
 from dolfinx_joints.results.reader import Results
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Array = Any  # NumPy's, or `Dealt`
 
 POLYGON, VERTEX = 7, 1  # VTK's numbers
@@ -77,12 +72,7 @@ def body_grid(results: Results, groups: Collection[str] | None = None) -> Grid:
     return uniform_grid(results.static("mesh/nodes"), cells[chosen], kind, inside)
 
 
-def uniform_grid(
-    points: Floats,
-    cells: NDArray[np.integer[Any]],
-    kind: int,
-    groups: Mapping[str, NDArray[np.integer[Any]]],
-) -> Grid:
+def uniform_grid(points: Floats, cells: Ints, kind: int, groups: Mapping[str, Ints]) -> Grid:
     """Grid of cells of one kind, shape (num_cells, nodes per cell), with the rows of each group.
 
     ``in NAME [-]`` is 1 in the cells of a group, 0 in others.
@@ -111,9 +101,6 @@ class StaticArrays(dict[str, NDArray[Any]]):
     def static(self, name: str) -> NDArray[Any]:
         """Return an array."""
         return self[name]
-
-    def check_joint(self, joint: str) -> None:
-        """Accept every joint: an array that is missing raises a KeyError."""
 
 
 def joint_grid(results: Statics, joint: str) -> Grid:

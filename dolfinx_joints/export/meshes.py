@@ -65,7 +65,7 @@ def to_pyvista(
         grid = joint_grid(results, joint)
         joints[joint] = _grid(pyvista, grid)
         joints[joint].point_data["displacement [m]"] = grid.motion @ moved
-        joints[joint].cell_data.update(values_of(results, joint, number, grid))
+        joints[joint].cell_data.update(values_of(results, [joint], number, grid))
     blocks = pyvista.MultiBlock()
     blocks["body"], blocks["joints"] = body, joints
     return blocks

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -63,7 +63,6 @@ def write_vtk(
 
 
 def _write(results: Results, path: Path) -> None:
-    """Write the states of body and joints."""
     times = results.time("states")
     body = VtkFile(path, body_grid(results))
     for number, time in enumerate(times):
@@ -72,11 +71,9 @@ def _write(results: Results, path: Path) -> None:
     if results.joints:
         grid = joined({joint: joint_grid(results, joint) for joint in results.joints})
         file = VtkFile(joints_path(path), grid)
-        names = [n for n in results.streams["states"] if n.startswith("joints/")]
         for number, time in enumerate(times):
-            record = {name: results.series("states", name, number) for name in names}
             moved = grid.motion @ results.series("states", "displacement", number)
-            values = values_of_all(record, results.joints, grid)
+            values = values_of(results, results.joints, number, grid)
             file.append(time, {"displacement [m]": moved}, values)
 
 
@@ -85,27 +82,19 @@ def joints_path(path: Path) -> Path:
     return path.with_name(f"{path.stem}_joints{path.suffix}")
 
 
-def values_of(results: Results, joint: str, number: int, grid: Grid) -> dict[str, Any]:
-    """Values of a joint's points, a grid, at a record of ``states``, by name with unit."""
-    start = f"joints/{joint}/"
-    names = [n for n in results.streams["states"] if n.startswith(start)]
-    values = {n.removeprefix(start): results.series("states", n, number) for n in names}
-    return joint_values(values, grid.cell_data)
+def values_of(results: Results, joints: Sequence[str], number: int, grid: Grid) -> dict[str, Any]:
+    """Values of the points of joints by name with unit, one joint after the other, at a record.
 
-
-def values_of_all(record: Mapping[str, Any], joints: Sequence[str], grid: Grid) -> dict[str, Any]:
-    """Values of the points of all joints by name with unit, one joint after the other.
-
-    Args:
-        record: Values of a record of ``states`` by their names in the file.
-        joints: Names of the joints; what only some of them have is NaN in the others.
-        grid: Grid of all joints.
+    What only some of the joints have is NaN in the others.
     """
-    known = {name.split("/", 2)[2]: each for name, each in record.items() if "/" in name}
-    parts: dict[str, list[Any]] = {what: [] for what in known}
-    for joint in joints:
-        count = len(record[f"joints/{joint}/gap"])
-        for what in known:
-            parts[what].append(record.get(f"joints/{joint}/{what}", np.full(count, np.nan)))
-    values = {what: np.concatenate(each) for what, each in parts.items()}
+    starts = tuple(f"joints/{joint}/" for joint in joints)
+    names = [name for name in results.streams["states"] if name.startswith(starts)]
+    record = {name: results.series("states", name, number) for name in names}
+    values = {}
+    for what in dict.fromkeys(name.split("/", 2)[2] for name in names):
+        parts = []
+        for start in starts:
+            missing = np.full(len(record[f"{start}gap"]), np.nan)
+            parts.append(record.get(start + what, missing))
+        values[what] = np.concatenate(parts)
     return joint_values(values, grid.cell_data, len(joints))

@@ -19,11 +19,7 @@ from dolfinx_joints.postprocessing.joints.resultants import (
     joint_resultants,
     resultant_measures,
 )
-from dolfinx_joints.postprocessing.measures import (
-    common_band,
-    joint_extremes,
-    joint_measures,
-)
+from dolfinx_joints.postprocessing.measures import common_band, joint_extremes, joint_measures
 from dolfinx_joints.postprocessing.peaks import (
     Peak,
     acceleration_peak,
@@ -130,7 +126,6 @@ def _stage_energies(energies: Sequence[StageEnergy]) -> list[tuple[str, str, Any
 
 
 def _stage_joints(results: Results) -> Table:
-    """Joints by static stage."""
     columns = TABLE["stage_joints"]
     header = ["stage", "joint", *(f"{row.name} [{row.unit}]" for row in columns)]
     rows, stages = [], static_stages(results)
@@ -185,7 +180,6 @@ def _peaks(results: Results) -> Table:
 
 
 def _joints(results: Results) -> Table:
-    """Extremes by joint."""
     columns = (*TABLE["measures"], *TABLE["resultant_measures"])
     header = ["joint", *(f"{row.name} [{row.unit}]" for row in columns)]
     rows, forces = [], resultant_measures(results)
@@ -206,7 +200,6 @@ def _of_rows(rows: Iterable[Quantity], values: Mapping[str, Any], time: Floats) 
 
 
 def _resultants(results: Results) -> Table:
-    """Resultants of each joint at each record."""
     parts, rows = {}, rows_below("resultants", "joints/*/")
     for joint in results.joints:
         one = joint_resultants(results, joint)
@@ -218,14 +211,12 @@ def _resultants(results: Results) -> Table:
 
 
 def _joint_extremes(results: Results) -> Table:
-    """Extremes, mean pressure and safety of each joint at each record."""
     extremes = {joint: joint_extremes(results, joint) for joint in results.joints}
     rows = rows_below("joints", "*/")
     return _by("joint", {n: _of_rows(rows, one.values, one.time) for n, one in extremes.items()})
 
 
 def _blocks(results: Results) -> Table:
-    """Forces of the joints on each block at each record."""
     found, parts, rows = block_resultants(results), {}, rows_below("resultants", "blocks/")
     for i in range(len(found.mass)):
         each = {row.key: getattr(found, row.key) for row in rows if row.label}
@@ -242,7 +233,6 @@ def _by(what: str, parts: Mapping[Any, Table]) -> Table:
 
 
 def _envelopes(results: Results) -> Table:
-    """Envelopes by vertex."""
     numbers = results.static("envelopes/nodes")
     columns: list[tuple[str, str, Any]] = [("node", "-", numbers)]
     columns += _parts("position", "m", results.static("mesh/nodes")[numbers])
@@ -252,7 +242,6 @@ def _envelopes(results: Results) -> Table:
 
 
 def _modes(results: Results) -> Table:
-    """Frequencies, participation factors and effective masses."""
     frequency = results.static("modes/frequency")
     columns: list[tuple[str, str, Any]] = [
         ("mode", "-", np.arange(1, len(frequency) + 1)),

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dolfinx_joints.common.dealt import Dealt, blocks_in
+from dolfinx_joints.common.arrays import Dealt, blocks_in
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.export.grids import Array, Grid
 from dolfinx_joints.export.whole_files import begun, changed, finished, forgotten
@@ -47,7 +47,6 @@ class VtkFile:
     """
 
     def __init__(self, path: Path, grid: Grid) -> None:
-        """Write the grid."""
         self.path, self._fixed = path, dict(grid.cell_data)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -101,7 +100,8 @@ class VtkFile:
                 file.flush()
                 _append_time(steps, time)
         except (OSError, KeyError, RuntimeError) as error:
-            raise ResultsError(f"{self.path} cannot grow: {_reason(error)}.") from None
+            reason = getattr(error, "strerror", None) or error
+            raise ResultsError(f"{self.path} cannot grow: {reason}.") from None
 
 
 class DamagedFileError(ResultsError):
@@ -120,10 +120,6 @@ def vtk_path(path: str | PathLike[str]) -> Path:
     return given if given.suffix == SUFFIX else given.with_name(given.name + SUFFIX)
 
 
-def _reason(error: Exception) -> str:
-    return (isinstance(error, OSError) and error.strerror) or str(error)
-
-
 def check_free(paths: Iterable[Path], *, overwrite: bool) -> None:
     """Check that no file would be lost.
 
@@ -136,14 +132,12 @@ def check_free(paths: Iterable[Path], *, overwrite: bool) -> None:
 
 
 def _is_of(root: h5py.Group, grid: Grid) -> bool:
-    """Whether a file has this grid."""
     size = max(np.abs(each).max(initial=0.0) for each in blocks_in(grid.points))
     wanted = {"Points": grid.points, "Connectivity": grid.connectivity, "Offsets": grid.offsets}
     return all(_alike(root[name], each, 1e-9 * size) for name, each in wanted.items())
 
 
 def _alike(dataset: h5py.Dataset, wanted: Array, tolerance: float) -> bool:
-    """Whether a dataset holds an array."""
     if dataset.shape != wanted.shape:
         return False
     first, same = 0, True

@@ -120,7 +120,6 @@ class _Waiting:
     """
 
     def __init__(self, disk: io.FileIO) -> None:
-        """Begin with what the disk has."""
         self._disk, self._place = disk, 0
         self.before = self.size = os.fstat(disk.fileno()).st_size
         self.pieces: list[Piece] = []
@@ -162,16 +161,13 @@ class _Waiting:
         return self.refused is None
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Go to a place [bytes]."""
         self._place = offset + (0, self._place, self.size)[whence]
         return self._place
 
     def tell(self) -> int:
-        """Return the place [bytes]."""
         return self._place
 
     def truncate(self, size: int) -> int:
-        """Set the size [bytes]."""
         self.size = size
         return size
 

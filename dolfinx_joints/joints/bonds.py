@@ -9,8 +9,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.joints.law_points import LawPoints
 from dolfinx_joints.laws.law import BROKEN, HELD, JointState, with_bonds
 
@@ -23,17 +23,11 @@ class Bonds:
 
     So what breaks does not depend on the way that a solver takes, and what lets go may unload
     others, as it does in steps that are short.
-
-    Args:
-        parts: Points by law.
-        comm: Communicator of the joints.
-        state: State at the start of the step.
     """
 
     def __init__(self, parts: Sequence[LawPoints], comm: Any, state: JointState) -> None:
-        """Hold all."""
         self._parts, self._comm, self._state = parts, comm, state
-        self._released: NDArray[np.bool_] = np.zeros(len(state.gap), dtype=bool)
+        self._released: Flags = np.zeros(len(state.gap), dtype=bool)
 
     def start(self) -> JointState:
         """State at the start of the step, as laws are to take it."""
@@ -55,9 +49,7 @@ class Bonds:
         return most > 0.0
 
 
-def broken_points(
-    parts: Sequence[LawPoints], before: JointState, after: JointState
-) -> NDArray[np.bool_]:
+def broken_points(parts: Sequence[LawPoints], before: JointState, after: JointState) -> Flags:
     """Return at which local points bonds have broken between two states, shape (n,)."""
     found = np.zeros(len(before.gap), dtype=bool)
     for part in parts:

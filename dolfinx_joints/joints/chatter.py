@@ -14,12 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt, Floats
 from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Response
-
-Floats = NDArray[np.float64]
 
 # Steps of a contact or a flight that a run resolves; shorter contacts per point that are more than
 # impacts; their share of the normal impulse.
@@ -37,7 +35,6 @@ class Chatter:
     """
 
     def __init__(self, contact: Contact | None) -> None:
-        """Nothing is seen yet."""
         self._contact = contact
         points = 0 if contact is None else len(contact.operator.joint)
         # By point: time of its contact, impulse, friction work; time of the last flight.

@@ -96,15 +96,10 @@ class ContactStep:
 class PointStep:
     """The points of one law in one step of the condensed solver, evaluated at many trial gaps.
 
-    Args:
-        part: The points.
-        rule: How the law is evaluated.
-        compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
-        state: State of the points at the start of the step.
+    The compliance of the structure is normal and tangential, shape (n, 2), [m/Pa].
     """
 
     def __init__(self, part: LawPoints, rule: Rule, compliance: Floats, state: JointState) -> None:
-        """Prepare what all evaluations share."""
         self._part, self._rule, self._compliance, self._state = part, rule, compliance, state
         self._law = law = part.compiled_over(rule)
         if law is not None:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
 from functools import cached_property
 from typing import Any
@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.errors import JointsError, MeshError
 from dolfinx_joints.common.mpi import raised_together, summed
-from dolfinx_joints.common.parameters import check_each, check_kind_of, check_number, shown
+from dolfinx_joints.common.parameters import check_each, check_kind_of, check_number
 from dolfinx_joints.joints.bonds import Bonds, broken_points
 from dolfinx_joints.joints.condensed_step import ContactStep
 from dolfinx_joints.joints.form_operator import FormOperator
@@ -34,6 +35,7 @@ from dolfinx_joints.laws.law import (
     StatusCounts,
     check_law,
 )
+from dolfinx_joints.mesh.joint_pairs import no_such_joint
 
 InitialGap = float | Callable[[Floats], Floats]
 
@@ -48,7 +50,6 @@ class Contact:
             point coordinates (n, 3) that gives (n,); added to a gap in the mesh itself.
 
     Attributes:
-        operator: The gap operator.
         laws: Law of each joint by name.
         initial_gap: Gap before any displacement, in the mesh and given, shape (n, 3), [m].
         acting: Which of the local points carry tractions, shape (n,).
@@ -65,7 +66,6 @@ class Contact:
         laws: AnyLaw | Mapping[str, AnyLaw],
         initial_gaps: Mapping[str, InitialGap] | None = None,
     ) -> None:
-        """Sort the points by law."""
         self.operator = operator
         gaps = initial_gaps or {}
         check_kind_of("initial_gaps", gaps, isinstance(gaps, Mapping), "a gap per joint name")
@@ -84,7 +84,7 @@ class Contact:
             members = [i for i, name in enumerate(operator.names) if by_name[name] is law]
             self._laws.append(LawPoints(law, np.flatnonzero(np.isin(operator.joint, members))))
         self._variables = max((part.variables for part in self._laws), default=0)
-        self.acting: NDArray[np.bool_] = np.ones(len(operator.joint), dtype=bool)
+        self.acting: Flags = np.ones(len(operator.joint), dtype=bool)
         self.tied = operator.tied
         self.initial_gap: Floats = operator.initial_gap.copy()
         places = np.zeros_like(self.initial_gap) if operator.points is None else operator.points
@@ -115,7 +115,7 @@ class Contact:
         other.operator = operator
         return other
 
-    def without(self, idle: NDArray[np.bool_]) -> Contact | None:
+    def without(self, idle: Flags) -> Contact | None:
         """The same with nothing carried by some local points; None if no point acts (collective).
 
         Laws without a point that acts are no longer there to choose a solver by.
@@ -157,8 +157,7 @@ class Contact:
 
     def at_gap(self, gap: Floats, state: JointState) -> Response:
         """Return the end-point response at a gap (n, 3) [m], from ``state`` (collective)."""
-        with raised_together(self.operator.comm):
-            return self._ask(BACKWARD_EULER, gap, None, state)
+        return self._ask(BACKWARD_EULER, gap, None, state)
 
     def respond(self, change: Any, state: JointState, rule: Rule) -> Response:
         """Answer of the laws to a change of the displacement since ``state`` (collective).
@@ -168,23 +167,17 @@ class Contact:
             state: State at the start of the step.
             rule: How the laws are asked.
         """
-        gap = state.gap + self.operator.jump(change)
-        with raised_together(self.operator.comm):
-            return self._ask(rule, gap, None, state)
+        return self._ask(rule, state.gap + self.operator.jump(change), None, state)
 
     def respond_condensed(
         self, trial_gap: Floats, compliance: Floats, state: JointState, rule: Rule
     ) -> Response:
         """Answer of the laws of the local points, each on its own compliance (collective).
 
-        Args:
-            trial_gap: Gap if the point carried no traction, shape (n, 3), [m].
-            compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
-            state: State at the start of the step.
-            rule: How the laws are asked.
+        Trial gaps are those of points without traction, shape (n, 3), [m]; the compliance of the
+        structure is normal and tangential, shape (n, 2), [m/Pa].
         """
-        with raised_together(self.operator.comm):
-            return self._ask(rule, trial_gap, compliance, state)
+        return self._ask(rule, trial_gap, compliance, state)
 
     def condensed_step(self, compliance: Floats, state: JointState, rule: Rule) -> ContactStep:
         """Return the local points in a step, each on its own compliance, for many trial gaps.
@@ -199,15 +192,16 @@ class Contact:
     def _ask(
         self, rule: Rule, gap: Floats, compliance: Floats | None, state: JointState
     ) -> Response:
-        """Answer of the laws of the local points, without waiting for other ranks."""
-        if len(self._laws) == 1:
-            return self._laws[0].ask(rule, gap, compliance, state)
-        answer = empty_response(len(gap), self._variables)
-        for part in self._laws:
-            here = part.points
-            own = None if compliance is None else compliance[here]
-            part.put(part.ask(rule, gap[here], own, part.state_of(state)), answer)
-        return answer
+        """Answer of the laws of the local points (collective)."""
+        with raised_together(self.operator.comm):
+            if len(self._laws) == 1:
+                return self._laws[0].ask(rule, gap, compliance, state)
+            answer = empty_response(len(gap), self._variables)
+            for part in self._laws:
+                here = part.points
+                own = None if compliance is None else compliance[here]
+                part.put(part.ask(rule, gap[here], own, part.state_of(state)), answer)
+            return answer
 
     @property
     def brittle(self) -> bool:
@@ -222,7 +216,7 @@ class Contact:
         """Kinds of the laws whose numerical loss under a rule is a difference of other works."""
         return tuple(sorted({part.kind for part in self._laws if not part.states_losses(rule)}))
 
-    def broken(self, before: JointState, after: JointState) -> NDArray[np.bool_]:
+    def broken(self, before: JointState, after: JointState) -> Flags:
         """Return at which local points bonds have broken between two states, shape (n,)."""
         return broken_points(self._laws, before, after)
 
@@ -341,13 +335,7 @@ class Contact:
         return None if joint is None else (joint, type(self.laws[joint]).__name__)
 
 
-def no_such_joint(name: Any, names: Collection[str]) -> str:
-    """What to say of the name of a joint that there is none of."""
-    return f"There is no joint {shown(name)}; the joints are: {', '.join(names) or 'none'}."
-
-
 def _checked_gap(name: str, gap: InitialGap, places: Floats) -> Floats:
-    """Values of an initial gap at the points of a joint."""
     what = f"The initial gap of {name!r}"
     if not callable(gap):
         check_number(what, gap, lambda _: True, "finite", unit="m")

@@ -73,8 +73,7 @@ class FormOperator(GapOperator):
         u.copy(self._u.x.petsc_vec)
         self._u.x.scatter_forward()
         jump = self._exchange.to_points(self._assembled(self._jump_form) / self._areas)
-        rotated: Floats = np.einsum("nki,ni->nk", self._axes, jump)
-        return rotated
+        return np.einsum("nki,ni->nk", self._axes, jump)
 
     def force(self, traction: Floats, out: PETSc.Vec) -> PETSc.Vec:
         """Nodal forces (2), [N] (collective)."""
@@ -102,17 +101,13 @@ class FormOperator(GapOperator):
     def _assembled(self, form: fem.Form) -> Floats:
         """A linear form on the vectors at quadrature points, facet by facet, shape (m, dim)."""
         found = fem.assemble_vector(form).array.reshape(-1, self._dim)
-        values: Floats = found[self._dofs]
-        return values
+        return found[self._dofs]
 
 
 class FormTangent:
     """Tangents of joints assembled by a form, with their sparsity kept.
 
-    Args:
-        operator: The joint operator.
-        free: Vector with 1 for free and 0 for constrained dofs; constrained rows and columns of
-            the result are zero.
+    Dofs are constrained where ``free`` is 0: rows and columns of the result are zero there.
     """
 
     def __init__(self, operator: FormOperator, free: PETSc.Vec) -> None:

@@ -7,14 +7,12 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import TangentMatrix
 from dolfinx_joints.laws.law import JointState, Response, Rule, StatusCounts
-
-Floats = NDArray[np.float64]
 
 
 class InternalForces(Protocol):
@@ -55,14 +53,9 @@ class InternalForces(Protocol):
 
 
 class JointInternalForces:
-    """The joints.
-
-    Args:
-        contact: Joints with their laws.
-    """
+    """The joints."""
 
     def __init__(self, contact: Contact) -> None:
-        """Nothing is computed."""
         self.contact = contact
         self.at_rest, self.trial, self.respond = contact.at_rest, contact.trial, contact.respond
 

@@ -12,8 +12,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Flags, Ints
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.common.parameters import numbers_of, shown
 from dolfinx_joints.laws.law import (
@@ -55,10 +55,6 @@ _SHAPES: dict[str, tuple[int, ...]] = {
 class LawPoints:
     """The points of one law.
 
-    Args:
-        law: The law.
-        points: Its local points.
-
     Attributes:
         law: The law.
         points: Its local points.
@@ -73,8 +69,7 @@ class LawPoints:
         ValueError: Its internal variables are not what `LawWithHistory` says.
     """
 
-    def __init__(self, law: AnyLaw, points: NDArray[np.int64]) -> None:
-        """Find the methods that the rules ask for."""
+    def __init__(self, law: AnyLaw, points: Ints) -> None:
         from dolfinx_joints.laws.rigid import RigidJoint
         from dolfinx_joints.laws.viscous import DashpotStep
 
@@ -98,7 +93,7 @@ class LawPoints:
         self._rigid: RigidJoint | None = law if isinstance(law, RigidJoint) else None
         self.stops = self._rigid is not None and self._rigid.restitution == 0
 
-    def among(self, chosen: NDArray[np.bool_]) -> LawPoints:
+    def among(self, chosen: Flags) -> LawPoints:
         """Those of its points that are chosen of all local points."""
         part = copy(self)
         part.points = self.points[chosen[self.points]]
@@ -242,8 +237,7 @@ def _without_pressure(law: Any, gap: Floats, state: JointState) -> Response:
             f"A rigid joint overlaps by {-gap[:, 0].min():.3g} m: it must start without overlap, "
             "or from a static stage, and needs the condensed solver."
         )
-    response: Response = law.condensed_backward_euler(gap, NO_COMPLIANCE, state)
-    return response
+    return law.condensed_backward_euler(gap, NO_COMPLIANCE, state)
 
 
 def empty_response(count: int, variables: int) -> Response:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.sparse import coo_array
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.mpi import gathered, lasting, rows_at
 from dolfinx_joints.joints.points import JointPoints, joint_points
 from dolfinx_joints.mesh.cells import Floats, Ints
@@ -31,12 +32,7 @@ ROUNDING = 1e-14
 
 
 class TangentMatrix(Protocol):
-    """Point tangents as a matrix.
-
-    Attributes:
-        comm: Communicator of the matrix.
-        joints: B with the columns of constrained dofs zero, None where there is none.
-    """
+    """Point tangents as a matrix; ``joints`` is B with zero columns of constrained dofs."""
 
     comm: Any
     joints: PETSc.Mat | None
@@ -58,10 +54,6 @@ class GapOperator:
         names: Joint names.
 
     Attributes:
-        matrix: B.
-        areas: w.
-        joint: Joint numbers.
-        names: Joint names.
         comm: Communicator of the matrix.
         initial_gap: Gap before any displacement, shape (n, 3), [m].
         points: Coordinates of the local points, shape (n, 3), [m]. None where there is no mesh.
@@ -87,7 +79,7 @@ class GapOperator:
         return int(self.matrix.getSize()[0] // 3)
 
     @cached_property
-    def tied(self) -> NDArray[np.bool_]:
+    def tied(self) -> Flags:
         """Return which local points can neither open nor slide, their rows of B zero, shape (n,).
 
         At the end of a joint inside a body both sides share their nodes.
@@ -141,11 +133,8 @@ class JointOperator(GapOperator):
         quadrature: ``auto``, ``nodal``, ``gauss`` or a degree, see `facet_rule`.
 
     Attributes:
-        jointed: The mesh.
         space: The space V.
-        quadrature: The rule.
         layout: The points, and this rank's facets.
-        points: Coordinates of the local points, shape (n, 3), [m].
         frames: Rows n, s1, s2 of each local point, shape (n, 3, 3).
 
     Raises:
@@ -174,10 +163,7 @@ class JointOperator(GapOperator):
 class JointTangent:
     """B^T (w D) B for changing point tangents D, with its sparsity kept.
 
-    Args:
-        operator: The joint operator.
-        free: Vector with 1 for free and 0 for constrained dofs; constrained rows and columns of
-            the result are zero.
+    Dofs are constrained where ``free`` is 0: rows and columns of the result are zero there.
     """
 
     def __init__(self, operator: GapOperator, free: PETSc.Vec) -> None:
@@ -255,12 +241,7 @@ def _assemble_operator(jointed: JointedMesh, V: Any, layout: JointPoints) -> PET
 
 
 def diagonal_compliance(operator: PETSc.Mat, diagonal: PETSc.Vec) -> Floats:
-    """B diag(A)^-1 B^T, the estimate of the compliance's diagonal, shape (local rows,), [m/N].
-
-    Args:
-        operator: B.
-        diagonal: That of the body's matrix A [N/m].
-    """
+    """B diag(A)^-1 B^T, the estimate of the compliance's diagonal, shape (local rows,), [m/N]."""
     squares, inverse = operator.copy(), diagonal.copy()
     starts, columns, values = squares.getValuesCSR()
     squares.setValuesCSR(starts, columns, values**2)
@@ -318,11 +299,7 @@ def _side_entries(jointed: JointedMesh, V: Any, layout: JointPoints) -> tuple[In
 def _side_table(element: Any, rule: Floats, vertices: Floats) -> Floats:
     """Basis functions of a cell at the rule's points on one of its facets, shape (q, a).
 
-    Args:
-        element: Scalar basix element of the displacement.
-        rule: Points on the reference facet, shape (q, facet dimension).
-        vertices: Reference coordinates of the facet's vertices in the order of the - side,
-            shape (vertices per facet, cell dimension).
+    Vertices are the facet's in the order of the - side, in reference coordinates of the cell.
     """
     position = vertex_functions(len(vertices), rule) @ vertices
     table: Floats = element.tabulate(0, position)[0, :, :, 0]
@@ -331,7 +308,6 @@ def _side_table(element: Any, rule: Floats, vertices: Floats) -> Floats:
 
 
 def _coordinates(V: Any) -> PETSc.Vec:
-    """The coordinates of the nodes as a vector of the space."""
     from dolfinx import fem
 
     x = fem.Function(V)

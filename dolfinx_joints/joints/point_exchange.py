@@ -17,16 +17,9 @@ from dolfinx_joints.mesh.joint_surface import JointSurface
 
 
 class PointExchange:
-    """Carries values between joint points, dealt to the ranks in blocks, and points of facets.
-
-    Args:
-        surface: The joint surface.
-        layout: All joint points.
-        count: Number of joint points of this rank.
-    """
+    """Carries values between joint points, dealt to the ranks in blocks, and points of facets."""
 
     def __init__(self, surface: JointSurface, layout: JointPoints, count: int) -> None:
-        """Find the joint point of each point of each facet."""
         number = surface.number
         order = _order_of_integration(layout.rule, surface.turned)
         self._point = np.take_along_axis(layout.number[number], order, axis=1).ravel()
@@ -78,5 +71,4 @@ def _order_of_integration(rule: Floats, turned: Ints) -> Ints:
     apart = np.linalg.norm((weights @ corners[kinds])[:, :, None] - rule, axis=3)
     if np.any(apart.min(axis=2, initial=np.inf) > 1e-9):
         raise ValueError("This quadrature rule depends on the order of a facet's vertices.")
-    order: Ints = apart.argmin(axis=2)[of_facet.ravel()]
-    return order
+    return apart.argmin(axis=2)[of_facet.ravel()]

@@ -31,7 +31,6 @@ class SmallDisplacements:
     """
 
     def __init__(self, contact: Contact | None) -> None:
-        """Nothing is seen yet."""
         sizes = None if contact is None else contact.operator.sizes
         self._contact, self._sizes = contact, sizes
         count = 0 if contact is None else len(contact.operator.names)

@@ -60,7 +60,6 @@ class PotentialJoint:
     _points: UflPoints = field(init=False)
 
     def __post_init__(self) -> None:
-        """Compile psi, traction and tangent."""
         points = UflPoints(type(self).__name__)
         psi = points.expression("energy", self.energy)
         traction = ufl.diff(psi, points.gap)
@@ -146,7 +145,6 @@ class TractionJoint:
     _points: UflPoints = field(init=False)
 
     def __post_init__(self) -> None:
-        """Compile traction, tangent, updates and energy."""
         owner, internal = type(self).__name__, self.internal
         _check_internal(owner, internal)
         points = UflPoints(owner, tuple(internal))
@@ -203,7 +201,6 @@ def _stiffness(law: PotentialJoint | TractionJoint) -> dict[str, float]:
 
 
 def _check_internal(owner: str, internal: Any) -> None:
-    """Check names, initial values and updates of internal variables."""
     wanted = 'it must be {"name": (initial value, function that updates it), ...}.'
     if not isinstance(internal, Mapping):
         raise ValueError(f"{owner}: internal is {shown(internal)}; {wanted}")

@@ -41,7 +41,6 @@ class UflPoints:
     """
 
     def __init__(self, owner: str, names: Sequence[str] = ()) -> None:
-        """Make mesh and functions."""
         self._owner = owner
         self._texts: list[str] = []
         self._mesh = mesh.create_interval(MPI.COMM_SELF, _BLOCK, [0.0, 1.0])

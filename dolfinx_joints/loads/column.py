@@ -38,7 +38,6 @@ class Column:
         travels: Sequence[float],
         spacing: float,
     ) -> None:
-        """Begin without samples."""
         self._incident, self._z, self._travels = incident, list(impedances), list(travels)
         self._spacing = min(spacing, min(travels) / FEWEST)
         self._block = max(int(min(travels) / self._spacing) - FEWEST + 1, 1)
@@ -72,25 +71,24 @@ class Column:
         times: Floats = self._spacing * np.arange(start, start + self._block, dtype=np.float64)
         sent = []
         for i, (below, above) in enumerate(zip(self._z, self._z[1:], strict=False)):
-            up, down = self._from_below(i, times), self._from_above(i + 1, times)
+            up, down = self._risen(i, times - self._travels[i]), self._from_above(i + 1, times)
             through = (2.0 * below * up + (above - below) * down) / (below + above)
             sent.append((through, through + down - up))
         for i, (risen, fallen) in enumerate(sent):
             self._rising[i] = np.append(self._rising[i], risen)
             self._falling[i] = np.append(self._falling[i], fallen)
 
-    def _from_below(self, layer: int, times: Floats) -> Floats:
-        """Rising wave at the top of a layer."""
-        late = times - self._travels[layer]
+    def _risen(self, layer: int, times: Floats) -> Floats:
+        """Rising wave at the bottom of a layer."""
         if layer == 0:
-            return np.array([self._incident(float(time)) for time in late])
-        return self._sampled(self._rising[layer - 1], late)
+            return np.array([self._incident(float(time)) for time in times])
+        return self._sampled(self._rising[layer - 1], times)
 
     def _from_above(self, layer: int, times: Floats) -> Floats:
         """Falling wave at the bottom of a layer."""
         late = times - self._travels[layer]
         if layer == len(self._z) - 1:
-            return self._sampled(self._rising[layer - 1], late - self._travels[layer])
+            return self._risen(layer, late - self._travels[layer])
         return self._sampled(self._falling[layer], late)
 
     def _sampled(self, samples: Floats, times: Floats) -> Floats:

@@ -11,10 +11,10 @@ from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.supports import components_of
+from dolfinx_joints.common.arrays import Ints
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.loads.column import Column
 from dolfinx_joints.loads.ground_motion import IncidentWave, in_axes
@@ -80,7 +80,6 @@ class FreeField:
     highest_frequency: Annotated[float, at.Gt(0), at.Unit("Hz")] = 25.0
 
     def __post_init__(self) -> None:
-        """Check groups and letters."""
         check_groups("FreeField", self.groups)
         if self.components is not None:
             components_of(self.components, 3)
@@ -145,9 +144,6 @@ class SupportForces:
     """Forces of supports that held the body in statics and are no more in a dynamic stage.
 
     Rock that is held in statics and stands on dashpots in an earthquake needs them.
-
-    Args:
-        model: The model of the dynamic stage.
     """
 
     def __init__(self, model: LoadedBody) -> None:
@@ -156,7 +152,7 @@ class SupportForces:
         force.set(0.0)
         self._force = model.joined(force)
 
-    def take(self, reaction: PETSc.Vec, constrained: NDArray[np.int64]) -> None:
+    def take(self, reaction: PETSc.Vec, constrained: Ints) -> None:
         """Take the reaction of a static state [N], but at the dofs that are constrained now."""
         held = reaction.getArray(readonly=True)
         self._force.getArray()[: len(held)] = held

@@ -10,17 +10,13 @@ from functools import cached_property, lru_cache
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.constants import LARGE_LOSS
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import doubt
-from dolfinx_joints.common.parameters import (
-    finite,
-    numbers_of,
-    shown,
-)
+from dolfinx_joints.common.parameters import finite, numbers_of, shown
 from dolfinx_joints.loads.load import TimeFactor
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.motions.differing import DifferingMotion
@@ -53,10 +49,7 @@ class BaseMotion:
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
         """One inertia pattern per axis."""
         factors = _by_axis(self.acceleration, model.gdim, "acceleration")
-        return [
-            (model.inertia_pattern(-np.eye(model.gdim)[axis]), factors[axis])
-            for axis in range(model.gdim)
-        ]
+        return [(model.inertia_pattern(-np.eye(model.gdim)[i]), f) for i, f in enumerate(factors)]
 
     def velocities(self, gdim: int) -> list[TimeFactor]:
         """Ground velocity along each axis [m/s] at a time [s]."""
@@ -68,9 +61,7 @@ class BaseMotion:
         return _by_axis(self.velocity, gdim, "velocity")
 
 
-def moved_by(
-    acceleration: Callable[[float], NDArray[np.float64]] | None, spacing: float
-) -> list[BaseMotion]:
+def moved_by(acceleration: Callable[[float], Floats] | None, spacing: float) -> list[BaseMotion]:
     """The load that a ground motion is, none for none, its velocity as `velocity_of` finds it."""
     if acceleration is None:
         return []
@@ -78,23 +69,21 @@ def moved_by(
     return [BaseMotion(acceleration=acceleration, velocity=velocity)]
 
 
-def velocity_of(
-    acceleration: Callable[[float], Any], spacing: float
-) -> Callable[[float], NDArray[np.float64]]:
+def velocity_of(acceleration: Callable[[float], Any], spacing: float) -> Callable[[float], Floats]:
     """Return the ground velocity [m/s] from rest at time zero, by Gauss points.
 
     Each interval of length ``spacing`` [s] has GAUSS_POINTS points.
     """
     points, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
 
-    def gained(start: float, end: float) -> NDArray[np.float64]:
+    def gained(start: float, end: float) -> Floats:
         half = 0.5 * (end - start)
         times = start + half * (1.0 + points)
         return np.asarray(half * weights @ np.array([acceleration(float(t)) for t in times]))
 
     sums = [np.zeros_like(acceleration(0.0))]
 
-    def velocity(time: float) -> NDArray[np.float64]:
+    def velocity(time: float) -> Floats:
         whole = int(np.floor(time / spacing + ROUNDING))
         while len(sums) <= whole:
             start = (len(sums) - 1) * spacing
@@ -110,17 +99,17 @@ class IncidentWave:
 
     outcrop: Motion
 
-    def __call__(self, time: float) -> NDArray[np.float64]:
+    def __call__(self, time: float) -> Floats:
         """Return the velocity at a time [s], shape (3,), [m/s]."""
         return np.asarray(0.5 * self._velocity(min(max(time, 0.0), self.outcrop.duration)))
 
     @cached_property
-    def _velocity(self) -> Callable[[float], NDArray[np.float64]]:
+    def _velocity(self) -> Callable[[float], Floats]:
         """Integral of the acceleration, which is linear between samples."""
         from scipy.interpolate import make_interp_spline
 
         spline = make_interp_spline(self.outcrop.time, self.outcrop.acceleration, k=1)
-        return cast("Callable[[float], NDArray[np.float64]]", spline.antiderivative())
+        return cast("Callable[[float], Floats]", spline.antiderivative())
 
 
 def for_steps(given: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], list[str]]:
@@ -166,10 +155,10 @@ def _by_axis(motion: Callable[[float], Any], gdim: int, name: str) -> list[TimeF
 
 def in_axes(
     motion: Callable[[float], Any], gdim: int, name: str = "motion"
-) -> Callable[[float], NDArray[np.float64]]:
+) -> Callable[[float], Floats]:
     """Return the components of a motion that move a model: in the plane x and z, or both of two."""
 
-    def moved(time: float) -> NDArray[np.float64]:
+    def moved(time: float) -> Floats:
         given = motion(time)
         values = numbers_of(given)
         if values is None or values.ndim != 1 or len(values) < gdim or not finite(values):

@@ -6,13 +6,12 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-import numpy as np
 from dolfinx.fem import FunctionSpace
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.elasticity import ElasticBody
 from dolfinx_joints.body.supports import Constraints
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
@@ -21,16 +20,8 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 class LoadedBody(Protocol):
     """A body on a split mesh, its matrices and its joints.
 
-    Attributes:
-        jointed: The mesh.
-        gdim: Axes of the model.
-        V: Displacement space.
-        body: Material fields.
-        mass: M, whose layout forces and added masses have [kg].
-        constraints: Constrained dofs.
-        absorbing: Groups with a viscous boundary.
-        operator: Joint operator, None without joints.
-        contact: Joints with their laws, None without joints.
+    M, whose layout forces and added masses have, is ``mass``; groups with a viscous boundary are
+    ``absorbing``; without joints operator and contact are None.
     """
 
     jointed: JointedMesh
@@ -46,9 +37,7 @@ class LoadedBody(Protocol):
     def assemble(self, form: Any) -> PETSc.Vec:
         """Nodal forces of a linear form, [N] (collective)."""
 
-    def inertia_pattern(
-        self, acceleration: NDArray[np.float64], *, body_only: bool = False
-    ) -> PETSc.Vec:
+    def inertia_pattern(self, acceleration: Floats, *, body_only: bool = False) -> PETSc.Vec:
         """M times a uniform acceleration [m/s^2], [N] (collective).
 
         With ``body_only`` without added masses, which have no weight.
@@ -57,5 +46,5 @@ class LoadedBody(Protocol):
     def joined(self, force: PETSc.Vec) -> PETSc.Vec:
         """A vector of the body's unknowns among those of a dynamic stage (collective)."""
 
-    def nodes(self, group: str) -> NDArray[np.int64]:
+    def nodes(self, group: str) -> Ints:
         """Owned nodes of a facet group, local numbers (collective)."""

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Annotated, Any, Literal
 
@@ -32,12 +32,7 @@ from dolfinx_joints.mesh.cells import Floats
 
 @dataclass(frozen=True, kw_only=True)
 class PlaneWave:
-    """Velocity d v(t - s.x) in a half space below z = 0, of an incident velocity v.
-
-    Attributes:
-        motion: D, shape (3,).
-        slowness: S, shape (3,), [s/m].
-    """
+    """Velocity d v(t - s.x) in a half space below z = 0, of an incident velocity v; s is in s/m."""
 
     motion: Floats
     slowness: Floats
@@ -50,13 +45,9 @@ class PlaneWave:
 
 
 def plane_waves(kind: str, angle: float, azimuth: float, rock: Layer) -> list[PlaneWave]:
-    """The incident wave and those that the free surface z = 0 reflects, equations (12ab).
+    """The incident P, SV or SH wave and those that the free surface z = 0 reflects, (12ab).
 
-    Args:
-        kind: ``P``, ``SV`` or ``SH``.
-        angle: Of the incident ray with the vertical [rad].
-        azimuth: Of its horizontal way, counterclockwise from x [rad].
-        rock: The half space.
+    The ray is at an angle with the vertical, its horizontal way at one from x to y [rad].
 
     Raises:
         ValueError: An SV wave arrives beyond the critical angle, where its P wave does not leave.
@@ -89,13 +80,8 @@ def plane_waves(kind: str, angle: float, azimuth: float, rock: Layer) -> list[Pl
     in_plane = np.stack([h, z])
     tractions = np.column_stack([in_plane @ each.traction(rock, z) for each in reflected])
     sizes = np.linalg.solve(tractions, -in_plane @ incident.traction(rock, z))
-    return [
-        incident,
-        *(
-            PlaneWave(motion=size * each.motion, slowness=each.slowness)
-            for size, each in zip(sizes, reflected, strict=True)
-        ),
-    ]
+    pairs = zip(sizes, reflected, strict=True)
+    return [incident, *(replace(each, motion=size * each.motion) for size, each in pairs)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +113,6 @@ class ObliqueFreeField:
     highest_frequency: Annotated[float, at.Gt(0), at.Unit("Hz")] = 25.0
 
     def __post_init__(self) -> None:
-        """Check the groups."""
         check_groups("ObliqueFreeField", self.groups)
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:

@@ -19,26 +19,13 @@ LEVEL = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Layer:
-    """A level layer of rock.
-
-    Attributes:
-        bottom: Its height [m].
-        top: Likewise [m].
-        first_lame: Lambda [Pa].
-        shear_modulus: Mu [Pa].
-        density: Rho [kg/m^3].
-    """
+    """A level layer of rock: its ends [m], lambda and mu [Pa], and density [kg/m^3]."""
 
     bottom: float
     top: float
     first_lame: float
     shear_modulus: float
     density: float
-
-    @property
-    def material(self) -> tuple[float, float, float]:
-        """Lambda, mu and rho."""
-        return self.first_lame, self.shear_modulus, self.density
 
     @property
     def pressure_speed(self) -> float:
@@ -69,13 +56,6 @@ def layers_along(
 ) -> list[Layer]:
     """Layers of the rock behind groups from the base up to the level surface (collective).
 
-    Args:
-        name: Name of the load in error messages.
-        model: The body.
-        groups: Facet groups.
-        base: Height that the lowest layer reaches down to [m].
-        surface: Height that the highest layer reaches up to [m].
-
     Raises:
         ValueError: The rock has no mass, or its materials are not level layers.
     """
@@ -89,8 +69,9 @@ def layers_along(
     slack = LEVEL * max(np.abs(rows[:, :2]).max(), np.ptp(rows[:, :2]))
     layers: list[Layer] = []
     for bottom, top, lame, shear, density in rows.tolist():
+        rock = Layer(bottom=bottom, top=top, first_lame=lame, shear_modulus=shear, density=density)
         last = layers[-1] if layers else None
-        if last is not None and last.material == (lame, shear, density):
+        if last is not None and replace(rock, bottom=last.bottom, top=last.top) == last:
             layers[-1] = replace(last, top=max(last.top, top))
         elif last is not None and abs(bottom - last.top) > slack:
             ends = [f"{round(height, 6) + 0.0:g}" for height in (last.bottom, last.top, bottom)]
@@ -100,9 +81,7 @@ def layers_along(
                 f"the other from {ends[2]} m on; they must be level layers, one on the other."
             )
         else:
-            layers.append(
-                Layer(bottom=bottom, top=top, first_lame=lame, shear_modulus=shear, density=density)
-            )
+            layers.append(rock)
     layers[0] = replace(layers[0], bottom=base)
     layers[-1] = replace(layers[-1], top=surface)
     if layers[0].top <= base:
@@ -111,7 +90,6 @@ def layers_along(
 
 
 def _values(field: Any, cells: Ints) -> Floats:
-    """A material parameter in some cells."""
     if not hasattr(field, "function_space"):
         return np.full(len(cells), float(field.value))
     return np.asarray(field.x.array[field.function_space.dofmap.list[cells, 0]])

@@ -46,16 +46,9 @@ def forces_of_levels(
 ) -> list[tuple[float, PETSc.Vec]]:
     """Delay of each level [s], and forces of a unit velocity there, equation (12j) (collective).
 
-    Between levels velocities are cubic, on facets as the shape functions of the mesh.
-
-    Args:
-        model: The body.
-        groups: Facet groups with a viscous boundary.
-        motion: Direction d in which the wave moves, shape (gdim,).
-        slowness: Its slowness s, shape (gdim,), [s/m].
-        spacing: Delay between levels [s].
-        start: Phase s.x without delay [s].
-        layer: Layer whose facets alone are loaded; all of them unless given.
+    Between levels, ``spacing`` apart [s], velocities are cubic, on facets as the shape functions of
+    the mesh. The wave moves along d, ``motion``, with a slowness s [s/m]; the phase s.x without
+    delay is ``start`` [s]. With a layer its facets alone are loaded.
     """
     degree = model.V.element.basix_element.degree
     scalar = fem.functionspace(model.jointed.mesh, ("Lagrange", degree))
@@ -134,21 +127,16 @@ def check_groups(name: str, groups: Sequence[str]) -> None:
         )
 
 
-def check_absorbing(name: str, model: LoadedBody, groups: Sequence[str]) -> None:
-    """Check that groups have a viscous boundary."""
+def checked_base(
+    name: str, model: LoadedBody, groups: Sequence[str], surface: float, base: float | None
+) -> float:
+    """Height of the base, the lowest node unless given, once heights are checked (collective)."""
     missing = [group for group in groups if group not in model.absorbing]
     if missing:
         raise ValueError(
             f"{name}: the group {missing[0]!r} has no viscous boundary; add "
             f"ViscousBoundary(group={missing[0]!r}) to the supports."
         )
-
-
-def checked_base(
-    name: str, model: LoadedBody, groups: Sequence[str], surface: float, base: float | None
-) -> float:
-    """Height of the base, the lowest node unless given, once heights are checked (collective)."""
-    check_absorbing(name, model, groups)
     lowest, highest = extent_along(model, groups, np.eye(model.gdim)[-1])
     base = lowest if base is None else base
     if highest - surface > 1e-9 * (highest - base) or surface <= base:

@@ -16,10 +16,9 @@ from typing import Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.materials.elastic import Elastic
 from dolfinx_joints.materials.orthotropic import Orthotropic
-
-Floats = NDArray[np.float64]
 
 
 class BulkStatus(IntEnum):

@@ -12,12 +12,11 @@ import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.materials.bulk_law import BulkResponse, BulkState, BulkStatus
 from dolfinx_joints.materials.elastic import Elastic
-
-Floats = NDArray[np.float64]
 
 _TRACE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 # Deviatoric stress of a unit shear modulus over 2 from strains with angles.
@@ -189,9 +188,7 @@ class DruckerPrager:
     def _cone_tangent(self, direction: Floats, part: Floats) -> Floats:
         """Derivative of the stress on the cone by the strain, shape (n, 6, 6), [Pa].
 
-        Args:
-            direction: Deviator over its sqrt(J2), shape (n, 6).
-            part: Part of the trial's deviator that was taken off, shape (n,).
+        The direction is the deviator over its sqrt(J2), the part what of the trial's was taken off.
         """
         shear, bulk = self._moduli()
         side = np.einsum("ni,nj->nij", direction, direction)
@@ -210,19 +207,15 @@ class DruckerPrager:
 
 
 def _invariants(stress: Floats) -> tuple[Floats, Floats, Floats]:
-    """Deviator, sqrt(J2) and trace of stresses."""
     trace = stress[:, :3].sum(axis=1)
     deviator = stress - np.outer(trace / 3.0, _TRACE)
     return deviator, np.sqrt(0.5 * (deviator**2 @ _DOUBLE)), trace
 
 
 def _product(stress: Floats, strain: Floats) -> Floats:
-    """Stress times strain of each point."""
-    work: Floats = np.einsum("ni,ni->n", stress, strain)
-    return work
+    return np.einsum("ni,ni->n", stress, strain)
 
 
 def _amount(strain: Floats) -> Floats:
     """sqrt(2/3) times the norm of the strain tensors."""
-    amount: Floats = np.sqrt(2.0 / 3.0 * (strain**2 @ (1.0 / _DOUBLE)))
-    return amount
+    return np.sqrt(2.0 / 3.0 * (strain**2 @ (1.0 / _DOUBLE)))

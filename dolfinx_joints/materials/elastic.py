@@ -9,8 +9,8 @@ from typing import Annotated
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 
 
@@ -41,7 +41,7 @@ class Elastic:
             return self.young * nu / (1.0 - nu**2)
         return self.young * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
 
-    def stiffness_matrix(self) -> NDArray[np.float64]:
+    def stiffness_matrix(self) -> Floats:
         """C with stress = C strain, shape (6, 6), [Pa].
 
         The order is xx, yy, zz, yz, xz, xy, shear strains are the angles 2 eps_yz, ...

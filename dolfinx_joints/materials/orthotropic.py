@@ -9,12 +9,12 @@ from typing import Annotated
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import numbers_of, shown
 
-Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 GLOBAL_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

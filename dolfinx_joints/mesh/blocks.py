@@ -43,13 +43,7 @@ def block_of_nodes(nodes: NodeNumbering) -> Ints:
 
 
 def blocks_of_pairs(nodes: NodeNumbering, pairs: JointPairs, block: Ints) -> Ints:
-    """Blocks on the - and + side of each facet pair of this rank, shape (pairs, 2).
-
-    Args:
-        nodes: Numbers the nodes.
-        pairs: The facet pairs of a `JointedMesh`.
-        block: Block of each local node, of `block_of_nodes`.
-    """
+    """Blocks on the - and + side of each facet pair of this rank, shape (pairs, 2)."""
     cells = np.stack([pairs.minus[:, 0], pairs.plus[:, 0]], axis=1)
     local = local_cells(nodes.space.mesh, cells.ravel()).reshape(cells.shape)
     return np.asarray(block[nodes.space.dofmap.list[local, 0]])
@@ -70,10 +64,7 @@ def same_places(points: Floats, distance: float) -> Ints:
 def first_at_places(comm: Any, points: Floats, distance: float) -> Ints:
     """Number among those of all ranks of the first point at the place of each, (n,) (collective).
 
-    Args:
-        comm: Communicator.
-        points: Coordinates of this rank's, shape (n, 3), [m].
-        distance: Points nearer to each other than that are at the same place [m].
+    Points, (n, 3), that are nearer to each other than a distance are at the same place [m].
     """
     blocks = blocks_of(comm, len(points))
     number = blocks[comm.rank] + np.arange(len(points))

@@ -14,10 +14,9 @@ import numpy as np
 from dolfinx.cpp.mesh import cell_num_entities
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats as Floats
+from dolfinx_joints.common.arrays import Ints as Ints
 from dolfinx_joints.common.errors import MeshError
-
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 # VTK's numbers of linear and of Lagrange cells.
 _VTK = {
@@ -26,6 +25,12 @@ _VTK = {
     "tetrahedron": (10, 71),
     "hexahedron": (12, 72),
 }
+
+
+def lagrange(kind: basix.CellType, degree: int) -> basix.finite_element.FiniteElement:
+    """Return the scalar Lagrange element of a reference cell or facet."""
+    variant = basix.LagrangeVariant.gll_warped
+    return basix.create_element(basix.ElementFamily.P, kind, degree, variant)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,9 +68,7 @@ class CellShape:
 
     def element(self) -> basix.finite_element.FiniteElement:
         """The scalar Lagrange element whose dofs are the geometry nodes."""
-        return basix.create_element(
-            basix.ElementFamily.P, self.type, self.degree, basix.LagrangeVariant.gll_warped
-        )
+        return lagrange(self.type, self.degree)
 
     @property
     def facet_nodes(self) -> Ints:
@@ -78,12 +81,7 @@ class CellShape:
 
 
 def vtk_layout(shape: CellShape, count: int) -> tuple[int, Ints]:
-    """VTK's number of a Lagrange cell, and its nodes in VTK's order.
-
-    Args:
-        shape: Of the cell.
-        count: Number of its nodes.
-    """
+    """VTK's number of a Lagrange cell, and its nodes in VTK's order."""
     kind = getattr(dolfinx.mesh.CellType, shape.name)
     order = np.argsort(dolfinx.cpp.io.perm_vtk(kind, count))
     is_linear = count == len(basix.geometry(shape.type))
@@ -109,15 +107,8 @@ class RawMesh:
     facet_groups: dict[str, Ints]
 
 
-def find_facets(
-    shape: CellShape, cells: Ints, facets: Ints
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Find the cells at given facets.
-
-    Args:
-        shape: The reference cell.
-        cells: Cell nodes, shape (num_cells, nodes per cell).
-        facets: Vertices of the facets in any order, shape (n, vertices per facet).
+def find_facets(shape: CellShape, cells: Ints, facets: Ints) -> tuple[Ints, Ints]:
+    """Find the cells at facets given by their vertices in any order, (n, vertices per facet).
 
     Returns:
         ``owner`` of shape (n, 2, 2): (cell, local facet) of the first and second cell, -1 where
@@ -164,14 +155,18 @@ def check_curves(shape: CellShape, x: Floats, cells: NDArray[Any], source: str) 
     """Check that no cell is turned inside out, as Gmsh leaves curved ones in thin parts."""
     wrong = inside_out(shape, x, cells)
     if len(wrong):
-        where = ", ".join(f"{v:.4g}" for v in x[cells[wrong[0]]].mean(axis=0))
         remedy = "refine the mesh there, or make edges straight (of Gmsh Mesh.SecondOrderLinear)"
         if shape.degree == 1:
             remedy = "a corner of each is dented, or its nodes are in a wrong order"
         raise MeshError(
             f"{source}: {len(wrong)} cells are turned inside out in a part of them, the first "
-            f"around ({where}); {remedy}."
+            f"around {middle(x[cells[wrong[0]]])}; {remedy}."
         )
+
+
+def middle(x: Floats) -> str:
+    """Return the mean of some points, shape (n, gdim), for messages."""
+    return f"({', '.join(f'{value:.4g}' for value in x.mean(axis=0))})"
 
 
 def facet_slots(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.integer[Any]]) -> tuple[Any, Ints]:

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import basix
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from dolfinx_joints.mesh.cells import Floats, Ints
+from dolfinx_joints.common.arrays import Flags
+from dolfinx_joints.mesh.cells import Floats, Ints, lagrange
+from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
 
 # Samples along a side of a facet; the iteration starts from the nearest sample.
 DIVISIONS = 4
@@ -34,12 +35,6 @@ ITERATIONS, HALVINGS = 100, 12
 # Determinant over the squared trace of a facet's metric, below which two directions are parallel.
 SINGULAR = 1e-14
 
-_TYPES = {
-    2: basix.CellType.interval,
-    3: basix.CellType.triangle,
-    4: basix.CellType.quadrilateral,
-}
-
 
 @dataclass(frozen=True, kw_only=True)
 class ClosestPoints:
@@ -55,12 +50,12 @@ class ClosestPoints:
     facet: Ints
     local: Floats
     distance: Floats
-    converged: NDArray[np.bool_]
+    converged: Flags
 
 
 def longest_sides(vertices: Floats) -> Floats:
     """Return the longest side of facets between vertices (facets, vertices, gdim), (facets,)."""
-    ends = np.array(basix.topology(_TYPES[vertices.shape[1]])[1])
+    ends = np.array(basix.topology(facet_cell_type(vertices.shape[1]))[1])
     sides = vertices[:, ends[:, 1]] - vertices[:, ends[:, 0]]
     return np.asarray(np.linalg.norm(sides, axis=2).max(axis=1))
 
@@ -79,15 +74,12 @@ class FacetSurface:
     """
 
     def __init__(self, x: Floats, vertices: int, degree: int) -> None:
-        """Sample the facets."""
-        kind = _TYPES[vertices]
+        kind = facet_cell_type(vertices)
         # Coordinates of maps are millions of metres: differences would be rounding.
         self._origin: Floats = x.reshape(-1, x.shape[2]).mean(axis=0)
         self._x, self._dim = x - self._origin, x.shape[2] - 1
         self._extent = float(np.abs(self._x).max())
-        self._element = basix.create_element(
-            basix.ElementFamily.P, kind, degree, basix.LagrangeVariant.gll_warped
-        )
+        self._element = lagrange(kind, degree)
         self._edges: Floats = basix.geometry(kind)[np.array(basix.topology(kind)[1])]
         self.sizes: Floats = longest_sides(x[:, :vertices])
         lattice = basix.create_lattice(kind, DIVISIONS, basix.LatticeType.equispaced, True)
@@ -124,10 +116,7 @@ class FacetSurface:
         order = np.lexsort((distance, point))
         best = order[np.append(True, np.diff(point[order]) > 0)]
         return ClosestPoints(
-            facet=facet[best],
-            local=local[best],
-            distance=distance[best],
-            converged=converged[best],
+            facet=facet[best], local=local[best], distance=distance[best], converged=converged[best]
         )
 
     def _candidates(self, points: Floats) -> tuple[Ints, Ints, Floats]:
@@ -151,7 +140,7 @@ class FacetSurface:
 
     def _projected(
         self, points: Floats, facet: Ints, local: Floats
-    ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    ) -> tuple[Floats, Floats, Flags]:
         """Return the closest place on one facet for each point, its distance, and convergence."""
         local, distance = local.copy(), np.zeros(len(points))
         active = np.arange(len(points))

@@ -14,15 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import JointsError
 
 
 def create_mesh(
-    comm: Any,
-    cells: NDArray[np.int64],
-    x: NDArray[np.float64],
-    element: Any,
-    partitioner: Callable[..., Any] | None = None,
+    comm: Any, cells: Ints, x: Floats, element: Any, partitioner: Callable[..., Any] | None = None
 ) -> Any:
     """Distribute a mesh; DOLFINx 0.10 swapped coordinates and element (collective)."""
     from dolfinx import mesh
@@ -104,9 +101,7 @@ def merged_entity_maps(maps: Sequence[Any]) -> Any:
     return [known for each in maps for known in each] or None
 
 
-def permuted_points(
-    facet_vertices: int, points: NDArray[np.float64], code: int
-) -> NDArray[np.float64]:
+def permuted_points(facet_vertices: int, points: Floats, code: int) -> Floats:
     """Points of a reference facet as FFCx permutes them by a code, shape (n, facet dimension)."""
     from ffcx.ir import elementtables
 
@@ -133,7 +128,7 @@ def geometry_degree(mesh: Any) -> int:
     return int(found.degree)
 
 
-def gmsh_permutation(cell_name: str, num_nodes: int) -> NDArray[np.int64]:
+def gmsh_permutation(cell_name: str, num_nodes: int) -> Ints:
     """Map from Gmsh's node order to DOLFINx's; the module was renamed in 0.10."""
     from dolfinx.mesh import CellType
 
@@ -153,7 +148,7 @@ def petsc_code(error: Exception) -> int:
     return int(code)
 
 
-def interpolation_points(V: Any) -> NDArray[np.float64]:
+def interpolation_points(V: Any) -> Floats:
     """Points of the reference cell that interpolation evaluates at; no method since 0.10."""
     points = V.element.interpolation_points
     return np.asarray(points() if callable(points) else points)

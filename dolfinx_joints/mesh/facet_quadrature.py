@@ -9,11 +9,9 @@ from typing import Any
 
 import basix
 import numpy as np
-from numpy.typing import NDArray
 
 from dolfinx_joints.common.parameters import shown
-
-Floats = NDArray[np.float64]
+from dolfinx_joints.mesh.cells import Floats, lagrange
 
 _SIMPSON = np.array([1.0, 1.0, 4.0]) / 6.0
 _NODES_AND_CENTRE = np.array([3.0, 8.0, 27.0]) / 120.0  # a vertex, an edge, the centre
@@ -32,10 +30,7 @@ def facet_cell_type(facet_vertices: int) -> basix.CellType:
 
 def vertex_functions(facet_vertices: int, places: Floats) -> Floats:
     """Linear functions of a facet's vertices at places on it, shape (q, vertices)."""
-    kind, variant = facet_cell_type(facet_vertices), basix.LagrangeVariant.gll_warped
-    linear = basix.create_element(basix.ElementFamily.P, kind, 1, variant)
-    found: Floats = linear.tabulate(0, places)[0, :, :, 0]
-    return found
+    return lagrange(facet_cell_type(facet_vertices), 1).tabulate(0, places)[0, :, :, 0]
 
 
 def facet_rule(facet_vertices: int, degree: int, rule: str | int = "auto") -> tuple[Floats, Floats]:
@@ -72,9 +67,7 @@ def facet_rule(facet_vertices: int, degree: int, rule: str | int = "auto") -> tu
         exact_to = 2 * degree if isinstance(rule, str) else operator.index(rule)
         points, weights = basix.make_quadrature(kind, exact_to)
         return points, weights
-    nodes = basix.create_element(
-        basix.ElementFamily.P, kind, degree, basix.LagrangeVariant.gll_warped
-    ).points
+    nodes = lagrange(kind, degree).points
     if facet_vertices == 3 and degree == 1:
         return nodes, np.full(3, 1.0 / 6.0)
     if facet_vertices == 3 and rule == "nodal":

@@ -51,12 +51,8 @@ def integrated_pairs(
 ) -> IntegratedPairs:
     """Find the pairs of this rank, and make the quadrature points of their two sides meet.
 
-    Args:
-        mesh: The split mesh; the cells across the joints are ghosts on the rank of the - side.
-        shape: Reference cell.
-        pairs: The facet pairs whose - cell this rank owns.
-        minus: Local number of each pair's cell on the - side.
-        plus: The same on the + side.
+    The cells across the joints are ghosts on the rank of the - side; ``minus`` and ``plus`` are the
+    local numbers of each pair's cells.
     """
     entities = np.column_stack([plus, pairs.plus[:, 1], minus, pairs.minus[:, 1]])
     codes = dolfinx_versions.facet_permutations(mesh)
@@ -77,5 +73,4 @@ def vertex_permutations(facet_vertices: int) -> Ints:
         for code in range(2 if facet_vertices == 2 else 2 * facet_vertices)
     ]
     apart = np.linalg.norm(np.array(moved)[:, :, None] - corners, axis=3)
-    found: Ints = apart.argmin(axis=2)
-    return found
+    return apart.argmin(axis=2)

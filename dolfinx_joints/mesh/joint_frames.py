@@ -14,7 +14,7 @@ import basix
 import numpy as np
 import ufl
 
-from dolfinx_joints.mesh.cells import CellShape, Floats
+from dolfinx_joints.mesh.cells import CellShape, Floats, lagrange
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 
@@ -28,12 +28,7 @@ def facet_geometry(
         Coordinates, shape (F, q, 3), unit normals to the + side (F, q, 3), area stretch (F, q).
     """
     gdim = pairs.nodes.shape[2]
-    element = basix.create_element(
-        basix.ElementFamily.P,
-        facet_cell_type(shape.facet_vertices.shape[1]),
-        shape.degree,
-        basix.LagrangeVariant.gll_warped,
-    )
+    element = lagrange(facet_cell_type(shape.facet_vertices.shape[1]), shape.degree)
     table = element.tabulate(1, places)[:, :, :, 0]
     x = np.zeros((len(pairs.joint), len(places), 3))
     x[..., :gdim] = np.einsum("qa,fai->fqi", table[0], pairs.nodes)

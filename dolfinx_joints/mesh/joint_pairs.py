@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.common.mpi import sent_to
+from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.mesh.cells import Floats, Ints
 
 
@@ -79,3 +81,8 @@ PAIR_ROWS = tuple(
     for each in fields(JointPairs)
     if each.name not in ("names", "count", "axes", "gaps_in_geometry", "bonded")
 )
+
+
+def no_such_joint(name: Any, names: Collection[str]) -> str:
+    """Return the message on the name of a joint that a mesh does not have."""
+    return f"There is no joint {shown(name)}; the joints are: {', '.join(names) or 'none'}."

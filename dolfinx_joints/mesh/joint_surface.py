@@ -28,12 +28,6 @@ class JointSurface:
     either restriction, ``k("-")``, and `JointedMesh.form` compiles it. Continuous functions are so
     along the nodes of the - faces, on a surface of several joints also where these meet.
 
-    Args:
-        body: The split mesh.
-        pairs: This rank's facet pairs of all its joints.
-        here: How it integrates over them.
-        joints: Positions of the joints among their names.
-
     Attributes:
         mesh: The mesh; each cell is on the rank that integrates over its pair, some ranks may have
             none.
@@ -78,13 +72,7 @@ class JointSurface:
     def quadrature_space(
         self, quadrature: str | int, degree: int, shape: tuple[int, ...] = ()
     ) -> fem.FunctionSpace:
-        """Space with a value at each quadrature point of each facet.
-
-        Args:
-            quadrature: Rule, and
-            degree: degree of the displacement, as `JointedMesh.dS` takes them.
-            shape: Shape of a value.
-        """
+        """Space with values of a shape at quadrature points, as `JointedMesh.dS` takes these."""
         points, weights = facet_rule(self.turned.shape[1], degree, quadrature)
         element = basix.ufl.quadrature_element(
             self.mesh.topology.cell_name(), value_shape=shape, points=points.copy(), weights=weights

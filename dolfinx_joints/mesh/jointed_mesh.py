@@ -28,7 +28,7 @@ from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_rule
 from dolfinx_joints.mesh.joint_facets import IntegratedPairs, integrated_pairs
 from dolfinx_joints.mesh.joint_frames import ufl_frame
-from dolfinx_joints.mesh.joint_pairs import JointPairs
+from dolfinx_joints.mesh.joint_pairs import JointPairs, no_such_joint
 from dolfinx_joints.mesh.joint_surface import JointSurface, compiled
 
 
@@ -267,8 +267,7 @@ class JointedMesh(Summarised):
             raise MeshError(f"joints is {shown(joints)}; it must name joints, or be None for all.")
         for name in names:
             if name not in self.joint_names:
-                known = ", ".join(self.joint_names) or "none"
-                raise MeshError(f"There is no joint {shown(name)}; the joints are: {known}.")
+                raise MeshError(no_such_joint(name, self.joint_names))
         return tuple(sorted({self.joint_names.index(name) for name in names}))
 
     @cached_property

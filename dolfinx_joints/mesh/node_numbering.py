@@ -11,7 +11,7 @@ from dolfinx.fem import FunctionSpace
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt, Ints
 from dolfinx_joints.common.mpi import (
     RowsAt,
     across,
@@ -46,7 +46,8 @@ class NodeNumbering:
         owned, self.count = index_map.size_local, index_map.size_global
         local = np.arange(owned + index_map.num_ghosts, dtype=np.int32)
         place = index_map.local_to_global(local).astype(np.int64)
-        slots = _cells(V) * V.dofmap.list.shape[1]
+        cells = V.mesh.topology.index_map(V.mesh.topology.dim).size_global
+        slots = cells * V.dofmap.list.shape[1]
         own = positions(self._comm, _least_slots(V, place)[:owned], slots)
         self.number = rows_at(self._comm, own, place)
         self.blocks = equal_blocks(self.count, self._comm.size)
@@ -80,19 +81,10 @@ class NodeNumbering:
         return np.zeros((0, 3)) if every is None else every
 
 
-def _cells(V: FunctionSpace) -> int:
-    """Number of the cells of all ranks."""
-    return int(V.mesh.topology.index_map(V.mesh.topology.dim).size_global)
-
-
-def _least_slots(V: FunctionSpace, place: NDArray[np.int64]) -> NDArray[np.int64]:
+def _least_slots(V: FunctionSpace, place: Ints) -> Ints:
     """A number for each local node that no partition changes (collective).
 
     The smallest (input cell, position in the cell) slot that holds the node, on any rank.
-
-    Args:
-        V: Space of the nodes.
-        place: DOLFINx's number of each local node among those of all ranks.
     """
     mesh, dofmap = V.mesh, V.dofmap
     cells = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)

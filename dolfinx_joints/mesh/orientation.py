@@ -5,22 +5,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 
 
 def facet_normals(x: Floats) -> Floats:
-    """Area-weighted normals of plane facets given by their vertices in cyclic order.
-
-    Args:
-        x: Vertex coordinates, shape (n, vertices per facet, gdim), [m].
-
-    Returns:
-        Normals times area (length in 2-D), shape (n, gdim), [m^2] or [m].
-    """
+    """Normals times area (length in 2-D) of plane facets, by their vertices in cyclic order."""
     if x.shape[2] == 2:
         edge = x[:, 1] - x[:, 0]
         return np.stack([edge[:, 1], -edge[:, 0]], axis=1)
@@ -31,24 +24,15 @@ def facet_normals(x: Floats) -> Floats:
 
 def orient_pairs(
     shape: CellShape, cells: Ints, x: Floats, joint: Ints, one: Ints, two: Ints
-) -> NDArray[np.bool_]:
-    """Decide which side of each joint facet is the - side.
+) -> Flags:
+    """Decide which side of each joint facet is the - side: True where it is ``two``, shape (n,).
 
     Within a connected part of a joint all normals (from - to +) agree; the part as a whole is
     turned so that the largest component of its mean normal is positive (x before y before z where
     they are equal), or outward where the part is closed and has no mean normal. The choice depends
     on the geometry alone, not on the order of cells or on the partition.
 
-    Args:
-        shape: The reference cell.
-        cells: Cell nodes before splitting, shape (num_cells, nodes per cell).
-        x: Node coordinates, shape (num_nodes, gdim), [m].
-        joint: Joint number of each facet, shape (n,).
-        one: (cell, local facet) on one side, shape (n, 2).
-        two: (cell, local facet) on the other side, shape (n, 2).
-
-    Returns:
-        True where ``two`` is the - side, shape (n,).
+    Cells are those before splitting; ``one`` and ``two`` are (cell, local facet), shape (n, 2).
     """
     cycle = cells[one[:, :1], shape.facet_vertices[one[:, 1]][:, shape.facet_cycle]]
     normal = facet_normals(x[cycle])

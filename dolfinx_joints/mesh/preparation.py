@@ -11,6 +11,7 @@ from difflib import get_close_matches
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.errors import MeshError, warn
 from dolfinx_joints.common.parameters import PLAIN_NAMES, is_plain_name, shown
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, find_facets
@@ -49,11 +50,11 @@ def prepare(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
         here = pairs.joint == i
         slots.pop(name, None)
         slots[f"{name}-"], slots[f"{name}+"] = pairs.minus[here], pairs.plus[here]
-    facets, tags, facet_groups = tag_sets(*_members(slots))
+    facets, tags, facet_groups = tag_sets(*members(slots))
     facet_values = np.zeros((len(split.cells), len(raw.shape.facet_vertices)), dtype=np.int32)
     facet_values[facets[:, 0], facets[:, 1]] = tags
     chosen = {name: cells[:, None] for name, cells in raw.cell_groups.items()}
-    tagged, tags, cell_groups = tag_sets(*_members(chosen))
+    tagged, tags, cell_groups = tag_sets(*members(chosen))
     cell_values = np.zeros(len(split.cells), dtype=np.int32)
     cell_values[tagged[:, 0]] = tags
     return PreparedMesh(
@@ -121,7 +122,6 @@ def _warn_of_misspelt(raw: RawMesh, name: str, joints: list[str]) -> None:
 def _pair_table(
     shape: CellShape, x: Floats, names: list[str], split: SplitMesh, duplicated: bool
 ) -> JointPairs:
-    """Collect what ranks need to know of the facet pairs."""
     cells, minus, plus = split.cells, split.minus, split.plus
     cycle = cells[minus[:, :1], shape.facet_vertices[minus[:, 1]][:, shape.facet_cycle]]
     corners = int(shape.facet_vertices.max()) + 1
@@ -151,17 +151,12 @@ def tag_sets(
     entities: Ints,
     group: Ints,
     names: Iterable[str],
-    of_all: Callable[[NDArray[np.bool_]], NDArray[np.bool_]] = lambda member: member,
+    of_all: Callable[[Flags], Flags] = lambda member: member,
 ) -> tuple[Ints, NDArray[np.int32], dict[str, tuple[int, ...]]]:
     """Give each set of groups that some entity belongs to a tag of its own.
 
-    Groups may overlap although a DOLFINx tag is one number per entity.
-
-    Args:
-        entities: A row for each member of each group, shape (n, k).
-        group: Position of the group among the names, shape (n,).
-        names: The groups.
-        of_all: Gathers the sets, shape (m, groups), of all ranks.
+    Groups may overlap although a DOLFINx tag is one number per entity. There is a row of entities,
+    and the position of its group, for each member; ``of_all`` gathers the sets of all ranks.
 
     Returns:
         The entities, each once, their tags, and the tags of each group.
@@ -181,7 +176,7 @@ def tag_sets(
     return found, (values[len(sets) :][of_own.ravel()] + 1).astype(np.int32), tags
 
 
-def _members(slots: Mapping[str, Ints]) -> tuple[Ints, Ints, Iterable[str]]:
+def members(slots: Mapping[str, Ints]) -> tuple[Ints, Ints, Iterable[str]]:
     """What `tag_sets` takes, of rows by name."""
     if not slots:
         return np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64), ()

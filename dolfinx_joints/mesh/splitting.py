@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 import basix
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.errors import MeshError, warn
 from dolfinx_joints.mesh.blocks import connected
-from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, find_facets, middle
 from dolfinx_joints.mesh.orientation import orient_pairs
 
 
@@ -104,8 +104,7 @@ def _number_groups(table: Ints, next_number: int) -> Ints:
     return number[inverse.ravel()]
 
 
-def _rows_in(rows: Ints, table: Ints) -> NDArray[np.bool_]:
-    """Whether each row stands in ``table``."""
+def _rows_in(rows: Ints, table: Ints) -> Flags:
     _, inverse = np.unique(np.vstack([table, rows]), axis=0, return_inverse=True)
     return np.isin(inverse.ravel()[len(table) :], inverse.ravel()[: len(table)])
 
@@ -172,13 +171,7 @@ def split_cells(
     parent = np.arange(max(int(new.max()) + 1, len(x)), dtype=np.int64)
     parent[new] = cells
     return SplitMesh(
-        cells=new,
-        parent=parent,
-        joint=number,
-        minus=minus,
-        plus=plus,
-        match=match,
-        bonded=bonded,
+        cells=new, parent=parent, joint=number, minus=minus, plus=plus, match=match, bonded=bonded
     )
 
 
@@ -186,7 +179,6 @@ def _check_sides(names: list[str], facets: Ints, number: Ints, count: Ints, x: F
     """Check that joint facets separate two cells and stand in one joint."""
     wrong = np.flatnonzero(count != 2)
     if len(wrong):
-        where = ", ".join(f"{v:.4g}" for v in x[facets[wrong[0]]].mean(axis=0))
         outer = count == 1
         centres = x[facets[outer]].mean(axis=1).round(12)
         if len(np.unique(centres, axis=0)) < len(centres):
@@ -197,8 +189,8 @@ def _check_sides(names: list[str], facets: Ints, number: Ints, count: Ints, x: F
             )
         raise MeshError(
             f"Joint {names[number[wrong[0]]]!r}: {len(wrong)} of its facets do not have one cell "
-            f"on each side (the first, centred at ({where}), has {count[wrong[0]]}); a joint must "
-            "lie inside the body, between two cells."
+            f"on each side (the first, centred at {middle(x[facets[wrong[0]]])}, has "
+            f"{count[wrong[0]]}); a joint must lie inside the body, between two cells."
         )
     _, first, inverse = np.unique(
         np.sort(facets, axis=1), axis=0, return_index=True, return_inverse=True

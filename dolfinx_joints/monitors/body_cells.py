@@ -4,13 +4,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt, Flags, Ints
 from dolfinx_joints.common.mpi import RowsAt, across, blocks_of, dealt, equal_blocks
 from dolfinx_joints.mesh.cells import vtk_layout
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
@@ -18,16 +17,11 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.manifest import mesh_hash
 from dolfinx_joints.monitors.probes import boundary_facets
-from dolfinx_joints.results.layout import Array, Cells
-
-Floats = NDArray[np.float64]
+from dolfinx_joints.results.layout import Cells
 
 
 class CellOrder:
     """Values on cells in the order of the input mesh, in which cells are dealt in equal blocks.
-
-    Args:
-        model: The model.
 
     Attributes:
         owned: Number of cells that this rank owns.
@@ -53,27 +47,14 @@ class CellOrder:
         return across(self._comm, rows, equal_blocks(self._count, self._comm.size))
 
 
-class OwnCells(NamedTuple):
-    """Cells dealt to a rank.
-
-    Attributes:
-        kind: VTK's number of the cell's shape.
-        nodes: Nodes of each cell in VTK's order, shape (n, nodes per cell).
-        inside: Which of them are in each cell group, shape (n,) each.
-    """
-
-    kind: int
-    nodes: NDArray[np.int64]
-    inside: dict[str, NDArray[np.bool_]]
-
-
-def own_cells(model: Model, nodes: NodeNumbering, cells: CellOrder) -> OwnCells:
+def own_cells(
+    model: Model, nodes: NodeNumbering, cells: CellOrder
+) -> tuple[int, Ints, dict[str, Flags]]:
     """The cells of a model that are dealt to this rank (collective).
 
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
-        cells: Orders the cells.
+    Returns:
+        VTK's number of the cells' shape; nodes of each cell in VTK's order, shape (n, nodes per
+        cell); and which cells are in each cell group, shape (n,) each.
     """
     jointed, V = model.jointed, model.V
     table = V.dofmap.list[: cells.owned]
@@ -84,16 +65,11 @@ def own_cells(model: Model, nodes: NodeNumbering, cells: CellOrder) -> OwnCells:
         of_group = jointed.cells(name)
         marks[of_group[of_group < cells.owned]] = True
         inside[name] = cells.dealt(marks)
-    return OwnCells(kind, cells.dealt(nodes.number[table][:, order]), inside)
+    return kind, cells.dealt(nodes.number[table][:, order]), inside
 
 
 def body_cells(model: Model, nodes: NodeNumbering) -> Cells:
-    """The cells of a model for a results file (collective).
-
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
-    """
+    """The cells of a model for a results file (collective)."""
     order, comm = CellOrder(model), model.jointed.mesh.comm
     kind, own, inside = own_cells(model, nodes, order)
     first = blocks_of(comm, len(own))[comm.rank]
@@ -101,28 +77,11 @@ def body_cells(model: Model, nodes: NodeNumbering) -> Cells:
     return Cells(kind, order.across(own), groups)
 
 
-class BodyMesh(NamedTuple):
-    """Mesh and joints as `declare_states` takes them."""
-
-    nodes: Array
-    surface: Array
-    joints: Mapping[str, Mapping[str, Array]]
-    cells: Cells
-
-
-def body_mesh(model: Model, nodes: NodeNumbering, rows: JointRows | None) -> tuple[BodyMesh, str]:
-    """Mesh and joints for a results file, and on rank 0 the hash of the mesh (collective).
-
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
-        rows: Orders the joint points; None without joints.
-    """
+def body_mesh(
+    model: Model, nodes: NodeNumbering, rows: JointRows | None
+) -> tuple[tuple[Any, ...], str]:
+    """Arguments of `declare_body`, and on rank 0 the hash of the mesh (collective)."""
     comm, surface = model.jointed.mesh.comm, boundary_facets(model, nodes)
-    mesh = BodyMesh(
-        nodes=nodes.across(nodes.positions),
-        surface=across(comm, surface),
-        joints={} if rows is None else rows.statics(),
-        cells=body_cells(model, nodes),
-    )
+    joints = {} if rows is None else rows.statics()
+    mesh = nodes.across(nodes.positions), across(comm, surface), joints, body_cells(model, nodes)
     return mesh, mesh_hash(comm, nodes.positions, surface)

@@ -10,27 +10,21 @@ from typing import Any
 import basix
 import numpy as np
 from dolfinx import fem
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.plastic_cells import PlasticResponse
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.body_cells import CellOrder
-
-Floats = NDArray[np.floating[Any]]
+from dolfinx_joints.postprocessing.envelopes import principal_extremes
 
 _FROM_PLASTIC = [0, 1, 2, 5, 3, 4]  # VTK's order from that of strains
 
 
 class CellFields:
-    """Stress, change of temperature and plastic strain of each cell.
-
-    Args:
-        model: The model.
-        cells: Orders its cells.
-    """
+    """Stress, change of temperature and plastic strain of each cell."""
 
     def __init__(self, model: Model, cells: CellOrder) -> None:
         """Compile the expressions (collective)."""
@@ -90,7 +84,10 @@ class CellFields:
             cells, means = self._model.bulk.cell_means(joints.state.bulk.accumulated[:, None])
             strains[cells] = means[:, 0]
             found["accumulated plastic strain [-]"] = self._cells.dealt(strains)
-        return found | principal(found["stress [Pa]"])
+        largest, smallest = principal_extremes(found["stress [Pa]"])
+        found["largest principal stress [Pa]"] = largest
+        found["smallest principal stress [Pa]"] = smallest
+        return found
 
     def _stresses(self, u: PETSc.Vec, joints: Response | None, factors: Sequence[float]) -> Floats:
         """(xx, yy, zz, xy, yz, xz) in the owned cells: in the middle, the mean in plastic ones."""
@@ -105,13 +102,3 @@ class CellFields:
             cells, means = bulk.cell_means(bulk.stress(joints.state))
             stress[cells] = means[:, _FROM_PLASTIC]
         return stress
-
-
-def principal(stress: Floats) -> dict[str, Floats]:
-    """Largest and smallest principal stress of (xx, yy, zz, xy, yz, xz), shape (n, 6)."""
-    tensor = stress[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3)
-    values = np.linalg.eigvalsh(tensor)
-    return {
-        "largest principal stress [Pa]": values[:, 2],
-        "smallest principal stress [Pa]": values[:, 0],
-    }

@@ -9,13 +9,14 @@ from dataclasses import KW_ONLY, dataclass
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError, warn
 from dolfinx_joints.common.files import FileLock, released
@@ -43,7 +44,6 @@ from dolfinx_joints.monitors.probes import facets_of_cells
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record, StageRecord
 
-Floats = NDArray[np.float64]
 # Values of points and of cells, by name.
 Values = tuple[Mapping[str, Any], Mapping[str, Any]]
 
@@ -134,10 +134,9 @@ class FieldMonitor(Monitor):
         self._grids, self._rows = {BODY: grid_across(self._comm, body)}, None
         if model.operator is not None:
             self._rows = JointRows(model.operator)
-            joints = joint_grid_of_rank(model, self._nodes, self._rows)
-            self._joints, self._moved = joints.grid, joints.nodes
-            first = int(blocks_of(self._comm, len(joints.grid.points))[self._comm.rank])
-            self._grids[JOINTS] = grid_across(self._comm, joints.grid, first)
+            self._joints, self._moved = joint_grid_of_rank(model, self._nodes, self._rows)
+            first = int(blocks_of(self._comm, len(self._joints.points))[self._comm.rank])
+            self._grids[JOINTS] = grid_across(self._comm, self._joints, first)
         if model.coupled is not None:
             water = model.coupled.water
             self._grids[RESERVOIR] = reservoir_grid(water)
@@ -173,14 +172,12 @@ class FieldMonitor(Monitor):
         cells = self._cell_fields(record.displacement, record.joints, record.time)
         values = self._values(record.displacement, record.joints, record.pressure, cells)
         if record.reservoir_pressure is not None:
-            waves = across(self._comm, self._of_water(record.reservoir_pressure()))
+            # The last rank has the points at the level as well, where the pressure is zero.
+            is_last = self._comm.rank == self._comm.size - 1
+            zeros = np.zeros(self._at_level if is_last else 0)
+            waves = across(self._comm, np.append(record.reservoir_pressure(), zeros))
             values[RESERVOIR] = ({"hydrodynamic pressure [Pa]": waves}, {})
         self._append(record.time, values)
-
-    def _of_water(self, pressures: Floats) -> Floats:
-        """Pressures at the points dealt to this rank: the last has those at the level, zero."""
-        is_last = self._comm.rank == self._comm.size - 1
-        return np.append(pressures, np.zeros(self._at_level if is_last else 0))
 
     def _append(self, time: float, values: Mapping[str, Values]) -> None:
         """Write on rank 0; what goes wrong there stops every rank (collective)."""
@@ -256,20 +253,13 @@ def reservoir_grid(water: Water) -> Grid:
     return uniform_grid(points, cells.nodes, cells.kind, {})
 
 
-class JointsOfRank(NamedTuple):
-    """The joints as a grid, of the facets dealt to a rank.
+def joint_grid_of_rank(model: Model, nodes: NodeNumbering, rows: JointRows) -> tuple[Grid, RowsAt]:
+    """The rank's part of the grid of all joints (collective).
 
-    Attributes:
-        grid: The grid; its motion is that from the nodes of these facets.
-        nodes: Gives the rows of these nodes from those dealt to the ranks.
+    Returns:
+        The grid, whose motion is that from the nodes of its facets, and what gives the rows of
+        these nodes from those dealt to the ranks.
     """
-
-    grid: Grid
-    nodes: RowsAt
-
-
-def joint_grid_of_rank(model: Model, nodes: NodeNumbering, rows: JointRows) -> JointsOfRank:
-    """The rank's part of the grid of all joints (collective)."""
     comm, pairs = model.jointed.mesh.comm, model.jointed.pairs
     sides = [
         facets_of_cells(model, nodes, local_cells(model.jointed.mesh, side[:, 0]), side[:, 1])
@@ -281,9 +271,9 @@ def joint_grid_of_rank(model: Model, nodes: NodeNumbering, rows: JointRows) -> J
     at = RowsAt(comm, len(nodes.positions), near)
     arrays = StaticArrays({"mesh/nodes": at(nodes.positions)})
     arrays["mesh/surface"] = numbers.reshape(surface.shape)
-    for name, each in rows.own_statics().items():
+    for name, each in rows.statics(own=True).items():
         arrays |= {f"joints/{name}/{what}": values for what, values in each.items()}
-    return JointsOfRank(joined({name: joint_grid(arrays, name) for name in rows.names}), at)
+    return joined({name: joint_grid(arrays, name) for name in rows.names}), at
 
 
 def grid_across(comm: Any, grid: Grid, first: int = 0) -> Grid:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.mpi import rows_at
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.loads.load import load_names
@@ -28,8 +29,6 @@ from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import Record, StageRecord
 from dolfinx_joints.simulation.statics.stage_start import CONSTRUCTION
 from dolfinx_joints.simulation.statics.unfinished import unfinished
-
-Floats = NDArray[np.float64]
 
 
 def energy_terms(model: Model) -> list[str]:
@@ -53,19 +52,11 @@ def energies(model: Model, record: Record) -> dict[str, float]:
 
 
 class Fields:
-    """Displacements of all nodes and values of all joint points.
-
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
-        rows: Orders the joint points; None without joints.
-        wet: Names of the joints with water.
-    """
+    """Displacements of all nodes and values of all joint points."""
 
     def __init__(
         self, model: Model, nodes: NodeNumbering, rows: JointRows | None, wet: Sequence[str]
     ) -> None:
-        """Find the joints with water or a bond."""
         self._nodes, self._rows, self._contact = nodes, rows, model.contact
         bonded = () if model.contact is None else broken_joints(model.contact)
         self._only: dict[str, Sequence[str]] = {"pressure": wet, "broken": bonded}
@@ -73,12 +64,7 @@ class Fields:
     def of_joints(
         self, joints: Response | None, pressure: Callable[[], Floats] | None
     ) -> dict[str, NDArray[Any]]:
-        """Values of the rows of this rank by what they are (collective).
-
-        Args:
-            joints: Response of the joints.
-            pressure: Gives that of the water at the local joint points, (n,), [Pa].
-        """
+        """Values of this rank's rows; the water's pressure is of local points (collective)."""
         if self._rows is None or self._contact is None or joints is None:
             return {}
         found: dict[str, NDArray[Any]] = {"gap": joints.state.gap, "traction": joints.traction}
@@ -97,13 +83,7 @@ class Fields:
     def values(
         self, u: PETSc.Vec, joints: Response | None, pressure: Callable[[], Floats] | None
     ) -> dict[str, Any]:
-        """Values of all ranks by name (collective).
-
-        Args:
-            u: Displacement [m].
-            joints: Response of the joints.
-            pressure: Gives that of the water at the local joint points, (n,), [Pa].
-        """
+        """Displacement and values `of_joints` of all ranks by name (collective)."""
         found: dict[str, Any] = {"displacement": self._nodes.across(self._nodes.dealt(u))}
         for what, rows in self.of_joints(joints, pressure).items():
             assert self._rows is not None
@@ -114,15 +94,7 @@ class Fields:
 
 
 class StageFields:
-    """Static stages as the stream ``statics`` of a results file.
-
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
-        rows: Orders the joint points; None without joints.
-        probe: Reads the monitor points.
-        envelopes: Recovers stresses; None for none.
-    """
+    """Static stages as the stream ``statics`` of a results file."""
 
     def __init__(
         self,
@@ -132,17 +104,11 @@ class StageFields:
         probe: PointProbe,
         envelopes: StressEnvelopes | None,
     ) -> None:
-        """Find the joints with water."""
         self._model, self._nodes, self._probe, self._envelopes = model, nodes, probe, envelopes
         wet = tuple(dict.fromkeys(load.joint for load in water_in_joints(model.loads)))
         self._fields = Fields(model, nodes, rows, wet)
         self._joints = () if model.operator is None else tuple(model.operator.names)
         self._loads = (*load_names(model.loads), "grout", CONSTRUCTION)
-
-    def _held(self) -> tuple[str, ...]:
-        """Supports; viscous boundaries hold the body in static stages."""
-        model = self._model
-        return tuple(dict.fromkeys((*model.constraints.groups, *model.absorbing)))
 
     def values(self, stage: StageRecord) -> dict[str, Any]:
         """Record of a stage (collective)."""
@@ -152,7 +118,8 @@ class StageFields:
         )
         found |= {"name": stage_bytes(stage.name), "load_time": stage.time}
         found["point_displacement"] = self._probe.read(state.displacement)
-        for group in self._held():
+        # Viscous boundaries hold the body in static stages.
+        for group in dict.fromkeys((*self._model.constraints.groups, *self._model.absorbing)):
             found[f"reaction/{group}"] = self._model.resultant(state.reaction, group)
         if self._envelopes is not None:
             there = self._there(self._envelopes, state.absent)

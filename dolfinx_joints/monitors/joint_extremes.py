@@ -4,20 +4,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt, Floats
 from dolfinx_joints.common.mpi import of_ranks
 from dolfinx_joints.laws.law import Response
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.resultants import JointForces, broken_joints
 from dolfinx_joints.postprocessing.joints.extremes import ALIKE
 from dolfinx_joints.results.quantities import at_points, rows_by
-
-Floats = NDArray[np.floating[Any]]
 
 # Rows of the table in the order of their numbers, and columns of the values whose places are known.
 _LARGEST, _PLACES = rows_by("largest"), rows_by("place")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt, Ints
 from dolfinx_joints.common.mpi import RowsAt, across, dealt, equal_blocks
 from dolfinx_joints.joints.operator import JointOperator
 
@@ -18,9 +18,6 @@ Rows = NDArray[Any]
 
 class JointRows:
     """Values of joint points facet by facet, joint by joint, facets dealt in equal blocks.
-
-    Args:
-        operator: The joint operator.
 
     Attributes:
         names: Names of the joints.
@@ -36,7 +33,7 @@ class JointRows:
             for each in (layout.number, layout.share)
         )
         self._rows = RowsAt(self._comm, len(layout.areas), number.ravel())
-        self.joint: NDArray[np.int64] = self._rows(layout.joint)
+        self.joint: Ints = self._rows(layout.joint)
         facets = np.bincount(pairs.joint, minlength=len(self.names))
         ends = np.concatenate([[0], np.cumsum(self._comm.allreduce(facets))])
         blocks = equal_blocks(pairs.count, self._comm.size)
@@ -66,15 +63,8 @@ class JointRows:
         each = zip(self.by_joint(rows).items(), self._within, strict=True)
         return {name: across(self._comm, mine, blocks) for (name, mine), blocks in each}
 
-    def own_statics(self) -> dict[str, dict[str, Rows]]:
-        """Points, frames, areas, facet numbers and tied points of this rank, by joint.
-
-        See `declare_states`.
-        """
-        parts = {what: self.by_joint(rows) for what, rows in self._statics.items()}
-        return {name: {what: each[name] for what, each in parts.items()} for name in self.names}
-
-    def statics(self) -> dict[str, dict[str, Rows | Dealt]]:
-        """The same of all ranks."""
-        parts = {what: self.across(rows) for what, rows in self._statics.items()}
+    def statics(self, *, own: bool = False) -> dict[str, dict[str, Any]]:
+        """Points, frames, areas, facets, tied points by joint, of all ranks or their ``own``."""
+        split = self.by_joint if own else self.across
+        parts = {what: split(rows) for what, rows in self._statics.items()}
         return {name: {what: each[name] for what, each in parts.items()} for name in self.names}

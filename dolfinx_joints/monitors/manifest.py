@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
-from numpy.typing import NDArray
 
 from dolfinx_joints import __version__
-from dolfinx_joints.common.dealt import blocks_in
+from dolfinx_joints.common.arrays import Floats, Ints, blocks_in
 from dolfinx_joints.common.mpi import across, blocks_of, handing_out, sorted_rows
 from dolfinx_joints.loads.load import always, load_names
 from dolfinx_joints.results.layout import JUMP
@@ -106,13 +105,11 @@ def versions() -> dict[str, str]:
     return found
 
 
-def mesh_hash(comm: Any, nodes: NDArray[np.float64], surface: NDArray[np.int64]) -> str:
+def mesh_hash(comm: Any, nodes: Floats, surface: Ints) -> str:
     """SHA-256 of node coordinates and boundary facets on rank 0, of nothing elsewhere (collective).
 
-    Args:
-        comm: Communicator.
-        nodes: Coordinates of this rank's nodes in the order of the input mesh, shape (n, 3), [m].
-        surface: Vertices of this rank's boundary facets, shape (num_facets, 2 to 4), in any order.
+    Of this rank nodes are in the order of the input mesh, shape (n, 3), [m], and the vertices of
+    facets, shape (num_facets, 2 to 4), in any order.
     """
     blocks = blocks_of(comm, len(nodes))
     facets = sorted_rows(comm, blocks, np.sort(surface, axis=1))

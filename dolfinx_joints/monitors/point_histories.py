@@ -8,39 +8,26 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.probes import PointProbe
 from dolfinx_joints.simulation.record import Record
-
-Floats = NDArray[np.floating[Any]]
 
 STATIC_PART = "static_displacement"
 
 
 class PointHistories:
-    """What of the stream ``histories`` is read of each record.
-
-    Args:
-        model: The model.
-        probe: Reads nodal vectors at the points.
-    """
+    """What of the stream ``histories`` is read of each record."""
 
     def __init__(self, model: Model, probe: PointProbe) -> None:
-        """Begin without a record."""
         self._model, self._probe = model, probe
         self._supports = (*model.constraints.groups, *model.constraints.points)
         self._before: tuple[float, Floats] | None = None
 
     def values(self, record: Record, static: PETSc.Vec | None) -> dict[str, Any]:
-        """Values of a record by name (collective).
-
-        Args:
-            record: The record.
-            static: Static part of its displacement [m], None where it is not recorded.
-        """
+        """Values of a record by name, with the static part of its displacement [m] (collective)."""
         found: dict[str, Any] = self._motion(record)
         for group in self._supports:
             found[f"reaction/{group}"] = self._model.resultant(record.reaction, group)
@@ -71,7 +58,7 @@ class PointHistories:
         acceleration: Floats = np.zeros_like(velocity)
         if self._before is not None:
             time, before = self._before
-            acceleration = (velocity - before) / (record.time - time)
+            acceleration = np.asarray((velocity - before) / (record.time - time))
         self._before = record.time, velocity
         ground = {"ground_acceleration": record.ground_acceleration}
         if record.free_surface is not None:

@@ -10,20 +10,20 @@ from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
+from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from dolfinx_joints.body.places import as_text, cell_size, extent, nearest_nodes, sides_at
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import sorted_rows, summed
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
+from dolfinx_joints.mesh.cells import facet_slots
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.mesh.orientation import facet_normals
 from dolfinx_joints.model.model import Model
-
-Floats = NDArray[np.float64]
-
 
 # Of the size of the cells there: a node farther from its point is told of.
 FAR = 0.1
@@ -62,61 +62,26 @@ def _probe(name: str, given: Any) -> Probe:
 
 
 def boundary_facets(
-    model: Model,
-    nodes: NodeNumbering,
-    *,
-    without: NDArray[np.int32] | None = None,
-    only: NDArray[np.int32] | None = None,
-) -> NDArray[np.int64]:
-    """Vertices of all exterior facets in cyclic order, in rising order, dealt (collective).
+    model: Model, nodes: NodeNumbering, facets: NDArray[np.int32] | None = None
+) -> Ints:
+    """Vertices of exterior facets, of all unless given by their local numbers (collective).
 
+    Node numbers, shape (num_facets, vertices per facet), in cyclic order, facets in rising order.
     Both sides of the joints are among them. The normals of that order, `facet_normals`, point out
     of the body. A rank has the facets whose first vertex is dealt to it.
-
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
-        without: Local numbers of facets to leave out.
-        only: Local numbers of facets, of which the exterior ones are taken; all unless given.
-
-    Returns:
-        Node numbers, shape (num_facets, vertices per facet).
     """
-    from dolfinx.cpp.mesh import cell_num_entities
-    from dolfinx.mesh import exterior_facet_indices
-
     mesh = model.jointed.mesh
-    tdim = mesh.topology.dim
-    mesh.topology.create_connectivity(tdim - 1, tdim)
-    mesh.topology.create_connectivity(tdim, tdim - 1)
-    facets = exterior_facet_indices(mesh.topology)
-    if without is not None:
-        facets = np.setdiff1d(facets, without)
-    if only is not None:
-        facets = np.intersect1d(facets, only)
-    to_cell = mesh.topology.connectivity(tdim - 1, tdim)
-    to_facet = mesh.topology.connectivity(tdim, tdim - 1)
-    cells = to_cell.array[to_cell.offsets[facets]]
-    per_cell = to_facet.array.reshape(  # a rank may have no cells
-        -1, cell_num_entities(mesh.topology.cell_type, tdim - 1)
-    )
-    local = np.argmax(per_cell[cells] == facets[:, None], axis=1)
+    chosen = exterior_facet_indices(mesh.topology) if facets is None else facets
+    cells, local = facet_slots(mesh, chosen)
     return sorted_rows(mesh.comm, nodes.blocks, facets_of_cells(model, nodes, cells, local))
 
 
 def facets_of_cells(
     model: Model, nodes: NodeNumbering, cells: NDArray[Any], local: NDArray[Any]
-) -> NDArray[np.int64]:
-    """Vertices of facets of local cells in cyclic order, normals pointing out of the cells.
+) -> Ints:
+    """Vertices of a facet of each local cell, node numbers, shape (n, vertices per facet).
 
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
-        cells: Local cells, shape (n,).
-        local: A facet of each.
-
-    Returns:
-        Node numbers, shape (n, vertices per facet).
+    They are in cyclic order, normals pointing out of the cells.
     """
     shape = model.jointed.shape
     corners = shape.facet_vertices[local][:, shape.facet_cycle]

@@ -25,7 +25,6 @@ class ProgressMonitor(Monitor):
     label: str = "dynamic"
 
     def __post_init__(self) -> None:
-        """No bar appears before the run starts."""
         self._bar: Any = None
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:

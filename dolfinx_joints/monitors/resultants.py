@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import summed
 from dolfinx_joints.joints.contact import Contact
@@ -25,9 +26,6 @@ from dolfinx_joints.postprocessing.joints.resultants import (
 from dolfinx_joints.results.quantities import JointPoints
 from dolfinx_joints.results.writer import ResultsWriter
 from dolfinx_joints.simulation.record import Record
-
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.int64]
 
 
 def strengths(contact: Contact) -> dict[str, dict[str, Any]]:
@@ -69,9 +67,6 @@ def broken(contact: Contact, joints: Response) -> NDArray[np.int8]:
 
 class JointForces:
     """Resultants of the joints of a model in any of its states.
-
-    Args:
-        model: The model, with joints.
 
     Attributes:
         names: Names of the joints.
@@ -143,8 +138,7 @@ class JointForces:
 
     def water_forces(self, pressure: Floats) -> Floats:
         """The same of the water, of a pressure of shape (n,) [Pa]."""
-        normal: Floats = self._operator.frames[:, 0] * (self.areas * pressure)[:, None]
-        return normal
+        return self._operator.frames[:, 0] * (self.areas * pressure)[:, None]
 
     def points(self, joints: Response, start: Floats) -> JointPoints:
         """State of the local points, slip counted from gaps ``start``, shape (n, 3), [m]."""
@@ -170,10 +164,6 @@ class Blocks:
     """Blocks of a model, cells connected without crossing a joint, and what joints put on them.
 
     They are numbered by their first node in the input mesh.
-
-    Args:
-        model: The model, with joints.
-        nodes: Numbers the nodes.
 
     Attributes:
         mass: Shape (blocks,), [kg].
@@ -227,12 +217,6 @@ def _masses(model: Model, block: Ints, count: int) -> tuple[Floats, Floats]:
 
 class ResultantsStream:
     """Resultants of joints and blocks as a stream of a results file, at every step.
-
-    Args:
-        model: The model, with joints.
-        nodes: Numbers the nodes.
-        rows: Orders the joint points.
-        wet: Names of the joints with water.
 
     Attributes:
         sides: Blocks on the - and + side of each joint point by joint, facet by facet.

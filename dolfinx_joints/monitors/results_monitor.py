@@ -12,9 +12,8 @@ from typing import Annotated, Any
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
-from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError, MeshError, OtherRunError, warn
 from dolfinx_joints.common.mpi import handing_out, raised_together
@@ -37,8 +36,6 @@ from dolfinx_joints.results.reader import ABSOLUTE, RELATIVE
 from dolfinx_joints.results.writer import ResultsWriter, check_storable, holds_statics_alone
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record, StageRecord
-
-Floats = NDArray[np.floating[Any]]
 
 
 @dataclass(eq=False)
@@ -163,7 +160,8 @@ class ResultsMonitor(Monitor):
         """Create the file and write the mesh and the first record (collective)."""
         self._find(model, first)
         facts = {"stage": stage, "steps": steps, **self._facts(model)}
-        facts["displacements"] = RELATIVE if self._relative(first) else ABSOLUTE
+        still = first.free_surface is None and not model.constraints.moves
+        facts["displacements"] = RELATIVE if first.motion is not None or still else ABSOLUTE
         values = self._values(first)
         stages = [self._stage_fields.values(one) for one in first.stages]
         named = values | {"energy": energies(model, first)}
@@ -202,7 +200,6 @@ class ResultsMonitor(Monitor):
             raise
 
     def _facts(self, model: Model) -> dict[str, Any]:
-        """Facts of the model, and those of the caller."""
         probes = zip(self._points.items(), self._probe.sides, strict=True)
         return {
             "point_names": list(self._points),
@@ -226,11 +223,11 @@ class ResultsMonitor(Monitor):
         self._moved = f"Monitored points: {'; '.join(moved)}." if moved else ""
         if self._moved and self._comm.rank == 0:
             warn(self._moved)
-        self._envelopes = None
+        self._envelopes = self._directions = None
         if self.envelopes:
             groups = None if isinstance(self.envelopes, bool) else self.envelopes
             self._envelopes = StressEnvelopes(model, self._nodes, groups)
-        self._directions = None if self._envelopes is None else self._envelopes.directions
+            self._directions = self._envelopes.directions
         self._rows = None if model.operator is None else JointRows(model.operator)
         self._mesh, self._mesh_sha256 = body_mesh(model, self._nodes, self._rows)
         self._stage_fields = StageFields(
@@ -258,11 +255,6 @@ class ResultsMonitor(Monitor):
                 "static_part=True records what a DifferingMotion of the supports does; the ground "
                 "moves the same everywhere."
             )
-
-    def _static_part(self, record: Record) -> PETSc.Vec | None:
-        """Static part of the displacement where it is recorded (collective)."""
-        wanted = self.static_part and record.static_part is not None
-        return record.static_part(record.time) if wanted and record.static_part else None
 
     def state_dict(self) -> dict[str, Any]:
         """Records written, brought to the disk, and what the next one needs (collective)."""
@@ -345,7 +337,9 @@ class ResultsMonitor(Monitor):
             for row in rows_below("histories", "joint_")
         }
         iterations = record.solve.iterations if record.solve else 0
-        static = self._static_part(record)
+        static = None
+        if self.static_part and record.static_part is not None:
+            static = record.static_part(record.time)
         history = self._histories.values(record, static) | shares | {"iterations": iterations}
         found: dict[str, Any] = {"histories": history}
         found["energy"] = np.array(list(energies(self._model, record).values()))
@@ -359,11 +353,6 @@ class ResultsMonitor(Monitor):
                 values[STATIC_PART] = self._nodes.across(self._nodes.dealt(static))
             found["states"] = values
         return found
-
-    def _relative(self, first: Record) -> bool:
-        """Whether displacements are relative to the ground: it is given, or nothing moves it."""
-        still = first.free_surface is None and not self._model.constraints.moves
-        return first.motion is not None or still
 
     def _append(self, stream: str, time: float, values: Mapping[str, Any] | Floats) -> None:
         """Write on rank 0; what goes wrong there stops every rank."""

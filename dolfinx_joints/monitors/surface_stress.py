@@ -11,11 +11,12 @@ import basix
 import numpy as np
 import ufl
 from dolfinx import fem
+from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.sparse import coo_matrix
 
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt, Floats, Ints
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import (
     across,
@@ -34,8 +35,6 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.probes import boundary_facets
 from dolfinx_joints.postprocessing.envelopes import Envelopes, face_directions, stage_stresses
 
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.int64]
 Array = NDArray[Any] | Dealt
 
 _CHUNK = 512  # cells evaluated at a time: 16 MB for hexahedra of degree 2
@@ -89,13 +88,7 @@ class SurfaceStress:
         self._stress = self._matrix.createVecLeft()
 
     def _assemble(self, model: Model, place: Ints, count: Floats) -> PETSc.Mat:
-        """Rows of the vertices, six each.
-
-        Args:
-            model: The model.
-            place: Number of the vertex at each corner of the owned cells, -1 off the boundary.
-            count: Number of the cells around each vertex.
-        """
+        """Six rows for each vertex; ``place`` is that of owned cells' corners, -1 inside."""
         dofmap, columns = model.V.dofmap, model.stiffness.getSizes()[1]
         evaluate = _evaluator(model)
         cells = np.flatnonzero((place >= 0).any(axis=1)).astype(np.int32)
@@ -254,14 +247,7 @@ class StressEnvelopes:
 def _directions(
     model: Model, nodes: NodeNumbering, facets: Ints, wanted: Ints
 ) -> tuple[Floats, Floats]:
-    """Arch and cantilever directions at some nodes (collective).
-
-    Args:
-        model: The model.
-        nodes: Numbers the nodes.
-        facets: This rank's part of the facets of the surface, in rising order over all.
-        wanted: Numbers of the nodes, rising.
-    """
+    """Arch and cantilever directions at wanted nodes; facets are this rank's (collective)."""
     comm = model.jointed.mesh.comm
     # Each facet goes to all that have one of its vertices; as there, their order is that of all.
     first = comm.allgather(int(wanted[0]) if len(wanted) else nodes.count)
@@ -293,7 +279,8 @@ def facets_of_groups(model: Model, nodes: NodeNumbering, groups: Sequence[str]) 
     """Vertices of the exterior facets of named groups, dealt (collective)."""
     found, comm = [], model.jointed.mesh.comm
     for group in groups:
-        facets = boundary_facets(model, nodes, only=model.jointed.facets(group))
+        outer = exterior_facet_indices(model.jointed.mesh.topology)
+        facets = boundary_facets(model, nodes, np.intersect1d(outer, model.jointed.facets(group)))
         if not comm.allreduce(len(facets)):
             raise MeshError(f"The facet group {group!r} has no facets on the boundary.")
         found.append(facets)
@@ -304,6 +291,7 @@ def free_facets(model: Model, nodes: NodeNumbering) -> Ints:
     """Vertices of the exterior facets of no joint and no support, dealt (collective)."""
     jointed = model.jointed
     sides = [f"{name}{side}" for name in jointed.joint_names for side in "-+"]
-    taken = [jointed.facets(group) for group in (*sides, *model.constraints.groups)]
-    without = np.unique(np.concatenate(taken)) if taken else np.empty(0, dtype=np.int32)
-    return boundary_facets(model, nodes, without=without)
+    free = exterior_facet_indices(jointed.mesh.topology)
+    for group in (*sides, *model.constraints.groups):
+        free = np.setdiff1d(free, jointed.facets(group))
+    return boundary_facets(model, nodes, free)

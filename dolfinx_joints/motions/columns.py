@@ -243,11 +243,7 @@ def _names(text: RecordText, keys: Keys, user: Sequence[str | float] | str | Non
 
 
 def _step(
-    text: RecordText,
-    keys: Keys,
-    user: float | None,
-    printed: list[str],
-    first: int,
+    text: RecordText, keys: Keys, user: float | None, printed: list[str], first: int
 ) -> float:
     """Time between rows [s]; printed times may be rounded to their last digit."""
     here = text.positive(*keys["dt"], "dt") if "dt" in keys else None

@@ -41,10 +41,6 @@ _UNKNOWN = re.compile(r"\bunknown\b.*:[^,]*,\s*([+-]?\d+\.?\d*(?:E[+-]?\d+)?)", 
 _UNIT_CODES = {"2": "g", "4": "cm/s^2", "10": "gal", "11": "mg"}
 
 
-def _matches(text: RecordText) -> bool:
-    return _TITLE.search(text.lines[0]) is not None
-
-
 def _record(text: RecordText) -> str:
     """Station and starting time, from two lines of text that have their place."""
     station, start = text.line(5, "the station"), text.line(8, "the starting time")
@@ -161,4 +157,9 @@ def _direction(code: str) -> Direction | None:
     return vertical.get(azimuth)
 
 
-COSMOS = Format("COSMOS", _matches, _record, lambda text: list(_channels(text)))
+COSMOS = Format(
+    "COSMOS",
+    lambda text: _TITLE.search(text.lines[0]) is not None,
+    _record,
+    lambda text: list(_channels(text)),
+)

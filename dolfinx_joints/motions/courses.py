@@ -8,14 +8,13 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import numbers_of, shown
 from dolfinx_joints.motions.motion import Motion, Seconds
-
-Floats = NDArray[np.float64]
 
 # Of the largest velocity, with which a record of velocities may begin.
 AT_REST = 0.01
@@ -68,14 +67,10 @@ def motion_from_velocity(velocity: ArrayLike, *, dt: Seconds, name: str = "motio
 
 
 def displacement_of(motion: Motion, *, rate: bool = False) -> Callable[[Floats], Floats]:
-    """Return the displacement of a motion as a function of times [s]: shape (n,) to (n, 3).
+    """Return displacement, or the ``rate`` [m/s], of a motion by times [s]: shape (n,) to (n, 3).
 
     Accelerations are linear between samples and are integrated exactly. The ground rests before the
     first sample. After the last sample it keeps its velocity.
-
-    Args:
-        motion: The motion.
-        rate: Return the velocity [m/s] instead of the displacement [m].
     """
     velocity, displacement = motion.integrated()
     acceleration, dt = motion.acceleration, motion.dt

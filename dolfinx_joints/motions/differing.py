@@ -10,17 +10,15 @@ from typing import Annotated, Literal
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
+from dolfinx_joints.common.arrays import Flags, Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning, warn
 from dolfinx_joints.common.parameters import check_kind_of, check_vector, shown
 from dolfinx_joints.common.summary import Rows, Summarised
 from dolfinx_joints.motions.courses import displacement_of
 from dolfinx_joints.motions.motion import Motion
-
-Floats = NDArray[np.float64]
 
 # Of the largest velocity, by which the final velocities of two motions may differ.
 DRIFT = 0.01
@@ -40,7 +38,6 @@ class Passage:
     direction: Annotated[Sequence[float], at.Len(2, 3)]
 
     def __post_init__(self) -> None:
-        """Check that it goes somewhere."""
         if not np.any(self.direction):
             raise ValueError(f"Passage: direction is {shown(self.direction)}; it has no length.")
 
@@ -79,7 +76,6 @@ class DifferingMotion(Summarised):
     reference: str | None = None
 
     def __post_init__(self) -> None:
-        """Check motions and stations; warn where the ground drifts apart."""
         wanted = "a Motion, or several by name"
         known = isinstance(self.motions, Motion | Mapping) and bool(self.named)
         check_kind_of("DifferingMotion: motions", self.motions, known, wanted)
@@ -115,7 +111,6 @@ class DifferingMotion(Summarised):
             )
 
     def _warn_of_drift(self) -> None:
-        """Warn of ground that moves apart for ever."""
         ends = np.array([m.integrated()[0][-1] for m in self.named.values()])
         largest = max(np.abs(m.integrated()[0]).max() for m in self.named.values())
         apart = float(np.ptp(ends, axis=0).max())
@@ -163,12 +158,7 @@ class DifferingMotion(Summarised):
         return self.named[self._reference](time)
 
     def relative_to_reference(
-        self,
-        x: Floats,
-        members: Mapping[str, NDArray[np.bool_]],
-        first: float,
-        *,
-        rate: bool = False,
+        self, x: Floats, members: Mapping[str, Flags], first: float, *, rate: bool = False
     ) -> Callable[[float], Floats]:
         """Return the displacement of the ground less that of the reference as a function of time.
 
@@ -196,7 +186,7 @@ class DifferingMotion(Summarised):
 
         return moved
 
-    def _shares(self, x: Floats, members: Mapping[str, NDArray[np.bool_]]) -> Floats:
+    def _shares(self, x: Floats, members: Mapping[str, Flags]) -> Floats:
         """Share of each motion at each place, shape (n, motions)."""
         one_each = np.eye(len(self.named))
         if self.groups:

@@ -108,7 +108,6 @@ def _read_at2(text: RecordText) -> list[Component]:
 
 
 def _keys(text: RecordText) -> dict[str, tuple[int, str]]:
-    """Line number and value of each key of an ESM header."""
     keys = {}
     for number, line in enumerate(text.lines, start=1):
         match = _ESM_KEY.match(line)
@@ -161,7 +160,6 @@ def _read_esm(text: RecordText) -> list[Component]:
 
 
 def _knet(text: RecordText, key: str) -> tuple[int, str]:
-    """Line number and value of a key of a K-NET header."""
     for number, line in enumerate(text.lines[:17], start=1):
         if line.startswith(key):
             return number, line[len(key) :].strip()

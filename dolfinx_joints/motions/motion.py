@@ -12,8 +12,9 @@ from typing import Annotated, Self
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import RecordError
@@ -46,12 +47,11 @@ class Motion(Summarised):
         name: what to call it in logs and titles.
     """
 
-    acceleration: NDArray[np.float64]
+    acceleration: Floats
     dt: Seconds
     name: str = "motion"
 
     def __post_init__(self) -> None:
-        """Check the values."""
         values = numbers_of(self.acceleration)
         if values is None or values.ndim != 2 or len(values) < 2 or values.shape[1] != 3:
             got = shown(self.acceleration) if values is None else values.shape
@@ -74,17 +74,16 @@ class Motion(Summarised):
         return (len(self.acceleration) - 1) * self.dt
 
     @property
-    def time(self) -> NDArray[np.float64]:
+    def time(self) -> Floats:
         """Times of the samples, shape (n,), [s]."""
         return np.arange(len(self.acceleration), dtype=np.float64) * self.dt
 
     @property
-    def peak(self) -> NDArray[np.float64]:
+    def peak(self) -> Floats:
         """Largest absolute value of each component, shape (3,), [m/s^2]."""
-        peaks: NDArray[np.float64] = np.abs(self.acceleration).max(axis=0)
-        return peaks
+        return np.abs(self.acceleration).max(axis=0)
 
-    def __call__(self, time: ArrayLike) -> NDArray[np.float64]:
+    def __call__(self, time: ArrayLike) -> Floats:
         """Return the acceleration (..., 3) [m/s^2] at times (...) [s], zero outside the motion."""
         if isinstance(time, float) and 0.0 <= time <= self.duration:  # of each step
             passed = time / self.dt
@@ -95,7 +94,7 @@ class Motion(Summarised):
         columns = [np.interp(times, samples, c, left=0.0, right=0.0) for c in self.acceleration.T]
         return np.stack(columns, axis=-1)
 
-    def integrated(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def integrated(self) -> tuple[Floats, Floats]:
         """Velocity [m/s] and displacement [m] from rest, each of shape (n, 3)."""
         return integrate(self.acceleration, self.dt)
 
@@ -144,10 +143,7 @@ class Motion(Summarised):
 
     @checked
     def trimmed(
-        self,
-        duration: Seconds,
-        *,
-        start: Annotated[float, at.Ge(0.0), at.Unit("s")] = 0.0,
+        self, duration: Seconds, *, start: Annotated[float, at.Ge(0.0), at.Unit("s")] = 0.0
     ) -> Self:
         """Return the samples from ``start`` to ``start + duration`` [s]; time starts again at 0.
 

@@ -10,18 +10,18 @@ samples, and are linear in between. Parameters are checked by the methods of
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from dolfinx_joints.common.arrays import Floats
 
 ROUNDING = 1e-9
 """Part of a sample by which a time may miss a sample and still mean it."""
 
 
-def fall(x: NDArray[np.floating[Any]], start: float, end: float) -> Floats:
+def fall(x: ArrayLike, start: float, end: float) -> Floats:
     """Half a cosine that falls from 1 at ``start`` to 0 at ``end``."""
-    share = np.clip((x - start) / (end - start), 0.0, 1.0)
-    values: Floats = np.cos(0.5 * np.pi * share) ** 2
+    share = np.clip((np.asarray(x) - start) / (end - start), 0.0, 1.0)
+    values = np.cos(0.5 * np.pi * share) ** 2
     return np.where(share == 1.0, 0.0, values)
 
 
@@ -48,8 +48,7 @@ def resample(acceleration: Floats, old_dt: float, dt: float, count: int) -> Floa
     if dt > old_dt:
         weight = weight * fall(frequency, 0.8 * 0.5 / dt, 0.5 / dt)
     turn = np.exp(2j * np.pi * dt / (period * old_dt))
-    values: Floats = czt(weight[:, None] * spectrum, m=count, w=turn, axis=0).real
-    return values
+    return czt(weight[:, None] * spectrum, m=count, w=turn, axis=0).real
 
 
 def without_baseline(acceleration: Floats, degree: int) -> Floats:
@@ -59,8 +58,7 @@ def without_baseline(acceleration: Floats, degree: int) -> Floats:
     # Trapezoids on both sides: what is added to a signal as a sampled polynomial goes exactly.
     velocities, velocity = integrate(shapes, 1.0)[0], integrate(acceleration, 1.0)[0]
     coefficients = np.linalg.lstsq(velocities, velocity, rcond=None)[0]
-    corrected: Floats = acceleration - shapes @ coefficients
-    return corrected
+    return acceleration - shapes @ coefficients
 
 
 def band_pass(
@@ -83,7 +81,7 @@ def band_pass(
     return both[pad:-pad]
 
 
-def low_pass(acceleration: NDArray[np.floating[Any]], dt: float, band: float) -> Floats:
+def low_pass(acceleration: Floats, dt: float, band: float) -> Floats:
     """The signal with the part 1 / (1 + (f / band)^8) of what it holds at a frequency f.
 
     No phase is shifted, and the gain is the same at every ``dt``. The cosine transform mirrors the
@@ -95,8 +93,7 @@ def low_pass(acceleration: NDArray[np.floating[Any]], dt: float, band: float) ->
     values = np.asarray(acceleration, dtype=np.float64)
     frequency = np.arange(len(values)) / (2.0 * dt * (len(values) - 1))
     gain = 1.0 / (1.0 + (frequency / band) ** 8)
-    passed: Floats = idct((gain * dct(values, type=1, axis=0).T).T, type=1, axis=0)
-    return passed
+    return idct((gain * dct(values, type=1, axis=0).T).T, type=1, axis=0)
 
 
 def without_drift(values: Floats, envelope: Floats, dt: float) -> Floats:
@@ -110,5 +107,4 @@ def without_drift(values: Floats, envelope: Floats, dt: float) -> Floats:
     moments[0], moments[-1] = dt**2 / 6.0, (0.5 * time[-1] - dt / 6.0) * dt
     integrals = np.stack([ends, moments])
     coefficients = np.linalg.solve(integrals @ shapes, integrals @ values)
-    corrected: Floats = values - shapes @ coefficients
-    return corrected
+    return values - shapes @ coefficients

@@ -13,8 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning, RecordError, warn
@@ -22,12 +22,7 @@ from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.motions.columns import is_columns, read_columns, states_unit
 from dolfinx_joints.motions.formats import FORMATS, at2_record
 from dolfinx_joints.motions.motion import Motion, Seconds
-from dolfinx_joints.motions.record_text import (
-    Component,
-    RecordText,
-    direction_named,
-    unit_named,
-)
+from dolfinx_joints.motions.record_text import Component, RecordText, direction_named, unit_named
 
 WEAK_G, STRONG_G = 0.02, 5.0
 """Plausible peaks, in units of g: to 0.028 g shaking is light (intensity IV, Worden et al., Bull.
@@ -260,7 +255,7 @@ def _assembled(parts: list[Component], title: str) -> tuple[Motion, float | None
     return Motion(acceleration=columns, dt=x.dt, name=title), azimuth
 
 
-def _shared_time(parts: Sequence[Component], title: str) -> NDArray[np.float64]:
+def _shared_time(parts: Sequence[Component], title: str) -> Floats:
     """Accelerations in the time that all components cover, shape (n, components), [m/s^2]."""
     dt, shortest = parts[0].dt, min(len(part.acceleration) for part in parts)
     if max(abs(part.dt - dt) for part in parts) * shortest > _OFF * dt:

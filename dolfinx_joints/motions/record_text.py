@@ -5,6 +5,7 @@
 Every message names the file, the line, what it has and what it should.
 """
 
+import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -13,8 +14,8 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import shown
@@ -74,7 +75,7 @@ class Component:
             time begins; None if the file does not hold it.
     """
 
-    acceleration: NDArray[np.float64]
+    acceleration: Floats
     dt: float
     unit: str
     record: str
@@ -92,7 +93,7 @@ class Component:
 class Samples(NamedTuple):
     """Numbers of a file, the number of their first line, and how many are on each line."""
 
-    values: NDArray[np.float64]
+    values: Floats
     first: int
     per_line: int = 1
 
@@ -101,7 +102,6 @@ class RecordText:
     """Lines of a text file, of its first ``head`` bytes where that is given."""
 
     def __init__(self, path: str | Path, *, head: int = -1) -> None:
-        """Read the lines."""
         self.path = Path(path)
         try:
             with self.path.open("rb") as file:
@@ -134,8 +134,8 @@ class RecordText:
 
     def number(self, number: int, text: str, what: str = "") -> float:
         """A finite number in a line, or an error message with ``what``."""
-        value = float(text) if _NUMBER.fullmatch(text) else np.nan
-        if not np.isfinite(value):
+        value = float(text) if _NUMBER.fullmatch(text) else math.nan
+        if not math.isfinite(value):
             self.fail(number, f"{what}{' ' if what else ''}{shown(text)} is not a finite number.")
         return value
 
@@ -173,7 +173,7 @@ class RecordText:
             )
         return Samples(found, first, len(self.words(first, width)))
 
-    def rows(self, first: int, columns: int) -> NDArray[np.float64]:
+    def rows(self, first: int, columns: int) -> Floats:
         """Numbers from a line to the end of the file, shape (lines, columns)."""
         for number in range(first, len(self.lines) + 1):
             found = len(self.words(number))
@@ -184,7 +184,9 @@ class RecordText:
 
     def words(self, number: int, width: int = 0) -> list[str]:
         """Parts of a line, between blanks, commas or semicolons, or of a fixed width."""
-        line = _FORTRAN.sub("E", self.lines[number - 1])
+        line = self.lines[number - 1]
+        if "D" in line or "d" in line:
+            line = _FORTRAN.sub("E", line)
         if width:
             return [line[i : i + width].strip() for i in range(0, len(line), width)]
         return line.replace(",", " ").replace(";", " ").split()
@@ -297,7 +299,7 @@ def component(
     return Component(acceleration=acceleration, unit=unit, path=text.path, **facts)
 
 
-def _filler(values: NDArray[np.float64], unknown: float | None) -> int | None:
+def _filler(values: Floats, unknown: float | None) -> int | None:
     """Return the place of a missing sample: ``unknown``, or nines alone that jump or repeat."""
     if unknown is not None and (values == unknown).any():
         return int(np.argmax(values == unknown))

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.parameters import numbers_of, shown
@@ -22,7 +22,6 @@ from dolfinx_joints.motions.processing import ROUNDING
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-Floats = NDArray[np.floating[Any]]
 Seconds = Annotated[float, at.Gt(0.0), at.Unit("s")]
 DampingRatio = Annotated[float, at.Interval(ge=0.0, lt=1.0)]
 Share = Annotated[float, at.Interval(ge=0.0, le=1.0)]
@@ -85,7 +84,7 @@ def fourier_amplitude(signal: ArrayLike, dt: Seconds) -> tuple[Floats, Floats]:
         amplitudes, shape (n // 2 + 1, ...), in the unit of the signal times s.
     """
     values = _signal(signal)
-    frequencies: Floats = np.fft.rfftfreq(len(values), dt)
+    frequencies = np.asarray(np.fft.rfftfreq(len(values), dt))
     return frequencies, dt * np.abs(np.fft.rfft(values, axis=0))
 
 
@@ -278,7 +277,7 @@ def _recursion(periods: Floats, zeta: float, dt: float, part: float = 1.0) -> tu
     return homogeneous, end - homogeneous @ start
 
 
-def _matrices(entries: list[list[Floats]]) -> Floats:
+def _matrices(entries: list[list[Any]]) -> Floats:
     """One matrix per period from entries that are arrays over the periods."""
     return np.moveaxis(np.array(entries), -1, 0)
 

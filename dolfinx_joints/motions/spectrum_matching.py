@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve
 from scipy.ndimage import gaussian_filter1d
 
+from dolfinx_joints.common.arrays import Flags, Floats, Ints
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import RecordError
@@ -29,9 +30,7 @@ from dolfinx_joints.motions.spectra import (
     significant_duration,
 )
 
-Floats = NDArray[np.float64]
 Whole = NDArray[np.intp]
-Flags = NDArray[np.bool_]
 
 SAMPLES = 10
 """In the shortest period that is matched; a peak between two samples is then 5 % higher at most.
@@ -79,8 +78,8 @@ class SpectrumMatch:
     damping_ratio: float
     tolerance: float
     factors: Floats
-    passes: NDArray[np.int64]
-    rounds: NDArray[np.int64]
+    passes: Ints
+    rounds: Ints
 
     @property
     def misfit_before(self) -> Floats:
@@ -118,8 +117,7 @@ class SpectrumMatch:
     def _misfit(self, motion: Motion) -> Floats:
         values = self.with_rest(motion).acceleration[:, component_numbers(self.components)]
         found = response_spectrum(values, motion.dt, self.periods, self.damping_ratio)
-        misfit: Floats = found.pseudo_acceleration / self.target[:, None] - 1.0
-        return misfit
+        return found.pseudo_acceleration / self.target[:, None] - 1.0
 
 
 @checked
@@ -323,11 +321,8 @@ class _Matcher:
 def _amplitudes(effects: Floats, lacking: Floats, highest: Flags, weight: Floats) -> Floats:
     """Least squares: the highest peaks reach the target, others do not rise above it; shape (w,).
 
-    Args:
-        effects: of wavelets of amplitude one on peaks, shape (m, w).
-        lacking: what peaks lack to the target, negative above it, shape (m,).
-        highest: of their oscillators, shape (m,).
-        weight: of peaks, shape (m,).
+    Effects, shape (m, w), are those of wavelets of amplitude one on peaks, ``lacking`` is what
+    these lack to the target, negative above it.
     """
     active = highest | (lacking < 0.0)
     for _ in range(_SWAPS):  # (12aj)

@@ -95,7 +95,6 @@ def animate(
 
 
 def _writer(place: Path, per_second: int) -> Any:
-    """Matplotlib's writer of a format."""
     from matplotlib.animation import FFMpegWriter, PillowWriter
 
     if place.suffix.lower() == ".gif":

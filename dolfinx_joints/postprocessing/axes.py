@@ -35,14 +35,12 @@ Periods = Annotated[Sequence[float], at.MinLen(1), at.Gt(0.0), at.Unit("s")]
 def new_axes(*, width: Inches = 6.3, height: Inches = 3.2) -> Axes:
     """Axes of a new figure of their own."""
     figure = new_figure(figsize=(width, height), layout="compressed")
-    ax: Axes = figure.add_subplot(axes_class=_shown_classes()[1])
-    return ax
+    return figure.add_subplot(axes_class=_shown_classes()[1])
 
 
 def new_figure(**options: Any) -> Figure:
     """A figure that shows itself in a notebook, from the options of matplotlib's."""
-    figure: Figure = _shown_classes()[0](**options)
-    return figure
+    return _shown_classes()[0](**options)
 
 
 @cache
@@ -59,8 +57,7 @@ def _shown_classes() -> tuple[type, type]:
 
     class ShownAxes(Axes):
         def _repr_png_(self) -> bytes:
-            shown: bytes = self.figure.figure._repr_png_()  # type: ignore[attr-defined]
-            return shown
+            return self.figure.figure._repr_png_()  # type: ignore[attr-defined]
 
     return ShownFigure, ShownAxes
 

@@ -8,8 +8,8 @@ from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.postprocessing.joints.surface import facets_of_joint
 from dolfinx_joints.postprocessing.palette import CONCRETE, RED, colours
 from dolfinx_joints.postprocessing.rendering import (
@@ -26,8 +26,6 @@ from dolfinx_joints.results.reader import Results
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.integer[Any]]
 
 MESH: dict[str, Any] = {"show_edges": True, "edge_color": "#8c8c8c", "edge_opacity": 0.35}
 OUTLINE: dict[str, Any] = {"color": "#737373", "line_width": 3.0}
@@ -49,7 +47,6 @@ class Body:
     """
 
     def __init__(self, results: Results, groups: Collection[str] | None = None) -> None:
-        """Read the boundary, part it and find the joints."""
         check_results(results)
         self.nodes: Floats = results.static("mesh/nodes")
         surface = results.static("mesh/surface")
@@ -85,19 +82,12 @@ class Body:
 
 
 class Deformed:
-    """A body whose nodes have moved, its displacements enlarged.
+    """A body whose nodes have moved by a factor times their displacements.
 
-    Args:
-        body: The body.
-        displacement: Of the nodes, shape (nodes, 3), [m].
-        factor: Displacements are multiplied by it.
-
-    Attributes:
-        places: Where the nodes of the faces that fill the picture are, shape (n, 3), [m].
+    ``places`` are those of the nodes of the faces that fill the picture, shape (n, 3), [m].
     """
 
     def __init__(self, body: Body, displacement: Floats, factor: float) -> None:
-        """Move the nodes."""
         self._body = body
         self._moved = self._body.nodes + factor * displacement
         self._size = 1e3 * np.linalg.norm(displacement, axis=1)
@@ -161,8 +151,7 @@ def top(points: Floats, camera: Camera) -> Floats:
     """The rightmost of the highest points, in the picture."""
     size = size_of(points)
     highest = camera.project(points[points[:, 2] >= points[:, 2].max() - 0.01 * size])
-    top: Floats = highest[np.argmax(highest[:, 0])]
-    return top
+    return highest[np.argmax(highest[:, 0])]
 
 
 def size_of(nodes: Floats) -> float:

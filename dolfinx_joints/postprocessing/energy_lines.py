@@ -7,13 +7,11 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.results.arguments import check_results
 from dolfinx_joints.results.quantities import rows_below
 from dolfinx_joints.results.reader import Results
-
-Floats = NDArray[np.float64]
 
 WAVES = "waves"
 _ROUNDING = 1e-12  # of the larger of what waves bring and take

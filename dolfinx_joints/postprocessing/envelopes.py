@@ -7,23 +7,17 @@ Stresses are rows (xx, yy, zz, xy, yz, xz) [Pa], tension positive.
 
 from __future__ import annotations
 
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.results.layout import Array
 from dolfinx_joints.results.writer import ResultsWriter
 
-Floats = NDArray[np.floating[Any]]
-
 EnvelopeName = Literal[
-    "principal_max",
-    "principal_min",
-    "arch_max",
-    "arch_min",
-    "cantilever_max",
-    "cantilever_min",
+    "principal_max", "principal_min", "arch_max", "arch_min", "cantilever_max", "cantilever_min"
 ]
 ENVELOPE_NAMES: tuple[str, ...] = get_args(EnvelopeName)
 
@@ -41,16 +35,14 @@ def principal_extremes(stress: ArrayLike) -> Floats:
     """Largest and smallest principal stress, shape (2, n), of stresses (n, 6) [Pa]."""
     rows = np.asarray(stress, dtype=np.float64)
     tensors = rows[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3)
-    found: Floats = np.linalg.eigvalsh(tensors)[:, [2, 0]].T
-    return found
+    return np.asarray(np.linalg.eigvalsh(tensors)[:, [2, 0]].T)
 
 
 def stress_along(stress: ArrayLike, direction: ArrayLike) -> Floats:
     """Normal stress along unit vectors (n, 3) of stresses (n, 6) [Pa], NaN where a vector is."""
     x, y, z = np.asarray(direction, dtype=np.float64).T
     factors = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * y * z, 2 * x * z], axis=1)
-    found: Floats = np.einsum("ij,ij->i", np.asarray(stress, dtype=np.float64), factors)
-    return found
+    return np.einsum("ij,ij->i", np.asarray(stress, dtype=np.float64), factors)
 
 
 def extreme_of(name: str, values: Floats) -> float:
@@ -106,7 +98,6 @@ class Envelopes:
     """
 
     def __init__(self, arch: Floats, cantilever: Floats) -> None:
-        """Begin before the first stresses."""
         self._arch, self._cantilever = arch, cantilever
         self._largest: Floats = np.full((3, len(arch)), -np.inf)
         self._smallest: Floats = np.full((3, len(arch)), np.inf)
@@ -138,13 +129,6 @@ def declare_directions(writer: ResultsWriter, nodes: Array, arch: Array, cantile
 
 
 def stage_stresses(stress: Floats, arch: Floats, cantilever: Floats) -> Floats:
-    """Columns in the order of the series of ``STAGE_STRESSES``, shape (n, 4), [Pa].
-
-    Args:
-        stress: Shape (n, 6), [Pa].
-        arch: Arch directions, shape (n, 3).
-        cantilever: Cantilever directions, shape (n, 3).
-    """
+    """Columns in the order of the series of ``STAGE_STRESSES``, shape (n, 4), [Pa]."""
     along = [stress_along(stress, direction) for direction in (arch, cantilever)]
-    columns: Floats = np.column_stack([*principal_extremes(stress), *along])
-    return columns
+    return np.column_stack([*principal_extremes(stress), *along])

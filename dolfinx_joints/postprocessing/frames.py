@@ -10,16 +10,13 @@ would move it, such as an outcrop far from the dam.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing.joints.surface import is_plane
 from dolfinx_joints.results.reader import ABSOLUTE, RELATIVE, Results
-
-Floats = NDArray[np.floating[Any]]
 
 GROUND = "ground"  # what a displacement may be relative to, besides monitor points
 BASE = "mean of the base"
@@ -125,7 +122,7 @@ def nodal_displacement(
     """
     u = results.series("states", "displacement", number)
     if relative_to is None and not results.relative:
-        height = results.static("mesh/nodes")[:, _up(results)]
+        height = results.static("mesh/nodes")[:, 1 if is_plane(results) else 2]
         lowest = height <= height.min() + 1e-6 * np.ptp(height)
         return u - u[lowest].mean(axis=0), f"relative to the {BASE}"
     if relative_to is not None:
@@ -146,8 +143,3 @@ def _check_ground(results: Results) -> None:
 def _is_ground(results: Results, relative_to: str) -> bool:
     """Whether the ground is meant, and no monitor point of that name."""
     return relative_to == GROUND and GROUND not in results.point_names
-
-
-def _up(results: Results) -> int:
-    """Number of the vertical axis."""
-    return 1 if is_plane(results) else 2

@@ -11,12 +11,12 @@ the ground or, where the ground moves within the model, absolute (``results.rela
 
 from __future__ import annotations
 
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.constants import ACCELERATION_BAND
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import PlausibilityWarning, warn
@@ -42,11 +42,7 @@ from dolfinx_joints.postprocessing.static_stages import StageEnergy as StageEner
 from dolfinx_joints.postprocessing.static_stages import StageJoint as StageJoint
 from dolfinx_joints.postprocessing.static_stages import StaticStage as StaticStage
 from dolfinx_joints.postprocessing.static_stages import static_stages as static_stages
-from dolfinx_joints.results.arguments import (
-    COMPONENTS,
-    Component,
-    check_results,
-)
+from dolfinx_joints.results.arguments import COMPONENTS, Component, check_results
 from dolfinx_joints.results.joint_points import free_areas, gaps
 from dolfinx_joints.results.quantities import JOINT_SERIES, TABLE, Quantity, rows_below
 from dolfinx_joints.results.reader import Results
@@ -54,7 +50,6 @@ from dolfinx_joints.results.resolved import Resolved as Resolved
 from dolfinx_joints.results.resolved import beyond
 from dolfinx_joints.results.resolved import resolved_frequencies as resolved_frequencies
 
-Floats = NDArray[np.floating[Any]]
 NotNegative = Annotated[float, at.Ge(0.0), at.Unit("s")]
 
 JOINT_MEASURES = tuple(row.name for row in TABLE["measures"])

@@ -15,6 +15,7 @@ import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.motions.motion import Motion
@@ -35,7 +36,6 @@ from dolfinx_joints.results.arguments import COMPONENTS, Component
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.floating[Any]]
 
 Quantity = Literal["acceleration", "velocity", "displacement"]
 _UNITS = {"acceleration": "g", "velocity": "m/s", "displacement": "m"}

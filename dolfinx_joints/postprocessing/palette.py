@@ -4,15 +4,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from dolfinx_joints.common.arrays import Floats
 
 if TYPE_CHECKING:
     from matplotlib.colors import ListedColormap
 
-Floats = NDArray[np.floating[Any]]
 
 BLUE, ORANGE, GREEN, RED, GREY = "#08519c", "#e69f00", "#238b45", "#b2182b", "#8c8c8c"
 

@@ -7,19 +7,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.constants import ACCELERATION_BAND
 from dolfinx_joints.postprocessing.envelopes import EnvelopeName
 from dolfinx_joints.postprocessing.joints.extremes import joint_extremes
 from dolfinx_joints.postprocessing.measures import acceleration_history, displacement_history
 from dolfinx_joints.results.arguments import COMPONENTS
 from dolfinx_joints.results.reader import Results
-
-Floats = NDArray[np.floating[Any]]
 
 _AS_HIGH = 0.01  # of the height of all monitor points: lower points are not on the crest
 

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.constants import ACCELERATION_BAND, STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import JointsError, ResultsError
@@ -58,12 +58,7 @@ from dolfinx_joints.postprocessing.joints.extremes import drawn_series
 from dolfinx_joints.postprocessing.joints.maps import TIED_STYLE, draw_map
 from dolfinx_joints.postprocessing.joints.maps import joint_maps as joint_maps
 from dolfinx_joints.postprocessing.joints.panels import joint_panels as joint_panels
-from dolfinx_joints.postprocessing.joints.surface import (
-    LABELS,
-    JointSurface,
-    Quantity,
-    map_value,
-)
+from dolfinx_joints.postprocessing.joints.surface import LABELS, JointSurface, Quantity, map_value
 from dolfinx_joints.postprocessing.measures import (
     acceleration_history,
     band_name,
@@ -74,12 +69,7 @@ from dolfinx_joints.postprocessing.measures import (
     resolved_frequencies,
 )
 from dolfinx_joints.postprocessing.palette import BLUE, RED, colour_limits
-from dolfinx_joints.results.arguments import (
-    COMPONENTS,
-    Component,
-    check_results,
-    chosen_state,
-)
+from dolfinx_joints.results.arguments import COMPONENTS, Component, check_results, chosen_state
 from dolfinx_joints.results.joint_points import free_areas
 from dolfinx_joints.results.quantities import row_of
 from dolfinx_joints.results.reader import Results
@@ -87,8 +77,6 @@ from dolfinx_joints.results.reader import Results
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
-
-Floats = NDArray[np.floating[Any]]
 
 
 @checked

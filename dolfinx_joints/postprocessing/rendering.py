@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import JointsError
 from dolfinx_joints.postprocessing.axes import new_figure
 
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.integer[Any]]
 Faces = Sequence[Sequence[int]] | Sequence[Ints] | Ints
 
 _MARGIN = 0.02  # of the larger side of a picture
@@ -47,17 +46,16 @@ class Camera:
     """
 
     def __init__(self, azimuth_deg: float, elevation_deg: float) -> None:
-        """Take the axes of the picture from the angles."""
         azimuth, elevation = np.deg2rad([azimuth_deg, elevation_deg])
         flat = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         self.right: Floats = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-        self.towards: Floats = np.cos(elevation) * flat + np.array([0.0, 0.0, np.sin(elevation)])
-        self.up: Floats = np.cross(self.towards, self.right)
+        up = np.array([0.0, 0.0, np.sin(elevation)])
+        self.towards: Floats = np.asarray(np.cos(elevation) * flat + up)
+        self.up: Floats = np.asarray(np.cross(self.towards, self.right))
 
     def project(self, points: ArrayLike) -> Floats:
         """Coordinates in the picture of points (..., 3), shape (..., 2), [m]."""
-        placed: Floats = np.asarray(points) @ np.stack([self.right, self.up], axis=1)
-        return placed
+        return np.asarray(points) @ np.stack([self.right, self.up], axis=1)
 
     @property
     def side(self) -> str:
@@ -82,7 +80,6 @@ class Scene:
     """
 
     def __init__(self, room: Floats | None = None) -> None:
-        """Start with nothing."""
         self._framed = [] if room is None else [room]
         self.layers: list[tuple[Any, dict[str, Any]]] = []
 
@@ -361,11 +358,6 @@ def round_down(wanted: float) -> float:
 
 
 def round_scale(nodes: Floats, largest: float) -> float:
-    """A round factor by which the largest displacement becomes some 6 % of the body's size.
-
-    Args:
-        nodes: of the body, shape (n, 3), [m].
-        largest: displacement [m].
-    """
+    """A round factor by which the largest displacement becomes some 6 % of the body's size."""
     size = float(np.linalg.norm(np.ptp(nodes, axis=0)))
     return 1.0 if largest == 0.0 else round_down(0.06 * size / largest)

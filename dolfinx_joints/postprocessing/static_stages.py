@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES, extreme_of
 from dolfinx_joints.postprocessing.joints.resultants import JointResultants, stage_resultants
 from dolfinx_joints.results.arguments import check_results
@@ -18,8 +18,6 @@ from dolfinx_joints.results.joint_points import gaps, tied_points
 from dolfinx_joints.results.layout import JUMP
 from dolfinx_joints.results.quantities import rows_below
 from dolfinx_joints.results.reader import Results
-
-Floats = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +115,8 @@ def static_stages(results: Results) -> list[StaticStage]:
     names = results.stage_names
     if not names:
         return []
-    joints = {joint: _of_joint(results, joint, len(names)) for joint in results.joints}
+    forces = [stage_resultants(results, joint) for joint in results.joints]
+    reactions = [n for n in results.streams["statics"] if n.startswith("reaction/")]
     energies = _energies(results, len(names))
     jumps, found = stage_jumps(results), []
     for i, name in enumerate(names):
@@ -127,8 +126,10 @@ def static_stages(results: Results) -> list[StaticStage]:
                 name=name,
                 load_time=float(results.series("statics", "load_time", i)),
                 displacement=dict(zip(results.point_names, moved, strict=True)),
-                reaction=_reactions(results, i),
-                joints={joint: stages[i] for joint, stages in joints.items()},
+                reaction={
+                    n.removeprefix("reaction/"): results.series("statics", n, i) for n in reactions
+                },
+                joints={one.joint: joint_in_state(results, "statics", one, i) for one in forces},
                 stresses=_stresses(results, i),
                 energy=energies[i],
                 jumps=jumps.get(name, ()),
@@ -145,12 +146,6 @@ def stage_jumps(results: Results) -> dict[str, tuple[str, ...]]:
         for name, text in texts.items()
     }
     return {name: jumps for name, jumps in found.items() if jumps}
-
-
-def _of_joint(results: Results, joint: str, count: int) -> list[StageJoint]:
-    """A joint at the end of each of the stages."""
-    forces = stage_resultants(results, joint)
-    return [joint_in_state(results, "statics", forces, i) for i in range(count)]
 
 
 def joint_in_state(
@@ -173,11 +168,6 @@ def joint_in_state(
         pressure_max=float(abs(pressed.min(initial=0.0))),
         water_force=water,
     )
-
-
-def _reactions(results: Results, i: int) -> dict[str, Floats]:
-    names = [n for n in results.streams["statics"] if n.startswith("reaction/")]
-    return {n.removeprefix("reaction/"): results.series("statics", n, i) for n in names}
 
 
 def _stresses(results: Results, i: int) -> dict[str, float]:

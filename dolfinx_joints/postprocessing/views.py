@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.postprocessing.body import (
     MESH,
@@ -67,8 +67,6 @@ from dolfinx_joints.results.reader import Results
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.integer[Any]]
 Azimuths = Annotated[Sequence[float], at.Len(1, 8), at.Unit("degrees")]  # a picture each
 Elevation = Annotated[float, at.Interval(ge=-90.0, le=90.0), at.Unit("degrees")]
 
@@ -267,8 +265,7 @@ def _turned(points: Floats, axes: Floats, camera: Camera) -> Floats:
     old, new = axes[0, :2], camera.right[:2]
     cosine, sine = old @ new, old[0] * new[1] - old[1] * new[0]
     rotation = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    turned: Floats = (points - middle) @ rotation.T + middle
-    return turned
+    return (points - middle) @ rotation.T + middle
 
 
 def _separate(polygons: Sequence[Floats] | Floats) -> tuple[Floats, list[Ints]]:

@@ -7,12 +7,12 @@ from __future__ import annotations
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.postprocessing import measures, views
 from dolfinx_joints.postprocessing.envelopes import EnvelopeName
 from dolfinx_joints.postprocessing.frames import common_frame, nodal_displacement
-from dolfinx_joints.postprocessing.joints.surface import JointSurface
+from dolfinx_joints.postprocessing.joints.surface import facets_of_joint
 from dolfinx_joints.postprocessing.palette import colours
 from dolfinx_joints.postprocessing.rendering import round_scale
 from dolfinx_joints.report.page import (
@@ -29,9 +29,6 @@ from dolfinx_joints.report.page import (
 from dolfinx_joints.report.runs import Content, Run, nothing
 from dolfinx_joints.results.joint_points import gaps
 from dolfinx_joints.results.reader import Results
-
-Floats = NDArray[np.floating[Any]]
-Integers = NDArray[np.integer[Any]]
 
 MOMENTS = 40
 _CONTROLS = (
@@ -166,7 +163,7 @@ def _colour_scale() -> list[list[Any]]:
     return [[place, to_hex(colours()(place))] for place in places]
 
 
-def _frame(results: Results, used: Integers, number: int) -> dict[str, Any]:
+def _frame(results: Results, used: Ints, number: int) -> dict[str, Any]:
     """Displacements of the boundary's vertices [m] and openings of the joint facets [mm]."""
     displacement = nodal_displacement(results, number)[0][used]
     openings = [_opening(results, joint, number) for joint in results.joints]
@@ -177,7 +174,7 @@ def _frame(results: Results, used: Integers, number: int) -> dict[str, Any]:
     }
 
 
-def _extremes(results: Results, used: Integers) -> tuple[Floats, Floats]:
+def _extremes(results: Results, used: Ints) -> tuple[Floats, Floats]:
     """Largest displacement and opening of each record [m], read one at a time."""
     rows = results.rows("states")
     sizes, openings = np.zeros(rows), np.zeros(rows)
@@ -200,14 +197,14 @@ def _opening(results: Results, joint: str, number: int) -> Floats:
     return largest
 
 
-def _joint_faces(results: Results, surface: Integers) -> tuple[dict[str, dict[str, str]], Integers]:
+def _joint_faces(results: Results, surface: Ints) -> tuple[dict[str, dict[str, str]], Ints]:
     """Triangles of the joints' faces, and the number of the joint facet of each triangle."""
-    sides = [JointSurface(results, joint).sides() for joint in results.joints]
+    sides = [facets_of_joint(results, joint)[1].ravel() for joint in results.joints]
     chosen = np.concatenate([np.zeros(0, dtype=np.int64), *sides])
     return _triangles(surface[chosen], np.repeat(np.arange(len(chosen) // 2), 2))
 
 
-def _triangles(facets: Integers, cells: Integers) -> tuple[dict[str, dict[str, str]], Integers]:
+def _triangles(facets: Ints, cells: Ints) -> tuple[dict[str, dict[str, str]], Ints]:
     """Facets with three or four corners cut into triangles, and the cell of each."""
     parts = [facets[:, [0, 1, 2]]]
     if facets.shape[1] == 4:

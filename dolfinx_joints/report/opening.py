@@ -9,11 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from dolfinx_joints.common.constants import (
-    LARGE_ENERGY_ERROR,
-    LARGE_LOCAL_ERROR,
-    STANDARD_GRAVITY,
-)
+from dolfinx_joints.common.constants import LARGE_ENERGY_ERROR, LARGE_LOCAL_ERROR, STANDARD_GRAVITY
 from dolfinx_joints.postprocessing import measures, peaks, views
 from dolfinx_joints.postprocessing.energy_lines import energy_lines, joint_losses
 from dolfinx_joints.postprocessing.frames import frame_name
@@ -143,7 +139,6 @@ def ending(run: Run) -> str:
 
 
 def _runs(content: Content) -> str:
-    """Sentences on the runs."""
     others = len(content.runs) - len(content.compared)
     further = f" and {others} further run{'s' if others > 1 else ''}" if others else ""
     each = ", ".join(f"{run.label} ({_span(run)})" for run in content.compared)
@@ -152,7 +147,6 @@ def _runs(content: Content) -> str:
 
 
 def _span(run: Run) -> str:
-    """How far a run went."""
     if run.static_alone:
         count = len(run.results.stage_names)
         return f"{count} static stage{'s' if count > 1 else ''}"
@@ -195,7 +189,6 @@ def _crest_acceleration(run: Run, *, band: float) -> Cell:
 
 
 def _stress(name: str) -> Callable[[Run], Cell]:
-    """Cell of the extreme of an envelope."""
 
     def cell(run: Run) -> Cell:
         peak = peaks.stress_peak(run.results, name)  # type: ignore[arg-type]
@@ -226,7 +219,6 @@ def _rows(band: float, runs: Sequence[Run]) -> Sequence[tuple[str, Callable[[Run
 
 
 def _joints(run: Run) -> Html:
-    """Table of the largest opening and slip and the smallest safety of each joint."""
     rows: list[list[Cell]] = []
     for joint in run.results.joints:
         found = peaks.joint_peaks(run.results, joint)

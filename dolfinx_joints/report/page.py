@@ -117,7 +117,6 @@ def plain(value: Cell) -> str:
 
 
 def _figures(value: float, form: str) -> str:
-    """A finite number as text."""
     return f"{value:{form}}".replace("e+", "e").replace("-", "\N{MINUS SIGN}")
 
 

@@ -12,6 +12,7 @@ from typing import Any
 from dolfinx_joints.postprocessing import measures
 from dolfinx_joints.report.page import Cell, Html, Section, table
 from dolfinx_joints.report.runs import Content, Run
+from dolfinx_joints.results.overview import joints_by_law
 
 Named = tuple[str, dict[str, Any]]  # what it is, and its parameters
 Groups = dict[str, dict[str, Any]]  # values by heading and parameter
@@ -88,7 +89,7 @@ def parameters(content: Content) -> Section:
     made = [run.results.metadata.get("manifest") or {} for run in runs]
     tables = {
         "Materials": [_objects(m.get("material", {}).items()) for m in made],
-        "Laws of the joints": [_objects(_shared(m.get("joint_laws", {}))) for m in made],
+        "Laws of the joints": [_objects(joints_by_law(m.get("joint_laws", {}))) for m in made],
         "Loads": [_objects(_numbered(m.get("loads", []))) for m in made],
         "Added mass": [_objects(_numbered(m.get("added_mass", []))) for m in made],
         "Reservoir": [_objects([("", each)] if (each := m.get("reservoir")) else []) for m in made],
@@ -96,7 +97,10 @@ def parameters(content: Content) -> Section:
         "Supports": [_objects(_numbered(m.get("supports", []))) for m in made],
         "Damping": [_objects([("", m.get("damping"))]) for m in made],
         "Steps and solver": [_objects(m.get("settings", {}).items()) for m in made],
-        "Facts of the run": [{"": _facts(run)} for run in runs],
+        "Facts of the run": [
+            {"": {k: v for k, v in run.results.metadata.items() if k not in _ELSEWHERE}}
+            for run in runs
+        ],
         "Resolved up to [Hz]": [{"": _resolved(run)} for run in runs],
         "Mesh": [{"": _mesh(run)} for run in runs],
         "Programs and machine": [{"": _programs(m)} for m in made],
@@ -151,14 +155,6 @@ def _objects(named: Iterable[tuple[str, Any]]) -> Groups:
     return found
 
 
-def _shared(laws: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    """Laws by the joints that have them."""
-    joints: dict[str, list[str]] = {}
-    for joint, law in laws.items():
-        joints.setdefault(str(law), []).append(joint)
-    return [(", ".join(names), law) for law, names in joints.items()]
-
-
 def _numbered(things: Iterable[Any]) -> list[tuple[str, Any]]:
     """Things by a number where several are of a kind."""
     listed = list(things)
@@ -170,10 +166,6 @@ def _numbered(things: Iterable[Any]) -> list[tuple[str, Any]]:
     ]
 
 
-def _facts(run: Run) -> dict[str, Any]:
-    return {k: v for k, v in run.results.metadata.items() if k not in _ELSEWHERE}
-
-
 def _mesh(run: Run) -> dict[str, Any]:
     facts, statics = run.results.metadata, run.results.statics
     found = {title: facts.get(key) for key, title in _MESH.items()}
@@ -183,7 +175,6 @@ def _mesh(run: Run) -> dict[str, Any]:
 
 
 def _resolved(run: Run) -> dict[str, Any]:
-    """Frequencies by what limits them."""
     limits = measures.resolved_frequencies(run.results).as_json()
     titles = (
         "time step, ten to a period",
@@ -225,7 +216,7 @@ def _table(title: str, head: list[Cell], groups: list[Groups]) -> Html | None:
 def _in_unit(kind: str, row: list[Any]) -> list[Cell]:
     """A row of a parameter of a kind of thing with its title, in the unit named there."""
     title, factor = unit(kind, row[0])
-    return [title, *(_plain(_scaled(cell, factor)) for cell in row[1:])]
+    return [title, *(_scaled(cell, factor) for cell in row[1:])]
 
 
 def unit(kind: str, name: str) -> tuple[str, float]:
@@ -235,12 +226,9 @@ def unit(kind: str, name: str) -> tuple[str, float]:
 
 
 def _scaled(cell: Any, factor: float) -> Any:
-    """A number or numbers times a factor, anything else as it is."""
+    """A number or numbers times a factor; texts and lists as they are, anything else as text."""
     if isinstance(cell, tuple):
         return tuple(_scaled(each, factor) for each in cell)
-    return cell * factor if factor != 1.0 and isinstance(cell, int | float) else cell
-
-
-def _plain(cell: Any) -> Cell:
-    """Numbers and texts; anything else as text."""
-    return cell if isinstance(cell, int | float | str | list | tuple | None) else str(cell)
+    if factor != 1.0 and isinstance(cell, int | float):
+        return cell * factor
+    return cell if isinstance(cell, int | float | str | list | None) else str(cell)

@@ -11,13 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.motions.processing import low_pass
-from dolfinx_joints.motions.spectra import (
-    Floats,
-    equally_spaced,
-    fourier_amplitude,
-    response_spectrum,
-)
+from dolfinx_joints.motions.spectra import equally_spaced, fourier_amplitude, response_spectrum
 from dolfinx_joints.postprocessing import measures, plots
 from dolfinx_joints.postprocessing.frames import (
     common_frame,
@@ -26,15 +22,7 @@ from dolfinx_joints.postprocessing.frames import (
     ground_name,
     has_ground_motion,
 )
-from dolfinx_joints.report.page import (
-    Curve,
-    Html,
-    Section,
-    details,
-    panels,
-    paragraph,
-    table,
-)
+from dolfinx_joints.report.page import Curve, Html, Section, details, panels, paragraph, table
 from dolfinx_joints.report.runs import Content, Run, components, nothing
 from dolfinx_joints.results.arguments import Component
 

@@ -11,7 +11,7 @@ import numpy as np
 from dolfinx_joints.postprocessing import measures, views
 from dolfinx_joints.postprocessing.body import Body
 from dolfinx_joints.postprocessing.joints.resultants import joint_geometry, joint_resultants
-from dolfinx_joints.postprocessing.measures import StageEnergy, StageJoint, StaticStage
+from dolfinx_joints.postprocessing.measures import StageEnergy, StaticStage
 from dolfinx_joints.postprocessing.plots import energy_unit
 from dolfinx_joints.postprocessing.rendering import round_scale
 from dolfinx_joints.postprocessing.static_stages import joint_in_state, stage_jumps
@@ -89,24 +89,22 @@ def stages(run: Run) -> list[StaticStage]:
     found = measures.static_stages(run.results)
     if found or not run.has("histories", "displacement"):
         return found
-    moved = run.results.series("histories", "displacement", 0)
-    names = run.results.point_names
-    joints = run.results.joints if run.has("states") else []
+    results = run.results
+    moved = results.series("histories", "displacement", 0)
+    joints = results.joints if run.has("states") else []
     return [
         StaticStage(
             name="static state",
-            load_time=float(run.results.time("histories")[0]),
-            displacement=dict(zip(names, moved, strict=True)),
+            load_time=float(results.time("histories")[0]),
+            displacement=dict(zip(results.point_names, moved, strict=True)),
             reaction={},
-            joints={joint: _first(run, joint) for joint in joints},
+            joints={
+                joint: joint_in_state(results, "states", joint_resultants(results, joint), 0)
+                for joint in joints
+            },
             stresses={},
         )
     ]
-
-
-def _first(run: Run, joint: str) -> StageJoint:
-    """A joint at the first record."""
-    return joint_in_state(run.results, "states", joint_resultants(run.results, joint), 0)
 
 
 def _tables(run: Run, found: Sequence[StaticStage]) -> list[Html]:

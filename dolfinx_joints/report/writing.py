@@ -90,7 +90,6 @@ def _check_packages() -> None:
 
 @contextmanager
 def _written(target: Path) -> Iterator[None]:
-    """Report that a file cannot be written."""
     try:
         yield
     except OSError as error:

@@ -9,8 +9,8 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 from h5py import Group
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Ints
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.parameters import check_kind_of, shown
 from dolfinx_joints.results.reader import Results, listing
@@ -26,13 +26,7 @@ def check_results(results: Any) -> None:
 
 
 def record_number(results: Results, time: float | None, index: int) -> int:
-    """Number of a record of the stream ``states``, from 0.
-
-    Args:
-        results: the run.
-        time: the record nearest to it [s].
-        index: number of the record where no time is given, negative from the end.
-    """
+    """Number of a record of ``states``, from 0: nearest to a time [s], else by an index."""
     check_results(results)
     if time is not None:
         return results.nearest("states", time)
@@ -50,7 +44,6 @@ class StageStates(Results):
     """
 
     def __init__(self, results: Results) -> None:
-        """Share the file."""
         self.path, self._opened = results.path, results._opened
         self._names, self._rows = results._names, results._rows
 
@@ -91,7 +84,7 @@ def chosen_state(
     return results, number, f"at t = {results.time('states')[number]:.3f} s"
 
 
-def rows_of_groups(results: Results, groups: Collection[str]) -> NDArray[np.int64]:
+def rows_of_groups(results: Results, groups: Collection[str]) -> Ints:
     """Rows of ``mesh/cells`` that make up cell groups.
 
     Raises:

@@ -14,9 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Flags, Floats
 from dolfinx_joints.results.reader import Results
-
-Floats = NDArray[np.floating[Any]]
 
 
 class Statics(Protocol):
@@ -29,11 +28,8 @@ class Statics(Protocol):
     def static(self, name: str) -> NDArray[Any]:
         """Return an array written once."""
 
-    def check_joint(self, joint: str) -> None:
-        """Raise an error for a joint that is not there."""
 
-
-def tied_points(results: Statics, joint: str) -> NDArray[np.bool_]:
+def tied_points(results: Statics, joint: str) -> Flags:
     """Return which points of a joint are tied, shape (n,); none in files of earlier versions."""
     where = f"joints/{joint}/tied"
     if where in results.statics:
@@ -50,11 +46,7 @@ def free_areas(results: Statics, joint: str) -> Floats:
 def gaps(results: Results, stream: str, joint: str, index: int | slice = slice(None)) -> Floats:
     """Return the gaps of the points of a joint, zero at tied ones, shape (..., n, 3), [m].
 
-    Args:
-        results: The run.
-        stream: ``states`` or ``statics``.
-        joint: Name of the joint.
-        index: Number of a record, or a slice of them.
+    They are those of a record, or of a slice of records, of the stream ``states`` or ``statics``.
     """
     gap = results.series(stream, f"joints/{joint}/gap", index)
     return np.where(tied_points(results, joint)[:, None], 0.0, gap)

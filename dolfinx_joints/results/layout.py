@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.results.quantities import row_of
 from dolfinx_joints.results.reader import STAGE_NAME_BYTES
@@ -41,11 +41,8 @@ def declare(
 ) -> None:
     """Declare series of a stream, with units and descriptions from `quantities`.
 
-    Args:
-        writer: A writer not started yet.
-        stream: Name of the stream.
-        values: Values of a record by name, or arrays of their shapes.
-        frame: What displacements and accelerations are relative to, in words.
+    Values are those of a record, or arrays of their shapes; the frame is what displacements and
+    accelerations are relative to, in words.
 
     Raises:
         ResultsError: The table has no row for one of the names.

@@ -21,17 +21,8 @@ _LABEL = 13
 
 # Facts that have a line of their own, and are not repeated among the others.
 _SHOWN = (
-    "stage",
-    "steps",
-    "displacements",
-    "point_names",
-    "points",
-    "dofs",
-    "joint_points",
-    "ranks",
-    "units",
-    "laws",
-    "manifest",
+    *("stage", "steps", "displacements", "point_names", "points", "dofs", "joint_points"),
+    *("ranks", "units", "laws", "manifest"),
 )
 _COSTS = ("steps", "iterations", "solver", "energy_error", "imbalance", "local_error", "seconds")
 
@@ -92,7 +83,6 @@ def describe(path: str | Path) -> str:
 
 
 def _records(results: Results, stream: str) -> str:
-    """Number and times of the records of a stream."""
     times = results.time(stream)
     if stream == "statics":
         return f"stream statics: {listing(results.stage_names)}"
@@ -135,11 +125,8 @@ def _made_by(manifest: Any) -> list[str]:
         if label == "resolved_hz":
             continue
         if label == "joint_laws" and isinstance(value, dict):
-            joints: dict[str, list[str]] = {}
-            for joint, law in value.items():
-                joints.setdefault(str(law), []).append(joint)
-            for i, (law, names) in enumerate(joints.items()):
-                lines += _line("" if i else label, [f"{', '.join(names)}: {law}"])
+            for i, (joints, law) in enumerate(joints_by_law(value)):
+                lines += _line("" if i else label, [f"{joints}: {law}"])
         elif label == "static_stages" and isinstance(value, dict):
             for i, (stage, acting) in enumerate(value.items()):
                 lines += _line("" if i else label, [f"{stage}: {acting}"])
@@ -150,8 +137,15 @@ def _made_by(manifest: Any) -> list[str]:
     return lines
 
 
+def joints_by_law(laws: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """Return the names of the joints that have equal laws, and the law."""
+    joints: dict[str, list[str]] = {}
+    for joint, law in laws.items():
+        joints.setdefault(str(law), []).append(joint)
+    return [(", ".join(names), law) for law, names in joints.items()]
+
+
 def _by_law(results: Results) -> dict[str, list[str]]:
-    """Names of joints by the text on their law."""
     found: dict[str, list[str]] = {}
     for name in results.joints:
         law, text = results.law(name), ""

@@ -11,14 +11,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import DTypeLike
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.errors import ResultsError
-
-Floats = NDArray[np.floating[Any]]
 
 _FACTORS = {"mm": 1e3, "MPa": 1e-6, "MN": 1e-6, "%": 100.0}
 

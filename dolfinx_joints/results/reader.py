@@ -32,6 +32,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import attribute, check_version, damage_reported, open_growing
@@ -42,8 +43,6 @@ FORMAT = "dolfinx_joints results"
 VERSION = 1
 STAGE_NAME_BYTES = 120  # of the name of a static stage
 RELATIVE, ABSOLUTE = "relative to the ground", "absolute"  # displacements, in the metadata
-
-_MOST_LISTED = 12  # names in a message
 
 Index = int | slice
 
@@ -56,18 +55,15 @@ class Results(Summarised):
     """
 
     def __init__(self, path: str | Path) -> None:
-        """Open the file."""
         self.path = Path(path)
         self._opened = _open(self.path)
         self._names: dict[str, list[str]] = {}  # by group
         self._rows: dict[str, int] = {}  # likewise, once the run has ended
 
     def __enter__(self) -> Self:
-        """Return the reader."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the file."""
         self.close()
 
     def close(self) -> None:
@@ -220,11 +216,11 @@ class Results(Summarised):
         with self._reading():
             yield self._file["static"], self._file["streams"]
 
-    def time(self, stream: str) -> NDArray[np.float64]:
+    def time(self, stream: str) -> Floats:
         """Times of the whole records of a stream, shape (rows,), [s]."""
         group, rows = self._stream(stream), self.rows(stream)
         with self._reading():
-            times: NDArray[np.float64] = group["time"][:rows]
+            times: Floats = group["time"][:rows]
         if not (np.diff(times, prepend=-np.inf) > 0.0).all():
             raise ResultsError(
                 f"{self.path} is damaged: the times of the stream {stream!r} do not increase."
@@ -243,7 +239,6 @@ class Results(Summarised):
         return rows
 
     def _count(self, group: h5py.Group) -> int:
-        """Number of whole records of a stream now."""
         block = 1
         with self._reading():
             rows = min(len(group[name]) for name in self._names_in(group))
@@ -300,7 +295,11 @@ class Results(Summarised):
     def _names_in(self, group: h5py.Group) -> list[str]:
         """Names of the datasets in a group, which a started file keeps."""
         if group.name not in self._names:
-            self._names[group.name] = _dataset_names(group)
+            found: list[str] = []
+            group.visititems(
+                lambda name, item: found.append(name) if isinstance(item, h5py.Dataset) else None
+            )
+            self._names[group.name] = found
         return self._names[group.name]
 
     def _reading(self) -> AbstractContextManager[None]:
@@ -360,22 +359,9 @@ def _check(file: h5py.File, path: Path) -> None:
         raise ResultsError(f"{path} was left incomplete before its run started.")
 
 
-def _dataset_names(group: h5py.Group) -> list[str]:
-    names: list[str] = []
-
-    def visit(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        if isinstance(item, h5py.Dataset):
-            names.append(name)
-
-    group.visititems(visit)
-    return names
-
-
-def listing(names: Iterable[str]) -> str:
+def listing(every: Iterable[str]) -> str:
     """Names in one line, for messages; of many the first."""
-    every = list(names)
-    more = f" and {len(every) - _MOST_LISTED} more" if len(every) > _MOST_LISTED else ""
-    return (", ".join(every[:_MOST_LISTED]) or "none") + more
+    return names(every) or "none"
 
 
 def _decode_json(dataset: h5py.Dataset) -> dict[str, Any]:

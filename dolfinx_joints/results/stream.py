@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.dealt import Dealt, blocks_in
+from dolfinx_joints.common.arrays import Dealt, Floats, blocks_in
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.hdf5 import set_texts
 from dolfinx_joints.results.reader import listing
@@ -39,7 +39,7 @@ class Stream:
         self._shapes: dict[str, tuple[int, ...]] = {}  # of one record
         # Waiting ones, shape (room, ...) each; the only one of an array that is dealt.
         self._rows: dict[str, Any] = {}
-        self._numbers: NDArray[np.float64] | None = None  # the same, shape (room, numbers)
+        self._numbers: Floats | None = None  # the same, shape (room, numbers)
         self._times: list[float] = []
         self._room = 0
         self._time = extendable(self._group, "time", (), np.dtype(np.float64), fill=np.nan)
@@ -151,7 +151,7 @@ class Stream:
         """Rows in the file and waiting."""
         return len(self._time) + self.waiting
 
-    def copy(self, times: NDArray[np.float64], values: Mapping[str, h5py.Dataset]) -> None:
+    def copy(self, times: Floats, values: Mapping[str, h5py.Dataset]) -> None:
         """Take the first rows of datasets of another file, never more than some 16 MB at once."""
         for name, dataset in self._datasets.items():
             dataset.resize(len(times), axis=0)
@@ -227,12 +227,7 @@ def copy_rows(source: h5py.Dataset, target: h5py.Dataset, count: int) -> None:
 
 
 def extendable(
-    group: h5py.Group,
-    name: str,
-    shape: tuple[int, ...],
-    dtype: np.dtype[Any],
-    *,
-    fill: float = 0.0,
+    group: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], *, fill: float = 0.0
 ) -> h5py.Dataset:
     """A new dataset without rows that can grow; ``shape`` is that of one row."""
     row_bytes = max(1, int(np.prod(shape)) * dtype.itemsize)

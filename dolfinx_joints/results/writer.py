@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.common.files import FileLock, released
 from dolfinx_joints.common.hdf5 import set_texts
@@ -54,7 +54,6 @@ class ResultsWriter:
         aside: Path | None = None,
         flush_interval: float = 1.0,
     ) -> None:
-        """Create the file and write the metadata."""
         self.path = Path(path)
         encoded = _encode_json(metadata, "metadata")
         self._lock = FileLock(self.path, ResultsError)
@@ -73,7 +72,6 @@ class ResultsWriter:
         self._flushed_at = clock.monotonic()
 
     def _create(self, overwrite: bool, aside: Path | None) -> None:
-        """Make an empty file."""
         if self.path.exists() and not overwrite:
             raise ResultsError(f"{self.path} exists; pass overwrite=True to replace it.")
         try:
@@ -88,7 +86,6 @@ class ResultsWriter:
             raise ResultsError(f"{self.path} cannot be created: {error}.") from error
 
     def _lay_out(self, encoded: NDArray[np.uint8]) -> None:
-        """Make what every file has."""
         self._room.reserve(self.path, encoded.nbytes + _SUMMARY_BYTES)
         self._file.attrs["version"] = VERSION
         created = datetime.now(UTC).isoformat(timespec="seconds")
@@ -169,7 +166,6 @@ class ResultsWriter:
         return {name: stream.records for name, stream in self._streams.items()}
 
     def __enter__(self) -> Self:
-        """Return the writer."""
         return self
 
     def __exit__(

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt
 from dolfinx_joints.common.errors import CheckpointError
 from dolfinx_joints.common.hdf5 import (
     attribute,

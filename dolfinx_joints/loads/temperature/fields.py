@@ -312,7 +312,12 @@ def _solve(
             "A block has no face with a given temperature; joints let no heat through unless "
             "joints gives their conductance, so name a facet group of each block in faces."
         )
+    return field_of(space, found[0])
+
+
+def field_of(space: Any, values: Floats) -> fem.Function:
+    """Return the temperature with values at the rank's own nodes (collective)."""
     field = fem.Function(space, name="temperature")
-    field.x.array[: len(found[0])] = found[0]
+    field.x.array[: len(values)] = values
     field.x.scatter_forward()
     return field

@@ -71,10 +71,7 @@ def _row(place: str, line: str, semicolons: bool, count: int) -> list[float]:
 
 @checked
 def temperature_from_file(
-    path: str | Path,
-    jointed: JointedMesh,
-    *,
-    reach: Annotated[float, at.Ge(0), at.Unit("m")] = 1.0,
+    path: str | Path, jointed: JointedMesh, *, reach: Annotated[float, at.Ge(0), at.Unit("m")] = 1.0
 ) -> Any:
     """Temperatures of a file at the nodes of a mesh (collective).
 

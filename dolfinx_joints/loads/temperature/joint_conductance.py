@@ -22,6 +22,7 @@ from ufl.core.expr import Expr
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.parameters import check_kind_of, shown
+from dolfinx_joints.mesh.joint_pairs import no_such_joint
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 
@@ -55,13 +56,8 @@ def joint_term(
 ) -> Any:
     """Work of the fluxes through joints on a test function (UFL), [W]; 0 without such.
 
-    Args:
-        jointed: The mesh.
-        joints: Conductance of each joint that lets heat through.
-        openings: Normal gap of these, a number or a UFL scalar under `JointedMesh.dS` [m]; those
-            not named are closed.
-        t: Temperature.
-        q: Test function.
+    Openings are normal gaps, numbers or UFL scalars under `JointedMesh.dS` [m]; joints not named
+    there are closed.
 
     Raises:
         ValueError: A conductance is none, or an opening is of a joint without one.
@@ -73,8 +69,7 @@ def joint_term(
     term = 0
     for name, each in joints.items():
         if name not in jointed.joint_names:
-            known = ", ".join(jointed.joint_names) or "none"
-            raise MeshError(f"There is no joint {shown(name)}; the joints are: {known}.")
+            raise MeshError(no_such_joint(name, jointed.joint_names))
         good = isinstance(each, JointConductance)
         check_kind_of(f"The conductance of {name!r}", each, good, "a JointConductance")
         opening = openings.get(name, 0.0)

@@ -29,6 +29,7 @@ from dolfinx_joints.loads.temperature.fields import (
     Face,
     face_values,
     factored,
+    field_of,
     scalar_space,
 )
 from dolfinx_joints.loads.temperature.joint_conductance import Joints, Openings, joint_term
@@ -75,7 +76,8 @@ def transient_temperatures(
         MeshError: There is no such group or joint.
     """
     ends = numbers_of(times)
-    if ends is None or ends.ndim != 1 or not _rise(ends):
+    rising = ends is not None and ends.ndim == 1 and ends.size and np.isfinite(ends).all()
+    if ends is None or not rising or not (np.diff(ends, prepend=0.0) > 0.0).all():
         raise ValueError(f"times is {shown(times)}; it must be rising, positive times [s].")
     space = scalar_space(jointed)
     parts = face_values(jointed, faces, day) if faces else None
@@ -84,18 +86,9 @@ def transient_temperatures(
     for end in ends:
         now = stepper.step(now, time, float(end) - time)
         time = float(end)
-        field = fem.Function(space, name="temperature")
-        field.x.array[: len(now)] = now
-        field.x.scatter_forward()
-        found.append(field)
+        found.append(field_of(space, now))
     stepper.destroy()
     return found
-
-
-def _rise(times: Floats) -> bool:
-    """Whether there are times, one after the other and after zero."""
-    good = np.isfinite(times).all() and (np.diff(times, prepend=0.0) > 0.0).all()
-    return len(times) > 0 and bool(good)
 
 
 def _first(space: Any, initial: Any) -> Floats:
@@ -112,12 +105,8 @@ def _first(space: Any, initial: Any) -> Floats:
 class _Stepper:
     """Steps of the temperatures at the rank's own nodes.
 
-    Args:
-        jointed: The mesh.
-        space: Scalar space.
-        parts: Mean, cosine and sine of given temperatures, (n, 3), NaN where none; None for none.
-        material: k and rho c.
-        through: Conductances and openings of joints.
+    ``parts`` are mean, cosine and sine of given temperatures, (n, 3), NaN where none; ``material``
+    is k and rho c, ``through`` conductances and openings of joints.
     """
 
     def __init__(
@@ -157,8 +146,7 @@ class _Stepper:
         """The values with the given temperatures of a time."""
         phase = FREQUENCY * time
         swing = self._parts @ np.array([1.0, math.cos(phase), math.sin(phase)])
-        given: Floats = np.where(self._known, swing, values)
-        return given
+        return np.where(self._known, swing, values)
 
     def _stage(self, before: Floats, time: float) -> Floats:
         """T with (M + gamma dt A) T = M before, and given temperatures at a time."""
@@ -170,8 +158,7 @@ class _Stepper:
         self._whole.mult(self._x, self._b)
         self._b.setArray(np.where(self._known, given, right - self._b.getArray()))
         self._ksp.solve(self._b, self._x)
-        found: Floats = self._x.getArray().copy()
-        return found
+        return self._x.getArray().copy()
 
     def _factor(self, dt: float) -> None:
         """Factor M + gamma dt A (collective)."""

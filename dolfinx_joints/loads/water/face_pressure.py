@@ -98,7 +98,6 @@ class WestergaardMass:
     density: Annotated[float, at.Ge(0), at.Unit("kg/m^3")] = 1000.0
 
     def __post_init__(self) -> None:
-        """Check the depth."""
         if isinstance(self.depth, float) and not self.depth > 0.0:
             raise ValueError(
                 f"WestergaardMass: depth is {self.depth:g} m; it must be positive and finite."

@@ -44,12 +44,7 @@ class Section:
     def harmonic_force(
         self, omega: float, velocity: NDArray[np.complex128]
     ) -> NDArray[np.complex128]:
-        """Force on the far end in steady vibration, shape (unknowns of the water,), [N].
-
-        Args:
-            omega: Circular frequency [rad/s].
-            velocity: Of the ground along each axis, shape (gdim,), complex, [m/s].
-        """
+        """Force on the far end in steady vibration, by the ground's complex velocity [m/s], [N]."""
         matrix = self.stiffness + 1j * omega * self.losses - omega**2 * self.mass
         place = splu(csc_array(matrix)).solve(self.driven @ velocity)
         return np.asarray(self.by_place @ place + 1j * omega * (self.by_rate @ place))
@@ -70,7 +65,6 @@ class FarField:
     def __init__(
         self, section: Section, velocities: Sequence[Sequence[TimeFactor]], step: float
     ) -> None:
-        """Factor the section's matrix."""
         self._section, self._velocities, self._step = section, velocities, step
         matrix = 2.0 / step**2 * section.mass + section.losses / step + 0.5 * section.stiffness
         self._factor = splu(csc_array(matrix))

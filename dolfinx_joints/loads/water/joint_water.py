@@ -15,9 +15,9 @@ from typing import Annotated, Any, Literal
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
@@ -64,7 +64,6 @@ class SeepageLine:
     gravity: Annotated[float, at.Ge(0), at.Unit("m/s^2")] = STANDARD_GRAVITY
 
     def __post_init__(self) -> None:
-        """Check that there is a way."""
         if len(self.start) != len(self.end) or np.array_equal(self.start, self.end):
             raise ValueError(
                 f"SeepageLine: end is {self.end}; it must be another point than start "
@@ -106,7 +105,6 @@ class Uplift:
     factor: TimeFactor = always
 
     def __post_init__(self) -> None:
-        """Check the pressure."""
         _check_pressure("Uplift: pressure", self.pressure)
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
@@ -152,7 +150,6 @@ class JointWater:
     factor: TimeFactor = always
 
     def __post_init__(self) -> None:
-        """Check the pressure of the closed joint."""
         _check_pressure("JointWater: closed", self.closed)
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
@@ -221,11 +218,11 @@ class WaterInJoint:
             own = np.where(own == Wetness.FULL, own, now).astype(np.int8)
         return own
 
-    def _open(self, gap: Floats) -> NDArray[np.bool_]:
+    def _open(self, gap: Floats) -> Flags:
         return np.asarray(self._here & (gap[:, 0] > self._load.aperture))
 
 
-def joint_points(model: LoadedBody, load: JointLoad) -> NDArray[np.bool_]:
+def joint_points(model: LoadedBody, load: JointLoad) -> Flags:
     """Which of the local joint points belong to the joint of a load, shape (n,)."""
     names = () if model.operator is None else model.operator.names
     if model.operator is None or load.joint not in names:
@@ -234,9 +231,7 @@ def joint_points(model: LoadedBody, load: JointLoad) -> NDArray[np.bool_]:
     return np.asarray(model.operator.joint == names.index(load.joint))
 
 
-def given_pressure(
-    model: LoadedBody, load: JointLoad, what: str, here: NDArray[np.bool_]
-) -> Floats:
+def given_pressure(model: LoadedBody, load: JointLoad, what: str, here: Flags) -> Floats:
     """A pressure that is a number or a function, at the points ``here``, zero elsewhere [Pa].
 
     Collective.

@@ -8,16 +8,14 @@ from typing import Any
 
 import basix
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import RowsAt, blocks_of, of_ranks, rows_at, sent_to, set_rows
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.mesh.blocks import connected, first_at_places
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
-
-Mask = NDArray[np.bool_]
 
 # Of the shortest edge: nodes at the same place.
 SAME_PLACE = 1e-6
@@ -45,7 +43,7 @@ class OpenPaths:
         near = SAME_PLACE * float(of_ranks(comm, np.array(least)).min())
         wet = model.V.tabulate_dof_coordinates()[model.nodes(group)]
         facets = np.flatnonzero(model.jointed.pairs.joint == number)
-        self._starts: Mask = np.zeros(len(layout.areas), dtype=bool)
+        self._starts: Flags = np.zeros(len(layout.areas), dtype=bool)
         if bool((layout.rule < 1e-9).any()):  # points on the edge of a facet: a nodal rule
             here = layout.joint == number
             place, is_wet = _places(comm, layout.points[here], wet, near)
@@ -73,7 +71,7 @@ class OpenPaths:
         self._size = len(points) + len(hubs)
         self._linked = RowsAt(comm, len(self._starts), points)
 
-    def reached(self, open_points: Mask) -> Mask:
+    def reached(self, open_points: Flags) -> Flags:
         """Which of the local open points are reached (collective)."""
         passable = self._linked(open_points)
         kept = passable[self._point]
@@ -88,7 +86,7 @@ class OpenPaths:
         return found
 
 
-def _places(comm: Any, points: Floats, wet: Floats, near: float) -> tuple[Ints, Mask]:
+def _places(comm: Any, points: Floats, wet: Floats, near: float) -> tuple[Ints, Flags]:
     """Number of the place of each point, and whether a wet node is there (collective)."""
     place = first_at_places(comm, np.concatenate([points, wet]), near)
     is_wet = np.zeros(len(place), dtype=bool)

@@ -12,9 +12,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.arrays import Ints
 from dolfinx_joints.loads.load import Codes, FollowsJoints, Load
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.loads.water.joint_water import Uplift, label, opening_force
@@ -23,24 +23,14 @@ from dolfinx_joints.mesh.cells import Floats
 
 @dataclass(frozen=True)
 class _End:
-    """The water at one end of a step.
-
-    Attributes:
-        codes: Wetness of the local points.
-        forces: Of each load, its factor left out [N].
-    """
+    """Water at one end of a step: wetness of local points, forces of loads without factors [N]."""
 
     codes: Codes
     forces: list[PETSc.Vec]
 
 
 class JointWaters:
-    """All loads of a system that depend on the state of its joints.
-
-    Attributes:
-        names: Names of the loads.
-        joints: Names of all joints of the body.
-    """
+    """Loads of a system that depend on the state of its joints; ``joints`` names all of these."""
 
     def __init__(
         self, model: LoadedBody, loads: Mapping[str, FollowsJoints], *, waves: bool = False
@@ -114,7 +104,7 @@ class JointWaters:
             for part, before, after in ends
         }
 
-    def toggled(self, codes: Codes, others: Codes) -> NDArray[np.int64]:
+    def toggled(self, codes: Codes, others: Codes) -> Ints:
         """Points of each joint on all ranks in which codes differ (collective)."""
         differ = np.bincount(
             self._operator.joint, codes != others, minlength=len(self._operator.names)

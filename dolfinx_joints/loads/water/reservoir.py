@@ -69,11 +69,9 @@ class ReservoirMass:
     sound_speed: Annotated[float, at.Gt(0), at.Unit("m/s")] = 1440.0
 
     def __post_init__(self) -> None:
-        """Check the direction."""
         check_upstream(self)
 
     def __str__(self) -> str:
-        """Its name in error messages."""
         return f"ReservoirMass on {shown(self.group)}"
 
     def matrix(self, model: LoadedBody) -> PETSc.Mat:
@@ -118,7 +116,6 @@ class ReservoirMass:
             ) from None
 
     def _check_size(self, nodes: int, dofs: int, free: float) -> None:
-        """Check that the matrix fits into memory."""
         needed = 8.0 * SLAB_MATRICES * nodes**2 + MASS_BYTES * dofs**2
         if needed > SHARE * free:
             raise ValueError(

@@ -13,9 +13,9 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import locate_entities_boundary, meshtags
-from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.common.mpi import raised_together
@@ -72,7 +72,6 @@ class MeshedReservoir:
     gravity_waves: bool = False
 
     def __post_init__(self) -> None:
-        """Check the mesh and its groups."""
         good = isinstance(self.mesh, JointedMesh)
         check_kind_of(f"{self}: mesh", self.mesh, good, "a mesh, as from read_msh")
         if self.mesh.mesh.comm.size > 1:
@@ -84,7 +83,6 @@ class MeshedReservoir:
             self.mesh.facets(name)
 
     def __str__(self) -> str:
-        """Its name in error messages."""
         return f"MeshedReservoir on {shown(self.group)}"
 
     def water(self, model: LoadedBody) -> Water:
@@ -169,7 +167,6 @@ class _Meshed:
                 self.driven[:, axis] += flux[self._kept]
 
     def _matrix(self, form: Any) -> csr_array:
-        """Matrix of a form, of the unknowns alone."""
         found = fem.assemble_matrix(fem.form(form)).to_scipy()
         return csr_array(found)[self._kept][:, self._kept]
 
@@ -194,7 +191,6 @@ class _Meshed:
         return WaterCells(surface=x[dry], nodes=number[table][:, order], kind=kind)
 
     def rows(self, first: int, last: int) -> WaterRows:
-        """Rows of the unknowns from one up to another."""
         mass, stiffness, losses = (matrix[first:last] for matrix in self._matrices)
         return WaterRows(mass=mass, stiffness=stiffness, losses=losses)
 
@@ -223,21 +219,16 @@ class _Meshed:
     def _closest(self, places: Floats, sizes: Floats) -> tuple[ClosestPoints, _Gap]:
         """Return the closest points of the water's face to places on the dam's, and the worst gap.
 
-        Args:
-            places: Shape (n, gdim), [m].
-            sizes: Longest sides of the dam's facets there, shape (n,), [m].
-
-        Returns:
-            All points, or that of the farthest place alone if its gap is too large: all facets
-            may have about the same distance to a place that is far away.
+        ``sizes`` are the longest sides of the dam's facets there [m]. If the worst gap is too
+        large, the points are that of its place alone: all facets may have about the same distance
+        to a place that is far away.
         """
-        farthest = [int(self._face.sample_distances(places).argmax())]
-        found = self._face.closest(places[farthest])
-        gap = self._gap(places[farthest], sizes[farthest], found)
-        if not gap.allowed:
-            return found, gap
-        found = self._face.closest(places)
-        return found, self._gap(places, sizes, found)
+        for some in ([int(self._face.sample_distances(places).argmax())], slice(None)):
+            found = self._face.closest(places[some])
+            gap = self._gap(places[some], sizes[some], found)
+            if not gap.allowed:
+                break
+        return found, gap
 
     def _gap(self, places: Floats, sizes: Floats, found: ClosestPoints) -> _Gap:
         """Return the worst gap at places with sizes as in `_closest`."""
@@ -252,7 +243,6 @@ class _Meshed:
         )
 
     def _check(self, worst: _Gap) -> None:
-        """Check the largest gap between the faces, of all ranks."""
         if worst.allowed:
             return
         place = ", ".join(f"{value:.4g}" for value in worst.place)
@@ -270,7 +260,7 @@ class _Meshed:
         )
 
     def _entries(
-        self, points: WettedPoints, acts: NDArray[np.bool_], found: ClosestPoints, model: LoadedBody
+        self, points: WettedPoints, acts: Flags, found: ClosestPoints, model: LoadedBody
     ) -> tuple[Floats, tuple[Ints, Ints]]:
         """Values with rows and columns of the points (pieces, q) of the body's face that act."""
         basis, dofs = self._face.shape_functions(found.local), self._of_face[found.facet]
@@ -302,5 +292,4 @@ class _Gap:
 
     @property
     def allowed(self) -> bool:
-        """Whether the faces are the same surface there."""
         return self.part <= OUTSIDE

@@ -81,7 +81,6 @@ class ReservoirWaves:
     layers: Annotated[int, at.Ge(1)] | None = None
 
     def __post_init__(self) -> None:
-        """Check what is no plain parameter."""
         check_upstream(self)
         if self.absorbing_length > self.length:
             raise ValueError(
@@ -90,7 +89,6 @@ class ReservoirWaves:
             )
 
     def __str__(self) -> str:
-        """Its name in error messages."""
         return f"ReservoirWaves on {shown(self.group)}"
 
     def water(self, model: LoadedBody) -> Water:
@@ -261,9 +259,7 @@ def _lengths(s: Floats) -> Floats:
 def _line(s: Floats, weight: Callable[[Floats], Floats] | None = None) -> list[csr_array]:
     """Integrals of N N, N' N' and N N' of the linear shape functions of a line's nodes.
 
-    Args:
-        s: Places of the nodes, shape (n,), [m].
-        weight: Factor of N N at places, taken in the middle of elements.
+    Nodes are at s, shape (n,), [m]; the weight is a factor of N N, taken in the middle of elements.
     """
     size, h = len(s), np.diff(s)
     factor = np.ones_like(h) if weight is None else weight(s[:-1] + h / 2.0)
@@ -295,12 +291,10 @@ class _Edges:
     apex: Floats
 
     def __getitem__(self, chosen: Ints) -> _Edges:
-        """Some of them."""
         return _Edges(nodes=self.nodes[chosen], ends=self.ends[chosen], apex=self.apex[chosen])
 
 
 def _edges(face: WaterFace) -> _Edges:
-    """Those of all parts."""
     axes = face.corners.shape[2]
     others = [[j for j in range(axes) if j != i] for i in range(axes)]
     return _Edges(
@@ -311,7 +305,6 @@ def _edges(face: WaterFace) -> _Edges:
 
 
 def _on_level(face: WaterFace) -> _Edges:
-    """Edges on the level."""
     edges = _edges(face)
     return edges[np.flatnonzero((edges.nodes >= face.below).all(axis=1))]
 

@@ -20,7 +20,12 @@ from dolfinx_joints.common.parameters import check_vector, shown
 from dolfinx_joints.loads.load import Vector
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.loads.water.reservoir_slabs import SURFACE, WaterFace, clipped, lidded
-from dolfinx_joints.loads.water.wetted_facets import WettedFacets, WettedPoints, wetted_facets
+from dolfinx_joints.loads.water.wetted_facets import (
+    WettedFacets,
+    WettedPoints,
+    sizes,
+    wetted_facets,
+)
 from dolfinx_joints.mesh.blocks import same_places
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
@@ -102,12 +107,8 @@ def wet_face(
 ) -> WetFace:
     """The wet face of a reservoir (collective).
 
-    Args:
-        model: The body.
-        water: The reservoir.
-        order: Numbers the nodes of the body; those of the water are then in the same order, first
-            those below the level and then those on it.
-        surface_moves: Whether nodes on the level have a pressure.
+    With ``order`` nodes of the water are in that of the body's, first those below the level and
+    then those on it, which have a pressure if ``surface_moves``.
 
     Raises:
         ValueError: The face ends below the level, or a part of it does not look upstream.
@@ -158,7 +159,6 @@ def _direction(water: MovedFace, area: Floats) -> Floats:
 
 
 def _check_top(water: MovedFace, highest: float, lowest: float) -> None:
-    """Check that the face reaches up to the level."""
     if lowest < water.level and highest < water.level - ON_LEVEL * (highest - lowest):
         raise ValueError(
             f"{water}: the level is {water.level:g} m, but the face ends at {highest:g} m; it "
@@ -184,7 +184,6 @@ class _Face:
     """Facets of this rank as lines or triangles, along their middle nodes where they have some."""
 
     def __init__(self, facets: WettedFacets) -> None:
-        """Divide the facets."""
         self._facets = facets
         count, nodes = facets.nodes.shape
         gdim = facets.places.shape[2]
@@ -230,11 +229,7 @@ class _Face:
         """The numbers in the order of the body's nodes, on any number of ranks (collective)."""
         wet = numbers != SURFACE
         pairs = np.column_stack([numbers[wet], nodes.number[self._nodes[wet]]])
-        pairs = np.concatenate(comm.allgather(pairs))
-        least = np.full(count, np.iinfo(np.int64).max)
-        np.minimum.at(least, pairs[:, 0], pairs[:, 1])
-        place = np.empty(count, dtype=np.int64)
-        place[np.argsort(least)] = np.arange(count)
+        place = _places_by_key(count, *np.concatenate(comm.allgather(pairs)).T)
         return np.append(place, SURFACE)[numbers]
 
     def wet_parts(
@@ -242,11 +237,7 @@ class _Face:
     ) -> tuple[_WetParts, int]:
         """The parts below the level, and the number of all their nodes (collective).
 
-        Args:
-            comm: Communicator.
-            numbers: Of the corners of the face, from `numbers` or `in_order`.
-            below: Number of nodes below the level; those on it are numbered after them.
-            order: Numbers the nodes of the body.
+        Corners have numbers from `numbers` or `in_order`, nodes on the level higher ones.
         """
         depths = self._level - self._corners[:, :, -1]
         depths = np.where(numbers == SURFACE, np.minimum(depths, 0.0), depths)
@@ -254,7 +245,7 @@ class _Face:
         whole, shares, which = clipped(depths)
         corners = np.einsum("pab,pbi->pai", shares, self._corners[whole])
         places = np.einsum("pab,pbi->pai", shares, self._places[whole])
-        size = np.sqrt(np.linalg.det(_gram(places)))
+        size = sizes(places)
         kept = size > 1e-12
         whole, corners, places, which = whole[kept], corners[kept], places[kept], which[kept]
         nodes = np.take_along_axis(numbers[whole], np.maximum(which, 0), axis=1)
@@ -280,14 +271,20 @@ class _Face:
         return parts, below + count
 
 
-def _edge_keys(nodes: Ints, shares: Floats, order: NodeNumbering | None) -> Ints:
-    """What sorts corners on the level in the order of the body's nodes, shape (n,).
+def _places_by_key(count: int, label: Ints, keys: Ints) -> Ints:
+    """Place of each label in the order of its least key, shape (count,)."""
+    least = np.full(count, np.iinfo(np.int64).max)
+    np.minimum.at(least, label, keys)
+    place = np.empty(count, dtype=np.int64)
+    place[np.argsort(least, kind="stable")] = np.arange(count)
+    return place
 
-    Args:
-        nodes: Of the whole triangle or line that each is of, shape (n, gdim).
-        shares: Barycentric coordinates in it, zero but for the ends of the edge that the level
-            cuts, or the node on it, shape (n, gdim).
-        order: Numbers the nodes of the body; all keys are alike without it.
+
+def _edge_keys(nodes: Ints, shares: Floats, order: NodeNumbering | None) -> Ints:
+    """What sorts corners on the level in the order of the body's nodes, alike without, shape (n,).
+
+    Each is of a whole triangle or line, whose nodes and shares (barycentric coordinates) are given,
+    these zero but for the ends of the edge that the level cuts, or the node on it.
     """
     if order is None:
         return np.zeros(len(nodes), dtype=np.int64)
@@ -299,11 +296,7 @@ def _edge_keys(nodes: Ints, shares: Floats, order: NodeNumbering | None) -> Ints
 def _level_numbers(comm: Any, points: Floats, keys: Ints, shortest: float) -> tuple[Ints, int]:
     """Number of each corner on the level, and of all of them, in the order of keys (collective).
 
-    Args:
-        comm: Communicator.
-        points: Coordinates of this rank's corners, shape (n, gdim), [m].
-        keys: One for each, shape (n,).
-        shortest: Side of a part at one of them [m].
+    Points are this rank's corners, ``shortest`` is the side of a part at one of them [m].
     """
     every = comm.gather((points, keys, shortest), root=0)
 
@@ -311,11 +304,9 @@ def _level_numbers(comm: Any, points: Floats, keys: Ints, shortest: float) -> tu
         places, keys = (np.concatenate([each[i] for each in every]) for i in (0, 1))
         distance = SAME_CORNER * min(each[2] for each in every)
         _, label = np.unique(same_places(places, distance), return_inverse=True)
-        least = np.full(int(label.max(initial=-1)) + 1, np.iinfo(np.int64).max)
-        np.minimum.at(least, label, keys)
-        number = np.empty(len(least), dtype=np.int64)
-        number[np.argsort(least, kind="stable")] = np.arange(len(least))
-        return np.split(number[label], np.cumsum([len(each[0]) for each in every])[:-1]), len(least)
+        number = _places_by_key(int(label.max(initial=-1)) + 1, label, keys)
+        ends = np.cumsum([len(each[0]) for each in every])
+        return np.split(number[label], ends[:-1]), len(number)
 
     each, count = on_root(comm, work)
     return each[comm.rank], count
@@ -350,12 +341,6 @@ class _WetParts:
         columns = np.broadcast_to(dofs[:, None], values.shape)
         wet = rows < count
         return rows[wet], columns[wet], values[wet]
-
-
-def _gram(simplices: Floats) -> Floats:
-    """Gram matrices of the edges of lines or triangles (n, corners, dim)."""
-    edges = simplices[:, 1:] - simplices[:, :1]
-    return np.einsum("nid,njd->nij", edges, edges)
 
 
 def _gathered(comm: Any, part: NDArray[Any]) -> NDArray[Any]:

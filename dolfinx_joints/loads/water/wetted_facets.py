@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dolfinx_joints.mesh import dolfinx_versions
-from dolfinx_joints.mesh.cells import Floats, Ints, facet_slots
+from dolfinx_joints.mesh.cells import Floats, Ints, facet_slots, lagrange
 from dolfinx_joints.mesh.closest_points import longest_sides
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
@@ -69,16 +69,10 @@ class WettedFacets:
     def __init__(
         self, space: Any, jointed: JointedMesh, facets: NDArray[Any], level: float
     ) -> None:
-        """Cut the facets into pieces."""
         mesh, self._shape, self._level = jointed.mesh, jointed.shape, level
         self._gdim = mesh.geometry.dim
         self._geometry = jointed.shape.element()
-        self._displacement = basix.create_element(
-            basix.ElementFamily.P,
-            jointed.shape.type,
-            space.ufl_element().degree,
-            basix.LagrangeVariant.gll_warped,
-        )
+        self._displacement = lagrange(jointed.shape.type, space.ufl_element().degree)
         fdim = mesh.topology.dim - 1
         cells, self._local = facet_slots(mesh, facets)
         closure = space.dofmap.dof_layout.entity_closure_dofs
@@ -133,7 +127,8 @@ class WettedFacets:
         degree *= 4 if len(self._shape.facet_vertices[0]) == 4 else 2
         barycentric, weights = slices(self._depth(facet, corners), degree)
         points = np.einsum("npc,ncd->npd", barycentric, corners)
-        return self.at(facet, points, weights * _measure(corners)[:, None])
+        size = sizes(corners) / (1 if corners.shape[1] == 2 else 2)
+        return self.at(facet, points, weights * size[:, None])
 
     def at(self, facet: Ints, points: Floats, weights: Floats) -> WettedPoints:
         """Points of the reference cells, mapped to the mesh.
@@ -249,8 +244,7 @@ def _divided(count: int) -> Floats:
     return np.array([[(n - i - j, i, j) for i, j in part] for part in up + down]) / n
 
 
-def _measure(corners: Floats) -> Floats:
-    """Length or area of pieces in the reference cell, shape (n,)."""
-    edges = corners[:, 1:] - corners[:, :1]
-    gram = np.einsum("nid,njd->nij", edges, edges)
-    return np.sqrt(np.linalg.det(gram)) / (1 if edges.shape[1] == 1 else 2)
+def sizes(simplices: Floats) -> Floats:
+    """Length of lines, twice the area of triangles (n, corners, dim), shape (n,)."""
+    edges = simplices[:, 1:] - simplices[:, :1]
+    return np.sqrt(np.linalg.det(np.einsum("nid,njd->nij", edges, edges)))

@@ -17,9 +17,10 @@ from dolfinx.mesh import exterior_facet_indices
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from dolfinx_joints.common.arrays import Flags
 from dolfinx_joints.common.errors import MeshError, warn
 from dolfinx_joints.common.mpi import blocks_of, raised_together, sent_to
-from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, facet_slots
+from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, facet_slots, middle
 from dolfinx_joints.mesh.dolfinx_versions import geometry_nodes
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.mesh.orientation import facet_normals
@@ -33,11 +34,7 @@ TOUCHING = 1e-6  # of a facet's size: facets that are nearer touch
 def check_cells(comm: Any, shape: CellShape, cells: Ints, x: Floats) -> None:
     """Check that cells have a volume and occur once, and facets belong to two cells (collective).
 
-    Args:
-        comm: Communicator of the mesh.
-        shape: Reference cell.
-        cells: Nodes of the cells of this rank, numbered over all ranks, shape (n, nodes of a cell).
-        x: Coordinates of these nodes, shape (n, nodes of a cell, gdim), [m].
+    Cells are this rank's, with nodes numbered over all ranks; x has the places of these [m].
 
     Raises:
         MeshError: A coordinate is not finite, or a cell or facet is wrong.
@@ -45,7 +42,7 @@ def check_cells(comm: Any, shape: CellShape, cells: Ints, x: Floats) -> None:
     start, local = blocks_of(comm, len(cells))[comm.rank], shape.facet_vertices
 
     def refuse(wrong: Ints, what: str) -> None:
-        first = [(start + cell, _place(x[cell])) for cell in wrong[:1]]
+        first = [(start + cell, middle(x[cell])) for cell in wrong[:1]]
         found = comm.allgather((len(wrong), first))
         if count := sum(number for number, _ in found):
             number, place = min(first for _, each in found for first in each)
@@ -85,26 +82,17 @@ def warn_of_untied(jointed: JointedMesh) -> None:
     if found is not None and (count := sum(number for number, _ in found)):
         first = min(place for _, places in found for place in places)
         warn(
-            f"{count} boundary facets touch others, the first around {_place(np.array([first]))}: "
+            f"{count} boundary facets touch others, the first around {middle(np.array([first]))}: "
             "the parts of the body are not connected there and can pass through each other. Mesh "
             "them conforming (in Gmsh occ.fragment), or name the faces of a joint NAME- and NAME+."
         )
 
 
-def _with_neighbours(
-    comm: Any, x: Floats, inner: Floats
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+def _with_neighbours(comm: Any, x: Floats, inner: Floats) -> tuple[Floats, Floats, Flags]:
     """Return the facets of some cubes of space, those that reach into them included (collective).
 
-    The cubes are dealt to the ranks by their hash, so that no rank holds the whole surface.
-
-    Args:
-        comm: Communicator.
-        x: Vertices of the facets of this rank, shape (n, vertices, gdim), [m].
-        inner: A point in the cell of each, shape (n, gdim), [m].
-
-    Returns:
-        The same of the facets that this rank compares, and True for those centred in its cubes.
+    The cubes are dealt to the ranks by their hash, so that no rank holds the whole surface. What is
+    returned are `_touching`'s arguments; its own facets are those centred in this rank's cubes.
     """
     if comm.size == 1:
         return x, inner, np.ones(len(x), dtype=bool)
@@ -129,7 +117,7 @@ def _rank_of(comm: Any, cube: Ints) -> Ints:
     return (key % np.uint64(comm.size)).astype(np.int64)
 
 
-def _touching(x: Floats, inner: Floats, own: NDArray[np.bool_]) -> Floats:
+def _touching(x: Floats, inner: Floats, own: Flags) -> Floats:
     """Return the centres of own facets that lie on another facet with the opposite normal.
 
     Args:
@@ -161,8 +149,8 @@ def _touching(x: Floats, inner: Floats, own: NDArray[np.bool_]) -> Floats:
 def _jacobians(shape: CellShape, x: Floats) -> Floats:
     """Derivatives of the coordinates at the middle of each cell, shape (n, gdim, dim)."""
     element = shape.element()
-    middle = element.points[: int(shape.facet_vertices.max()) + 1].mean(axis=0)
-    return np.tensordot(x, element.tabulate(1, middle[None])[1:, 0, :, 0], axes=(1, 1))
+    centre = element.points[: int(shape.facet_vertices.max()) + 1].mean(axis=0)
+    return np.tensordot(x, element.tabulate(1, centre[None])[1:, 0, :, 0], axes=(1, 1))
 
 
 def _mixed(nodes: Ints) -> NDArray[np.uint64]:
@@ -179,8 +167,3 @@ def _repeated(comm: Any, keys: NDArray[np.uint64], most: int) -> Ints:
     here = np.sort(keys if comm.size == 1 else sent_to(comm, rank, keys))
     every = np.concatenate(comm.allgather(here[most:][here[most:] == here[:-most]]))
     return np.flatnonzero(np.isin(keys, every)) if len(every) else np.empty(0, dtype=np.int64)
-
-
-def _place(x: Floats) -> str:
-    """Mean of some points, for messages."""
-    return f"({', '.join(f'{value:.4g}' for value in x.mean(axis=0))})"

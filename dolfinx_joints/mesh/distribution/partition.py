@@ -21,13 +21,7 @@ from dolfinx_joints.mesh.joint_pairs import JointPairs
 
 
 def glued(pairs: JointPairs, start: int, stop: int) -> Ints:
-    """Number of each node from ``start`` to ``stop`` where the joints are glued together.
-
-    Args:
-        pairs: All facet pairs.
-        start: First node.
-        stop: The node after the last.
-    """
+    """Number of each node from ``start`` to ``stop`` where the joints are glued together."""
     sides = np.stack([pairs.minus_vertices, pairs.plus_vertices])
     nodes, place = np.unique(sides, return_inverse=True)
     one, other = place.reshape(2, -1)
@@ -40,12 +34,7 @@ def glued(pairs: JointPairs, start: int, stop: int) -> Ints:
 
 
 def partitioner_across(pairs: JointPairs, number: Ints) -> Callable[..., Any]:
-    """A partitioner for `dolfinx.mesh.create_mesh`.
-
-    Args:
-        pairs: This rank's share of the facet pairs.
-        number: Of this rank's nodes those of `glued`.
-    """
+    """A partitioner for `dolfinx.mesh.create_mesh`, ``number`` being this rank's of `glued`."""
     by_facets = dolfinx_versions.cell_partitioner()
 
     def partition(comm: Any, parts: int, cell_types: Any, cells: list[Any]) -> Any:

@@ -81,7 +81,6 @@ def write_split(path: str | Path, mesh: JointedMesh, *, overwrite: bool = False)
 
 
 def _rows(share: PreparedMesh) -> dict[str, Any]:
-    """The datasets of a file by name."""
     return {
         **{name: getattr(share, name) for name in MESH_ROWS},
         **{name: getattr(share.pairs, name) for name in _PAIR_ROWS},
@@ -129,7 +128,6 @@ def read_split(path: str | Path, comm: Any) -> JointedMesh:
 
 
 def _read(path: Path, rank: int, ranks: int) -> PreparedMesh:
-    """The share of a rank."""
     check_file(path, f"Mesh file {str(path)!r} does not exist.", MeshError)
     check_superblock(path, MeshError)
     with damage_reported(path, MeshError, "is no split mesh, or a damaged one"):
@@ -170,7 +168,6 @@ def _read(path: Path, rank: int, ranks: int) -> PreparedMesh:
 
 
 def _check(share: PreparedMesh, counts: dict[str, int]) -> None:
-    """Check that rows have the shapes of the cells, and name what is there."""
     shape, pairs = share.shape, share.pairs
     facets, corners = shape.facet_vertices.shape
     rows = _rows(share)

@@ -17,11 +17,7 @@ _DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron":
 
 
 def mesh_of_arrays(
-    cell: str,
-    x: Any,
-    cells: Any,
-    facet_groups: Mapping[str, Any],
-    cell_groups: Mapping[str, Any],
+    cell: str, x: Any, cells: Any, facet_groups: Mapping[str, Any], cell_groups: Mapping[str, Any]
 ) -> RawMesh:
     """The mesh of arrays as `mesh_from_arrays` takes them."""
     check_choice("cell", cell, _DIMENSION)

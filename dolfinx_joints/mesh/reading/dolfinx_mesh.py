@@ -7,7 +7,7 @@ Cells and nodes have the numbers that they had when the mesh was made, which no 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -31,7 +31,7 @@ from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints, RawMesh, check_curves, facet_slots
 from dolfinx_joints.mesh.distribution.shares import PreparedMesh
 from dolfinx_joints.mesh.joint_pairs import JointPairs
-from dolfinx_joints.mesh.preparation import check_names, prepare, tag_sets
+from dolfinx_joints.mesh.preparation import check_names, members, prepare, tag_sets
 
 
 def split_share(
@@ -48,10 +48,17 @@ def split_share(
     """
     comm, tdim, shape = mesh.comm, mesh.topology.dim, _shape(mesh)
     facets = _group_entities(mesh, tdim - 1, groups, facet_tags)
-    members = _group_entities(mesh, tdim, cell_groups, cell_tags)
+    cells_of_groups = _group_entities(mesh, tdim, cell_groups, cell_tags)
     check_names(facets)
     with raised_together(comm):
-        original = _order_of_cells(mesh)
+        try:
+            original = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
+        except RuntimeError:
+            raise MeshError(
+                "The mesh does not know in which order its cells were made, as one from "
+                "create_submesh does not; make it with create_mesh, or write it to a file for "
+                "read_xdmf."
+            ) from None
     cell_map, node_map = mesh.topology.index_map(tdim), mesh.geometry.index_map()
     owned, nodes = slice(cell_map.size_local), slice(node_map.size_local)
     number = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
@@ -62,7 +69,8 @@ def split_share(
         check_curves(shape, x, local, "The mesh")
 
     rows = _facet_rows(mesh, shape, cells, original, facets)
-    of_joints = {k: name for k, name in enumerate(facets) if _is_of_joint(name, joints)}
+    sides = {name + end for name in joints for end in ("", "-", "+")}  # or duplicated already
+    of_joints = {k: name for k, name in enumerate(facets) if name in sides}
     at_joints = np.concatenate(comm.allgather(rows[np.isin(rows[:, 2], list(of_joints))]))
     corners = cells[owned, : int(shape.facet_vertices.max()) + 1]
     near = np.flatnonzero(np.isin(corners, at_joints[:, 3:]).any(axis=1))
@@ -85,6 +93,9 @@ def split_share(
     set_rows(comm, glued, node, split.glued)
     facet_values = np.zeros((len(table), len(shape.facet_vertices)), dtype=np.int32)
     cell_values = np.zeros(len(table), dtype=np.int32)
+    of_cells = {name: original[each, None] for name, each in cells_of_groups.items()}
+    tagged, tags, cell_groups = _tagged(comm, len(table), of_cells)
+    cell_values[tagged[:, 0]] = tags
     return PreparedMesh(
         shape=shape,
         cells=table,
@@ -93,14 +104,9 @@ def split_share(
         x=dealt(comm, every, *x_of_all),
         glued=glued,
         pairs=split.pairs,
-        cell_groups=_cell_values(comm, cell_values, original, members),
+        cell_groups=cell_groups,
         facet_groups=_facet_values(comm, facet_values, rows, list(facets), split.pairs),
     )
-
-
-def _is_of_joint(name: str, joints: list[str]) -> bool:
-    """Whether a group is a joint, or the side of one whose faces are duplicated already."""
-    return name in joints or (name[-1:] in ("-", "+") and name[:-1] in joints)
 
 
 def _split_near(
@@ -114,14 +120,8 @@ def _split_near(
 ) -> tuple[Ints, Ints, PreparedMesh]:
     """Split the cells that touch a joint, on rank 0 (collective).
 
-    Args:
-        comm: Communicator of the mesh.
-        shape: Reference cell.
-        cells: Number and nodes of each of these cells that this rank owns.
-        points: Numbers and coordinates of their nodes.
-        facet_groups: Vertices of the facets of each joint, or side.
-        joints: Names of the joints.
-        num_nodes: Number of the first node that is new.
+    Cells and points are numbers with nodes, or with coordinates, of this rank's; new nodes have
+    numbers from ``num_nodes`` on.
 
     Returns:
         Numbers of the cells and of the nodes, and what there is of each, in these numbers; nothing
@@ -192,72 +192,45 @@ def _facet_values(
 ) -> dict[str, tuple[int, ...]]:
     """Tag the facets of this rank's block of cells; the tags of each group (collective).
 
-    Args:
-        comm: Communicator of the mesh.
-        values: Receives the tags, shape (cells, facets of a cell).
-        rows: What `_facet_rows` gives.
-        groups: The groups.
-        pairs: The facet pairs, on rank 0.
+    ``values`` receives the tags, rows are of `_facet_rows`, the facet pairs are on rank 0.
     """
-    names = [name for name in groups if name not in pairs.names]
-    sides = [
-        (f"{name}{end}", side, i)
-        for i, name in enumerate(pairs.names)
-        for end, side in (("-", pairs.minus), ("+", pairs.plus))
-    ]
-    names = list(dict.fromkeys([*names, *(name for name, *_ in sides)]))
+    slots = {name: rows[rows[:, 2] == k, :2] for k, name in enumerate(groups)}
     # Of a facet on a joint, `rows` have one of the two faces; other groups get that across too.
     number = np.array([values.shape[1], 1])  # of a facet of a cell, by a product
     one, across = np.vstack([pairs.minus, pairs.plus]), np.vstack([pairs.plus, pairs.minus])
     of_joint = np.isin(rows[:, 2], [k for k, name in enumerate(groups) if name in pairs.names])
     doubled = np.isin(rows[:, :2] @ number, rows[of_joint, :2] @ number) & ~of_joint
     shared = np.concatenate(comm.allgather(rows[doubled, :3]))
-    parts = [rows[:0, :3]]
     for k, name in enumerate(groups):
-        if name in names:
-            slots = rows[rows[:, 2] == k, :2]
-            here = np.isin(one @ number, shared[shared[:, 2] == k, :2] @ number)
-            slots = np.vstack([slots, across[here]])
-            parts.append(np.column_stack([slots, np.full(len(slots), names.index(name))]))
-    for name, side, i in sides:
-        slots = side[pairs.joint == i]
-        parts.append(np.column_stack([slots, np.full(len(slots), names.index(name))]))
-    first, members = _to_blocks(comm, len(values), np.concatenate(parts))
-    found, tags, of_groups = tag_sets(members[:, :2], members[:, 2], names, _of_all(comm))
-    values[found[:, 0] - first, found[:, 1]] = tags
+        here = np.isin(one @ number, shared[shared[:, 2] == k, :2] @ number)
+        slots[name] = np.vstack([slots[name], across[here]])
+    for i, name in enumerate(pairs.names):
+        slots.pop(name, None)
+        for end, side in (("-", pairs.minus), ("+", pairs.plus)):
+            none = np.empty((0, 2), dtype=np.int64)
+            slots[name + end] = np.vstack([slots.get(name + end, none), side[pairs.joint == i]])
+    found, tags, of_groups = _tagged(comm, len(values), slots)
+    values[found[:, 0], found[:, 1]] = tags
     return of_groups
 
 
-def _cell_values(
-    comm: Any, values: NDArray[np.int32], original: Ints, groups: dict[str, NDArray[np.int32]]
-) -> dict[str, tuple[int, ...]]:
-    """Tag this rank's block of cells, shape (cells,); the tags of each group (collective)."""
-    parts = [np.empty((0, 2), dtype=np.int64)]
-    parts += [
-        np.column_stack([original[each], np.full(len(each), k)])
-        for k, each in enumerate(groups.values())
-    ]
-    first, members = _to_blocks(comm, len(values), np.concatenate(parts))
-    found, tags, of_groups = tag_sets(members[:, :1], members[:, 1], groups, _of_all(comm))
-    values[found[:, 0] - first] = tags
-    return of_groups
+def _tagged(
+    comm: Any, num_cells: int, slots: dict[str, Ints]
+) -> tuple[Ints, NDArray[np.int32], dict[str, tuple[int, ...]]]:
+    """Tag the cells or facets of groups in this rank's block of cells (collective).
 
-
-def _to_blocks(comm: Any, num_cells: int, rows: Ints) -> tuple[int, Ints]:
-    """First cell of this rank's block, and the rows of cells in it (collective)."""
+    Slots are cells, or cells and local facets, which any rank may have. What is returned is that of
+    `tag_sets`, cells counted from the first one of the block.
+    """
+    rows, group, names = members(slots)
     blocks = blocks_of(comm, num_cells)
-    return int(blocks[comm.rank]), sent_to(comm, rank_of(blocks, rows[:, 0]), rows)
-
-
-def _of_all(comm: Any) -> Callable[[NDArray[np.bool_]], NDArray[np.bool_]]:
-    return lambda member: np.concatenate(comm.allgather(member))
+    here = sent_to(comm, rank_of(blocks, rows[:, 0]), np.column_stack([rows, group]))
+    here[:, 0] -= blocks[comm.rank]
+    return tag_sets(here[:, :-1], here[:, -1], names, lambda m: np.concatenate(comm.allgather(m)))
 
 
 def _group_entities(
-    mesh: dolfinx.mesh.Mesh,
-    dim: int,
-    groups: Mapping[str, Any],
-    tags: dolfinx.mesh.MeshTags | None,
+    mesh: dolfinx.mesh.Mesh, dim: int, groups: Mapping[str, Any], tags: dolfinx.mesh.MeshTags | None
 ) -> dict[str, NDArray[np.int32]]:
     """Local facets or cells of each group, by its tag or as given (collective)."""
     comm, kind = mesh.comm, "cell" if dim == mesh.topology.dim else "facet"
@@ -284,7 +257,6 @@ def _group_entities(
 
 
 def _entities(kind: str, name: str, given: Any, count: int) -> NDArray[np.int32]:
-    """Check what is given as local facets or cells."""
     whole = isinstance(given, np.ndarray) and given.ndim == 1 and given.dtype.kind in "iu"
     wanted = f"an array of local {kind}s, or {kind}_tags be given and this a tag"
     if isinstance(given, np.ndarray) and given.dtype == bool:
@@ -299,7 +271,6 @@ def _entities(kind: str, name: str, given: Any, count: int) -> NDArray[np.int32]
 
 
 def _check_tags(tags: dolfinx.mesh.MeshTags, dim: int, name: str, count: int) -> None:
-    """Check that tags are of these entities and of this mesh."""
     if tags.dim != dim:
         raise MeshError(f"{name} holds tags of dimension {tags.dim}; {dim} is needed.")
     if tags.indices.max(initial=-1) >= count:
@@ -320,14 +291,3 @@ def _shape(mesh: dolfinx.mesh.Mesh) -> CellShape:
             "1 or 2 can."
         )
     return CellShape(name=name, degree=degree)
-
-
-def _order_of_cells(mesh: dolfinx.mesh.Mesh) -> Ints:
-    """Numbers that the cells of a rank had when the mesh was made."""
-    try:
-        return np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
-    except RuntimeError:
-        raise MeshError(
-            "The mesh does not know in which order its cells were made, as one from create_submesh "
-            "does not; make it with create_mesh, or write it to a file for read_xdmf."
-        ) from None

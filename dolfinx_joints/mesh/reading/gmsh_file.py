@@ -4,16 +4,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import MeshError, warn
 from dolfinx_joints.common.parameters import check_file
-from dolfinx_joints.mesh.cells import CellShape, Ints, RawMesh, check_curves, find_facets
+from dolfinx_joints.mesh.cells import CellShape, RawMesh, check_curves, find_facets
 from dolfinx_joints.mesh.dolfinx_versions import gmsh_permutation
 from dolfinx_joints.mesh.reading.gmsh_syntax import check_msh
 
@@ -68,7 +68,6 @@ def load_msh(path: Path) -> RawMesh:
 
 
 def _read_model(model: Any, source: str, names: Names) -> RawMesh:
-    """Turn the current Gmsh model into arrays."""
     model.mesh.renumberNodes()
     dim = model.getDimension()
     if parts := model.getNumberOfPartitions():
@@ -84,12 +83,12 @@ def _read_model(model: Any, source: str, names: Names) -> RawMesh:
             "format 2.2: set Mesh.SaveAll to 0, or write format 4.1."
         )
     kinds, blocks, cell_groups, start = set(), [], {}, 0
-    numbered: dict[int, NDArray[np.int64]] = {}
+    numbered: dict[int, Ints] = {}
     for name, entities in groups[dim].items():
         members = []
         for entity in entities:
             if entity not in numbered:
-                kind, nodes = _elements(model, dim, entity, source)
+                kind, nodes = _cells(model, dim, entity, source)
                 kinds.add(kind)
                 blocks.append(nodes)
                 numbered[entity] = np.arange(start, start + len(nodes))
@@ -105,7 +104,7 @@ def _read_model(model: Any, source: str, names: Names) -> RawMesh:
     used = np.flatnonzero(place == 0)
     place[used] = np.arange(len(used))
     nodes, in_cells = place[nodes], place[tags] >= 0
-    x: NDArray[np.float64] = np.empty((len(used), 3))
+    x: Floats = np.empty((len(used), 3))
     x[place[tags[in_cells]]] = coordinates.reshape(-1, 3)[in_cells]
     facets = {
         name: _facets(model, dim, entities, name, used)
@@ -157,26 +156,32 @@ def _warn_of_unnamed(model: Any, dim: int, tag: int, body: Any, source: str) -> 
     )
 
 
-def _elements(model: Any, dim: int, entity: int, source: str) -> tuple[int, Ints]:
-    """Type and nodes of the elements of one entity."""
-    types, _, nodes = model.mesh.getElements(dim, entity)
-    if not len(types):
+def _cells(model: Any, dim: int, entity: int, source: str) -> tuple[int, Ints]:
+    """Type and nodes of the cells of one entity."""
+    found = list(_elements(model, dim, entity))
+    if not found:
         without = f"entity {entity} of dimension {dim} holds no cells"
         raise MeshError(f"{source!r}: {without}; mesh it by gmsh.model.mesh.generate({dim}).")
-    if len(types) != 1:
+    if len(found) != 1:
         raise MeshError(
-            f"{source!r}: entity {entity} holds {len(types)} kinds of cells; one kind is needed."
+            f"{source!r}: entity {entity} holds {len(found)} kinds of cells; one kind is needed."
         )
-    count = model.mesh.getElementProperties(types[0])[3]
-    return int(types[0]), _once(model, dim, entity, nodes[0].reshape(-1, count))
+    return found[0]
 
 
-def _once(model: Any, dim: int, entity: int, rows: Ints) -> Ints:
-    """Elements of an entity, of which format 2.2 has a copy for each of its physical groups."""
-    if len(model.getPhysicalGroupsForEntity(dim, entity)) < 2:
-        return rows
-    _, first = np.unique(np.sort(rows, axis=1), axis=0, return_index=True)
-    return rows[np.sort(first)]
+def _elements(model: Any, dim: int, entity: int) -> Iterator[tuple[int, Ints]]:
+    """Types of the elements of an entity, and their nodes, each element once.
+
+    Format 2.2 has a copy of an element for each of its physical groups.
+    """
+    types, _, nodes = model.mesh.getElements(dim, entity)
+    copied = len(model.getPhysicalGroupsForEntity(dim, entity)) > 1
+    for kind, flat in zip(types, nodes, strict=True):
+        rows = flat.reshape(-1, model.mesh.getElementProperties(kind)[3])
+        if copied:
+            _, first = np.unique(np.sort(rows, axis=1), axis=0, return_index=True)
+            rows = rows[np.sort(first)]
+        yield int(kind), rows
 
 
 def cell_shape(kinds: set[int], source: str) -> CellShape:
@@ -192,13 +197,11 @@ def cell_shape(kinds: set[int], source: str) -> CellShape:
 
 def _facets(model: Any, dim: int, entities: list[int], name: str, used: Ints) -> Ints:
     """Vertices of the facets of one physical group, numbered as the cells' nodes are."""
-    rows = []
-    for entity in entities:
-        types, _, nodes = model.mesh.getElements(dim - 1, entity)
-        for kind, flat in zip(types, nodes, strict=True):
-            count = model.mesh.getElementProperties(kind)[3]
-            facets = _once(model, dim - 1, entity, flat.reshape(-1, count))
-            rows.append(facets[:, : _FACET_VERTICES[int(kind)]].astype(np.int64))
+    rows = [
+        facets[:, : _FACET_VERTICES[kind]].astype(np.int64)
+        for entity in entities
+        for kind, facets in _elements(model, dim - 1, entity)
+    ]
     if not rows:
         raise MeshError(f"Group {name!r} holds no facets; mesh it before writing the file.")
     vertices = np.vstack(rows)

@@ -12,12 +12,9 @@ import dolfinx.mesh
 import numpy as np
 from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.common.parameters import (
-    check_count,
-    check_named,
-    shown,
-)
+from dolfinx_joints.common.parameters import check_count, check_named, shown
 from dolfinx_joints.mesh.distribution.shares import PreparedMesh, create_jointed, distribute
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.mesh.preparation import prepare
@@ -144,10 +141,10 @@ def mesh_from_arrays(
     comm: Any,
     *,
     cell: str,
-    x: NDArray[np.float64],
-    cells: NDArray[np.int64],
-    facet_groups: Mapping[str, NDArray[np.int64]] | None = None,
-    cell_groups: Mapping[str, NDArray[np.int64]] | None = None,
+    x: Floats,
+    cells: Ints,
+    facet_groups: Mapping[str, Ints] | None = None,
+    cell_groups: Mapping[str, Ints] | None = None,
     joints: list[str] | None = None,
 ) -> JointedMesh:
     """Split a mesh given as arrays (collective); those of rank 0 count.

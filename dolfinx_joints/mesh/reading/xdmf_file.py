@@ -42,7 +42,6 @@ class XdmfGrids:
     """The grids of one file."""
 
     def __init__(self, path: Path) -> None:
-        """Read what is in the file itself."""
         check_file(path, f"Mesh file {str(path)!r} does not exist.", MeshError)
         try:
             domain = ElementTree.parse(path).find("Domain")
@@ -65,11 +64,7 @@ class XdmfGrids:
     ) -> RawMesh:
         """Read the mesh of the largest dimension, unless named, and groups by their tags.
 
-        Args:
-            facets: The file of the facet tags.
-            groups: Tag of each facet group.
-            cell_groups: Tag of each cell group.
-            names: Names of mesh, facet tags and cell tags.
+        Names are those of mesh, facet tags, which are in the file ``facets``, and cell tags.
         """
         meshes = [grid for grid in self._grids if grid.find("Geometry") is not None]
         top = max((_dim(grid) for grid in meshes), default=0)

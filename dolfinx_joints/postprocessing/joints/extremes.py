@@ -7,12 +7,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 import annotated_types as at
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Flags, Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.results.joint_points import free_areas, gaps, tied_points
 from dolfinx_joints.results.quantities import (
@@ -26,7 +26,6 @@ from dolfinx_joints.results.quantities import (
 )
 from dolfinx_joints.results.reader import Results
 
-Floats = NDArray[np.floating[Any]]
 FrictionAngle = Annotated[float, at.Interval(ge=0.0, lt=90.0), at.Unit("degrees")]
 
 # Of the largest force on a joint over a run, that counts as none; of sums of magnitudes, in which
@@ -57,7 +56,6 @@ class JointExtremes:
     values: Mapping[str, Floats]
 
     def __getattr__(self, name: str) -> Floats:
-        """Return one of the values."""
         if name == "values" or name not in self.values:
             raise AttributeError(f"Extremes of a joint have no {name!r}.")
         return self.values[name]
@@ -125,17 +123,11 @@ def ratio(strength: Floats, shear: Floats, none: float) -> Floats:
         return np.asarray(strength / np.where(shear > none, shear, 0.0))
 
 
-def open_points(gap: Floats, traction: Floats) -> NDArray[np.bool_]:
-    """Which joint points are open: a positive gap and no traction, shape (..., points).
-
-    Args:
-        gap: Components (n, s1, s2), shape (..., points, 3), [m].
-        traction: Likewise, in any unit.
-    """
+def open_points(gap: Floats, traction: Floats) -> Flags:
+    """Which joint points are open: a positive gap and no traction, shape (..., points)."""
     # A rigid joint leaves gaps of rounding size where it carries load: they do not count as open.
     negligible = 1e-12 * np.abs(traction).max(axis=(-2, -1), initial=0.0, keepdims=True)[..., 0]
-    is_open: NDArray[np.bool_] = (gap[..., 0] > 0.0) & (np.abs(traction[..., 0]) <= negligible)
-    return is_open
+    return (gap[..., 0] > 0.0) & (np.abs(traction[..., 0]) <= negligible)
 
 
 def strength_of(results: Results, joint: str, angle: float | None) -> tuple[float, float]:

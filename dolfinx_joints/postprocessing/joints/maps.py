@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.postprocessing.axes import decorate, new_figure
 from dolfinx_joints.postprocessing.joints.surface import (
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.floating[Any]]
 
 # Inches.
 _WIDTH, _LEFT, _RIGHT = 10.0, 0.75, 0.15
@@ -124,15 +123,14 @@ _ENDS = (
 )
 
 
-def _laid_out(
-    surfaces: Mapping[str, JointSurface],
-) -> tuple[Figure, dict[str, Axes], Axes]:
+def _laid_out(surfaces: Mapping[str, JointSurface]) -> tuple[Figure, dict[str, Axes], Axes]:
     """A figure, axes for each joint, and axes for the colour bar."""
     rows = list(_rows(surfaces))
     boxes = {name: _box(surface) for name, surface in surfaces.items()}
     heights = []
     for row in rows:
-        low, high = _range(boxes[name][1] for name in row)
+        low = min(boxes[name][1][0] for name in row)
+        high = max(boxes[name][1][1] for name in row)
         width = max(right - left for left, right in (boxes[name][0] for name in row))
         room = (_WIDTH - _LEFT - _RIGHT + _GAP) / len(row) - _GAP
         heights.append((low, high, min(room / width, _HIGHEST / (high - low))))
@@ -170,11 +168,6 @@ def _box(surface: JointSurface) -> tuple[tuple[float, float], tuple[float, float
     margin = 0.02 * float((high - low).max())
     (left, bottom), (right, top) = low - margin, high + margin
     return (float(left), float(right)), (float(bottom), float(top))
-
-
-def _range(ranges: Iterator[tuple[float, float]]) -> tuple[float, float]:
-    each = np.array(list(ranges))
-    return float(each[:, 0].min()), float(each[:, 1].max())
 
 
 def _explain(

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing.joints.extremes import (
@@ -30,8 +30,6 @@ from dolfinx_joints.postprocessing.joints.extremes import (
 from dolfinx_joints.results.arguments import check_results
 from dolfinx_joints.results.joint_points import free_areas
 from dolfinx_joints.results.reader import Results
-
-Floats = NDArray[np.floating[Any]]
 
 # Normals that lie within about 18 degrees of their mean; below, a joint has no plane to speak of.
 NEARLY_PLANE = 0.95
@@ -57,17 +55,15 @@ class JointGeometry:
     flatness: float
 
     @classmethod
-    def of(cls, points: Floats, normals: Floats, areas: Floats) -> JointGeometry:
-        """Of points (n, 3) [m], their unit normals (n, 3) and areas (n,) [m^2]."""
-        return cls.from_sums(areas.sum(), areas @ points, areas @ normals)
-
-    @classmethod
     def from_sums(cls, area: float, first: Floats, normal: Floats) -> JointGeometry:
         """Of the sums over the area of 1, of the position, and of the normal."""
         length = float(np.linalg.norm(normal))
-        unit = normal / length if length > 1e-9 * area else np.full(3, np.nan)
+        unit = np.asarray(normal / length) if length > 1e-9 * area else np.full(3, np.nan)
         return cls(
-            centroid=first / area, normal=unit, area=float(area), flatness=length / float(area)
+            centroid=np.asarray(first / area),
+            normal=unit,
+            area=float(area),
+            flatness=length / float(area),
         )
 
     @property
@@ -143,8 +139,7 @@ class JointResultants(_Resultants):
 
         Of a curved joint, see ``geometry.warning``, it is a component and not what presses.
         """
-        normal: Floats = self.force @ self.geometry.normal
-        return normal
+        return self.force @ self.geometry.normal
 
     @property
     def shear(self) -> Floats:
@@ -154,8 +149,7 @@ class JointResultants(_Resultants):
     @property
     def shear_force(self) -> Floats:
         """|V|, shape (...), [N]."""
-        size: Floats = np.linalg.norm(self.shear, axis=-1)
-        return size
+        return np.linalg.norm(self.shear, axis=-1)
 
     @property
     def sliding_safety(self) -> Floats:
@@ -212,23 +206,13 @@ class BlockResultants(_Resultants):
 
 
 def forces_of(frames: Floats, areas: Floats, traction: Floats) -> Floats:
-    """Force of each joint point on the + side, in global axes, shape (..., n, 3), [N].
-
-    Args:
-        frames: Rows n, s1, s2 of the points, shape (n, 3, 3).
-        areas: Shape (n,), [m^2].
-        traction: Components (n, s1, s2), shape (..., n, 3), [Pa].
-    """
-    force: Floats = -areas[:, None] * np.einsum("nki,...nk->...ni", frames, traction)
-    return force
+    """Force of each joint point on the + side, in global axes, shape (..., n, 3), [N]."""
+    return -areas[:, None] * np.einsum("nki,...nk->...ni", frames, traction)
 
 
 @checked
 def joint_resultants(
-    results: Results,
-    joint: str,
-    *,
-    friction_angle_deg: FrictionAngle | None = None,
+    results: Results, joint: str, *, friction_angle_deg: FrictionAngle | None = None
 ) -> JointResultants:
     """Resultants of a joint at every step if the run recorded them, else at its stored states.
 
@@ -243,7 +227,6 @@ def joint_resultants(
     """
     results.check_joint(joint)
     friction, cohesion = strength_of(results, joint, friction_angle_deg)
-    arrays, geometry = _geometry(results, joint)
     where = f"joints/{joint}"
     forces = f"{where}/force" in results.streams.get("resultants", [])
     if forces and recorded(results, joint):
@@ -251,13 +234,14 @@ def joint_resultants(
         stream, rows = "resultants", slice(min(results.rows(s) for s in ("resultants", "joints")))
         names = ("force", "moment", "water_force", "water_moment", "contact")
         parts = _recorded(results, where, names, rows)
+        parts["geometry"] = joint_geometry(results, joint)
         extremes = joint_extremes(results, joint)
         parts |= {name: extremes.values[name][rows] for name in SLIDING}
     else:
         stream, rows = "states", slice(results.rows("states"))
-        parts = _from_fields(results, stream, joint, arrays, geometry, cohesion, rows)
+        parts = _from_fields(results, stream, joint, cohesion, rows)
     time = results.time(stream)[rows]
-    return JointResultants(joint=joint, time=time, geometry=geometry, friction=friction, **parts)
+    return JointResultants(joint=joint, time=time, friction=friction, **parts)
 
 
 def stage_resultants(results: Results, joint: str) -> JointResultants:
@@ -270,11 +254,10 @@ def stage_resultants(results: Results, joint: str) -> JointResultants:
     """
     results.check_joint(joint)
     friction, cohesion = strength_of(results, joint, None)
-    arrays, geometry = _geometry(results, joint)
     rows = slice(results.rows("statics"))
-    parts = _from_fields(results, "statics", joint, arrays, geometry, cohesion, rows)
+    parts = _from_fields(results, "statics", joint, cohesion, rows)
     time = results.series("statics", "load_time", rows)
-    return JointResultants(joint=joint, time=time, geometry=geometry, friction=friction, **parts)
+    return JointResultants(joint=joint, time=time, friction=friction, **parts)
 
 
 def block_resultants(results: Results) -> BlockResultants:
@@ -344,7 +327,8 @@ def joint_geometry(results: Results, joint: str) -> JointGeometry:
 def _geometry(results: Results, joint: str) -> tuple[_Arrays, JointGeometry]:
     """Arrays of a joint, and its centroid, mean normal and area."""
     arrays = _Arrays(*(results.static(f"joints/{joint}/{name}") for name in _Arrays._fields))
-    geometry = JointGeometry.of(arrays.points, arrays.frames[:, 0], arrays.areas)
+    first, normal = (arrays.areas @ each for each in (arrays.points, arrays.frames[:, 0]))
+    geometry = JointGeometry.from_sums(arrays.areas.sum(), first, normal)
     return arrays._replace(areas=free_areas(results, joint)), geometry
 
 
@@ -359,18 +343,13 @@ def _recorded(results: Results, where: str, names: Iterable[str], rows: slice) -
 
 
 def _from_fields(
-    results: Results,
-    stream: str,
-    joint: str,
-    arrays: _Arrays,
-    geometry: JointGeometry,
-    cohesion: float,
-    rows: slice,
+    results: Results, stream: str, joint: str, cohesion: float, rows: slice
 ) -> dict[str, Any]:
-    """Resultants from the tractions that a stream holds."""
+    """Geometry, and resultants from the tractions that a stream holds."""
+    arrays, geometry = _geometry(results, joint)
     series, where = results.streams[stream], f"joints/{joint}"
     traction = results.series(stream, f"{where}/traction", rows)
-    parts = _moved(arrays, geometry, traction, "")
+    parts: dict[str, Any] = {"geometry": geometry} | _moved(arrays, geometry, traction, "")
     parts["contact"] = (traction[..., 0] < 0.0) @ arrays.areas / arrays.areas.sum()
     if f"{where}/pressure" in series:
         pressed = np.zeros_like(traction)

@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dolfinx_joints.common.arrays import Floats, Ints
 from dolfinx_joints.postprocessing.joints.extremes import open_points
 from dolfinx_joints.postprocessing.joints.unrolled import Unrolled, tangent_axes, unrolled
 from dolfinx_joints.postprocessing.palette import OPEN, colour_limits, colours, signed_colours
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 Quantity = Literal["normal", "tangential", "ratio"]
 MapQuantity = Literal["normal", "tangential", "ratio", "opening", "slip", "state"]
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.integer[Any]]
 
 LABELS = {
     "normal": r"normal traction $t_n$ [MPa], tension $> 0$",
@@ -57,10 +55,6 @@ def is_plane(results: Statics) -> bool:
 class JointFacets:
     """The facets of a joint in space, and the part of its facet that is nearest to each point.
 
-    Args:
-        results: the run.
-        joint: name of the joint.
-
     Attributes:
         tied: which points are tied, shape (n,).
         corners: corners of the facets, shape (facets, 3 or 4, 3), [m].
@@ -68,8 +62,6 @@ class JointFacets:
     """
 
     def __init__(self, results: Statics, joint: str) -> None:
-        """Find the facets of the mesh that carry the points."""
-        results.check_joint(joint)
         points = results.static(f"joints/{joint}/points")
         self.tied = tied_points(results, joint)
         self.facet_of_point, self._both = facets_of_joint(results, joint)
@@ -93,10 +85,6 @@ class JointFacets:
         nearest = np.linalg.norm(places, axis=-1).argmin(axis=-1)
         both: Ints = np.take_along_axis(numbers, nearest, axis=-1)
         return both.swapaxes(1, 2)
-
-    def sides(self) -> Ints:
-        """Numbers of the boundary facets of both sides, shape (2 facets,)."""
-        return self._both.ravel()
 
     def patches_in_space(self) -> list[Floats]:
         """Polygon of each point: the part of its facet nearer to it than to the others, [m].
@@ -140,10 +128,6 @@ class JointSurface(JointFacets):
     The plane is the mean plane of the joint; a joint that bends more than a little, such as the
     perimetral one of a dam, is unrolled.
 
-    Args:
-        results: the run.
-        joint: name of the joint.
-
     Attributes:
         points: joint points in the plane, shape (n, 2), [m].
         facets: corners of the facets in the plane, shape (facets, 3 or 4, 2), [m].
@@ -153,8 +137,8 @@ class JointSurface(JointFacets):
         upright: whether the ordinate is an elevation, the same as that of other joints.
     """
 
-    def __init__(self, results: Statics, joint: str) -> None:
-        """Project or unroll the facets of the mesh that carry the points."""
+    def __init__(self, results: Results, joint: str) -> None:
+        results.check_joint(joint)
         super().__init__(results, joint)
         frames = results.static(f"joints/{joint}/frames")
         areas = results.static(f"joints/{joint}/areas")
@@ -224,7 +208,6 @@ class _Bilinear:
     """
 
     def __init__(self, corners: Floats) -> None:
-        """Take the coefficients from the corners."""
         self.reference: Floats = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
         self._a = corners[:, 0]
         self._b, self._c = corners[:, 1] - self._a, corners[:, -1] - self._a
@@ -238,8 +221,7 @@ class _Bilinear:
         """Map reference coordinates (n, 2) of facets (n,) into the plane or into space."""
         u, v = local[:, :1], local[:, 1:]
         linear = self._a[facet] + u * self._b[facet] + v * self._c[facet]
-        mapped: Floats = linear + u * v * self._d[facet]
-        return mapped
+        return linear + u * v * self._d[facet]
 
     def inverse(self, points: Floats, facet: Ints) -> Floats:
         """Reference coordinates of points (n, 2) of facets (n,), by Newton's method."""
@@ -289,25 +271,7 @@ def _nearer_part(polygon: Floats, point: Floats, other: Floats) -> Floats:
     share = np.divide(beyond, beyond - following, out=np.zeros_like(beyond), where=cut)
     crossing = polygon + share[:, None] * (polygon[then] - polygon)
     both = np.stack([polygon, crossing], axis=1).reshape(-1, 2)
-    part: Floats = both[np.stack([inside, cut], axis=1).ravel()]
-    return part
-
-
-def tractions(results: Results, joint: str, number: int) -> tuple[Floats, NDArray[np.bool_]]:
-    """Tractions (n, 3) [MPa] and which points are open (positive gap, no traction)."""
-    traction = 1e-6 * results.series("states", f"joints/{joint}/traction", number)
-    gap = results.series("states", f"joints/{joint}/gap", number)
-    return traction, open_points(gap, traction)
-
-
-def traction_value(traction: Floats, quantity: Quantity) -> Floats:
-    """Quantity of each point; the ratio is 0 where there is no normal traction."""
-    normal, shear = traction[:, 0].copy(), np.hypot(traction[:, 1], traction[:, 2])
-    if quantity == "ratio":
-        loaded = normal != 0.0
-        ratio: Floats = np.divide(shear, np.abs(normal), out=np.zeros_like(shear), where=loaded)
-        return -ratio
-    return normal if quantity == "normal" else shear
+    return both[np.stack([inside, cut], axis=1).ravel()]
 
 
 def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) -> Floats:
@@ -323,14 +287,17 @@ def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) 
 def _value(results: Results, joint: str, quantity: MapQuantity, number: int) -> Floats:
     """Return the same as `map_value` with what the file has at tied points."""
     if quantity == "state":
-        status: Floats = results.series("states", f"joints/{joint}/status", number).astype(float)
-        return status
+        return results.series("states", f"joints/{joint}/status", number).astype(float)
     if quantity == "opening" or quantity == "slip":
         gap = 1e3 * gaps(results, "states", joint, number)
         opening: Floats = np.maximum(gap[:, 0], 0.0)
         return opening if quantity == "opening" else np.hypot(gap[:, 1], gap[:, 2])
-    traction, is_open = tractions(results, joint, number)
-    return np.where(is_open, np.nan, traction_value(traction, quantity))
+    traction = 1e-6 * results.series("states", f"joints/{joint}/traction", number)
+    normal, shear = traction[:, 0], np.hypot(traction[:, 1], traction[:, 2])
+    ratio = -np.divide(shear, np.abs(normal), out=np.zeros_like(shear), where=normal != 0.0)
+    values = {"normal": normal, "tangential": shear, "ratio": ratio}[quantity]
+    gap = results.series("states", f"joints/{joint}/gap", number)
+    return np.where(open_points(gap, traction), np.nan, values)
 
 
 def map_limits(quantity: MapQuantity, values: Floats) -> tuple[float, float]:

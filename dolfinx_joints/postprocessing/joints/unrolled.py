@@ -4,13 +4,11 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.floating[Any]]
-Integers = NDArray[np.integer[Any]]
+from dolfinx_joints.common.arrays import Floats, Ints
 
 _SAME = 1e-6  # of the size: nearer points are one
 
@@ -64,11 +62,10 @@ def tangent_axes(corners: Floats) -> Floats:
     first = first - normal * (np.sum(first * normal, axis=1) / np.sum(normal**2, axis=1))[:, None]
     second = np.cross(normal, first)
     axes = np.stack([first, second], axis=1)
-    unit: Floats = axes / np.linalg.norm(axes, axis=2, keepdims=True)
-    return unit
+    return axes / np.linalg.norm(axes, axis=2, keepdims=True)
 
 
-def _vertices(corners: Floats) -> tuple[Floats, Integers]:
+def _vertices(corners: Floats) -> tuple[Floats, Ints]:
     """Distinct points (n, 3), and the number of each corner."""
     flat = corners.reshape(-1, 3)
     grid = np.round(flat / (_SAME * np.ptp(flat, axis=0).max()))
@@ -76,7 +73,7 @@ def _vertices(corners: Floats) -> tuple[Floats, Integers]:
     return flat[first], number.reshape(corners.shape[:2])
 
 
-def _triangles(corners: Floats, number: Integers, normals: Floats) -> tuple[Integers, Floats]:
+def _triangles(corners: Floats, number: Ints, normals: Floats) -> tuple[Ints, Floats]:
     """Points of triangles (t, 3), and their corners in their planes (t, 3, 2).
 
     All are seen from the same side of the surface.
@@ -91,7 +88,7 @@ def _triangles(corners: Floats, number: Integers, normals: Floats) -> tuple[Inte
     return vertices, flat
 
 
-def _parts(triangles: Integers, count: int) -> int:
+def _parts(triangles: Ints, count: int) -> int:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -100,7 +97,7 @@ def _parts(triangles: Integers, count: int) -> int:
     return int(connected_components(graph, directed=False, return_labels=False))
 
 
-def _conformal(triangles: Integers, flat: Floats, points: Floats) -> Floats:
+def _conformal(triangles: Ints, flat: Floats, points: Floats) -> Floats:
     """Places of the points in the plane, two far ones of them at their distance, shape (n, 2)."""
     from scipy.sparse import bmat, coo_array
     from scipy.sparse.linalg import spsolve
@@ -148,5 +145,4 @@ def _placed(laid: Floats, points: Floats) -> tuple[Floats, bool]:
 def _doubled_areas(triangles: Floats) -> Floats:
     """Twice the areas of triangles in the plane (t, 3, 2), negative of clockwise ones."""
     a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    doubled: Floats = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    return doubled
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

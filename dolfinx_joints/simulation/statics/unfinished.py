@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from dolfinx_joints.common.errors import JointsError, MeshError
 from dolfinx_joints.common.parameters import shown
-from dolfinx_joints.joints.contact import no_such_joint
 from dolfinx_joints.laws.law import Floats, Response
 from dolfinx_joints.loads.load import JointLoad, Load
 from dolfinx_joints.mesh.blocks import block_of_nodes, blocks_of_pairs, connected
+from dolfinx_joints.mesh.joint_pairs import no_such_joint
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.simulation.outcome import StaticState

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
-from dolfinx_joints.common.dealt import Dealt
+from dolfinx_joints.common.arrays import Dealt
 from dolfinx_joints.common.mpi import blocks_of, rank_of, sent_to
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.compliance import Compliance, Compressed

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Arrays that are whole on no rank, as those see them who write them block by block."""
+"""Types of arrays, and arrays that are whole on no rank, as those see them who write them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
 # Of messages that ask for a block of an array, and bring it.
 TAG = 4101
 
@@ -17,21 +21,11 @@ TAG = 4101
 class Dealt:
     """A dealt array, which rank 0 can read block by block within `mpi.handing_out`.
 
-    Args:
-        comm: Communicator.
-        mine: Rows of this rank.
-        blocks: First row of each rank, and their number; found out unless given (collective).
-
-    Attributes:
-        mine: Rows of this rank.
-        shape: Of the whole array.
-        dtype: Of its entries.
+    Blocks, the first row of each rank and the number of all, are found out unless given
+    (collective); shape and dtype are those of the whole array.
     """
 
-    def __init__(
-        self, comm: Any, mine: NDArray[Any], blocks: NDArray[np.int64] | None = None
-    ) -> None:
-        """Keep the rows."""
+    def __init__(self, comm: Any, mine: NDArray[Any], blocks: Ints | None = None) -> None:
         self.mine = np.ascontiguousarray(mine)
         self._blocks = np.cumsum([0, *comm.allgather(len(mine))]) if blocks is None else blocks
         self.shape = (int(self._blocks[-1]), *mine.shape[1:])

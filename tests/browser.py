@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """A headless Chromium that is driven over a pipe, for tests of the report."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

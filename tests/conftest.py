@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Meshes shared by the tests and by all ranks."""
 
-from __future__ import annotations
-
 import gc
 import itertools
 import sys

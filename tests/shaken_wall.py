@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """A jointed wall that is shaken, the guide's reservoir before it, a monitor that stops its run."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The command line: what it prints, and its errors."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -5,8 +5,6 @@
 Scenes of `benchmarks.lean` are runs to the first step; docs/design.md has the counts of modules.
 """
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

@@ -6,8 +6,6 @@ The site itself is looked at where it has been built: in the folder that ``DOLFI
 names (``make docs``).
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import re

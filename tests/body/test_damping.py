@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Rayleigh's factors from ratios, and damping ratios of modes, against closed forms."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Foundations: massless rock, a joint between dam and rock, supports that become dashpots."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

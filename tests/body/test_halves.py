@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Halves of M and K: products as PETSc's with all of both, and where there are none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

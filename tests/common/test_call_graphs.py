@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Machine code is used again if and only if nothing has changed that it is made of."""
 
-from __future__ import annotations
-
 import json
 import logging
 import os

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """CSV tables hold what the file holds, and the overview of a file fits a screen; no DOLFINx."""
 
-from __future__ import annotations
-
 import csv
 import math
 from pathlib import Path

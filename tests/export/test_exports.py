@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """What pandas, xarray, PyVista and VTK read is what the results file holds, units with it."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -7,8 +7,6 @@ and the temperature jumps by q / h: exact with linear elements. With insulated o
 against each other, +-cos(b x) from these, fades as exp(-kappa b^2 t) with b tan(b L) = 2 h / k.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -13,8 +13,6 @@ A pressure p pushes the faces apart; tractions of the joint are effective ones, 
 block is in balance with integral t = (its loads) + integral p n, n pointing up.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import cache

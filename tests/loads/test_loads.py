@@ -5,8 +5,6 @@
 Expected: the same with the two numbers (x, z) given by hand, and the mass times them.
 """
 
-from __future__ import annotations
-
 import warnings
 from contextlib import nullcontext
 from dataclasses import replace

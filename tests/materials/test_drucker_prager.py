@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Drucker-Prager at a point, against the strength of Mohr-Coulomb and its own definition."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Orthotropic bodies against their tensor of stiffness, turned by hand; any number of ranks."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ Exact integrals: x^a y^b over the square is 1/((a + 1)(b + 1)), over the triangl
 a! b!/(a + b + 2)!, x^a over the line 1/(a + 1).
 """
 
-from __future__ import annotations
-
 import itertools
 from math import factorial
 

@@ -15,8 +15,6 @@ counts use union-find in plain Python and share nothing with the package but the
 nodes within a reference cell.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import random

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Faults of meshes, the same by every way into the package."""
 
-from __future__ import annotations
-
 import warnings
 from itertools import product
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Names of groups: those that would be lost in a results file are refused at the split."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

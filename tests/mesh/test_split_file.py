@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Split meshes in files: what was split is read, by shares, and damage is told on all ranks."""
 
-from __future__ import annotations
-
 import json
 import re
 

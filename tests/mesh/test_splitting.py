@@ -5,8 +5,6 @@
 `test_fracture_networks` counts every node and checks that the two sides coincide.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -10,8 +10,6 @@ Patch test: u = a y, y the height over the clamped base, has a constant stress s
 sigma_0 n on all other faces make it the solution; blocks tied by Nitsche's method must find it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -5,8 +5,6 @@
 Expected: what the joint operator and the resultants of results files say of the same state.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -13,8 +13,6 @@ sin((2 m - 1) pi j/(2 n)) at their ends, so the wave number k of mode m solves
     cos((2 m - 1) pi/(2 n)) = cos kL - E k/(2 k_n) sin kL,      omega = k sqrt(E/rho).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Mass redistributed from joint nodes: what is kept, and where it goes."""
 
-from __future__ import annotations
-
 import itertools
 import warnings
 

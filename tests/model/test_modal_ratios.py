@@ -10,8 +10,6 @@ whose determinant, the decay of q^2 over two steps, is (1 - z w dt + (w dt/2)^2)
 (1 + z w dt + (w dt/2)^2): exp(-2 z w dt) but for (w dt)^2.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

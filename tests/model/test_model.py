@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Models: closed forms, resultants, materials, the user's own mesh and forms, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Natural frequencies against closed forms, joints in series, participation."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Frequencies that mesh, joints and step resolve, against numbers worked out by hand."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ Counts, shares, files, tables and reports say what they do. The body is 4 m x 1 
 0.5 m with a level joint at half its height.
 """
 
-from __future__ import annotations
-
 import shutil
 
 import h5py

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Files for ParaView against the results file and against equilibrium, on any number of ranks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """A row of the table of quantities is in results files, tables, reports, figures and ParaView."""
 
-from __future__ import annotations
-
 import csv
 
 import numpy as np

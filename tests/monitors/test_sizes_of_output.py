@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """What a rank holds of results, files for ParaView, checkpoints and paths of water: its part."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("dolfinx")

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Energies and jumps of static stages in file, tables and report against the ledger of the run."""
 
-from __future__ import annotations
-
 import csv
 import re
 

@@ -6,8 +6,6 @@ Without lateral strain (Poisson's ratio 0, sides held) each quantity has a close
 linear elements are exact at their nodes.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

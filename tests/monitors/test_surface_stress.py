@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Stresses at the boundary from displacements whose stresses are known; any number of ranks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Principal stresses, directions in a surface and running extremes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Openings, slips and safety of joints over time: curved joints by hand, from written files."""
 
-from __future__ import annotations
-
 import csv
 import math
 from pathlib import Path

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Panels of joints and films, against the file: numbers, axes, pictures and their times."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Resultants of joints and blocks against statics by hand, and balances that must hold exactly."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

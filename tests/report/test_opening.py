@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Numbers of the first tables of a report, read back from its cells and compared with the file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

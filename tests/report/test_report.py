@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Reports: their contents, and what a real browser makes of them."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

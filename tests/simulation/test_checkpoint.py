@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Runs interrupted and continued from checkpoints end as runs that were not."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os

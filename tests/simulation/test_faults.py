@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Faults of the machine: one sentence each, what was written stays whole, no rank waits."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The facts of a run are equal when its script starts again, and differ once anything changed."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import os

@@ -11,8 +11,6 @@ Average acceleration is the bilinear transform: the discrete Fourier transform o
 the ground's acceleration at f is the response at tan(pi f dt) / (pi dt), exactly.
 """
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The energy ledger: exact where the scheme is, and friction by a closed form."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Steps that are exact in the lowest modes."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

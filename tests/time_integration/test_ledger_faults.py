@@ -6,8 +6,6 @@ Two masses on a spring, damped, pushed to and fro, strike and rub a joint; the s
 a support that moves. Each line is falsified by 1 % in turn, and the lines must no longer add up.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Time schemes on small systems, and the initial balance."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

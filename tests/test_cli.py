@@ -42,12 +42,6 @@ def write_file(path: Path) -> Path:
     return path
 
 
-def test_info_prints_what_the_file_holds(tmp_path, capsys):
-    path = write_file(tmp_path / "r.h5")
-    assert cli.main(["info", str(path)]) == 0
-    assert capsys.readouterr().out.strip() == overview(path)
-
-
 def test_a_file_for_paraview_is_called_that(tmp_path, capsys):
     path = tmp_path / "run.vtkhdf"
     VtkFile(path, uniform_grid(np.eye(4, 3), np.arange(4)[None], 10, {}))  # a tetrahedron

@@ -14,7 +14,6 @@ pytest.importorskip("slepc4py")
 from dolfinx_joints import (
     Elastic,
     Fixed,
-    FrictionNoTension,
     MatrixSystem,
     Model,
     Rayleigh,
@@ -82,17 +81,6 @@ def test_rayleigh_damping_does_not_couple(bar):
     np.testing.assert_allclose(found.ratios, expected, rtol=1e-8)
     assert found.coupling.max() < 1e-7
     assert "not classical" not in found.report()
-
-
-def test_joints_are_not_damped(bar):
-    # phi.C phi = b (omega^2 - phi.K_joint phi): the joint's share of the stiffness does not damp.
-    law = FrictionNoTension(normal_stiffness=25e9, shear_stiffness=25e9, friction_angle_deg=30.0)
-    damping = stiffness_proportional(ratio=0.05, frequency=60.0)
-    model = Model(bar(None), material=BAR, supports=AXIAL, joints=law, damping=damping)
-    system = model.system()
-    found = modal_damping(system, modes(system, 2))
-    assert np.all(found.ratios < [damping.ratio(f) for f in found.frequencies])
-    assert found.coupling[0, 1] > 1e-3
 
 
 def test_dashpot_on_the_end_of_a_bar(bar):

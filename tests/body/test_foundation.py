@@ -13,7 +13,6 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 import ufl
-from shaken_wall import Killed, Killer
 
 from dolfinx_joints import (
     Body,
@@ -351,27 +350,6 @@ def test_energies_of_a_dam_shaken_by_waves(dam):
     assert outcome.energy_error < 1e-9
     assert outcome.energy.input_by_load["FreeField"] > 0.0
     assert outcome.energy.viscous > 0.0
-
-
-def test_interrupted_run_goes_on(dam, new_path):
-    """With dashpots, free field and kept forces: the same to the bit on one process."""
-    waves = FreeField(
-        groups=SIDES, incident=lambda t: (0.1 * math.sin(30.0 * t) ** 2, 0.0), surface=4.0
-    )
-    arguments = {"dt": 0.005, "steps": 30, "loads": [waves]}
-    whole = swapped(dam)[0].dynamics(**arguments)
-    where = Checkpoints(new_path("run.ckpt"), every=8)
-    broken = swapped(dam)[0]
-    broken.monitors.append(Killer(19))
-    with pytest.raises(Killed):
-        broken.dynamics(**arguments, checkpoint=where)
-    again = swapped(dam)[0]
-    again.monitors.append(Killer())
-    rest = again.dynamics(**arguments, checkpoint=replace(where, resume=True))
-    difference = rest.state.displacement.copy()
-    difference.axpy(-1.0, whole.state.displacement)
-    allowed = 0.0 if MPI.COMM_WORLD.size == 1 else 1e-10
-    assert difference.norm() <= allowed * whole.state.displacement.norm()
 
 
 @pytest.mark.parametrize("plane", ["strain", "stress"])

@@ -327,17 +327,3 @@ def test_overview_tells_no_rounding_of_a_heel_at_the_origin(tmp_path):
         writer.start()
         writer.finish("complete", {})
     assert "points        heel at (0 0 0) m" in overview(tmp_path / "r.h5").splitlines()
-
-
-def test_overview_of_a_run_that_failed(tmp_path):
-    def fail():
-        with ResultsWriter(tmp_path / "r.h5", {}) as writer:
-            declare_histories(writer, [[0.0, 0.0, 1.0]])
-            writer.start()
-            raise RuntimeError("no convergence")
-
-    with pytest.raises(RuntimeError):
-        fail()
-    shown = overview(tmp_path / "r.h5").splitlines()
-    assert "failed" in shown[0]
-    assert "error         RuntimeError: no convergence" in shown

@@ -30,12 +30,6 @@ from dolfinx_joints.geometry.two_blocks import two_blocks
 from dolfinx_joints.geometry.voussoir_arch import voussoir_arch
 
 PROJECT = Path(__file__).resolve().parents[2]
-CORNERS = {5: 8, 12: 8, 4: 4, 11: 4}  # by Gmsh's element type
-
-# The crest of the default dam by hand: half-chord 63.47 m, half-angle 50 degrees, overhang
-# 0.36 x 57 x (1 - 0.62) m.
-CREST_RADIUS = 63.47 / np.sin(np.radians(50))
-CREST_CENTRE = CREST_RADIUS - 0.36 * 57 * 0.38
 
 
 @pytest.mark.parametrize(("cell", "order", "element"), ELEMENTS)
@@ -202,19 +196,6 @@ def test_dam_groups(dam):
     assert joints <= set(groups.facets)
 
 
-def test_dam_joint_planes(dam):
-    groups = Groups(dam)
-    for k in range(2, 11):
-        theta = np.radians(50) * (k / 6 - 1)  # twelve equal arcs of the crest of +-50 degrees
-        x, y, z = groups.at(f"joint_{k}").T
-        # The plane is vertical, and radial: it contains the centre of the crest's arch.
-        offset = y * np.cos(theta) - (CREST_CENTRE - x) * np.sin(theta)
-        np.testing.assert_allclose(offset, 0, atol=1e-10)
-        assert z.max() == 0.75 * 57
-    # Crown: the integral of the thickness 9 - 7 zeta over the active height.
-    assert area(groups, "joint_6") == pytest.approx(57 * (9 * 0.75 - 3.5 * 0.75**2), rel=1e-12)
-
-
 def test_dam_nodes_on_the_exact_surfaces(dam):
     groups, shape = Groups(dam), ArchDam()
 
@@ -244,13 +225,6 @@ def test_dam_nodes_on_the_exact_surfaces(dam):
         assert zeta.max() == 1.0 if name == "abutments" else zeta.max() < 0.003
     assert set(groups.at("crest")[:, 2]) == {57.0}
     np.testing.assert_allclose(shape.point(0.0, 0.0, 1.0), mid_crest())
-
-
-def test_dam_is_symmetric(dam):
-    points = Groups(dam).points
-    image = points * [1, -1, 1]
-    distance = np.linalg.norm(points[:, None] - image[None], axis=2).min(axis=1)
-    assert distance.max() < 1e-10
 
 
 def test_mid_crest():
@@ -382,15 +356,6 @@ def test_plane_gravity_dam(tmp_path, cell, order, corners):
     # Without a joint at height 0 there is no foundation, and the dam stands on the base itself.
     assert names == {"concrete", "upstream", "downstream", "crest", "base", "joint_neck"}
     assert total == pytest.approx(KOYNA_AREA, rel=1e-12)
-
-
-def test_pine_flat_by_hand():
-    # The two breaks: 335 ft upstream; downstream where 0.78:1 has taken 314.32 - 32 - 16.75 ft.
-    x, z = 16.75 * FOOT, 265.57 / 0.78 * FOOT
-    assert PINE_FLAT.levels == pytest.approx([0, 335 * FOOT, z, 400 * FOOT])
-    assert PINE_FLAT.face("upstream", PINE_FLAT.height) == pytest.approx(x)
-    assert PINE_FLAT.thickness(PINE_FLAT.height) == pytest.approx(32 * FOOT)
-    assert PINE_FLAT.face("downstream", 0.0) == pytest.approx(314.32 * FOOT)
 
 
 @pytest.mark.parametrize(

@@ -274,15 +274,6 @@ def test_stiff_joints_tie_the_body(frequencies, wall_file, cell, order):
 
 
 @pytest.mark.mpi
-def test_shift_of_a_dam(frequencies, mesh_file):
-    # Joints 12 m apart, up to three quarters of the height.
-    from dolfinx_joints.geometry.ambiesta import ambiesta
-
-    path = mesh_file(ambiesta, size=8.0, order=1)
-    check_shift(frequencies, path, ["base", "abutments"], 12.0)
-
-
-@pytest.mark.mpi
 @pytest.mark.parametrize("held", HELD[:2], ids=["beam", "cantilever"])
 def test_share_of_the_joints_in_the_energy(frequencies, wall_file, held):
     # omega^2 <= omega_tied^2, concave in the stiffness, with the slope eta.

@@ -110,21 +110,6 @@ def test_joint_nodes_have_no_mass(blocks, parameters):
     assert product(model.mass, velocity, velocity) == 0.0
 
 
-def test_symmetric_and_semidefinite(blocks, comm):
-    """All eigenvalues of a small one; as many zeros as massless dofs."""
-    if comm.size > 1:
-        return
-    model = blocks({"cell": "tet", "size": 0.5})
-    starts, columns, values = model.mass.getValuesCSR()
-    dense = np.zeros(model.mass.getSize())
-    dense[np.repeat(np.arange(len(dense)), np.diff(starts)), columns] = values
-    largest = np.abs(dense).max()
-    np.testing.assert_allclose(dense, dense.T, rtol=0, atol=1e-14 * largest)
-    eigenvalues = np.linalg.eigvalsh(dense)
-    assert eigenvalues[0] > -1e-13 * eigenvalues[-1]
-    assert np.sum(eigenvalues < 1e-10 * eigenvalues[-1]) == 3 * model.redistribution.massless
-
-
 @pytest.mark.parametrize("parameters", MESHES, ids=lambda p: f"{p['cell']}{p['order']}")
 def test_any_number_of_ranks_gives_the_same(blocks, blocks_file, read, comm, parameters):
     """Kinetic energy of a curved velocity field, by one rank and by all."""

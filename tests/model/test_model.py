@@ -1,17 +1,15 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Models: closed forms, resultants, materials, the user's own mesh and forms, refusals."""
+"""Models: closed forms, resultants, materials, user-defined forms, refusals."""
 
 import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
 
-from mpi4py import MPI
 
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import CellType, create_box, locate_entities, locate_entities_boundary, meshtags
 
 from dolfinx_joints import (
     BaseMotion,
@@ -30,7 +28,6 @@ from dolfinx_joints import (
     Simulation,
     Spring,
     Traction,
-    split_mesh,
 )
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.loads.load import load_names
@@ -419,86 +416,6 @@ def test_dofs_are_doubled_at_the_joint_only(blocks, bar):
     # 3 x 3 x 5 nodes, 9 of them on the joint.
     assert Model(bar, material=BAR).num_dofs == 3 * 45
     assert Model(blocks, material=BAR, joints=LAW).num_dofs == 3 * 54
-
-
-# The user's own mesh.
-
-WALL = ((20.0, 4.0, 20.0), (4, 1, 3))
-
-
-def own_wall(comm, cell):
-    """The wall of `jointed_wall` from DOLFINx's own mesh and tags."""
-    size, divisions = WALL
-    mesh = create_box(comm, [[0, 0, 0], list(size)], list(divisions), cell)
-    tdim = mesh.topology.dim
-    mesh.topology.create_connectivity(tdim - 1, tdim)
-    groups = {"base": 11, "crest": 12}
-    joints = {"joint_1": 21, "joint_2": 22, "joint_3": 23}
-    found = {
-        11: locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 0)),
-        12: locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], size[2])),
-        **{
-            20 + i: locate_entities(mesh, 2, lambda x, i=i: np.isclose(x[0], 5.0 * i))
-            for i in (1, 2, 3)
-        },
-    }
-    facets = np.concatenate(list(found.values()))
-    values = np.repeat(list(found), [len(f) for f in found.values()]).astype(np.int32)
-    order = np.argsort(facets)
-    tags = meshtags(mesh, 2, facets[order], values[order])
-    return split_mesh(mesh, tags, joints=joints, groups=groups)
-
-
-def weighed(jointed):
-    model = Model(
-        jointed,
-        material=CONCRETE,
-        joints=LAW,
-        supports=[BASE],
-        loads=[Gravity(), Traction(group="crest", value=(2e5, 1e5, 0.0))],
-    )
-    return model, Simulation(model).statics(steps=2)
-
-
-def summary(model, static):
-    """Numbers that do not depend on the numbering of nodes, points or ranks."""
-    comm = model.jointed.mesh.comm
-    areas, traction = model.operator.areas, static.joints.traction
-    crest = [mean(model, static.displacement, "crest", axis) for axis in range(3)]
-    counts = model.contact.counts(static.joints.status)
-    return [
-        static.displacement.norm(),
-        *crest,
-        comm.allreduce(float(areas @ np.abs(static.joints.state.gap).sum(axis=1))),
-        comm.allreduce(float(areas @ traction[:, 0])),
-        *resultant(model, static.reaction),
-        counts.open,
-        counts.stick,
-        counts.slip,
-    ]
-
-
-def test_own_mesh_gives_what_the_file_gives(comm, wall_file, read):
-    one = summary(*weighed(own_wall(comm, CellType.hexahedron)))
-    two = summary(*weighed(read(wall_file())))
-    np.testing.assert_allclose(one, two, rtol=1e-9, atol=1e-9 * abs(two[8]))
-
-
-@pytest.mark.parametrize("cell", [CellType.hexahedron, CellType.tetrahedron])
-def test_own_mesh_on_any_number_of_ranks(comm, cell):
-    # Reference: everything on a communicator of this process alone. The cells of a hexahedral
-    # box and its Kuhn tetrahedra are the same however DOLFINx distributes them.
-    one = summary(*weighed(own_wall(comm, cell)))
-    two = summary(*weighed(own_wall(MPI.COMM_SELF, cell)))
-    np.testing.assert_allclose(one, two, rtol=1e-9, atol=1e-9 * abs(two[8]))
-
-
-@pytest.mark.parametrize("cell", ["hex", "tet"])
-def test_file_on_any_number_of_ranks(wall_file, read, cell):
-    path = wall_file(cell=cell)
-    one = summary(*weighed(read(path)))
-    two = summary(*weighed(read(path, on=MPI.COMM_SELF)))
-    np.testing.assert_allclose(one, two, rtol=1e-9, atol=1e-9 * abs(two[8]))
 
 
 def test_two_laws_and_an_initial_gap(wall_file, read, comm):

@@ -324,22 +324,6 @@ def test_a_run_that_fails_keeps_what_was_computed(comm, wall_file, read, new_pat
     on_root(comm, look)
 
 
-def test_existing_files_are_kept(comm, wall_file, read, new_path):
-    path = new_path("kept.h5")
-    model = wall(read(wall_file()))
-    shake(model, [ResultsMonitor(path, points=POINTS)], steps=1)
-    with pytest.raises(Exception, match="exists") as failure:
-        shake(model, [ResultsMonitor(path, points=POINTS)], steps=1)
-    assert len(set(comm.allgather(str(failure.value)))) == 1
-    shake(model, [ResultsMonitor(path, points=POINTS, overwrite=True)], steps=2)
-    on_root(comm, lambda: _rows(path, 3))
-
-
-def _rows(path, count):
-    with Results(path) as results:
-        assert results.rows("histories") == count
-
-
 def test_run_without_joints(comm, wall_file, read, new_path):
     path = new_path("whole.h5")
     model = Model(read(wall_file(), joints=[]), material=CONCRETE, supports=[Fixed(group="base")])

@@ -18,7 +18,6 @@ from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.motions.reading import read_components, read_record, record_names
 from dolfinx_joints.motions.record_text import (
-    RecordText,
     direction_named,
     unit_named,
 )
@@ -539,8 +538,3 @@ def test_directions_are_known_by_name_and_azimuth() -> None:
     names = {"N": 0.0, "e-w": 90.0, "360": 0.0, "37.5": 37.5, "UP": "up", "DWN": "down"}
     assert {text: direction_named(text) for text in names} == names
     assert {direction_named(text) for text in ("H1", "400", "-10", "", "nan")} == {None}
-
-
-def test_the_head_of_a_file_is_enough_to_know_it(tmp_path: Path) -> None:
-    path = write(tmp_path, esm() + "0.0\n" * 10_000)
-    assert len(RecordText(path, head=1000).lines) < 200

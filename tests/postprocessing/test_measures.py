@@ -62,13 +62,6 @@ def along_x(wave: Callable[[np.ndarray], np.ndarray]) -> Vector:
     return lambda time: np.stack([wave(time), 0 * time, 0 * time], axis=-1)
 
 
-def decaying(frequency: float, ratio: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Free vibration with an undamped frequency [Hz] and a damping ratio."""
-    omega = 2 * np.pi * frequency
-    damped = omega * np.sqrt(1 - ratio**2)
-    return lambda time: 0.01 * np.exp(-ratio * omega * time) * np.sin(damped * time + 0.3)
-
-
 def test_displacement_counts_from_the_static_state(tmp_path: Path) -> None:
     results = write(tmp_path / "r.h5", along_x(lambda t: 0.02 * np.sin(2 * np.pi * t)))
     time, u = measures.displacement_history(results, "crest", "x")

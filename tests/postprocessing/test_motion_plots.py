@@ -81,14 +81,3 @@ def test_responses_over_frequency_are_sizes_over_a_first_one() -> None:
     np.testing.assert_allclose(full.get_ydata(), [1.0, 2.0])
     assert [text.get_text() for text in ax.get_legend().get_texts()] == list(given)
     assert ax.get_xlabel() == "f / f₁"
-
-
-def test_histories_show_the_drift_and_what_a_baseline_takes_off() -> None:
-    ax = motion_plots.history(MOTION.baseline_corrected(0), "y", "displacement", reference=MOTION)
-    before, after = (np.asarray(line.get_ydata()) for line in ax.get_lines())
-    # An offset a drifts by a t^2 / 2: 0.01 g over 20 s; a constant is taken off whole.
-    assert before[-1] == pytest.approx(0.01 * STANDARD_GRAVITY * 200.0)
-    assert np.abs(after).max() < 1e-9
-    assert ax.get_ylabel() == "displacement y [m]"
-    plain = motion_plots.history(MOTION, "x")
-    assert np.abs(plain.get_lines()[0].get_ydata()).max() == pytest.approx(0.1, rel=1e-3)

@@ -10,7 +10,6 @@ import pytest
 from declared import declare_energy, declare_histories, declare_states
 from written_runs import SHARES
 
-from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.errors import JointsError, ResultsError
 from dolfinx_joints.postprocessing import plots
 from dolfinx_joints.postprocessing.joints import surface as joint_surface
@@ -136,34 +135,6 @@ def test_titles_are_whole_and_in_front_of_nothing(draw: Any, results: Results) -
     assert not place.overlaps(ax.get_legend().get_window_extent())
 
 
-def test_fourier_amplitude_has_its_peak_at_the_sine(results: Results) -> None:
-    ax = plots.fourier(results, "crest", "x")
-    (line,) = ax.get_lines()
-    frequency, amplitude = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
-    assert frequency[np.argmax(amplitude)] == pytest.approx(FREQUENCY)
-    # A T / 2 = 0.02 m x 4 s / 2 = 40e-3 m s; the static -1 mm does not show at 0 Hz.
-    assert amplitude.max() == pytest.approx(40.0)
-    assert amplitude[0] < 1e-10
-    assert "peak at 5.00 Hz" in str(line.get_label())
-    assert ax.get_ylabel() == "amplitude of x [mm s]"
-    assert ax.get_xlim() == (0.0, 15.0)
-    assert frequency.max() <= 15.0
-
-
-def test_fourier_of_unequal_steps(tmp_path: Path) -> None:
-    time = np.cumsum(np.tile([0.005, 0.0025, 0.0025], 400))
-    with ResultsWriter(tmp_path / "r.h5", {}) as writer:
-        declare_histories(writer, [[0.0, 0.0, 0.0]])
-        writer.start()
-        for t in time:
-            values = {"displacement": [[0.01 * np.sin(2 * np.pi * t), 0, 0]], "iterations": 1}
-            writer.append("histories", t, values | dict.fromkeys(SHARES, 0))
-    (line,) = plots.fourier(Results(tmp_path / "r.h5"), 0, "x").get_lines()
-    frequency, amplitude = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
-    assert frequency[np.argmax(amplitude)] == pytest.approx(1.0, abs=0.01)
-    assert amplitude.max() == pytest.approx(20.0, rel=0.01)  # 0.01 m x 4 s / 2
-
-
 def test_runs_are_called_by_what_they_are(results: Results, tmp_path: Path) -> None:
     def labels(*runs: Results) -> list[str]:
         own, *behind = runs
@@ -188,34 +159,6 @@ def test_runs_are_called_by_what_they_are(results: Results, tmp_path: Path) -> N
     other = Results(write_run(tmp_path / "other.h5"))
     assert labels(results, other) == ["other", "run"]
     assert labels(results, same) == ["run, reference", "run"]
-
-
-def test_response_spectra(tmp_path: Path) -> None:
-    # A step of 0.1 g throws an undamped oscillator to twice its static deflection. The point moves
-    # with the ground as far as its acceleration is concerned, but for the first half step.
-    with ResultsWriter(tmp_path / "run.h5", {"point_names": ["crest"]}) as writer:
-        declare_histories(writer, [[0.0, 0.0, 8.0]], accelerations=True)
-        writer.start()
-        for t in 0.005 * np.arange(801):
-            values = {"displacement": np.zeros((1, 3)), "acceleration": np.zeros((1, 3))}
-            values["ground_acceleration"] = [0.1 * STANDARD_GRAVITY, 0, 0]
-            shares = dict.fromkeys(SHARES, 0)
-            writer.append("histories", t, values | shares | {"iterations": 1})
-    run = Results(tmp_path / "run.h5")
-    options = {"damping_ratio": 0.0, "periods": [0.5, 1.0], "reference": run}
-    options["labels"] = ("with joints", "linear")
-    ax = plots.response_spectra(run, "crest", "x", **options)
-    lines = {str(line.get_label()): np.asarray(line.get_ydata()) for line in ax.get_lines()}
-    assert list(lines) == ["linear", "with joints", "ground"]
-    for values in lines.values():
-        np.testing.assert_allclose(values, 0.2, rtol=1e-3)
-    assert ax.get_xlabel() == "period [s]"
-    assert ax.get_ylabel() == "pseudo-acceleration x [g]"
-    assert (
-        ax.get_title(loc="left") == "crest: response spectra in x, 0% damping, low-passed at 25 Hz"
-    )
-    ax = plots.response_spectra(run, "crest", "x", damping_ratio=0.075, periods=[0.5])
-    assert "7.5% damping" in ax.get_title(loc="left")
 
 
 @pytest.mark.parametrize("quantity", ["normal", "tangential", "ratio"])
@@ -253,24 +196,6 @@ def test_patches_tile_the_joint(results: Results) -> None:
     np.testing.assert_allclose(everything.max(axis=0), [THICKNESS, HEIGHT])
 
 
-def test_a_triangle_is_split_like_its_reference() -> None:
-    corners = np.array([[1.0, 1.0], [4.0, 2.0], [2.0, 5.0]])
-    shape = joint_surface._Bilinear(corners[None])
-    np.testing.assert_allclose(shape(shape.reference, np.zeros(3, dtype=int)), corners)
-    local = np.array([[1 / 6, 1 / 6], [2 / 3, 1 / 6], [1 / 6, 2 / 3]])
-    facet = np.zeros(3, dtype=int)
-    np.testing.assert_allclose(shape.inverse(shape(local, facet), facet), local, atol=1e-14)
-
-
-def test_a_skew_quadrilateral_is_inverted() -> None:
-    corners = np.array([[0.0, 0.0], [4.0, 0.0], [3.0, 2.0], [1.0, 3.0]])
-    shape = joint_surface._Bilinear(corners[None])
-    np.testing.assert_allclose(shape(shape.reference, np.zeros(4, dtype=int)), corners)
-    local = np.array([[0.0, 0.0], [0.2, 0.8], [1.0, 1.0], [0.9, 0.1]])
-    facet = np.zeros(4, dtype=int)
-    np.testing.assert_allclose(shape.inverse(shape(local, facet), facet), local, atol=1e-12)
-
-
 def test_a_joint_that_was_never_loaded_is_drawn(tmp_path: Path) -> None:
     joint = joint_arrays()
     nodes, surface = block(5.0)
@@ -292,13 +217,6 @@ def test_energies_have_a_unit_that_fits(results: Results) -> None:
     assert labels[:-1] == list(ENERGY_TERMS[:-1])
     assert labels[-1] == "error, within 1.0e-09 of the largest"
     assert np.max(ax.get_lines()[0].get_ydata()) == pytest.approx(2.0)
-
-
-def test_joint_states_are_in_percent(results: Results) -> None:
-    ax = plots.joint_states(results)
-    assert [line.get_label() for line in ax.get_lines()] == ["open", "sliding"]
-    assert np.all(np.asarray(ax.get_lines()[0].get_ydata()) == 25.0)
-    assert ax.get_ylabel() == "share of joint points [%]"
 
 
 def test_axes_given_are_drawn_on_and_saved(results: Results, tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ pytest.importorskip("dolfinx")
 from rings import quarter_ring
 
 from dolfinx_joints import (
-    Checkpoints,
     Elastic,
     Fixed,
     FrictionNoTension,
@@ -216,42 +215,6 @@ def test_water_that_comes_in_the_stage(blocks_file, read, new_path, comm):
         expected = p * (1.0 + np.arange(4) / 3.0)
         np.testing.assert_allclose(found.water_force[:, 2], expected, rtol=1e-12)
         np.testing.assert_allclose(stored, np.tile(expected[:, None], stored.shape[1]), rtol=1e-12)
-
-
-def test_a_continued_run_records_the_same(blocks_file, read, new_path, comm):
-    # Interrupted after 3 of 5 steps: a checkpoint every 2, so that a record is taken again.
-    jointed, kept = read(blocks_file(angle=20.0)), new_path("run.ckpt")
-    loads = [Uplift(joint="joint_1", pressure=0.2 * WEIGHT)]
-
-    class Stops(Monitor):
-        def record(self, record):
-            if record.step == 3:
-                raise KeyboardInterrupt
-
-        def resume(self, model, stage, steps, last, state_dict):
-            self.record = lambda record: None
-
-    def run(path, others, checkpoint=None):
-        monitor = ResultsMonitor(path, points={"top": (0.5, 0.5, 2.0)}, resultants=True)
-        simulation = Simulation(blocks(jointed, loads=loads), monitors=[monitor, *others])
-        if checkpoint is None or not checkpoint.resume:
-            simulation.statics()
-        simulation.dynamics(dt=1e-3, steps=5, motion=shaking, checkpoint=checkpoint)
-        comm.barrier()
-
-    whole, parted = new_path("whole.h5"), new_path("parted.h5")
-    run(whole, [])
-    with pytest.raises(KeyboardInterrupt):
-        run(parted, [Stops()], checkpoint=Checkpoints(kept, every=2))
-    run(parted, [Stops()], checkpoint=Checkpoints(kept, every=2, resume=True))
-    if comm.rank == 0:
-        with Results(whole) as one, Results(parted) as two:
-            assert one.streams == two.streams
-            for name in one.streams["resultants"]:
-                wanted, found = (r.series("resultants", name) for r in (one, two))
-                assert len(found) == 6
-                size = np.abs(wanted).max()
-                np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-10 * size, err_msg=name)
 
 
 def shaking(time):

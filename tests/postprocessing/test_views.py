@@ -142,16 +142,6 @@ def test_a_square_is_where_its_extent_says() -> None:
     assert share(image, RED) == pytest.approx(200 * 100 / image[..., 0].size, rel=0.02)
 
 
-def test_the_nearer_surface_hides_the_other() -> None:
-    scene = rendering.Scene()
-    square = np.array([[0.0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]])
-    scene.surface(square, [[0, 1, 2, 3]], color=(178, 24, 43), lighting=False)
-    scene.surface(square + np.array([1.0, 0, 0]), [[0, 1, 2, 3]], color=(0, 0, 255), lighting=False)
-    downstream, upstream = (scene.render(rendering.Camera(a, 0.0), pixels=50) for a in (0, 180))
-    assert share(downstream, [0, 0, 255]) > 0.8
-    assert share(upstream, RED) > 0.8
-
-
 def test_coincident_points_are_no_outline() -> None:
     # Two unit squares with an edge in common, whose points differ by rounding: 6 edges are left.
     square = np.array([[0.0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]])
@@ -407,11 +397,6 @@ def test_envelope_has_the_range_of_its_data(results: Results, scenes) -> None:
     for number in range(2):
         assert share(picture(figure, number), lowest, within=12.0) > 0.01
         assert share(picture(figure, number), WHITE) < 0.8
-
-
-def test_pictures_are_saved(results: Results, scenes, tmp_path: Path) -> None:
-    path = plots.save(views.deformed(results), tmp_path / "deformed.png", dpi=50)
-    assert path.read_bytes().startswith(b"\x89PNG")
 
 
 def test_wrong_requests_have_a_message(results: Results, tmp_path: Path) -> None:

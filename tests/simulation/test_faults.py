@@ -75,17 +75,6 @@ def test_a_results_file_has_one_writer(other_run):
     assert sorted(p.name for p in path.parent.iterdir()) == ["run.h5"]
 
 
-def test_a_lock_is_free_after_its_release(tmp_path):
-    path = tmp_path / "run.ckpt"
-    first = FileLock(path, CheckpointError)
-    with pytest.raises(CheckpointError, match=f"written by process {os.getpid()} on"):
-        FileLock(path, CheckpointError)
-    first.release()
-    with FileLock(path, CheckpointError):
-        pass
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_file_system_without_locks_is_reported(tmp_path, monkeypatch):
     def none(file, how):
         raise OSError(errno.ENOLCK, "No locks available")
@@ -259,55 +248,6 @@ def test_a_factorization_that_fails_says_why(comm, values, symmetric, sentence):
     solver.destroy()
 
 
-class Failed:
-    """A factorization by MUMPS that ended with a code."""
-
-    def __init__(self, code, size):
-        self._facts = {1: code, 2: size}
-
-    def getFactorSolverType(self):
-        return "mumps"
-
-    def getFactorMatrix(self):
-        return self
-
-    def getMumpsInfog(self, place):
-        return self._facts[place]
-
-
-def test_codes_of_mumps_are_explained():
-    from dolfinx_joints.solvers.diagnosis import reported_by_package
-
-    assert "real workspace too small; INFOG(1) = -9" in reported_by_package(Failed(-9, 12345))
-    unknown = "see its user's guide; INFOG(1) = -99, INFOG(2) = 0"
-    assert unknown in reported_by_package(Failed(-99, 0))
-
-
-def test_other_failures_reported_by_petsc():
-    # Codes of petscerror.h: 55 is no memory, 76 an error of a library that PETSc calls.
-    from petsc4py import PETSc
-
-    from dolfinx_joints.solvers.diagnosis import (
-        NO_MEMORY,
-        NOT_FACTORED,
-        of_error,
-        reported_by_package,
-    )
-
-    matrix = diagonal(PETSc.COMM_SELF, [1.0, 2.0])
-    assert of_error(PETSc.Error(55), matrix) == f"{NO_MEMORY}."
-    message = of_error(PETSc.Error(76), matrix)
-    assert message.startswith(f"{NOT_FACTORED}; PETSc reports: ")
-    assert message.endswith(".")
-    assert "\n" not in message
-    # What is said in MUMPS's words is of MUMPS, and of a failure.
-    assert reported_by_package(Failed(0, 0)) == ""
-    ksp = PETSc.KSP().create(PETSc.COMM_SELF)
-    ksp.getPC().setType("lu")
-    ksp.getPC().setFactorSolverType("petsc")
-    assert reported_by_package(ksp.getPC()) == ""
-
-
 def test_who_deletes_a_lock_that_was_waited_for_does_not_make_two_owners(tmp_path, monkeypatch):
     # Between opening and locking, its last owner deletes the file: what is locked then is no lock.
     place, flock, calls = tmp_path / "r.h5.lock", files.fcntl.flock, []
@@ -419,30 +359,6 @@ def test_an_error_of_one_rank_in_a_run_ends_all(tmp_path, error):
     assert "never reached" not in done.stdout
 
 
-class Ranks:
-    """Stands for a communicator that can be aborted."""
-
-    def __init__(self, size):
-        self.size, self.aborted = size, None
-
-    def Abort(self, code):
-        self.aborted = code
-
-
-def test_what_ends_the_other_ranks_is_shown_first(monkeypatch, capsys):
-    from dolfinx_joints import abort_on_error
-
-    monkeypatch.setattr(sys, "excepthook", sys.__excepthook__)
-    abort_on_error(Ranks(1))
-    assert sys.excepthook is sys.__excepthook__  # one rank leaves nobody waiting
-    ranks = Ranks(2)
-    abort_on_error(ranks)
-    assert ranks.aborted is None
-    sys.excepthook(ValueError, ValueError("too bad"), None)
-    assert ranks.aborted == 1
-    assert "ValueError: too bad" in capsys.readouterr().err
-
-
 def marched(model, folder, *, steps=6, monitors=None, resume=False):
     """A short run with results and checkpoints."""
     from dolfinx_joints import Checkpoints, ResultsMonitor, Simulation
@@ -515,34 +431,6 @@ def test_a_disk_that_fills_up_in_a_run(wall, tmp_path):
     with Results(path) as results:
         assert results.status == "complete"
         assert results.rows("histories") == 101
-
-
-def test_a_disk_that_is_full_at_the_first_record(wall, tmp_path, monkeypatch):
-    # From the end of the declarations on the file may not grow, and the record is written at once.
-    from dolfinx_joints.monitors import results_monitor as monitors
-
-    path, old = tmp_path / "run.h5", resource.getrlimit(resource.RLIMIT_FSIZE)
-
-    class Full(ResultsWriter):
-        def start(self):
-            super().start()
-            self._flush_interval = 0.0
-            resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size, old[1]))
-
-    monkeypatch.setattr(monitors, "ResultsWriter", Full)
-    try:
-        with pytest.raises(ResultsError, match=r"run\.h5 cannot grow by .*too large.*whole\.$"):
-            marched(wall(), tmp_path)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, old)
-    assert list(tmp_path.glob("*.lock")) == []
-    with Results(path) as results:
-        assert results.status == "failed"
-        assert "cannot grow" in results.summary["error"]
-    monkeypatch.undo()
-    marched(wall(), tmp_path)  # nobody holds the file
-    with Results(path) as results:
-        assert results.status == "complete"
 
 
 @pytest.mark.mpi

@@ -200,6 +200,16 @@ def test_each_argument_of_a_model_counts(name, wall_file, read):
     assert found.startswith(paths.get(name, argument if argument == "water" else name))
 
 
+def test_the_energy_of_a_law_in_ufl_counts(wall_file, read):
+    def facts(k):
+        stiffness = {"normal_stiffness": 1e11, "shear_stiffness": 1e11}
+        law = dj.PotentialJoint(lambda g: k * (g[0] ** 2 + g[1] ** 2 + g[2] ** 2), **stiffness)
+        return facts_of(read(wall_file()), joints=law)
+
+    assert first_difference(facts(0.5e11), facts(0.5e11)) is None
+    assert "not the same" in first_difference(facts(0.5e11), facts(0.6e11))
+
+
 def test_equal_models_have_equal_facts(wall_file, read):
     """Joints that share one law, and joints with equal laws, have equal facts."""
     names = read(wall_file()).joint_names

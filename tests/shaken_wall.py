@@ -60,16 +60,9 @@ def swaying(time):
     return 4.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.5 * np.sin(55.0 * time)])
 
 
-def wall(jointed, joints=LAW, supports=(BASE,), damping=DAMPING, **options):
-    return Model(
-        jointed,
-        material=CONCRETE,
-        joints=joints,
-        supports=list(supports),
-        loads=[Gravity()],
-        damping=damping,
-        **options,
-    )
+def wall(jointed, joints=LAW, **changes):
+    given = {"material": CONCRETE, "supports": [BASE], "loads": [Gravity()], "damping": DAMPING}
+    return Model(jointed, joints=joints, **(given | changes))
 
 
 def valley():

@@ -18,8 +18,9 @@ pytest.importorskip("slepc4py")
 
 from mpi4py import MPI
 
+import shaken_wall
 from dolfinx.mesh import CellType, create_rectangle, locate_entities_boundary
-from shaken_wall import BASE, CONCRETE, LAW, shaking
+from shaken_wall import BASE, CONCRETE, shaking
 
 import dolfinx_joints as dj
 from dolfinx_joints.model.modal_damping import DampedModes
@@ -37,8 +38,7 @@ def wall(comm, wall_file, read):
 
     def make(damping=None, *, on=None, **options):
         jointed = read(wall_file()) if on is None else dj.read_msh(wall_file(), on)
-        given = {"supports": [BASE], "loads": [dj.Gravity()]} | options
-        return dj.Model(jointed, material=CONCRETE, joints=LAW, damping=damping, **given)
+        return shaken_wall.wall(jointed, damping=damping, **options)
 
     return make
 

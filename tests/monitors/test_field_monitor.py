@@ -11,7 +11,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from shaken_wall import BASE, CONCRETE, DT, LAW, POINTS, shaking, valley, wall
+from shaken_wall import CONCRETE, DT, LAW, POINTS, shaking, valley, wall
 from vtk_files import on_root, read_vtk
 from whole_vectors import all_of
 
@@ -67,13 +67,7 @@ def test_stresses_balance_the_weight_whatever_the_temperature(comm, wall_file, r
         expansion=1e-5,
         factor=lambda _: FACTOR,
     )
-    model = dj.Model(
-        read(wall_file()),
-        material=CONCRETE,
-        joints=LAW,
-        supports=[BASE],
-        loads=[dj.Gravity(), warm],
-    )
+    model = wall(read(wall_file()), loads=[dj.Gravity(), warm])
     simulation = dj.Simulation(model, monitors=[dj.FieldMonitor(path)])
     simulation.statics()
 
@@ -106,10 +100,8 @@ def test_plane_body(comm, two_rectangles_file, read, new_path, plane, cell, orde
     1 m above the base, sinks with the lower block and by half of its own compression q/k_n.
     """
     q, path, warmth = 2e6, new_path("plane.vtkhdf"), 1e-5 * WARMER
-    model = dj.Model(
+    model = wall(
         read(two_rectangles_file(cell=cell, order=order, angle=0.0)),
-        material=CONCRETE,
-        joints=LAW,
         body=dj.Body(plane=plane),
         supports=[
             dj.Fixed(group="base", components="y"),

@@ -10,14 +10,11 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 from dolfinx import mesh as dmesh
-from shaken_wall import CONCRETE, LAW, shaking
+from shaken_wall import CONCRETE, LAW, shaking, wall
 from whole_vectors import all_of
 
 from dolfinx_joints import (
-    Fixed,
-    Gravity,
     MeshError,
-    Model,
     Results,
     ResultsMonitor,
     Simulation,
@@ -33,13 +30,7 @@ LAMBDA, MU = CONCRETE.first_lame("strain"), CONCRETE.shear_modulus
 
 
 def model_of(jointed):
-    return Model(
-        jointed,
-        material=CONCRETE,
-        joints=LAW if jointed.joint_names else None,
-        supports=[Fixed(group="base")],
-        loads=[Gravity()],
-    )
+    return wall(jointed, LAW if jointed.joint_names else None)
 
 
 def displacement(model, field):
@@ -146,9 +137,7 @@ def test_pure_bending(comm, wall_file, read, cell):
 
 
 def test_plane_models_are_refused(comm, two_rectangles_file, read):
-    model = Model(
-        read(two_rectangles_file()), material=CONCRETE, joints=LAW, supports=[Fixed(group="base")]
-    )
+    model = wall(read(two_rectangles_file()))
     monitor = ResultsMonitor("plane.h5", points={"top": (0.0, 2.0)}, envelopes=True)
     with pytest.raises(ValueError, match="of bodies in space, got a plane model"):
         Simulation(model, monitors=[monitor])  # before anything is solved

@@ -23,7 +23,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from shaken_wall import CONCRETE, DT, LAW, POINTS, STEPS, Killed, Killer, shaking, valley, wall
+from shaken_wall import DT, LAW, POINTS, STEPS, Killed, Killer, shaking, valley, wall
 from vtk_files import read_vtk
 
 from dolfinx_joints import (
@@ -31,10 +31,8 @@ from dolfinx_joints import (
     Checkpoints,
     EnergyConsistent,
     FieldMonitor,
-    Fixed,
     Gravity,
     InitialFields,
-    Model,
     MohrCoulombJoint,
     Newmark,
     ProgressMonitor,
@@ -469,12 +467,7 @@ def test_a_damaged_file_of_fields_does_not_stop_a_continued_run(wall_file, read,
 
 @pytest.mark.filterwarnings("ignore:Loads act suddenly")
 def test_without_joints_and_without_a_static_state(wall_file, read, tmp_path):
-    body = Model(
-        read(wall_file(), joints=[]),
-        material=CONCRETE,
-        supports=[Fixed(group="base")],
-        loads=[Gravity()],
-    )
+    body = wall(read(wall_file(), joints=[]), None)
 
     def run(kill, **options):
         simulation = Simulation(body, monitors=[Killer(kill)])

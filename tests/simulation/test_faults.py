@@ -13,7 +13,7 @@ import sys
 import numpy as np
 import pytest
 
-from dolfinx_joints import ConvergenceError, JointsError, Results, ResultsError
+from dolfinx_joints import ConvergenceError, FrictionNoTension, JointsError, Results, ResultsError
 from dolfinx_joints.cli import main
 from dolfinx_joints.common import files
 from dolfinx_joints.common.errors import CheckpointError
@@ -140,22 +140,12 @@ def test_no_room_for_a_new_file_leaves_none(tmp_path):
 
 @pytest.fixture
 def wall(wall_file, read):
-    """``wall(**changes)``: a jointed wall with joint laws by name."""
-    dj = pytest.importorskip("dolfinx_joints")
+    """``wall(laws)``: a jointed wall with joint laws by name."""
     pytest.importorskip("dolfinx")
+    from shaken_wall import wall
+
     jointed = read(wall_file())
-
-    def make(laws=None):
-        plain = dj.FrictionNoTension(**STIFF)
-        return dj.Model(
-            jointed,
-            material=dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
-            joints=laws or plain,
-            supports=[dj.Fixed(group="base")],
-            loads=[dj.Gravity()],
-        )
-
-    return make
+    return lambda laws=None: wall(jointed, laws or FrictionNoTension(**STIFF))
 
 
 STIFF = {"normal_stiffness": 1e11, "shear_stiffness": 4e10, "friction_angle_deg": 30.0}
@@ -169,7 +159,6 @@ def shaking(time):
 
 def spoilt_law(field, after):
     """A law whose ``field`` holds NaN at its last point after some answers."""
-    from dolfinx_joints import FrictionNoTension
 
     class Spoilt(FrictionNoTension):
         answers = 0
@@ -200,7 +189,7 @@ def spoilt_law(field, after):
 @pytest.mark.parametrize("field", ["traction", "tangent"])
 @pytest.mark.parametrize("after", [0, 5, 60])  # statics, a later iteration of it, dynamics
 def test_nan_of_a_law_names_law_and_joint(wall, solver, field, after):
-    from dolfinx_joints import FrictionNoTension, Simulation
+    from dolfinx_joints import Simulation
 
     laws = dict.fromkeys(("joint_1", "joint_2"), FrictionNoTension(**STIFF))
     run = Simulation(wall(laws | {"joint_3": spoilt_law(field, after)}), solver=solver)

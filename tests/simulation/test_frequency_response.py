@@ -21,8 +21,9 @@ pytest.importorskip("slepc4py")
 
 from mpi4py import MPI
 
+import shaken_wall
 from dolfinx.mesh import CellType, create_rectangle, locate_entities_boundary
-from shaken_wall import BASE, CONCRETE, LAW
+from shaken_wall import CONCRETE, LAW
 
 import dolfinx_joints as dj
 from dolfinx_joints.simulation.monitor import Monitor
@@ -158,9 +159,7 @@ def wall(wall_file, comm):
         damping = damping or dj.ModalRatios(
             ratio=(0.3, 0.25, 0.2), modes=3, beyond=dj.Rayleigh(mass_factor=15.0)
         )
-        options = {"supports": [BASE], "loads": [dj.Gravity()], "damping": damping}
-        jointed = dj.read_msh(wall_file(), on)
-        return dj.Model(jointed, material=CONCRETE, joints=BONDED, **options)
+        return shaken_wall.wall(dj.read_msh(wall_file(), on), BONDED, damping=damping)
 
     return make
 

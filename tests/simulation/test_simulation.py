@@ -7,22 +7,19 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+import shaken_wall
 from shaken_wall import swaying
 
 from dolfinx_joints import (
-    Elastic,
-    Fixed,
     FrictionNoTension,
     Gravity,
     InitialFields,
     JointForces,
     Joints,
-    Model,
     Simulation,
     SolverOptions,
     StepControl,
     Traction,
-    stiffness_proportional,
 )
 from dolfinx_joints.simulation.monitor import Monitor
 
@@ -33,16 +30,7 @@ DT = 0.005
 @pytest.fixture
 def wall(wall_file, read):
     """A wall of two joints on a clamped base, under its own weight."""
-    return Model(
-        read(wall_file(divisions=(6, 2, 3), joints=2)),
-        material=Elastic(young=24e9, poisson=0.2, density=2400.0),
-        joints=FrictionNoTension(
-            normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0
-        ),
-        supports=[Fixed(group="base")],
-        loads=[Gravity()],
-        damping=stiffness_proportional(ratio=0.02, frequency=5.0),
-    )
+    return shaken_wall.wall(read(wall_file(divisions=(6, 2, 3), joints=2)))
 
 
 def difference(one, two):
@@ -119,15 +107,7 @@ def test_loads_without_a_static_stage_are_warned_of(wall_file, read, recwarn):
     push = Traction(group="crest", value=(1e4, 0.0, 0.0))
 
     def started(own, **options):
-        model = Model(
-            read(file),
-            material=Elastic(young=24e9, poisson=0.2, density=2400.0),
-            joints=FrictionNoTension(
-                normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0
-            ),
-            supports=[Fixed(group="base")],
-            loads=own,
-        )
+        model = shaken_wall.wall(read(file), loads=own, damping=None)
         monitor = Summary()
         simulation = Simulation(model, monitors=[monitor])
         if options.pop("static", False):
@@ -226,16 +206,9 @@ def test_forces_of_records_have_the_impulse_of_their_steps(blocks_file, read, co
 
     The scheme keeps momentum to rounding; forces of a step that is cut are the means over it.
     """
-    model = Model(
-        read(blocks_file(angle=0.0)),
-        material=Elastic(young=24e9, poisson=0.2, density=2400.0),
-        joints=Joints(
-            FrictionNoTension(normal_stiffness=1e10, shear_stiffness=4e9, friction_angle_deg=30.0),
-            initial_gaps={"joint_1": 0.01},
-        ),
-        supports=[Fixed(group="base")],
-        loads=[Gravity()],
-    )
+    law = FrictionNoTension(normal_stiffness=1e10, shear_stiffness=4e9, friction_angle_deg=30.0)
+    joints = Joints(law, initial_gaps={"joint_1": 0.01})
+    model = shaken_wall.wall(read(blocks_file(angle=0.0)), joints, damping=None)
     seen, steps = Impulses(), 24
     outcome = Simulation(model, monitors=[seen]).dynamics(dt=DT, steps=steps, control=control)
     assert (seen.cut > 0) == (control is not None)

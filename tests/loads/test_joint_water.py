@@ -36,7 +36,6 @@ from whole_vectors import relative_difference
 import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.loads.water.joint_water import Wetness
-from dolfinx_joints.loads.water.pressures_in_joints import JointWaters
 from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = pytest.mark.mpi
@@ -595,33 +594,6 @@ def test_frozen_water_is_a_given_uplift():
     assert outcome.energy.input_by_load["JointWater_joint"] == pytest.approx(
         same.energy.input_by_load["Uplift_joint"], rel=1e-8
     )
-
-
-def test_what_a_step_makes_of_the_water():
-    """A table by hand: open then closed, from each state, under each option."""
-    model = model_of(blocks())
-    count = len(model.operator.areas)
-
-    def after(in_dynamics, code, gap):
-        water = base_water(in_dynamics=in_dynamics, aperture=1e-3)
-        waters = JointWaters(model, {"water": water})
-        waters.begin_step(np.full(count, code, dtype=np.int8), np.full((count, 3), gap))
-        (found,) = set(np.concatenate(COMM.allgather(waters.codes)))
-        return Wetness(found)
-
-    closed, full, drained = Wetness
-    opened, shut = 2e-3, 5e-4
-    for option, code, gap, expected in (
-        ("follows", closed, opened, full),
-        ("follows", full, shut, closed),
-        ("frozen", closed, opened, closed),
-        ("frozen", full, shut, full),
-        ("drained", closed, opened, drained),
-        ("drained", drained, opened, drained),
-        ("drained", drained, shut, closed),
-        ("drained", full, shut, full),
-    ):
-        assert after(option, code, gap) is expected, (option, code, gap)
 
 
 @pytest.mark.parametrize("in_dynamics", OPTIONS)

@@ -28,7 +28,7 @@ from dolfinx_joints import (
     mass_proportional,
     split_mesh,
 )
-from dolfinx_joints.model.mass_redistribution import joint_dofs, linear_extrapolation, redistribute
+from dolfinx_joints.model.mass_redistribution import joint_dofs, redistribute
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.initial_state import initial_state
 
@@ -252,21 +252,6 @@ def test_refusals():
         redistribute(system, x[:-1])
     with pytest.raises(ValueError, match="has no joints"):
         redistribute(MatrixSystem.from_arrays(mass=mass, stiffness=mass), x)
-
-
-def test_extrapolation_takes_few_sources():
-    """On a regular grid the two that lie straight behind the node, first and last layer."""
-    grid = np.arange(-3.0, 4.0)
-    x = np.array([(a, b, 0.7 * c) for a in grid for b in grid for c in (1.0, 2.0, 3.0, 4.0)])
-    usable = np.ones((1, len(x)), dtype=bool)
-    (weights,), (exists,) = linear_extrapolation(x[None], usable)
-    assert exists
-    straight = np.hypot(x[:, 0], x[:, 1]) == 0.0
-    np.testing.assert_allclose(weights[straight], [4 / 3, 0, 0, -1 / 3], rtol=0, atol=1e-6)
-    np.testing.assert_allclose(weights[~straight], 0.0, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(weights @ x, 0.0, rtol=0, atol=1e-13)
-    assert weights.sum() == pytest.approx(1.0, abs=1e-13)
-    assert not linear_extrapolation(x[None], usable & (x[:, 2] < 1.0))[1][0]
 
 
 def test_first_acceleration_without_mass():

@@ -23,7 +23,6 @@ from dolfinx.mesh import CellType, create_rectangle, locate_entities_boundary
 from shaken_wall import BASE, CONCRETE, shaking
 
 import dolfinx_joints as dj
-from dolfinx_joints.model.modal_damping import DampedModes
 from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = pytest.mark.mpi
@@ -189,20 +188,6 @@ def test_solvers_and_ranks_agree(comm, wall):
         norms = (each.state.displacement.norm() for each in (found, expected))
         assert next(norms) == pytest.approx(next(norms), rel=1e-8)
         assert found.energy.viscous == pytest.approx(expected.energy.viscous, rel=1e-7)
-
-
-def test_of_a_small_system():
-    """Two masses: C = M Phi diag(2 z w) Phi^T M by hand."""
-    mass, stiffness = np.diag([2.0, 1.0]), np.array([[3.0, -1.0], [-1.0, 1.0]])
-    system = dj.MatrixSystem.from_arrays(mass=mass, stiffness=stiffness)
-    system = DampedModes(dj.ModalRatios(ratio=(0.1, 0.2), modes=2)).given_to(system)
-    # Modes (1, 2) and (1, -1) with omega^2 = 1/2 and 2, masses 6 and 3.
-    weighed = mass @ np.array([[1.0, 1.0], [2.0, -1.0]]) / np.sqrt([6.0, 3.0])
-    expected = weighed @ np.diag(2.0 * np.array([0.1, 0.2]) * np.sqrt([0.5, 2.0])) @ weighed.T
-    v, out = system.mass.createVecs()
-    v.setArray([0.3, -0.7])
-    system.damping_force(v, out)
-    np.testing.assert_allclose(out.array_r, expected @ [0.3, -0.7], rtol=1e-12)
 
 
 @pytest.mark.filterwarnings("ignore:Loads act suddenly")

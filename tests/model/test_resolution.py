@@ -11,10 +11,8 @@ pytest.importorskip("dolfinx")
 
 from dolfinx_joints import (
     Body,
-    EnergyConsistent,
     Fixed,
     FrictionNoTension,
-    MatrixSystem,
     Model,
     Orthotropic,
     RigidJoint,
@@ -22,9 +20,6 @@ from dolfinx_joints import (
 from dolfinx_joints.materials.drucker_prager import DruckerPrager
 from dolfinx_joints.materials.elastic import Elastic
 from dolfinx_joints.model.resolution import resolution
-from dolfinx_joints.results.resolved import STEPS_PER_PERIOD, of_step
-from dolfinx_joints.solvers.choice import make_solver
-from dolfinx_joints.time_integration.initial_state import initial_state
 
 # G = 12 and 3 GPa, lambda + 2 mu = 36 and 9 GPa: shear waves of 2000 and 1000 m/s.
 STIFF = Elastic(young=30e9, poisson=0.25, density=3000.0)
@@ -89,25 +84,3 @@ def test_half_of_a_waves_energy_passes_a_closed_joint(blocks):
     # k / (pi Z) between equal bodies; rigid joints limit nothing.
     assert resolved(blocks, material=STIFF).joints == pytest.approx(K_S / (np.pi * 6e6))
     assert resolved(blocks, joints=RigidJoint(friction_angle_deg=30.0)).joints == math.inf
-
-
-def test_ten_steps_leave_three_percent_of_a_period():
-    # Trapezoidal rule: omega' dt = 2 atan(omega dt / 2), here 0.6088 instead of 0.6283, so that a
-    # period is 3.2 % long; the mean of a step, which the file keeps, is 1.6 % small.
-    period = 0.2
-    dt = period / STEPS_PER_PERIOD
-    assert of_step(dt) == pytest.approx(1.0 / period)
-    system = MatrixSystem.from_arrays(mass=3.0, stiffness=3.0 * (2 * np.pi / period) ** 2)
-    scheme = EnergyConsistent()
-    solver = make_solver(system, None, "auto")
-    one = system.mass.createVecRight()
-    one.set(1.0)
-    states = [initial_state(solver, displacement=one)]
-    for _ in range(2000):
-        states.append(scheme.advance(solver, states[-1], dt)[0])
-    u = np.array([state.displacement.array[0] for state in states])
-    down = np.flatnonzero((u[:-1] > 0.0) & (u[1:] <= 0.0))
-    crossing = dt * (down + u[down] / (u[down] - u[down + 1]))
-    longer = (crossing[-1] - crossing[0]) / (len(down) - 1) / period
-    assert longer == pytest.approx(0.1 * np.pi / np.arctan(0.1 * np.pi), abs=1e-4)
-    assert longer == pytest.approx(1.032, abs=1e-3)

@@ -27,32 +27,6 @@ pytestmark = pytest.mark.mpi
 WARMER, FACTOR = 20.0, 0.5  # [K], [-]
 
 
-def test_each_time_is_that_of_the_results_file(comm, wall_file, read, new_path):
-    path, run = new_path("fields.vtkhdf"), new_path("run.h5")
-    monitors = [dj.FieldMonitor(path, every=2), dj.ResultsMonitor(run, points=POINTS, every=2)]
-    simulation = dj.Simulation(wall(read(wall_file())), monitors=monitors)
-    simulation.statics(name="weight")
-    simulation.dynamics(dt=DT, steps=4, motion=shaking)
-
-    def look():
-        body, joints = read_vtk(path), read_vtk(path.with_name(f"{path.stem}_joints.vtkhdf"))
-        ((one, weight),) = read_vtk(path.with_name(f"{path.stem}_stages.vtkhdf"))
-        with dj.Results(run) as results:
-            assert [time for time, _ in body] == results.time("states").tolist()
-            for number, ((_, grid), (_, of_joints)) in enumerate(zip(body, joints, strict=True)):
-                u = results.series("states", "displacement", number)
-                assert np.abs(u).max() > 1e-5
-                np.testing.assert_array_equal(grid.point_data["displacement [m]"], u)
-                names = [f"joints/{joint}/traction" for joint in results.joints]
-                t = np.concatenate([results.series("states", name, number) for name in names])
-                np.testing.assert_array_equal(of_joints.cell_data["traction [Pa]"], t)
-            u = results.series("statics", "displacement", 0)
-            np.testing.assert_array_equal(weight.point_data["displacement [m]"], u)
-        assert one == 1.0
-
-    on_root(comm, look)
-
-
 def test_stresses_balance_the_weight_whatever_the_temperature(comm, wall_file, read, new_path):
     """The mean of zz in a layer of equal hexahedra is that of the weight above its middle.
 

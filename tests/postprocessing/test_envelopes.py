@@ -33,13 +33,6 @@ def test_principal_stresses_do_not_turn() -> None:
     np.testing.assert_allclose(smallest, -7.0)
 
 
-def test_pure_shear() -> None:
-    for column in (3, 4, 5):
-        row = np.zeros((1, 6))
-        row[0, column] = 3.0
-        np.testing.assert_allclose(principal_extremes(row).ravel(), [3.0, -3.0])
-
-
 def test_stress_along_a_direction_turns_with_it() -> None:
     q = turns(50)
     tensor = np.array([[1.0, 2.0, -3.0], [2.0, -4.0, 5.0], [-3.0, 5.0, 6.0]])

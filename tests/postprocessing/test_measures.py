@@ -44,13 +44,7 @@ def write(
         declare_histories(writer, [[0.0, 0.0, 0.0], [0.0, 0.0, 8.0]], accelerations=True)
         writer.start()
         for row, time in enumerate(TIME):
-            values = {
-                "iterations": 1,
-                "joint_open": 0,
-                "joint_stick": 1,
-                "joint_slip": 0,
-                "joint_frictionless": 0,
-            }
+            values = dict.fromkeys(("iterations", *SHARES), 1)
             values["displacement"] = [np.zeros(3), u[row]]
             values["acceleration"] = [np.zeros(3), a[row]]
             writer.append("histories", start + time, values | {"ground_acceleration": g[row]})
@@ -132,13 +126,7 @@ def test_a_band_keeps_the_impulse_of_a_short_step(tmp_path: Path) -> None:
         declare_histories(writer, [[0.0, 0.0, 8.0]], accelerations=True)
         writer.start()
         for row, t in enumerate(time):
-            values = {
-                "iterations": 1,
-                "joint_open": 0,
-                "joint_stick": 1,
-                "joint_slip": 0,
-                "joint_frictionless": 0,
-            }
+            values = dict.fromkeys(("iterations", *SHARES), 1)
             values |= {"displacement": np.zeros((1, 3)), "ground_acceleration": np.zeros(3)}
             values["acceleration"] = np.full((1, 3), 3000.0 * (row == 101))
             writer.append("histories", t, values)

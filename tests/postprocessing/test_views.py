@@ -153,13 +153,6 @@ def test_coincident_points_are_no_outline() -> None:
     assert len(scene.layers) == 1  # no facets, nothing to draw
 
 
-def test_facets_given_the_other_way_round_make_no_outline() -> None:
-    square = np.array([[0.0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]])
-    scene = rendering.Scene()
-    scene.edges(square, [[0, 1, 2], [0, 3, 2]])
-    assert scene.layers[0][0].n_cells == 4
-
-
 @pytest.mark.parametrize("lacking", ["pyvista", "vtkmodules"])
 def test_without_the_packages_there_is_one_message(
     monkeypatch: pytest.MonkeyPatch, results: Results, lacking: str
@@ -421,17 +414,3 @@ def test_wrong_requests_have_a_message(results: Results, tmp_path: Path) -> None
         views.joint_map(Results(tmp_path / "whole.h5"))
     with pytest.raises(ValueError, match="There is nothing to draw: all values are missing"):
         views.envelope(Results(tmp_path / "whole.h5"))
-
-
-def test_contour_lines() -> None:
-    """Through the points where a linear field has their value; none on faces that lack one."""
-    points = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0], [4, 0, 0], [4, 1, 0]], float)
-    faces = np.array([[0, 1, 2, 3], [1, 4, 5, 2]])
-    values = 3.0 * points[:, 0] + points[:, 1]
-    scene = rendering.Scene()
-    scene.contours(points, faces, values, [1.5, 5.0, 9.5])
-    scene.contours(points, faces, np.where(points[:, 0] > 3.0, np.nan, values), [1.5, 5.0, 9.5])
-    for (lines, _), levels in zip(scene.layers, ([1.5, 5.0, 9.5], [1.5, 5.0]), strict=True):
-        of_points = 3.0 * lines.points[:, 0] + lines.points[:, 1]
-        np.testing.assert_allclose(of_points, lines.point_data["value"], rtol=1e-6)
-        assert sorted(set(lines.point_data["value"].round(9))) == levels

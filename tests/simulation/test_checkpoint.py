@@ -555,37 +555,3 @@ def test_signal_9_at_random_moments(wall_file, tmp_path, ranks):
         rounding = 0.0 if ranks == 1 else 1e-10 * np.abs(values).max(initial=0.0)
         np.testing.assert_allclose(other[0][name], values, rtol=0, atol=rounding, err_msg=name)
     assert ranks > 1 or one[1:] == other[1:]
-
-
-@pytest.mark.mpi
-def test_corrections_go_on_with_the_same_bits(comm):
-    """The set of points kept and the way chosen belong to what is remembered.
-
-    Corrections solved to 3 % depend on them: without `load_state_dict` the two differ by far more
-    than rounding.
-    """
-    from joint_tangents import (
-        WholeCorrections,
-        right_side,
-        row_matrix,
-        scaled_compliance,
-        states,
-        stuck_tangent,
-        tangents,
-    )
-    from whole_vectors import as_read
-
-    matrix, stuck = row_matrix(scaled_compliance(), comm), stuck_tangent(10.0)
-    first = WholeCorrections(matrix, stuck, comm)
-    kinds = ["mixed", "stuck", "mostly open", "mostly stuck", "one closed", "mixed", "sliding"]
-    for i, kind in enumerate(np.repeat(kinds, 2)):
-        status = states(kind, i // 2)
-        status[::4] *= i % 2 == 0  # some open: those kept will do
-        residual, tangent = right_side(seed=i), tangents(status, stuck)
-        other = WholeCorrections(matrix, stuck, comm)
-        other.of_rank.load_state_dict(as_read(first.of_rank.state_dict()))
-        found, again = (c.solve(residual, tangent, 0.03) for c in (first, other))
-        np.testing.assert_array_equal(again.step, found.step, err_msg=kind)
-        missed = [each.of_rank.state_dict()["missed"] for each in (other, first)]
-        assert missed[0] == missed[1], kind
-    assert missed[1] > 0.0  # the second way has been taken

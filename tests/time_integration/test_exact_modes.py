@@ -329,56 +329,31 @@ def test_refusals():
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("solver", ["condensed", "monolithic"])
+@pytest.mark.parametrize("solver", ["condensed", "monolithic", "moving base"])
 def test_a_wall_on_any_number_of_ranks(comm, wall_file, read, solver):
-    # Joints that open and slide, mass redistributed, steps cut: the same on one rank alone.
+    # Joints that open and slide, mass redistributed, steps cut: the same on one rank alone. On a
+    # moving base modes carry momentum of it, whose nodes and whose joints are on several ranks.
     pytest.importorskip("dolfinx")
     from mpi4py import MPI
 
     from shaken_wall import DT, shaking, wall
 
-    from dolfinx_joints import Body, Simulation
+    from dolfinx_joints import Body, Fixed, Prescribed, Simulation
 
+    given, options = {"motion": shaking, "control": StepControl(tolerance=1e-2)}, {}
+    if solver == "moving base":
+        path = lambda t: 0.03 * (1.0 - math.cos(20.0 * t))  # noqa: E731
+        moves = Prescribed(group="base", component="x", value=path)
+        solver, given = "auto", {}
+        options = {"supports": [Fixed(group="base", components="yz"), moves]}
     found = []
     for on in (comm, MPI.COMM_SELF):
-        simulation = Simulation(
-            wall(read(wall_file(), on), body=Body(redistribute_mass=True)), solver=solver
-        )
+        model = wall(read(wall_file(), on), body=Body(redistribute_mass=True), **options)
+        simulation = Simulation(model, solver=solver)
         simulation.statics()
-        outcome = simulation.dynamics(
-            dt=DT,
-            steps=8,
-            motion=shaking,
-            scheme=EnergyConsistent(exact_modes=20),
-            control=StepControl(tolerance=1e-2),
-        )
-        assert outcome.counts.accepted > 8
-        assert outcome.imbalance < 1e-12
-        row = outcome.energy
-        found.append([row.kinetic, row.strain, row.friction, row.viscous, row.input])
-    assert found[0][2] > 0.0
-    np.testing.assert_allclose(found[0], found[1], rtol=1e-7)
-
-
-@pytest.mark.mpi
-def test_a_wall_on_a_moving_base_on_any_number_of_ranks(comm, wall_file, read):
-    # Its modes carry momentum of the base, whose nodes and whose joints are on several ranks.
-    pytest.importorskip("dolfinx")
-    from mpi4py import MPI
-
-    from shaken_wall import DT, wall
-
-    from dolfinx_joints import Fixed, Prescribed, Simulation
-
-    moves = Prescribed(
-        group="base", component="x", value=lambda t: 0.03 * (1.0 - math.cos(20.0 * t))
-    )
-    found = []
-    for on in (comm, MPI.COMM_SELF):
-        model = wall(read(wall_file(), on), supports=[Fixed(group="base", components="yz"), moves])
-        simulation = Simulation(model)
-        simulation.statics()
-        outcome = simulation.dynamics(dt=DT, steps=8, scheme=EnergyConsistent(exact_modes=20))
+        scheme = EnergyConsistent(exact_modes=20)
+        outcome = simulation.dynamics(dt=DT, steps=8, scheme=scheme, **given)
+        assert outcome.counts.accepted > 8 or not given
         assert outcome.imbalance < 1e-12
         row = outcome.energy
         found.append([row.kinetic, row.strain, row.friction, row.viscous, row.input])

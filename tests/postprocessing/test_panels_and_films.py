@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from declared import declare_states
+from declared import declare_states, write_states
 from PIL import Image
 from reading_back import UNITS
 from written_runs import JOINT, NODES, SURFACE, write_run
@@ -65,13 +65,9 @@ def test_chosen_cell_groups_fill_the_picture(tmp_path):
     """Of two cubes of 2 m side by side, one: half as wide; the other is beyond the edge."""
     pytest.importorskip("pyvista")
     cells = Cells(12, [[0, 1, 3, 2, 4, 5, 7, 6], [8, 9, 11, 10, 12, 13, 15, 14]], {"one": [0]})
-    with ResultsWriter(tmp_path / "r.h5", {}) as writer:
-        declare_states(writer, NODES, SURFACE, {}, cells)
-        writer.start()
-        writer.append("states", 0.0, {"displacement": np.zeros(NODES.shape)})
-        writer.finish("complete", {})
+    path = write_states(tmp_path / "r.h5", NODES, SURFACE, {}, (0.0, {}), cells=cells)
     widths = []
-    with Results(tmp_path / "r.h5") as results:
+    with Results(path) as results:
         for groups in (None, ["one"]):
             figure = views.deformed(results, groups=groups, azimuths_deg=[0.0], elevation_deg=0.0)
             left, right, _, _ = figure.axes[0].get_images()[0].get_extent()

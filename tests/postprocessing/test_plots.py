@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from declared import declare_energy, declare_histories, declare_states
+from declared import declare_energy, declare_histories, declare_states, write_states
 from written_runs import SHARES
 
 from dolfinx_joints.common.errors import JointsError, ResultsError
@@ -199,13 +199,8 @@ def test_patches_tile_the_joint(results: Results) -> None:
 def test_a_joint_that_was_never_loaded_is_drawn(tmp_path: Path) -> None:
     joint = joint_arrays()
     nodes, surface = block(5.0)
-    zero = np.zeros((16, 3))
-    with ResultsWriter(tmp_path / "r.h5", {}) as writer:
-        declare_states(writer, nodes, surface, {"joint_1": joint})
-        writer.start()
-        values = {"joints/joint_1/gap": zero, "joints/joint_1/traction": zero}
-        writer.append("states", 0.0, {"displacement": 0 * nodes} | values)
-    results = Results(tmp_path / "r.h5")
+    path = write_states(tmp_path / "r.h5", nodes, surface, {"joint_1": joint}, (0.0, {}))
+    results = Results(path)
     ax = plots.joint_traction(results, "joint_1", "ratio")
     assert ax.get_legend().get_texts()[0].get_text() == "open, 0% of the area"  # a closed gap of 0
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from declared import declare_states
+from declared import declare_states, write_states
 from test_plots import HEIGHT, ROWS, THICKNESS, block
 from written_runs import WEIGHT, write_stages
 from written_runs import write_run as written_run
@@ -299,18 +299,8 @@ def test_joints_have_the_ends_of_their_names_in_the_picture(tmp_path: Path, scen
         "facet": np.array([0]),
     }
     nodes, surface = block(SIDE)
-    with ResultsWriter(path, {}) as writer:
-        joints = {"joint_base": level, "joint_1": {**arrays, "facet": np.arange(2, 4 * ROWS, 4)}}
-        declare_states(writer, nodes, surface, joints)
-        writer.start()
-        record = {
-            f"joints/{name}/{what}": np.zeros((len(joint["points"]), 3))
-            for name, joint in joints.items()
-            for what in ("gap", "traction")
-        }
-        writer.append("states", 0.0, {"displacement": np.zeros_like(nodes)} | record)
-        writer.finish("complete", {})
-    with Results(path) as results:
+    joints = {"joint_base": level, "joint_1": {**arrays, "facet": np.arange(2, 4 * ROWS, 4)}}
+    with Results(write_states(path, nodes, surface, joints, (0.0, {}))) as results:
         figure = views.joint_map(results, "opening")
         views.joint_map(results, "opening", turned=False)
     assert {"1", "base"} <= {text.get_text() for text in figure.axes[0].texts}
@@ -328,14 +318,8 @@ def test_pictures_of_slender_bodies_are_not_long(tmp_path: Path, scenes, quantit
     nodes *= [1.0, 0.4, 5.0]
     frame = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
     arrays = {"points": [[1.0, 1.0, 0.0]], "frames": [frame], "areas": [4.0], "facet": [0]}
-    with ResultsWriter(tmp_path / "column.h5", {}) as writer:
-        declare_states(writer, nodes, surface, {"lift": arrays})
-        writer.start()
-        gap = np.array([[1e-3, 0.0, 0.0]])
-        record = {"joints/lift/gap": gap, "joints/lift/traction": np.zeros_like(gap)}
-        writer.append("states", 0.0, {"displacement": np.zeros_like(nodes)} | record)
-        writer.finish("complete", {})
-    with Results(tmp_path / "column.h5") as results:
+    path, opened = tmp_path / "column.h5", {"joints/lift/gap": np.array([[1e-3, 0.0, 0.0]])}
+    with Results(write_states(path, nodes, surface, {"lift": arrays}, (0.0, opened))) as results:
         figure = views.joint_map(results, quantity)
     width, height = figure.get_size_inches()
     assert height == pytest.approx(1.4 * width)
@@ -397,11 +381,9 @@ def test_wrong_requests_have_a_message(results: Results, tmp_path: Path) -> None
         views.mesh(results, groups="dam")
     with pytest.raises(ResultsError, match="No series 'arch_max'"):
         views.envelope(results, "arch_max")
-    with ResultsWriter(tmp_path / "plane.h5", {}) as writer:
-        declare_states(writer, np.zeros((2, 3)), [[0, 1]], {})
-        writer.start()
+    plane = write_states(tmp_path / "plane.h5", np.zeros((2, 3)), [[0, 1]], {})
     with pytest.raises(ValueError, match=r"need a body in space; that of .*plane\.h5 is plane"):
-        views.mesh(Results(tmp_path / "plane.h5"))
+        views.mesh(Results(plane))
     with ResultsWriter(tmp_path / "whole.h5", {}) as writer:
         nodes, surface = block(SIDE)
         declare_states(writer, nodes, surface, {})

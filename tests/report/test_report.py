@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import chromium, value_in
-from declared import declare_histories, declare_states
+from declared import declare_histories, write_states
 from written_runs import NODES, SHARES, write_envelopes, write_run, write_stages, write_tip
 
 from dolfinx_joints import report
@@ -312,13 +312,9 @@ def test_plane_joints_have_no_maps(tmp_path):
         "areas": np.ones(1),
         "facet": np.zeros(1, dtype=int),
     }
-    with ResultsWriter(tmp_path / "plane.h5", {"point_names": ["tip"]}) as writer:
-        declare_states(writer, nodes, [[2, 3], [0, 1]], {"seam": joint})
-        writer.start()
-        for time, opening in ((0.0, 0.0), (1.0, 2e-3)):
-            record = {"displacement": np.zeros((4, 3)), "joints/seam/gap": [[opening, 0.0, 0.0]]}
-            writer.append("states", time, record | {"joints/seam/traction": np.zeros((1, 3))})
-        writer.finish("complete", {})
+    states = ((0.0, {}), (1.0, {"joints/seam/gap": [[2e-3, 0.0, 0.0]]}))
+    given = (nodes, [[2, 3], [0, 1]], {"seam": joint}, *states)
+    write_states(tmp_path / "plane.h5", *given, point_names=["tip"])
     page, html = page_of([tmp_path / "plane.h5"], tmp_path, with_3d=True)
     assert "The models are plane: no view in space." in html
     assert "The model is plane: its joints are lines, of which no maps are drawn." in html

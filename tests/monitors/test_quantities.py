@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """A row of the table of quantities is in results files, tables, reports, figures and ParaView."""
 
-import csv
-
 import numpy as np
 import pytest
 
@@ -47,10 +45,6 @@ def test_mean_pressure_is_normal_force_over_area(comm, wall_file, read, new_path
                 assert results.unit("joints", f"{joint}/mean_pressure") == "Pa"
                 assert results.description("joints", f"{joint}/mean_pressure") == "mean pressure"
             every = np.concatenate(list(wanted.values()))
-            dj.write_csv(results, folder)
-            with (folder / "joint_extremes.csv").open(encoding="utf-8") as file:
-                of_csv = [float(row["mean pressure [Pa]"]) for row in csv.DictReader(file)]
-            np.testing.assert_allclose(of_csv, every, rtol=1e-12)
             frame = export.to_pandas(results, "joint_extremes")
             np.testing.assert_allclose(frame["mean pressure [Pa]"], every, rtol=1e-12)
             drawn = plots.joint_panels(results, "mean_pressure")

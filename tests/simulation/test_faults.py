@@ -169,18 +169,11 @@ def spoilt_law(field, after):
                 getattr(response, field)[-1:] = np.nan
             return response
 
-        def backward_euler(self, gap, state):
-            return self._spoil(super().backward_euler(gap, state))
-
-        def discrete_gradient(self, gap, state):
-            return self._spoil(super().discrete_gradient(gap, state))
-
-        def condensed_backward_euler(self, gap, compliance, state):
-            return self._spoil(super().condensed_backward_euler(gap, compliance, state))
-
-        def condensed_discrete_gradient(self, gap, compliance, state):
-            return self._spoil(super().condensed_discrete_gradient(gap, compliance, state))
-
+    for name in ("backward_euler", "discrete_gradient"):
+        for method in (name, f"condensed_{name}"):
+            given = getattr(FrictionNoTension, method)
+            spoilt = lambda self, *args, given=given: self._spoil(given(self, *args))  # noqa: E731
+            setattr(Spoilt, method, spoilt)
     return Spoilt(**STIFF)
 
 

@@ -203,7 +203,6 @@ def test_a_first_stage_that_fails_leaves_no_results_of_another_run(comm, new_pat
         assert (results.status, results.stage_names) == ("failed", [])
         assert results.summary["error"] == f"ConvergenceError: {failure.value}"
     if comm.rank == 0:
-        assert "error ConvergenceError: The static stage" in " ".join(overview(path).split())
         page = report.write([path], path.with_suffix(".html"), with_3d=False).read_text()
         assert "failed in the first static stage (ConvergenceError: The static" in page
     comm.barrier()

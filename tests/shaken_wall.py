@@ -11,26 +11,17 @@ import pytest
 
 pytest.importorskip("dolfinx")
 import dolfinx_joints as dj
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    Model,
-    Probe,
-    stiffness_proportional,
-)
 from dolfinx_joints.simulation.monitor import Monitor
 
-CONCRETE = Elastic(young=24e9, poisson=0.2, density=2400.0)
+CONCRETE = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
 
-LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
+LAW = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
 
-POINTS = {"crest": Probe((10.0, 0.0, 20.0), group="joint_2-"), "corner": (0.0, 4.0, 20.0)}
+POINTS = {"crest": dj.Probe((10.0, 0.0, 20.0), group="joint_2-"), "corner": (0.0, 4.0, 20.0)}
 
-BASE = Fixed(group="base")
+BASE = dj.Fixed(group="base")
 
-DAMPING = stiffness_proportional(ratio=0.02, frequency=5.0)
+DAMPING = dj.stiffness_proportional(ratio=0.02, frequency=5.0)
 
 STEPS, DT = 12, 4e-3
 
@@ -61,8 +52,8 @@ def swaying(time):
 
 
 def wall(jointed, joints=LAW, **changes):
-    given = {"material": CONCRETE, "supports": [BASE], "loads": [Gravity()], "damping": DAMPING}
-    return Model(jointed, joints=joints, **(given | changes))
+    given = {"material": CONCRETE, "supports": [BASE], "loads": [dj.Gravity()], "damping": DAMPING}
+    return dj.Model(jointed, joints=joints, **(given | changes))
 
 
 def valley():

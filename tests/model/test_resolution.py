@@ -9,14 +9,7 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from dolfinx_joints import (
-    Body,
-    Fixed,
-    FrictionNoTension,
-    Model,
-    Orthotropic,
-    RigidJoint,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.materials.drucker_prager import DruckerPrager
 from dolfinx_joints.materials.elastic import Elastic
 from dolfinx_joints.model.resolution import resolution
@@ -25,7 +18,7 @@ from dolfinx_joints.model.resolution import resolution
 STIFF = Elastic(young=30e9, poisson=0.25, density=3000.0)
 SOFT = Elastic(young=7.5e9, poisson=0.25, density=3000.0)
 K_N, K_S = 1e9, 4e8
-LAW = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=30.0)
+LAW = dj.FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=30.0)
 SHEAR, PRESSURE = (6e6, 3e6), (math.sqrt(1.08e14), math.sqrt(2.7e13))  # rho c below, above
 
 
@@ -38,7 +31,9 @@ def blocks(blocks_file, read):
 def resolved(jointed, *, material=None, joints=LAW, **options):
     material = {"lower": STIFF, "upper": SOFT} if material is None else material
     return resolution(
-        Model(jointed, material=material, joints=joints, supports=[Fixed(group="base")], **options)
+        dj.Model(
+            jointed, material=material, joints=joints, supports=[dj.Fixed(group="base")], **options
+        )
     )
 
 
@@ -46,11 +41,11 @@ def resolved(jointed, *, material=None, joints=LAW, **options):
 def test_ten_nodes_to_the_shortest_shear_wave(blocks):
     # The longest edge has 2 m: waves of 1000 m/s of 20 m, half of that with quadratic elements.
     assert resolved(blocks).mesh == pytest.approx(50.0)
-    assert resolved(blocks, body=Body(degree=2)).mesh == pytest.approx(100.0)
+    assert resolved(blocks, body=dj.Body(degree=2)).mesh == pytest.approx(100.0)
     plastic = DruckerPrager(elastic=STIFF, cohesion=1e6, friction_angle_deg=45.0)
     assert resolved(blocks, material=plastic).mesh == pytest.approx(100.0)
     # Slowest along the third axis, 1200 m/s; massless cells below have no waves.
-    layered = Orthotropic(
+    layered = dj.Orthotropic(
         young=(9e9, 9e9, 6e9), poisson=(0.2, 0.1, 0.1), shear=(4.5e9, 4.5e9, 4.32e9), density=3000.0
     )
     massless = Elastic(young=1e6, poisson=0.25, density=0.0)
@@ -74,7 +69,7 @@ def passed(k, impedances, omega):
 def test_half_of_a_waves_energy_passes_a_closed_joint(blocks):
     found = resolved(blocks).joints
     assert found == pytest.approx(K_S * (1 / 6e6 + 1 / 3e6) / (2 * np.pi))  # 31.8 Hz
-    bare = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=0.0, friction_angle_deg=0.0)
+    bare = dj.FrictionNoTension(normal_stiffness=K_N, shear_stiffness=0.0, friction_angle_deg=0.0)
     of_pressure = resolved(blocks, joints=bare).joints
     for frequency, k, impedances in ((found, K_S, SHEAR), (of_pressure, K_N, PRESSURE)):
         tied = passed(1e6 * k, impedances, 2 * np.pi * frequency)
@@ -83,4 +78,4 @@ def test_half_of_a_waves_energy_passes_a_closed_joint(blocks):
         assert share == pytest.approx(0.5, rel=1e-6)
     # k / (pi Z) between equal bodies; rigid joints limit nothing.
     assert resolved(blocks, material=STIFF).joints == pytest.approx(K_S / (np.pi * 6e6))
-    assert resolved(blocks, joints=RigidJoint(friction_angle_deg=30.0)).joints == math.inf
+    assert resolved(blocks, joints=dj.RigidJoint(friction_angle_deg=30.0)).joints == math.inf

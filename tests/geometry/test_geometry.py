@@ -134,16 +134,9 @@ def test_plane_voussoir_arch(tmp_path, cell, order, vertices):
     path = voussoir_arch(
         tmp_path / "a.msh", radius=5.0, thickness=1.0, voussoirs=7, size=0.5, order=order, cell=cell
     )
-    with gmsh_model.gmsh_session():
-        gmsh.merge(str(path))
-        found = {}
-        for dim, physical in gmsh.model.getPhysicalGroups():
-            (entity,) = gmsh.model.getEntitiesForPhysicalGroup(dim, physical)
-            (kind,), (elements,), _ = gmsh.model.mesh.getElements(dim, entity)
-            size = gmsh.model.mesh.getElementProperties(kind)
-            assert size[1:3] == (dim, order)
-            found[gmsh.model.getPhysicalName(dim, physical)] = len(elements), size[5]
-        points = gmsh.model.mesh.getNodes()[1].reshape(-1, 3)
+    groups = Groups(path)
+    check_groups(groups)
+    found = {name: at.shape for name, at in (groups.cells | groups.facets).items()}
     # A voussoir is pi 5/7 = 2.24 m long: 4 cells of 0.5 m, and 2 through the thickness of 1 m.
     share = 1 if cell == "hex" else 2
     assert found["arch"] == (7 * 4 * 2 * share, vertices)
@@ -151,7 +144,7 @@ def test_plane_voussoir_arch(tmp_path, cell, order, vertices):
     assert {found[f"joint_{k}"] for k in range(1, 9)} == {(2, 2)}
     assert found["base"] == (2 * 2, 2)
     assert found["intrados"] == found["extrados"] == (7 * 4 + 2, 2)
-    radius = np.linalg.norm(points, axis=1)
+    radius = np.linalg.norm(groups.points, axis=1)
     levels = [4.5, 4.75, 5.0, 5.25, 5.5] if order == 2 else [4.5, 5.0, 5.5]
     assert np.unique(radius.round(12)) == pytest.approx(levels)
 
@@ -335,27 +328,16 @@ def test_gravity_dam(tmp_path, cell, order, element, section, expected):
 )
 def test_plane_gravity_dam(tmp_path, cell, order, corners):
     path = gravity_dam(tmp_path / "g.msh", joints={"neck": 66.5}, size=7, order=order, cell=cell)
-    with gmsh_model.gmsh_session():
-        gmsh.merge(str(path))
-        total, names = 0.0, set()
-        for dim, physical in gmsh.model.getPhysicalGroups():
-            names.add(gmsh.model.getPhysicalName(dim, physical))
-            (entity,) = gmsh.model.getEntitiesForPhysicalGroup(dim, physical)
-            (kind,), _, (flat,) = gmsh.model.mesh.getElements(dim, entity)
-            size = gmsh.model.mesh.getElementProperties(kind)
-            assert size[1:3] == (dim, order)
-            if dim == 2:
-                assert size[5] == corners
-                total += gmsh_model._volume(kind, entity)
-            else:
-                points = [gmsh.model.mesh.getNode(n)[0] for n in np.unique(flat)]
-                if gmsh.model.getPhysicalName(1, physical) == "joint_neck":
-                    x, y, _ = np.transpose(points)
-                    assert set(y) == {66.5}
-                    assert (x.min(), x.max()) == (0.0, 19.25)
+    groups = Groups(path)
+    check_groups(groups)
+    assert groups.cells["concrete"].shape[1] == corners
+    x, y, _ = groups.at("joint_neck").T
+    assert len(x) == order * len(groups.facets["joint_neck"]) + 1
+    assert set(y) == {66.5}
+    assert (x.min(), x.max()) == (0.0, 19.25)
     # Without a joint at height 0 there is no foundation, and the dam stands on the base itself.
-    assert names == {"concrete", "upstream", "downstream", "crest", "base", "joint_neck"}
-    assert total == pytest.approx(KOYNA_AREA, rel=1e-12)
+    assert set(groups.facets) == {"upstream", "downstream", "crest", "base", "joint_neck"}
+    assert area(groups, "concrete") == pytest.approx(KOYNA_AREA, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -471,12 +453,3 @@ def test_errors_of_the_script(tmp_path, capsys):
         script.main(["--cell", "prism", "--out", str(tmp_path / "w.msh")])
     assert stop.value.code == 2
     assert capsys.readouterr().err.endswith("cell is 'prism'; it must be one of hex, tet.\n")
-
-
-def test_a_file_that_is_no_mesh_is_not_run(tmp_path):
-    # Gmsh runs as a script of its own what is not marked as a mesh.
-    ran, script = tmp_path / "ran", tmp_path / "script.msh"
-    script.write_text(f'SystemCall "touch {ran}";\n')
-    with pytest.raises(MeshError, match="is no Gmsh mesh file: it does not begin with"):
-        gmsh_model.describe(script)
-    assert not ran.exists()

@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("dolfinx")
 
 import ufl
-from whole_vectors import all_of, relative_difference
+from whole_vectors import relative_difference
 
 import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
@@ -99,27 +99,6 @@ def test_a_failure_blames_a_joint_that_acts(wall):
     joint = contact.operator.joint
     assert contact.worst_joint(1.0 + joint) == "joint_2"
     assert contact.without(joint == 1).worst_joint(1.0 + joint) == "joint_1"
-
-
-def test_a_block_alone_is_the_block_in_the_wall(comm, wall, wall_file, read):
-    """The left block of the wall moves as the one block of a mesh of its own."""
-    model = wall([dj.Gravity()])
-    state = dj.Simulation(model).statics(joints="inactive")
-    found, places = (
-        gathered(model, state.displacement),
-        all_of(comm, NodeNumbering(model.V).positions),
-    )
-    path = wall_file(length=4.0, thickness=THICKNESS, height=HEIGHT, divisions=(2, 1, 3), joints=0)
-    alone = dj.Model(
-        read(path), material=CONCRETE, supports=[dj.Fixed(group="base")], loads=[dj.Gravity()]
-    )
-    single = gathered(alone, dj.Simulation(alone).statics().displacement)
-    there = all_of(comm, NodeNumbering(alone.V).positions)
-    scale = np.abs(single).max()
-    # Nodes on the joint are double: one of the two at that place is the block's.
-    for place, u in zip(there, single, strict=True):
-        near = np.flatnonzero(np.abs(places - place).max(axis=1) < 1e-9)
-        assert np.abs(found[near] - u).max(axis=1).min() < 1e-10 * scale
 
 
 @pytest.mark.parametrize("solver", ["condensed", "monolithic"])

@@ -185,18 +185,6 @@ def test_envelopes_of_a_run_on_any_number_of_ranks(comm, wall_file, read, new_pa
         np.testing.assert_allclose(np.nansum(directions[0] * directions[1], axis=1), 0, atol=1e-12)
 
 
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
-def test_no_envelopes_unless_asked_for(comm, wall_file, read, new_path):
-    path = new_path("plain.h5")
-    model = model_of(read(wall_file()))
-    monitor = dj.ResultsMonitor(path, points={"crest": (0.0, 0.0, 20.0)})
-    dj.Simulation(model, monitors=[monitor]).dynamics(dt=4e-3, steps=1)
-    if comm.rank == 0:
-        with dj.Results(path) as results:
-            assert "envelopes" not in results.streams
-            assert not any(name.startswith("envelopes") for name in results.statics)
-
-
 def test_envelopes_on_chosen_faces(comm, wall_file, read, new_path):
     # The same numbers as those of the whole boundary at the vertices of the faces; directions are
     # those of the faces alone.

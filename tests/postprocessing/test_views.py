@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from declared import declare_states, write_states
-from test_plots import HEIGHT, ROWS, THICKNESS, block
 from written_runs import WEIGHT, write_stages
 from written_runs import write_run as written_run
 
@@ -24,8 +23,17 @@ from dolfinx_joints.results.writer import ResultsWriter
 pytest.importorskip("matplotlib")
 pytest.importorskip("pyvista")
 
-SIDE = 5.0
+SIDE, HEIGHT, THICKNESS, ROWS = 5.0, 8.0, 2.0, 4
 RED, BLACK, WHITE = [178, 24, 43], [0, 0, 0], [255, 255, 255]
+
+
+def block(side: float) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and outer facets of the block between y = 0 and y = side, one element thick."""
+    corners = [(0.0, 0.0), (THICKNESS, 0.0), (THICKNESS, side), (0.0, side)]
+    nodes = np.array([[x, y, z] for z in np.linspace(0.0, HEIGHT, ROWS + 1) for x, y in corners])
+    around = [[i, (i + 1) % 4, 4 + (i + 1) % 4, 4 + i] for i in range(4)]
+    facets = [4 * row + np.array(around) for row in range(ROWS)]
+    return nodes, np.concatenate([[[0, 1, 2, 3]], [4 * ROWS + np.arange(4)], *facets])
 
 
 def joint_arrays() -> dict[str, np.ndarray]:

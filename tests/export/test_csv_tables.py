@@ -164,24 +164,15 @@ def test_tables_are_not_replaced_by_default(tmp_path, capsys):
     assert not list(out.glob("*.part"))
 
 
-def test_a_folder_that_cannot_be_made(tmp_path):
+def test_tables_that_cannot_be_written_leave_nothing(tmp_path):
     (tmp_path / "file").write_text("")
-    with (
-        Results(write_run(tmp_path / "r.h5")) as results,
-        pytest.raises(ResultsError, match="The tables cannot be written to .*file/in"),
-    ):
-        write_csv(results, tmp_path / "file" / "in")
-
-
-def test_a_table_that_cannot_take_its_place_leaves_nothing(tmp_path):
-    out = tmp_path / "out"
-    (out / "histories.csv").mkdir(parents=True)
-    with (
-        Results(write_run(tmp_path / "r.h5")) as results,
-        pytest.raises(ResultsError, match="The tables cannot be written to .*out: .*directory"),
-    ):
-        write_csv(results, out, overwrite=True)
-    assert [path.name for path in out.iterdir()] == ["histories.csv"]
+    taken = tmp_path / "out"
+    (taken / "histories.csv").mkdir(parents=True)
+    with Results(write_run(tmp_path / "r.h5")) as results:
+        for out, words in ((tmp_path / "file" / "in", "file/in"), (taken, "out: .*directory")):
+            with pytest.raises(ResultsError, match=f"The tables cannot be written to .*{words}"):
+                write_csv(results, out, overwrite=True)
+    assert [path.name for path in taken.iterdir()] == ["histories.csv"]
 
 
 @pytest.mark.parametrize("water", [False, True])

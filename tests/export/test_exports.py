@@ -194,6 +194,9 @@ def test_vtk_and_pyvista(runs, shape, order, tmp_path):
             for i, joint in enumerate(results.joints):
                 inside = of_joints.cell_data["joint [-]"] == i
                 np.testing.assert_array_equal(of_joints.cell_data[f"in {joint} [-]"], inside)
+                mean = results.series("joints", f"{joint}/mean_pressure", 2 * number)
+                found = of_joints.cell_data["mean pressure [Pa]"][inside]
+                np.testing.assert_allclose(found, mean, rtol=1e-12)
         stages = path.with_name(f"{path.stem}_stages.vtkhdf")
         ((number, grid),) = read_vtk(stages)
         assert number == 1.0

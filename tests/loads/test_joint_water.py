@@ -31,6 +31,7 @@ from dolfinx.mesh import (
     create_rectangle,
     locate_entities,
 )
+from shaken_wall import Killed
 from whole_vectors import relative_difference
 
 import dolfinx_joints as dj
@@ -491,10 +492,6 @@ def shaking(time):
     return 9.0 * np.sin(2 * np.pi * 8.0 * time), 12.0 * np.sin(2 * np.pi * 10.4 * time)
 
 
-class KilledError(Exception):
-    """Raised in the place of a crash."""
-
-
 class History(Monitor):
     """Gap, water pressure and work of the water at each step."""
 
@@ -602,7 +599,7 @@ def test_a_continued_run_keeps_its_water(new_path, in_dynamics):
         def record(self, record):
             super().record(record)
             if record.step == kill:
-                raise KilledError
+                raise Killed
 
     def run(kept=None):
         water = base_water(in_dynamics=in_dynamics)
@@ -616,7 +613,7 @@ def test_a_continued_run_keeps_its_water(new_path, in_dynamics):
     whole = run()
     kept = dj.Checkpoints(new_path("water.ckpt"), every=7)
     kill = 45
-    with pytest.raises(KilledError):
+    with pytest.raises(Killed):
         run(kept)
     kill = None
     resumed = run(replace(kept, resume=True))

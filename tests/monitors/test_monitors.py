@@ -145,6 +145,8 @@ def test_extremes_of_joints_are_of_every_step(comm, wall_file, read, new_path):
                         joint_measures(thin)[joint][f"{name}_time"] == every[joint][f"{name}_time"]
                     )
                 np.testing.assert_allclose(found.pressure, -t[..., 0].min(axis=1), rtol=1e-12)
+                mean = -t[..., 0] @ areas / areas.sum()
+                np.testing.assert_allclose(found.mean_pressure, mean, rtol=1e-12)
                 safety = MU * (-t[..., 0] @ areas) / (np.linalg.norm(t[..., 1:], axis=-1) @ areas)
                 again = joint_resultants(dense, joint).sliding_safety
                 for each in (found.safety, again):

@@ -11,6 +11,7 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from shaken_wall import Killed, Killer
 from vtk_files import on_root, read_vtk
 from whole_vectors import all_of
 
@@ -193,31 +194,20 @@ def test_stages_saved_travel(comm, column, new_path):
         second.monitors.clear()
 
 
-class Stop(dj.Monitor):
-    """Ends a run at a step."""
-
-    def __init__(self, step):
-        self.step = step
-
-    def record(self, record):
-        if record.step == self.step:
-            raise KeyboardInterrupt
-
-
 def test_a_continued_run_keeps_its_stages(comm, column, new_path):
     """Statics that are run again before a run is continued cost no record of it."""
     path, kept = new_path("long.h5"), new_path("long.ckpt")
 
     def run(last, **how):
         writing = dj.ResultsMonitor(path, points=POINTS, overwrite=True)
-        simulation = dj.Simulation(column(), monitors=[writing, Stop(last)])
+        simulation = dj.Simulation(column(), monitors=[writing, Killer(last)])
         simulation.statics(name="all")
         simulation.dynamics(dt=1e-3, steps=4, checkpoint=dj.Checkpoints(kept, every=2, **how))
 
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(Killed):
         run(3)
     comm.barrier()
-    run(-1, resume=True)
+    run(None, resume=True)
     with dj.Results(path) as results:
         assert results.status == "complete"
         assert results.stage_names == ["all"]

@@ -20,12 +20,13 @@ from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 
 
-@pytest.mark.parametrize("quantity", ["opening", "slip", "pressure"])
+@pytest.mark.parametrize("quantity", ["opening", "slip", "pressure", "mean_pressure"])
 def test_a_panel_for_each_joint_with_the_same_axes(tmp_path, quantity):
     with Results(write_run(tmp_path / "r.h5")) as results:
         figure = plots.joint_panels(results, quantity)
         unit = UNITS[re.search(r"\[(.*)\]", figure.get_supylabel())[1]]
-        assert figure.get_supylabel().startswith(f"largest {quantity} [")
+        words = "mean pressure" if quantity == "mean_pressure" else f"largest {quantity}"
+        assert figure.get_supylabel().startswith(f"{words} [")
         shown = [ax for ax in figure.axes if ax.get_visible()]
         assert len(shown) == len(results.joints)
         assert len({ax.get_ylim() for ax in shown}) == 1

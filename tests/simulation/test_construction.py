@@ -65,12 +65,6 @@ def wall(wall_file, read):
     return make
 
 
-def gathered(model, vector):
-    """Nodal vectors in the order of the input's nodes on all ranks."""
-    comm = model.jointed.mesh.comm
-    return comm.bcast(NodeNumbering(model.V).gather(vector))
-
-
 def largest(comm, values):
     """Largest absolute value on all ranks."""
     return max(comm.allgather(float(np.abs(values).max(initial=0.0))))
@@ -126,21 +120,6 @@ def test_tractions_are_those_of_the_later_load(comm, wall, solver):
     error = largest(comm, parts[0] + parts[1] - parts[2])
     assert error < 1e-9 * largest(comm, parts[2])
     assert largest(comm, parts[0]) > 0.9 * 2400.0 * STANDARD_GRAVITY * HEIGHT * 0.5
-
-
-def test_order_of_the_stages_matters(comm, wall):
-    """Grout before the weight: Poisson's swelling presses the joints. After it: nothing does."""
-    model = wall([dj.Gravity()])
-    before = dj.Simulation(model).statics()
-    run = dj.Simulation(model)
-    run.statics(joints="inactive")
-    after = run.grout()
-    assert largest(comm, before.joints.traction) > 1e3
-    assert largest(comm, after.joints.traction) == 0.0
-    assert largest(comm, after.joints.state.gap) == 0.0
-    # Nothing is added: the stage stays where it is.
-    again = run.statics()
-    assert largest(comm, again.joints.traction) < 1e-9 * largest(comm, before.joints.traction)
 
 
 def test_joints_left_open(comm, wall):
@@ -433,21 +412,6 @@ def test_pressed_joints_stay_at_rest_and_balance(wall, law):
     motion = dj.synthetic_motion()
     outcome = run.dynamics(dt=2e-3, steps=20, motion=lambda t: 5.0 * motion(t + 2.0))
     assert outcome.imbalance < 1e-11
-
-
-def test_loads_come_and_go(wall):
-    """Weight, then weight and water, then weight: where the body is linear, back again."""
-    weight, water = dj.Gravity(), dj.HydrostaticPressure(group="y_min", level=5.0)
-    model = wall([weight, water], law=dj.KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10))
-    run = dj.Simulation(model)
-    run.statics(joints="inactive", loads=[weight])
-    run.grout()
-    first = run.static.displacement.copy()
-    assert run.statics(loads=[weight, water], steps=3).missing == ()
-    assert run.static.reaction.norm() > 0.0
-    last = run.statics(loads=[weight])
-    assert last.missing == ("HydrostaticPressure_y_min",)
-    assert relative_difference(last.displacement, first) < 1e-9
 
 
 def test_saved_and_taken_up_again(comm, wall, new_path):

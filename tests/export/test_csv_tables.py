@@ -126,15 +126,6 @@ def test_texts_of_files_are_no_formulas_and_no_escapes(tmp_path, capsys, text, s
     assert seen in capsys.readouterr().out
 
 
-def test_every_column_has_a_unit(tmp_path):
-    with Results(write_run(tmp_path / "r.h5")) as results:
-        for path in write_csv(results, tmp_path):
-            words = {"joint"} if path.stem != "peaks" else {"peak", "value", "unit", "component"}
-            header = [name for name in read(path)[0] if name not in words]
-            assert all(name.endswith("]") and "[" in name for name in header), header
-            assert len(set(header)) == len(header)
-
-
 def test_tables_are_not_replaced_by_default(tmp_path, capsys):
     run, out = write_run(tmp_path / "r.h5"), tmp_path / "out"
     out.mkdir()

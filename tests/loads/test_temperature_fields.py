@@ -171,19 +171,17 @@ TABLE = "x,y,z,T\n" + "".join(f"{x},{y},{z},{3 * x - y + 2 * z + 7}\n" for x, y,
 IN_MM = "x,y,z,T\n" + "".join(f"{9e3 + x},{9e3 + y},{9e3 + z},5\n" for x, y, z in CORNERS)
 
 
-def test_points_of_a_file(comm, wall, new_path):
+@pytest.mark.parametrize(
+    "text", ["# from the thermal model\n\n" + TABLE, TABLE.replace(",", ";").replace(".", ",")]
+)
+def test_points_of_a_file(comm, wall, new_path, text):
     """Linear data come back at every node, comments and empty lines do not count."""
-    path = written(comm, new_path("t.csv"), "# from the thermal model\n\n" + TABLE)
-    field = dj.temperature_from_file(path, wall())
-    x, y, z = places(field).T
-    np.testing.assert_allclose(field.x.array, 3 * x - y + 2 * z + 7, rtol=1e-12, atol=1e-12)
-
-
-def test_a_spreadsheet_and_points_in_another_unit(comm, wall, new_path):
-    text = TABLE.replace(",", ";").replace(".", ",")
     field = dj.temperature_from_file(written(comm, new_path("t.csv"), text), wall())
     x, y, z = places(field).T
     np.testing.assert_allclose(field.x.array, 3 * x - y + 2 * z + 7, rtol=1e-12, atol=1e-12)
+
+
+def test_points_in_another_unit(comm, wall, new_path):
     rows = "".join(f"{1e3 * x},{1e3 * y},{1e3 * z},{x}\n" for x, y, z in CORNERS)
     path = written(comm, new_path("t.csv"), "x,y,z,T\n" + rows)
     text = "extend over 5000 m, the mesh over 4 m; look at the unit of the points"

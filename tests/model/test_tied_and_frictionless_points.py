@@ -82,11 +82,6 @@ def test_number_and_area_of_tied_points(comm, degree, quadrature, points, tied, 
     assert np.abs(gap[~operator.tied]).max(axis=1).min(initial=1.0) > 0.0
 
 
-def test_a_joint_from_face_to_face_has_no_tied_points(comm):
-    model = with_joint(comm, 4.0, LAW)
-    assert not model.operator.tied.any()
-
-
 def test_tied_points_have_no_part_in_forces(comm):
     """An overlap of 1 um given to the whole joint: 0.1 MPa on the 2.25 m2 that are not tied.
 

@@ -43,22 +43,6 @@ def march(system, lengths, *, exact=0, u0=None, v0=None, kind="auto"):
     return states, ledger
 
 
-def test_a_mode_that_is_exact_has_no_local_error():
-    """Free vibration in five steps per period, which a midpoint step misses by some per cent."""
-    omega = 2.0 * math.pi
-    system, dt = dj.MatrixSystem.from_arrays(mass=1.0, stiffness=omega**2), 0.2
-    errors = []
-    for exact in (0, 1):
-        scheme = dj.EnergyConsistent(exact_modes=exact)
-        solver = make_solver(system)
-        state = initial_state(solver, dt=dt, velocity=vector(system, [1.0]))
-        for _ in range(5):
-            state, report = scheme.advance(solver, state, dt)
-        errors.append(report.local_error * omega)
-    assert errors[0] > 0.02
-    assert errors[1] < 1e-12
-
-
 def displacements(states):
     return np.array([state.displacement.getArray(readonly=True) for state in states])
 

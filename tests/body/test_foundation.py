@@ -195,6 +195,7 @@ def dam(mesh_file, read):
 ROCK = dj.Elastic(young=20e9, poisson=0.25, density=2600.0)
 CONCRETE = dj.Elastic(young=25e9, poisson=0.2, density=2400.0)
 SIDES = ("base", "left", "right")
+DASHPOTS = [dj.ViscousBoundary(group=group) for group in SIDES]
 
 
 @pytest.mark.parametrize("rock", [0.0] if MANY else [0.0, 2600.0])
@@ -236,25 +237,17 @@ def test_perimetral_joint_that_holds_is_no_joint(dam, comm, rock):
     np.testing.assert_allclose(ends[0][:, 1:], ends[1][:, 1:], atol=1e-7 * scale, rtol=0)
 
 
+def on_rock(dam, supports, **options):
+    """The dam on its joint under its weight."""
+    given = {"material": {"rock": ROCK, "dam": CONCRETE}, "joints": STIFF, "loads": [dj.Gravity()]}
+    return dj.Model(dam(), supports=supports, **given, **options)
+
+
 def swapped(dam, **options):
     """A dam at rest on rock held by Fixed, its supports then changed for dashpots."""
-    held = dj.Model(
-        dam(),
-        material={"rock": ROCK, "dam": CONCRETE},
-        joints=STIFF,
-        supports=[dj.Fixed(group="base"), dj.Fixed(group="left", components="x")],
-        loads=[dj.Gravity()],
-    )
-    static = dj.Simulation(held).statics()
-    model = dj.Model(
-        dam(),
-        material={"rock": ROCK, "dam": CONCRETE},
-        joints=STIFF,
-        supports=[dj.ViscousBoundary(group=group) for group in SIDES],
-        loads=[dj.Gravity()],
-        **options,
-    )
-    simulation = dj.Simulation(model)
+    held = [dj.Fixed(group="base"), dj.Fixed(group="left", components="x")]
+    static = dj.Simulation(on_rock(dam, held)).statics()
+    simulation = dj.Simulation(on_rock(dam, DASHPOTS, **options))
     simulation.static = static
     return simulation, static
 
@@ -267,13 +260,7 @@ def test_dam_stays_at_rest_when_dashpots_take_over(dam):
 
 def test_dashpots_are_held_in_statics(dam, new_path):
     """One model: what holds the rock under the weight is what carries it on the dashpots."""
-    model = dj.Model(
-        dam(),
-        material={"rock": ROCK, "dam": CONCRETE},
-        joints=STIFF,
-        supports=[dj.ViscousBoundary(group=group) for group in SIDES],
-        loads=[dj.Gravity()],
-    )
+    model = on_rock(dam, DASHPOTS)
     path = new_path("run.h5")
     monitor = dj.ResultsMonitor(path, points={"crest": (0.0, 4.0)})
     static = dj.Simulation(model, monitors=[monitor]).statics()
@@ -284,18 +271,8 @@ def test_dashpots_are_held_in_statics(dam, new_path):
     assert set(reaction) == set(SIDES)
     held = model.resultant(static.reaction, SIDES[0])
     np.testing.assert_allclose(reaction[SIDES[0]], held, atol=1e-12 * np.abs(held).max())
-    fixed = [dj.Fixed(group=group) for group in SIDES]
-    clamped = dj.Model(
-        dam(),
-        material={"rock": ROCK, "dam": CONCRETE},
-        joints=STIFF,
-        supports=fixed,
-        loads=[dj.Gravity()],
-    )
-    assert (
-        relative_difference(dj.Simulation(clamped).statics().displacement, static.displacement)
-        < 1e-10
-    )
+    clamped = dj.Simulation(on_rock(dam, [dj.Fixed(group=group) for group in SIDES])).statics()
+    assert relative_difference(clamped.displacement, static.displacement) < 1e-10
 
     keep = dj.Checkpoints(new_path("run.checkpoint"), every=5)
     outcome = simulation.dynamics(dt=0.005, steps=5, checkpoint=keep)

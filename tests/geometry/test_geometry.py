@@ -180,15 +180,6 @@ def test_dam_size_and_quality(dam):
     assert dam_volume(ArchDam()) == pytest.approx(27.1e3, rel=2e-3)
 
 
-def test_dam_groups(dam):
-    groups = Groups(dam)
-    check_groups(groups)
-    # Joints 1 and 11 meet the abutment at 0.742 of the height, next to nothing below 0.75.
-    joints = {f"joint_{k}" for k in range(2, 11)}
-    assert set(groups.facets) - joints == {"base", "abutments", "upstream", "downstream", "crest"}
-    assert joints <= set(groups.facets)
-
-
 def test_dam_nodes_on_the_exact_surfaces(dam):
     groups, shape = Groups(dam), ArchDam()
 

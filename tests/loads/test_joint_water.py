@@ -25,12 +25,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 import ufl
-from dolfinx.mesh import (
-    CellType,
-    create_box,
-    create_rectangle,
-    locate_entities,
-)
+from dolfinx.mesh import CellType, create_box, create_rectangle, locate_entities
 from shaken_wall import Killed
 from whole_vectors import relative_difference
 

@@ -16,11 +16,7 @@ pytest.importorskip("basix")
 
 import basix
 
-from dolfinx_joints.mesh.facet_quadrature import (
-    GAUSS_DEGREES,
-    facet_cell_type,
-    facet_rule,
-)
+from dolfinx_joints.mesh.facet_quadrature import GAUSS_DEGREES, facet_cell_type, facet_rule
 
 FACETS = [(vertices, degree) for vertices in (2, 3, 4) for degree in (1, 2)]
 AREA = {2: 1.0, 3: 0.5, 4: 1.0}

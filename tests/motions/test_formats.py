@@ -17,10 +17,7 @@ import pytest
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.motions.reading import read_components, read_record, record_names
-from dolfinx_joints.motions.record_text import (
-    direction_named,
-    unit_named,
-)
+from dolfinx_joints.motions.record_text import direction_named, unit_named
 
 WAVE = np.round(25.0 * np.sin(0.7 * np.arange(37)), 3)
 """Accelerations [cm/s^2]."""

@@ -8,15 +8,7 @@ import numpy as np
 import pytest
 from declared import declare_states
 from test_report import Page
-from written_runs import (
-    JOINT,
-    NODES,
-    SURFACE,
-    WEIGHT,
-    write_envelopes,
-    write_run,
-    write_stages,
-)
+from written_runs import JOINT, NODES, SURFACE, WEIGHT, write_envelopes, write_run, write_stages
 
 from dolfinx_joints import report
 from dolfinx_joints.postprocessing import measures, peaks

@@ -7,8 +7,6 @@ The law is Xu and Needleman's (1994) with q = 1 and r = 0, without history:
     psi = phi - phi (1 + n/a) exp(-n/a) exp(-|s|^2/b^2).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any

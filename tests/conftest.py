@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Meshes shared by the tests and by all ranks."""
 
-from __future__ import annotations
-
 import gc
 import itertools
 import sys
@@ -142,41 +140,32 @@ def _two_rectangles(
 
     import gmsh
 
+    from dolfinx_joints.geometry.meshing.gmsh_model import gmsh_session
+
     rise = 0.5 * math.tan(math.radians(angle))
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session():
         geo = gmsh.model.geo
         corners = [(0, 0), (1, 0), (1, 1 + rise), (0, 1 - rise), (1, 2), (0, 2)]
         p = [geo.addPoint(x, y, 0) for x, y in corners]
         ends = [(0, 1), (1, 2), (2, 3), (3, 0), (2, 4), (4, 5), (5, 3)]
-        base, right, joint, left, up_right, top, up_left = (
-            geo.addLine(p[a], p[b]) for a, b in ends
-        )
+        lines = [geo.addLine(p[a], p[b]) for a, b in ends]
+        base, right, joint, left, up_right, top, up_left = lines
         lower = geo.addPlaneSurface([geo.addCurveLoop([base, right, joint, left])])
         upper = geo.addPlaneSurface([geo.addCurveLoop([-joint, up_right, top, up_left])])
-        for line in (base, right, joint, left, up_right, top, up_left):
+        for line in lines:
             geo.mesh.setTransfiniteCurve(line, divisions + 1)
         for surface in (lower, upper):
             geo.mesh.setTransfiniteSurface(surface)
             if cell == "quad":
                 geo.mesh.setRecombine(2, surface)
         geo.synchronize()
-        gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 0)
         gmsh.model.mesh.generate(2)
         gmsh.model.mesh.setOrder(order)
-        for name, dim, tags in (
-            ("lower", 2, [lower]),
-            ("upper", 2, [upper]),
-            ("base", 1, [base]),
-            ("top", 1, [top]),
-            ("sides", 1, [right, left, up_right, up_left]),
-            ("joint_1", 1, [joint]),
-        ):
+        groups = [("lower", 2, [lower]), ("upper", 2, [upper]), ("base", 1, [base])]
+        groups += [("top", 1, [top]), ("sides", 1, [right, left, up_right, up_left])]
+        for name, dim, tags in [*groups, ("joint_1", 1, [joint])]:
             gmsh.model.addPhysicalGroup(dim, tags, name=name)
         gmsh.write(str(out))
-    finally:
-        gmsh.finalize()
 
 
 @pytest.fixture(scope="session")

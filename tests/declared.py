@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Streams of results files that tests write by hand, declared from the table of quantities."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -61,6 +60,27 @@ def declare_states(
     """Write a body and declare its states, with the status of joint points if it is asked for."""
     declare_body(writer, nodes, surface, joints, cells)
     declare(writer, "states", _fields(nodes, joints, status=status))
+
+
+def write_states(
+    path: Path,
+    nodes: Any,
+    surface: Any,
+    joints: Mapping[str, Mapping[str, Any]],
+    *states: tuple[float, Mapping[str, Any]],
+    cells: Any = None,
+    **facts: Any,
+) -> Path:
+    """Write a run of states, each a time and values by name, zero where none is given."""
+    with ResultsWriter(path, facts) as writer:
+        declare_states(writer, nodes, surface, joints, cells)
+        writer.start()
+        for time, values in states:
+            fields = _fields(nodes, joints, status=False)
+            still = {name: np.zeros_like(each, dtype=float) for name, each in fields.items()}
+            writer.append("states", time, still | dict(values))
+        writer.finish("complete", {})
+    return path
 
 
 def declare_static_stages(

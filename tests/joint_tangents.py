@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Compliance and tangents of random joint points: open, sticking and sliding."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

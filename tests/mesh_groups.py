@@ -10,8 +10,10 @@ from dolfinx_joints.geometry.meshing import gmsh_model
 ELEMENTS = [("hex", 1, "hex8"), ("hex", 2, "hex27"), ("tet", 1, "tet4"), ("tet", 2, "tet10")]
 
 FACES = {
-    8: [[0, 1, 2, 3], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]],
-    4: [[0, 1, 2], [0, 1, 3], [1, 2, 3], [0, 2, 3]],
+    (3, 8): [[0, 1, 2, 3], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]],
+    (3, 4): [[0, 1, 2], [0, 1, 3], [1, 2, 3], [0, 2, 3]],
+    (2, 4): [[0, 1], [1, 2], [2, 3], [3, 0]],
+    (2, 3): [[0, 1], [1, 2], [2, 0]],
 }
 
 
@@ -26,6 +28,7 @@ class Groups:
             number[tags] = np.arange(tags.size)
             self.points = points.reshape(-1, 3)
             self.nodes, self.facets, self.cells = {}, {}, {}
+            self.dim = gmsh.model.getDimension()
             for dim, physical in gmsh.model.getPhysicalGroups():
                 name = gmsh.model.getPhysicalName(dim, physical)
                 (entity,) = gmsh.model.getEntitiesForPhysicalGroup(dim, physical)
@@ -33,7 +36,7 @@ class Groups:
                 size, corners = gmsh.model.mesh.getElementProperties(kind)[3::2][:2]
                 nodes = number[flat.reshape(-1, size)]
                 self.nodes[name] = np.unique(nodes)
-                (self.cells if dim == 3 else self.facets)[name] = nodes[:, :corners]
+                (self.cells if dim == self.dim else self.facets)[name] = nodes[:, :corners]
 
     def at(self, name):
         return self.points[self.nodes[name]]
@@ -42,7 +45,8 @@ class Groups:
 def check_groups(groups):
     """Check that outer facets are in one group each, and joint facets lie between two cells."""
     cells = np.concatenate(list(groups.cells.values()))
-    faces = np.sort(cells[:, FACES[cells.shape[1]]].reshape(-1, len(FACES[cells.shape[1]][0])))
+    faces = np.array(FACES[groups.dim, cells.shape[1]])
+    faces = np.sort(cells[:, faces].reshape(-1, faces.shape[1]))
     faces, count = np.unique(faces, axis=0, return_counts=True)
     assert set(count) <= {1, 2}  # the mesh is conforming
     inner = {tuple(f) for f in faces[count == 2]}
@@ -65,8 +69,8 @@ def check_groups(groups):
 
 
 def area(groups, name):
-    """Return the area of a surface of plane facets [m^2]."""
-    x = groups.points[groups.facets[name]]
+    """Return the area of a surface of plane facets, or of plane cells [m^2]."""
+    x = groups.points[(groups.facets | groups.cells)[name]]
     normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
     if x.shape[1] == 4:
         normal = np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])

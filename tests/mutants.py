@@ -6,8 +6,6 @@
 As a plugin of pytest it notes which tests run a line, and how long they take.
 """
 
-from __future__ import annotations
-
 import ast
 import json
 import random

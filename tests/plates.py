@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Points of parallel plates, a smooth kernel between them, and its compressed matrix."""
 
-from __future__ import annotations
-
 from mpi4py import MPI
 
 import numpy as np

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """A quarter of a thick ring with a joint around it, as arrays."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from dolfinx_joints.mesh.cells import CellShape

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """A jointed wall that is shaken, the guide's reservoir before it, a monitor that stops its run."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -13,26 +11,17 @@ import pytest
 
 pytest.importorskip("dolfinx")
 import dolfinx_joints as dj
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    Model,
-    Probe,
-    stiffness_proportional,
-)
 from dolfinx_joints.simulation.monitor import Monitor
 
-CONCRETE = Elastic(young=24e9, poisson=0.2, density=2400.0)
+CONCRETE = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
 
-LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
+LAW = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
 
-POINTS = {"crest": Probe((10.0, 0.0, 20.0), group="joint_2-"), "corner": (0.0, 4.0, 20.0)}
+POINTS = {"crest": dj.Probe((10.0, 0.0, 20.0), group="joint_2-"), "corner": (0.0, 4.0, 20.0)}
 
-BASE = Fixed(group="base")
+BASE = dj.Fixed(group="base")
 
-DAMPING = stiffness_proportional(ratio=0.02, frequency=5.0)
+DAMPING = dj.stiffness_proportional(ratio=0.02, frequency=5.0)
 
 STEPS, DT = 12, 4e-3
 
@@ -62,16 +51,9 @@ def swaying(time):
     return 4.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.5 * np.sin(55.0 * time)])
 
 
-def wall(jointed, joints=LAW, supports=(BASE,), damping=DAMPING, **options):
-    return Model(
-        jointed,
-        material=CONCRETE,
-        joints=joints,
-        supports=list(supports),
-        loads=[Gravity()],
-        damping=damping,
-        **options,
-    )
+def wall(jointed, joints=LAW, **changes):
+    given = {"material": CONCRETE, "supports": [BASE], "loads": [dj.Gravity()], "damping": DAMPING}
+    return dj.Model(jointed, joints=joints, **(given | changes))
 
 
 def valley():

@@ -6,8 +6,6 @@ No tension, elastic contact, |t_s| <= -mu t_n with mu = mu_r + (mu_s - mu_r) exp
 the plastic slip of all steps before.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The command line: what it prints, and its errors."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -20,20 +18,15 @@ from dolfinx_joints.results.overview import overview
 from dolfinx_joints.results.writer import ResultsWriter
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh"])
-def test_completion_knows_the_commands(shell, capsys):
+def test_completion_knows_the_commands(capsys):
     pytest.importorskip("shtab")
-    assert cli.main(["completion", shell]) == 0
-    script = capsys.readouterr().out
-    if shell == "bash":
-        asked = 'COMP_WORDS=(dolfinx-joints ""); COMP_CWORD=1; COMPREPLY=()\n'
-        asked += '_shtab_dolfinx_joints; echo "${COMPREPLY[@]}"'
-        done = subprocess.run(
-            ["bash", "-c", f"{script}\n{asked}"], capture_output=True, text=True, check=True
-        )
-        assert {"report", "split", "info", "csv", "vtk", "completion"} <= set(done.stdout.split())
-    else:
-        assert script.startswith("#compdef dolfinx-joints")
+    assert cli.main(["completion", "zsh"]) == 0
+    assert capsys.readouterr().out.startswith("#compdef dolfinx-joints")
+    assert cli.main(["completion", "bash"]) == 0
+    script = capsys.readouterr().out + 'COMP_WORDS=(dolfinx-joints ""); COMP_CWORD=1\n'
+    script += 'COMPREPLY=(); _shtab_dolfinx_joints; echo "${COMPREPLY[@]}"'
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True)
+    assert {"report", "split", "info", "csv", "vtk", "completion"} <= set(done.stdout.split())
 
 
 def write_file(path: Path) -> Path:
@@ -42,12 +35,6 @@ def write_file(path: Path) -> Path:
         writer.start()
         writer.finish("complete", {})
     return path
-
-
-def test_info_prints_what_the_file_holds(tmp_path, capsys):
-    path = write_file(tmp_path / "r.h5")
-    assert cli.main(["info", str(path)]) == 0
-    assert capsys.readouterr().out.strip() == overview(path)
 
 
 def test_a_file_for_paraview_is_called_that(tmp_path, capsys):

@@ -5,8 +5,6 @@
 Scenes of `benchmarks.lean` are runs to the first step; docs/design.md has the counts of modules.
 """
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys
@@ -29,7 +27,8 @@ sys.meta_path.insert(0, Refuse())
 """
 
 OUTPUT = ("report", "export", "geometry", "exact")
-RESULTS = (*OUTPUT, "monitors", "postprocessing", "results", "study")
+PLASTIC = ("body.plastic_cells", "body.strain_operator", "materials.drucker_prager")
+RESULTS = (*OUTPUT, *PLASTIC, "monitors", "postprocessing", "results", "study")
 JOINTS = (
     "solvers.interface",
     "solvers.compliance",
@@ -45,7 +44,7 @@ LOADS = {
     "bonds": ("laws.mohr_coulomb", (*RESULTS, *WATER, "solvers.multigrid.tangent"), 180),
     "water": ("loads.water.reservoir_waves", (*RESULTS, *JOINTS, *LAWS), 160),
     "free field": ("loads.free_field", (*RESULTS, *JOINTS, *LAWS, *WATER), 150),
-    "motion suite": ("study.motion_suite", (*OUTPUT, "study.fragility_curves"), 235),
+    "motion suite": ("study.motion_suite", (*OUTPUT, *PLASTIC, "study.fragility_curves"), 235),
 }
 
 

@@ -6,8 +6,6 @@ They are built here, the wheel from the source distribution, or taken from the f
 ``DOLFINX_JOINTS_DIST`` names (``make dist``).
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import struct

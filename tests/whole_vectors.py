@@ -42,6 +42,13 @@ def whole_layout(comm: Any, layout: JointPoints) -> JointPoints:
     return replace(layout, **of_facets, **of_points)
 
 
+def relative_difference(found: Any, expected: Any) -> float:
+    """Norm of the difference of two PETSc vectors, relative to the second one (collective)."""
+    change = found.copy()
+    change.axpy(-1.0, expected)
+    return change.norm() / expected.norm()
+
+
 class Whole:
     """S of all ranks, by products with vectors of all unknowns."""
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Results files of runs that were never made, with known motions, gaps and stresses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

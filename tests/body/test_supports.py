@@ -7,24 +7,12 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    MeshError,
-    Model,
-    Prescribed,
-    Results,
-    ResultsMonitor,
-    Simulation,
-    Traction,
-)
+import dolfinx_joints as dj
 
 pytestmark = pytest.mark.mpi
 
-SOLID = Elastic(young=24e9, poisson=0.2, density=2400.0)
-LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0)
+SOLID = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+LAW = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0)
 WEIGHT = 2400.0 * 9.80665 * 2.0  # of 1 m x 2 m, 1 m thick [N]
 
 
@@ -33,14 +21,14 @@ def test_a_block_on_two_points_by_statics(comm, two_rectangles_file, read, new_p
     # give W / 2 + 2 H at (1, 0), and W / 2 - 2 H is left at (0, 0), which holds H = 1 kN as well.
     push = 1e3
     path = new_path("points.h5")
-    model = Model(
+    model = dj.Model(
         read(two_rectangles_file(angle=0.0), joints=[]),
         material=SOLID,
-        supports=[Fixed(point=(0.0, 0.0)), Fixed(point=(1.0, 0.0), components="y")],
-        loads=[Gravity(), Traction(group="top", value=(push, 0.0))],
+        supports=[dj.Fixed(point=(0.0, 0.0)), dj.Fixed(point=(1.0, 0.0), components="y")],
+        loads=[dj.Gravity(), dj.Traction(group="top", value=(push, 0.0))],
     )
-    monitor = ResultsMonitor(path, points={"top": (0.0, 2.0)})
-    simulation = Simulation(model, monitors=[monitor])
+    monitor = dj.ResultsMonitor(path, points={"top": (0.0, 2.0)})
+    simulation = dj.Simulation(model, monitors=[monitor])
     state = simulation.statics()
     expected = {
         "point (0 0)": (-push, 0.5 * WEIGHT - 2.0 * push),
@@ -51,7 +39,7 @@ def test_a_block_on_two_points_by_statics(comm, two_rectangles_file, read, new_p
         np.testing.assert_allclose(found, force, rtol=0, atol=1e-9 * WEIGHT)
     simulation.dynamics(dt=1e-3, steps=1)
     if comm.rank == 0:
-        with Results(path) as results:
+        with dj.Results(path) as results:
             for name, force in expected.items():
                 found = results.series("histories", f"reaction/{name}")
                 np.testing.assert_allclose(found[-1], force, rtol=0, atol=1e-6 * WEIGHT)
@@ -60,10 +48,10 @@ def test_a_block_on_two_points_by_statics(comm, two_rectangles_file, read, new_p
 def test_a_point_on_a_joint_names_its_side(two_rectangles_file, read):
     # A lid that hangs on two points of the upper side of a level joint carries its weight alone.
     jointed = read(two_rectangles_file(angle=0.0))
-    held = [Fixed(group="base"), Fixed(group="joint_1+", point=(0.0, 1.0))]
-    held.append(Fixed(group="upper", point=(1.0, 1.0)))
-    model = Model(jointed, material=SOLID, joints=LAW, supports=held, loads=[Gravity()])
-    state = Simulation(model).statics()
+    held = [dj.Fixed(group="base"), dj.Fixed(group="joint_1+", point=(0.0, 1.0))]
+    held.append(dj.Fixed(group="upper", point=(1.0, 1.0)))
+    model = dj.Model(jointed, material=SOLID, joints=LAW, supports=held, loads=[dj.Gravity()])
+    state = dj.Simulation(model).statics()
     names = ("point (0 1) of joint_1+", "point (1 1) of upper")
     assert tuple(model.constraints.points) == names
     total = sum(model.resultant(state.reaction, name) for name in (*names, "base"))
@@ -75,13 +63,13 @@ def test_a_linear_displacement_of_the_boundary_is_that_of_the_body(two_rectangle
     # Patch test: u = A x t on the whole boundary of distorted cells.
     gradient = np.array([[1e-3, 4e-4], [-2e-4, 5e-4]])
     supports = [
-        Prescribed(group=group, component=axis, value=lambda x, t, g=row: t * x[:, :2] @ g)
+        dj.Prescribed(group=group, component=axis, value=lambda x, t, g=row: t * x[:, :2] @ g)
         for group in ("base", "sides", "top")
         for axis, row in zip("xy", gradient, strict=True)
     ]
-    model = Model(read(two_rectangles_file(), joints=[]), material=SOLID, supports=supports)
+    model = dj.Model(read(two_rectangles_file(), joints=[]), material=SOLID, supports=supports)
     for time in (0.5, 1.0):
-        u = Simulation(model).quasi_statics([time]).displacement
+        u = dj.Simulation(model).quasi_statics([time]).displacement
         owned = u.getLocalSize() // 2
         expected = time * model.V.tabulate_dof_coordinates()[:owned, :2] @ gradient.T
         assert np.abs(u.array - expected.ravel()).max(initial=0.0) < 1e-12 * 2e-3
@@ -90,15 +78,18 @@ def test_a_linear_displacement_of_the_boundary_is_that_of_the_body(two_rectangle
 @pytest.mark.parametrize(
     ("support", "text"),
     [
-        (lambda: Fixed(), "Fixed: group and point are both None; give one"),
-        (lambda: Fixed(point=(0.1, 0.0)), r"point \(0.1 0\) is at no node; the nearest is \(0, 0"),
-        (lambda: Fixed(point=(0.0, 1.0)), "2 nodes, which a joint divides; name a side as well"),
+        (lambda: dj.Fixed(), "Fixed: group and point are both None; give one"),
         (
-            lambda: Prescribed(group="sides", component="y", value=float),
+            lambda: dj.Fixed(point=(0.1, 0.0)),
+            r"point \(0.1 0\) is at no node; the nearest is \(0, 0",
+        ),
+        (lambda: dj.Fixed(point=(0.0, 1.0)), "2 nodes, which a joint divides; name a side as well"),
+        (
+            lambda: dj.Prescribed(group="sides", component="y", value=float),
             "displacement y on 'sides' is both Fixed and Prescribed; give one of them",
         ),
         (
-            lambda: Prescribed(group="top", component="x", value=lambda x, t: x[:, :2]),
+            lambda: dj.Prescribed(group="top", component="x", value=lambda x, t: x[:, :2]),
             "prescribed on 'top' at t = 0 s gave an array of shape",
         ),
     ],
@@ -107,10 +98,10 @@ def test_places_that_do_not_fit_are_refused(two_rectangles_file, read, support, 
     jointed = read(two_rectangles_file(angle=0.0))
 
     def run():
-        supports = [Fixed(group="base"), Fixed(group="sides", components="y"), support()]
-        Simulation(Model(jointed, material=SOLID, joints=LAW, supports=supports)).statics()
+        supports = [dj.Fixed(group="base"), dj.Fixed(group="sides", components="y"), support()]
+        dj.Simulation(dj.Model(jointed, material=SOLID, joints=LAW, supports=supports)).statics()
 
-    with pytest.raises((ValueError, MeshError), match=text):
+    with pytest.raises((ValueError, dj.MeshError), match=text):
         run()
 
 
@@ -122,14 +113,14 @@ def test_two_prescribed_values_of_one_dof_must_be_equal(comm, two_rectangles_fil
     jointed = read(two_rectangles_file(angle=0.0), joints=[])
 
     def moved(*supports):
-        fixed = [Fixed(group="base"), Fixed(group="sides", components="y")]
-        model = Model(jointed, material=SOLID, supports=[*fixed, *supports])
-        return Simulation(model).quasi_statics([0.5]).displacement.norm()
+        fixed = [dj.Fixed(group="base"), dj.Fixed(group="sides", components="y")]
+        model = dj.Model(jointed, material=SOLID, supports=[*fixed, *supports])
+        return dj.Simulation(model).quasi_statics([0.5]).displacement.norm()
 
     def of_top(value):
-        return Prescribed(group="top", component="x", value=value)
+        return dj.Prescribed(group="top", component="x", value=value)
 
-    corner = Prescribed(point=(1.0, 2.0), component="x", value=lambda t: 0.1 * t * 0.3)
+    corner = dj.Prescribed(point=(1.0, 2.0), component="x", value=lambda t: 0.1 * t * 0.3)
     alike = of_top(lambda x, t: t * 0.3 * (0.1 * x[:, 0]))
     text = (
         r"The supports on 'top' and 'point \(1 2\)' both prescribe the displacement x at \(1, 2\), "
@@ -140,5 +131,5 @@ def test_two_prescribed_values_of_one_dof_must_be_equal(comm, two_rectangles_fil
     assert len(set(comm.allgather(str(failed.value)))) == 1
     assert moved(alike, corner) == pytest.approx(moved(alike), rel=1e-12)
     assert moved(of_top(lambda t: 0.03 * t), corner) > 0.0
-    crossed = Prescribed(point=(1.0, 2.0), component="y", value=lambda t: 0.1 * t)
+    crossed = dj.Prescribed(point=(1.0, 2.0), component="y", value=lambda t: 0.1 * t)
     assert moved(alike, crossed) > moved(alike)

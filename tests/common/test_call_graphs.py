@@ -2,12 +2,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Machine code is used again if and only if nothing has changed that it is made of."""
 
-from __future__ import annotations
-
+import importlib
 import json
 import logging
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -71,6 +69,7 @@ def unrelated(x):
     return x + 50.0
 '''
 LOOPS = """
+import importlib
 import json
 import leaves
 from leaves import FACTOR, Pair, chosen, inner, middle, passed
@@ -139,9 +138,9 @@ EDITS = {
 }
 
 
-def run(folder, cache, *command, package=None):
-    """Output of Python in a folder, with this package or a copy of it."""
-    paths = [str(package or PACKAGE.parent), os.environ.get("PYTHONPATH")]
+def run(folder, cache, *command):
+    """Output of Python in a folder, with this package."""
+    paths = [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]
     home = {"PYTHONPATH": os.pathsep.join(filter(None, paths)), "NUMBA_CACHE_DIR": str(cache)}
     command = [sys.executable, *command]
     env = os.environ | home
@@ -231,59 +230,15 @@ def test_arrays_enter_by_value():
     assert facts(1) != facts(1.0) != facts(True)
 
 
-# Hashes of the call graphs of all loops of this package.
-GRAPHS = """
-import hashlib, importlib, json
-from pathlib import Path
-import dolfinx_joints
-from dolfinx_joints.common.kernels import CallGraph, Dispatcher
-
-root, found = Path(dolfinx_joints.__file__).parent, {}
-for path in sorted(root.rglob("*.py")):
-    if "kernels import" in path.read_text():
-        name = ".".join(path.relative_to(root.parent).with_suffix("").parts)
-        for value in vars(importlib.import_module(name)).values():
-            if isinstance(value, Dispatcher):
-                graph = CallGraph()
-                graph.add(value)
-                facts = repr(graph.facts).encode()
-                found[value.py_func.__name__] = hashlib.sha256(facts).hexdigest()
-for name, loop in importlib.import_module("dolfinx_joints.laws.friction").LOOPS.items():
-    graph = CallGraph()
-    graph.add(loop)
-    found[name] = hashlib.sha256(repr(graph.facts).encode()).hexdigest()
-print(json.dumps(found))
-"""
-LAWS = {"backward_euler", "discrete_gradient"}
-# An edit of this package, and which of the laws' loops it changes.
-EDITS_HERE = {
-    "common/errors.py": ("\nclass ", "\nEDITED = 1\n\n\nclass ", set()),
-    "laws/friction.py": ("total = c_n +", "total = 1.0 * c_n +", {"backward_euler"}),
-    "laws/points/return_mapping.py": ("limit = -mu *", "limit = -1.0 * mu *", LAWS),
-    "laws/losses.py": ("\ndef ", "\nEDITED = 1\n\n\ndef ", set()),
-}
-
-
-@pytest.fixture(scope="module")
-def graphs(tmp_path_factory):
-    """Call graphs of all loops as they are; each can be described."""
-    folder = tmp_path_factory.mktemp("graphs")
-    found = run(folder, folder, "-c", GRAPHS)
-    assert found.keys() > LAWS
-    return found
-
-
-@pytest.mark.parametrize("file", EDITS_HERE)
-def test_an_edit_of_this_package(graphs, tmp_path, file):
-    before, after, laws = EDITS_HERE[file]
-    shutil.copytree(PACKAGE, tmp_path / "dolfinx_joints")
-    source = tmp_path / "dolfinx_joints" / file
-    text = source.read_text()
-    assert before in text
-    source.write_text(text.replace(before, after, 1))
-    found = run(tmp_path, tmp_path, "-c", GRAPHS, package=tmp_path)
-    changed = {name for name in graphs if found[name] != graphs[name]}
-    assert changed & LAWS == laws
-    assert bool(changed) == bool(laws)
-    assert "multiply_blocks" in found
-    assert "multiply_blocks" not in changed
+def test_all_loops_of_this_package_can_be_described():
+    described = set()
+    for path in PACKAGE.rglob("*.py"):
+        if "kernels import" in path.read_text():
+            name = ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
+            for loop in vars(importlib.import_module(name)).values():
+                if isinstance(loop, kernels.Dispatcher):
+                    kernels.CallGraph().add(loop)
+                    described.add(loop.py_func.__name__)
+    assert "multiply_blocks" in described
+    for loop in importlib.import_module("dolfinx_joints.laws.friction").LOOPS.values():
+        kernels.CallGraph().add(loop)

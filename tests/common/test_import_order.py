@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Order of imports where DOLFINx is the wheel from PyPI, which a module of its name stands for."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

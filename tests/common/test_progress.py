@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Lines that tell how far work is: who writes them, when, and the time left."""
 
-from __future__ import annotations
-
 import logging
 import subprocess
 import sys

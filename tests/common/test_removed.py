@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Removed names and arguments raise one sentence that names the way on."""
 
-from __future__ import annotations
-
 import inspect
 
 import pytest

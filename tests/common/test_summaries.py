@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """What objects show of themselves in text and in notebooks, against what they hold."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """What pandas, xarray, PyVista and VTK read is what the results file holds, units with it."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np
@@ -196,6 +194,9 @@ def test_vtk_and_pyvista(runs, shape, order, tmp_path):
             for i, joint in enumerate(results.joints):
                 inside = of_joints.cell_data["joint [-]"] == i
                 np.testing.assert_array_equal(of_joints.cell_data[f"in {joint} [-]"], inside)
+                mean = results.series("joints", f"{joint}/mean_pressure", 2 * number)
+                found = of_joints.cell_data["mean pressure [Pa]"][inside]
+                np.testing.assert_allclose(found, mean, rtol=1e-12)
         stages = path.with_name(f"{path.stem}_stages.vtkhdf")
         ((number, grid),) = read_vtk(stages)
         assert number == 1.0

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Files for ParaView that grow, and the polygons of joint points in them."""
 
-from __future__ import annotations
-
 import errno
 import os
 from dataclasses import replace

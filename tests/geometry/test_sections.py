@@ -13,7 +13,7 @@ from mesh_groups import ELEMENTS, Groups, area, check_groups, dam_volume
 
 import dolfinx_joints as dj
 from dolfinx_joints.geometry import sections_dam as script
-from dolfinx_joints.geometry.arch import ArchDam, Sector
+from dolfinx_joints.geometry.arch import ArchDam
 from dolfinx_joints.geometry.meshing import gmsh_model
 from dolfinx_joints.geometry.section_table import SectionTable, read_sections
 from dolfinx_joints.geometry.sections_dam import sections_dam
@@ -301,10 +301,6 @@ def test_bad_options(tmp_path, options, sentence):
         sections_dam(tmp_path / "d.msh", write(tmp_path, CYLINDER), **options)
     assert not (tmp_path / "d.msh").exists()
     assert not gmsh.isInitialized()
-
-
-def test_upright_abutments_are_known():
-    assert not Sector(ArchDam()).upright
 
 
 def test_script(tmp_path, capsys):

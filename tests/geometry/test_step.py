@@ -221,22 +221,6 @@ def test_a_solid_that_cannot_be_built_is_missed(tmp_path, step, kind):
     one_sentence(failure)
 
 
-def test_the_only_solid_cannot_be_built(tmp_path):
-    path = write_step(tmp_path / "bad.step", {"a": BOXES["rock"]})
-    path.write_text(path.read_text().replace("= PLANE(", "= PLAIN("))
-    with pytest.raises(ValueError, match="describes 1 solids, of which 0 were built") as failure:
-        from_step(tmp_path / "p.msh", path, size=5)
-    one_sentence(failure)
-
-
-def test_a_truncated_file(tmp_path, step):
-    path = tmp_path / "cut.step"
-    path.write_bytes(step.read_bytes()[:5000])
-    with pytest.raises(ValueError, match=r"cut\.step is truncated") as failure:
-        from_step(tmp_path / "p.msh", path, size=1)
-    one_sentence(failure)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [

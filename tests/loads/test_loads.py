@@ -5,8 +5,6 @@
 Expected: the same with the two numbers (x, z) given by hand, and the mass times them.
 """
 
-from __future__ import annotations
-
 import warnings
 from contextlib import nullcontext
 from dataclasses import replace
@@ -18,36 +16,22 @@ pytest.importorskip("dolfinx")
 
 from dolfinx.mesh import CellType, create_rectangle, locate_entities_boundary
 
-from dolfinx_joints import (
-    BaseMotion,
-    DifferingMotion,
-    Elastic,
-    Fixed,
-    FreeField,
-    Model,
-    Motion,
-    PlausibilityWarning,
-    Simulation,
-    ViscousBoundary,
-    incident_wave,
-    split_mesh,
-    synthetic_motion,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.loads.ground_motion import for_steps, in_axes
 from dolfinx_joints.loads.wave_levels import warn_of_sides
 from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = pytest.mark.mpi
 
-MOTION = synthetic_motion(duration=1.0, band=(2.0, 15.0), peaks_g=(0.3, 0.2, 0.1))
-SOLID = Elastic(young=24e9, poisson=0.2, density=2400.0)
+MOTION = dj.synthetic_motion(duration=1.0, band=(2.0, 15.0), peaks_g=(0.3, 0.2, 0.1))
+SOLID = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
 
 
 @pytest.fixture(scope="module")
 def block(comm):
     """A plane block of 2 m by 3 m on its ``base``."""
     mesh = create_rectangle(comm, [[0.0, 0.0], [2.0, 3.0]], [2, 3], CellType.quadrilateral)
-    return split_mesh(
+    return dj.split_mesh(
         mesh, groups={"base": locate_entities_boundary(mesh, 1, lambda x: x[1] < 1e-9)}
     )
 
@@ -68,8 +52,8 @@ def test_ground_motion_of_a_plane_model(block):
         def record(self, record):
             self.ground.append(record.ground_acceleration)
 
-    model = Model(block, material=SOLID, supports=[Fixed(group="base")])
-    patterns = BaseMotion(acceleration=MOTION).patterns(model)
+    model = dj.Model(block, material=SOLID, supports=[dj.Fixed(group="base")])
+    patterns = dj.BaseMotion(acceleration=MOTION).patterns(model)
     mass = 2400.0 * 2.0 * 3.0
     for axis, component in ((0, 0), (1, 2)):
         pattern, factor = patterns[axis]
@@ -80,7 +64,7 @@ def test_ground_motion_of_a_plane_model(block):
     ends = []
     for motion in (MOTION, lambda t: MOTION(t)[[0, 2]]):
         seen = Seen()
-        run = Simulation(model, monitors=[seen]).dynamics(dt=0.005, steps=40, motion=motion)
+        run = dj.Simulation(model, monitors=[seen]).dynamics(dt=0.005, steps=40, motion=motion)
         ends.append(run.state.displacement.copy())
         np.testing.assert_allclose(seen.ground[-1], [*MOTION(0.2)[[0, 2]], 0.0], rtol=1e-12)
     ends[0].axpy(-1.0, ends[1])
@@ -94,17 +78,17 @@ def test_long_steps_read_no_high_frequency_as_a_low_one(block, recwarn, door, dt
     """Every 4th sample of a sine of 98 Hz, at 400 samples a second, is one of 2 Hz."""
     time = np.arange(401) / 400
     wave = np.sin(2 * np.pi * 98.0 * time) * np.sin(np.pi * time) ** 2
-    motion = Motion(acceleration=np.outer(wave, [1.0, 0.0, 0.0]), dt=1 / 400)
-    doors = {"motion": motion, "differing motion": DifferingMotion(motions=motion)}
-    given = {"motion": doors.get(door), "loads": [BaseMotion(acceleration=motion)]}
+    motion = dj.Motion(acceleration=np.outer(wave, [1.0, 0.0, 0.0]), dt=1 / 400)
+    doors = {"motion": motion, "differing motion": dj.DifferingMotion(motions=motion)}
+    given = {"motion": doors.get(door), "loads": [dj.BaseMotion(acceleration=motion)]}
     del given["loads" if door in doors else "motion"]
-    model = Model(block, material=SOLID, supports=[Fixed(group="base")])
-    none = Motion(acceleration=0.0 * motion.acceleration, dt=motion.dt)
+    model = dj.Model(block, material=SOLID, supports=[dj.Fixed(group="base")])
+    none = dj.Motion(acceleration=0.0 * motion.acceleration, dt=motion.dt)
     assert for_steps([none], dt, model.jointed.mesh.comm)[1] == []
-    run = Simulation(model).dynamics(dt=dt, steps=60, **given)
-    samples = Simulation(model).dynamics(dt=dt, steps=60, motion=lambda t: motion(t))
+    run = dj.Simulation(model).dynamics(dt=dt, steps=60, **given)
+    samples = dj.Simulation(model).dynamics(dt=dt, steps=60, motion=lambda t: motion(t))
     sizes = [each.state.displacement.norm() for each in (run, samples)]
-    texts = [str(w.message) for w in recwarn if w.category is PlausibilityWarning]
+    texts = [str(w.message) for w in recwarn if w.category is dj.PlausibilityWarning]
     if dt > motion.dt:
         assert sizes[0] < 1e-3 * sizes[1]
         assert model.jointed.mesh.comm.rank or "'motion' is removed, 100 % of the" in texts[0]
@@ -115,12 +99,12 @@ def test_long_steps_read_no_high_frequency_as_a_low_one(block, recwarn, door, dt
 def test_rising_waves_lose_what_long_steps_do_not_resolve(comm):
     time = np.arange(401) / 400
     low, high = (np.sin(2 * np.pi * f * time) * np.sin(np.pi * time) ** 2 for f in (5.0, 98.0))
-    outcrop = Motion(acceleration=np.outer(low + high, [1.0, 0.0, 0.0]), dt=1 / 400)
-    field = FreeField(groups=["base"], incident=incident_wave(outcrop), surface=1.0)
-    half = pytest.warns(PlausibilityWarning, match="'motion' is removed, 50 % of the")
+    outcrop = dj.Motion(acceleration=np.outer(low + high, [1.0, 0.0, 0.0]), dt=1 / 400)
+    field = dj.FreeField(groups=["base"], incident=dj.incident_wave(outcrop), surface=1.0)
+    half = pytest.warns(dj.PlausibilityWarning, match="'motion' is removed, 50 % of the")
     with half if comm.rank == 0 else nullcontext():
         ((found,), _) = for_steps([field], 0.01, comm)
-    slow = incident_wave(replace(outcrop, acceleration=np.outer(low, [1.0, 0.0, 0.0])))
+    slow = dj.incident_wave(replace(outcrop, acceleration=np.outer(low, [1.0, 0.0, 0.0])))
     # Filtered are 8e-4 of the acceleration at 98 Hz, see test_motion.py: of its velocity as much.
     for t in (0.2, 0.5, 0.53):
         assert found.incident(t)[0] == pytest.approx(slow(t)[0], abs=1e-6)
@@ -130,12 +114,12 @@ def test_rising_waves_lose_what_long_steps_do_not_resolve(comm):
 
 def test_waves_of_a_plane_model(block):
     """The same for waves that rise."""
-    wave = incident_wave(MOTION)
-    model = Model(block, material=SOLID, supports=[ViscousBoundary(group="base")])
+    wave = dj.incident_wave(MOTION)
+    model = dj.Model(block, material=SOLID, supports=[dj.ViscousBoundary(group="base")])
     ends = []
     for incident in (wave, lambda t: wave(t)[[0, 2]]):
-        field = FreeField(groups=["base"], incident=incident, surface=3.0)
-        run = Simulation(model).dynamics(dt=MOTION.dt, steps=40, loads=[field])
+        field = dj.FreeField(groups=["base"], incident=incident, surface=3.0)
+        run = dj.Simulation(model).dynamics(dt=MOTION.dt, steps=40, loads=[field])
         ends.append(run.state.displacement.copy())
     ends[0].axpy(-1.0, ends[1])
     assert ends[1].norm() > 0.0
@@ -148,15 +132,15 @@ def test_dashpots_at_the_sides_of_rock(comm, slope, warned):
     mesh = create_rectangle(comm, [[0.0, 0.0], [2.0, 3.0]], [2, 3], CellType.quadrilateral)
     bottom = locate_entities_boundary(mesh, 1, lambda x: x[1] < 1e-9)
     mesh.geometry.x[:, 1] += slope * mesh.geometry.x[:, 0]
-    rock = split_mesh(mesh, groups={"bottom": bottom})
-    model = Model(rock, material=SOLID, supports=[ViscousBoundary(group="bottom")])
+    rock = dj.split_mesh(mesh, groups={"bottom": bottom})
+    model = dj.Model(rock, material=SOLID, supports=[dj.ViscousBoundary(group="bottom")])
     with warnings.catch_warnings(action="ignore"):
         texts = warn_of_sides(model)
     assert bool(comm.bcast(texts)) == warned
 
 
 def test_motions_with_too_little(block):
-    model = Model(block, material=SOLID, supports=[Fixed(group="base")])
+    model = dj.Model(block, material=SOLID, supports=[dj.Fixed(group="base")])
     for wrong in (lambda t: 1.0, lambda t: [1.0], lambda t: "xy"):
         with pytest.raises(ValueError, match="motion.*; it must be .*at least 2 .*numbers"):
-            Simulation(model).dynamics(dt=0.01, steps=1, motion=wrong)
+            dj.Simulation(model).dynamics(dt=0.01, steps=1, motion=wrong)

@@ -23,29 +23,14 @@ pytest.importorskip("dolfinx")
 from dolfinx import fem
 from petsc4py import PETSc
 
-from dolfinx_joints import (
-    AnnualWave,
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    JointsError,
-    Model,
-    PlausibilityWarning,
-    ReservoirTemperature,
-    Simulation,
-    Temperature,
-    TemperatureError,
-    seasonal_temperatures,
-    steady_temperature,
-    temperature_from_file,
-)
-from dolfinx_joints.loads.temperature.fields import DAY, FREQUENCY, MONTH, YEAR
+import dolfinx_joints as dj
+from dolfinx_joints.loads.temperature.fields import DAY, FREQUENCY, MONTH
 
 pytestmark = pytest.mark.mpi
 
 D = 4.0
 FACES = ("y_min", "y_max")
-LAW = FrictionNoTension(normal_stiffness=1e10, shear_stiffness=1e10, friction_angle_deg=30.0)
+LAW = dj.FrictionNoTension(normal_stiffness=1e10, shear_stiffness=1e10, friction_angle_deg=30.0)
 
 
 @pytest.fixture
@@ -78,14 +63,14 @@ def nodal(value, jointed):
 
 def test_linear_through_the_thickness(wall):
     jointed = wall()
-    field = steady_temperature(jointed, {"y_min": 4.0, "y_max": lambda x: 16.0 + 0.0 * x[:, 0]})
+    field = dj.steady_temperature(jointed, {"y_min": 4.0, "y_max": lambda x: 16.0 + 0.0 * x[:, 0]})
     np.testing.assert_allclose(field.x.array, 4.0 + 12.0 * places(field)[:, 1] / D, rtol=1e-12)
 
 
 def test_uniform(wall):
     """Where all faces have it, and the mean of what swings."""
-    faces = dict.fromkeys(FACES, AnnualWave(mean=9.0, amplitude=7.0))
-    field = steady_temperature(wall(), faces)
+    faces = dict.fromkeys(FACES, dj.AnnualWave(mean=9.0, amplitude=7.0))
+    field = dj.steady_temperature(wall(), faces)
     np.testing.assert_allclose(field.x.array, 9.0, rtol=1e-12)
 
 
@@ -97,21 +82,21 @@ def test_cold_that_is_linear_through_the_thickness(wall):
     are held in planes of symmetry and at x = 0 and 4 m along x.
     """
     jointed = wall(4)
-    field = steady_temperature(jointed, {"y_min": 4.0, "y_max": 10.0})
-    cold = Temperature(value=field, reference={"concrete": 12.0}, expansion=1e-5)
-    model = Model(
+    field = dj.steady_temperature(jointed, {"y_min": 4.0, "y_max": 10.0})
+    cold = dj.Temperature(value=field, reference={"concrete": 12.0}, expansion=1e-5)
+    model = dj.Model(
         jointed,
-        material=Elastic(young=25e9, poisson=0.2, density=2400.0),
+        material=dj.Elastic(young=25e9, poisson=0.2, density=2400.0),
         joints=LAW,
         supports=[
-            Fixed(group="x_min", components="x"),
-            Fixed(group="x_max", components="x"),
-            Fixed(group="y_min", components="y"),
-            Fixed(group="base", components="z"),
+            dj.Fixed(group="x_min", components="x"),
+            dj.Fixed(group="x_max", components="x"),
+            dj.Fixed(group="y_min", components="y"),
+            dj.Fixed(group="base", components="z"),
         ],
         loads=[cold],
     )
-    gap = Simulation(model).statics().joints.state.gap[:, 0]
+    gap = dj.Simulation(model).statics().joints.state.gap[:, 0]
     mean = model.contact.integral(gap) / model.contact.integral(np.ones(len(gap)))
     assert mean == pytest.approx(1e-5 * 5.0 * 4.0, rel=1e-9)
 
@@ -124,8 +109,8 @@ def exact_wave(y, diffusivity):
 
 def wave_error(jointed, diffusivity):
     """Largest error of a swing of 10 K, relative, and the three loads."""
-    faces = dict.fromkeys(FACES, AnnualWave(mean=9.0, amplitude=10.0, warmest_day=0.0))
-    loads = seasonal_temperatures(
+    faces = dict.fromkeys(FACES, dj.AnnualWave(mean=9.0, amplitude=10.0, warmest_day=0.0))
+    loads = dj.seasonal_temperatures(
         jointed, faces, reference=12.0, expansion=1e-5, diffusivity=diffusivity, day=0.0
     )
     cosine, x = nodal(loads[1].value, jointed)
@@ -146,17 +131,6 @@ def test_season_inside_a_wall(wall):
     assert abs(exact_wave(0.5 * D, 1e-7)) < 0.3
 
 
-def test_a_thin_wall_follows_the_season(wall):
-    """With much diffusivity the body has the temperature of its faces."""
-    error, loads = wave_error(wall(2), 1.0)
-    assert error < 1e-4
-    factors = [load.factor(0.25 * YEAR) for load in loads]
-    np.testing.assert_allclose(factors, [1.0, 0.0, 1.0], atol=1e-12)
-    assert [load.reference for load in loads] == [12.0, 0.0, 0.0]
-    middle, x = nodal(loads[1].value, wall(2))
-    np.testing.assert_allclose(middle[np.isclose(x[:, 1], 2.0)], 10.0, rtol=1e-3)
-
-
 def total(parts, days):
     """Temperature so many days after t = 0."""
     mean, cosine, sine = parts
@@ -165,13 +139,13 @@ def total(parts, days):
 
 
 def test_waves_of_air_and_water():
-    air = AnnualWave(mean=10.0, amplitude=9.0, warmest_day=200.0)
+    air = dj.AnnualWave(mean=10.0, amplitude=9.0, warmest_day=200.0)
     points = np.array([[0.0, 0.0, 60.0], [0.0, 0.0, 50.0], [1.0, 2.0, 30.0]])
     # t = 0 is day 50: the air is warmest 150 days later and coldest half a year after that.
     parts = air.parts(points, 50.0)
     np.testing.assert_allclose(total(parts, 150.0), 19.0, rtol=1e-14)
     np.testing.assert_allclose(total(parts, 150.0 + 365.25 / 2), 1.0, rtol=1e-13)
-    water = ReservoirTemperature(
+    water = dj.ReservoirTemperature(
         level=50.0, air=air, surface_mean=12.0, surface_amplitude=8.0, deep_mean=5.0
     )
     parts = water.parts(points, 50.0)
@@ -197,33 +171,33 @@ TABLE = "x,y,z,T\n" + "".join(f"{x},{y},{z},{3 * x - y + 2 * z + 7}\n" for x, y,
 IN_MM = "x,y,z,T\n" + "".join(f"{9e3 + x},{9e3 + y},{9e3 + z},5\n" for x, y, z in CORNERS)
 
 
-def test_points_of_a_file(comm, wall, new_path):
+@pytest.mark.parametrize(
+    "text", ["# from the thermal model\n\n" + TABLE, TABLE.replace(",", ";").replace(".", ",")]
+)
+def test_points_of_a_file(comm, wall, new_path, text):
     """Linear data come back at every node, comments and empty lines do not count."""
-    path = written(comm, new_path("t.csv"), "# from the thermal model\n\n" + TABLE)
-    field = temperature_from_file(path, wall())
+    field = dj.temperature_from_file(written(comm, new_path("t.csv"), text), wall())
     x, y, z = places(field).T
     np.testing.assert_allclose(field.x.array, 3 * x - y + 2 * z + 7, rtol=1e-12, atol=1e-12)
 
 
-def test_a_spreadsheet_and_points_in_another_unit(comm, wall, new_path):
-    text = TABLE.replace(",", ";").replace(".", ",")
-    field = temperature_from_file(written(comm, new_path("t.csv"), text), wall())
-    x, y, z = places(field).T
-    np.testing.assert_allclose(field.x.array, 3 * x - y + 2 * z + 7, rtol=1e-12, atol=1e-12)
+def test_points_in_another_unit(comm, wall, new_path):
     rows = "".join(f"{1e3 * x},{1e3 * y},{1e3 * z},{x}\n" for x, y, z in CORNERS)
     path = written(comm, new_path("t.csv"), "x,y,z,T\n" + rows)
     text = "extend over 5000 m, the mesh over 4 m; look at the unit of the points"
-    with pytest.warns(PlausibilityWarning, match=text) if comm.rank == 0 else nullcontext():
-        temperature_from_file(path, wall())
+    with pytest.warns(dj.PlausibilityWarning, match=text) if comm.rank == 0 else nullcontext():
+        dj.temperature_from_file(path, wall())
 
 
 def test_nodes_outside_take_the_nearest_point(comm, wall, new_path):
     lower = "".join(f"{x},{y},{z},5\n" for x, y, _ in CORNERS for z in (0.0, 2.5))
     rows = sorted(set(lower.split()))
     path = written(comm, new_path("t.csv"), "x,y,z,T\n" + "\n".join(rows))
-    with pytest.raises(TemperatureError, match=r"no point within 0.2 m of the node at .*, 3\) m"):
-        temperature_from_file(path, wall(), reach=0.2)
-    field = temperature_from_file(path, wall(), reach=3.0)
+    with pytest.raises(
+        dj.TemperatureError, match=r"no point within 0.2 m of the node at .*, 3\) m"
+    ):
+        dj.temperature_from_file(path, wall(), reach=0.2)
+    field = dj.temperature_from_file(path, wall(), reach=3.0)
     np.testing.assert_allclose(field.x.array, 5.0, rtol=1e-12)
 
 
@@ -233,8 +207,8 @@ def test_too_little_memory_is_told(wall):
     name = "dolfinx_joints_temperature_mat_mumps_icntl_14"
     options[name] = -99  # per cent of the memory that the factor needs
     try:
-        with pytest.raises(JointsError, match="does not fit into memory"):
-            steady_temperature(wall(), dict.fromkeys(FACES, 9.0))
+        with pytest.raises(dj.JointsError, match="does not fit into memory"):
+            dj.steady_temperature(wall(), dict.fromkeys(FACES, 9.0))
     finally:
         options.delValue(name)
 
@@ -259,14 +233,14 @@ def test_too_little_memory_is_told(wall):
 )
 def test_malformed_files(comm, wall, new_path, text, message):
     path = written(comm, new_path("t.csv"), text)
-    with pytest.raises(TemperatureError, match=message):
-        temperature_from_file(path, wall())
+    with pytest.raises(dj.TemperatureError, match=message):
+        dj.temperature_from_file(path, wall())
 
 
 def test_no_text(comm, wall, new_path):
     path = new_path("t.csv")
-    with pytest.raises(TemperatureError, match="cannot be read as text"):
-        temperature_from_file(path, wall())
+    with pytest.raises(dj.TemperatureError, match="cannot be read as text"):
+        dj.temperature_from_file(path, wall())
 
 
 def test_refusals(wall):
@@ -282,8 +256,8 @@ def test_refusals(wall):
         ({"x_min": 4.0}, "A block has no face with a given temperature; joints let no heat"),
     ):
         with pytest.raises(ValueError, match=message):
-            steady_temperature(jointed, faces)
+            dj.steady_temperature(jointed, faces)
     good = {"reference": 12.0, "expansion": 1e-5}
-    faces = {"y_min": AnnualWave(mean=9.0, amplitude=5.0)}
+    faces = {"y_min": dj.AnnualWave(mean=9.0, amplitude=5.0)}
     with pytest.raises(ValueError, match="day is 400 days; it must be"):
-        seasonal_temperatures(jointed, faces, **good, day=400)
+        dj.seasonal_temperatures(jointed, faces, **good, day=400)

@@ -2,11 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Drucker-Prager at a point, against the strength of Mohr-Coulomb and its own definition."""
 
-from __future__ import annotations
-
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -189,20 +185,3 @@ def test_parameters_that_contradict_each_other(changes, sentence):
     given = {"elastic": ROCK, "cohesion": C, "friction_angle_deg": PHI, **changes}
     with pytest.raises(ValueError, match=sentence):
         DruckerPrager(**given)
-
-
-def test_an_elastic_scene_imports_nothing_of_it():
-    code = """
-import sys
-from mpi4py import MPI
-from dolfinx.mesh import create_unit_square
-import dolfinx_joints as dj
-jointed = dj.split_mesh(create_unit_square(MPI.COMM_SELF, 1, 1))
-model = dj.Model(jointed, material=dj.Elastic(young=1e9, poisson=0.2, density=1.0))
-dj.Simulation(model)
-names = ("body.plastic_cells", "body.strain_operator", "materials.drucker_prager")
-print([name for name in names if f"dolfinx_joints.{name}" in sys.modules])
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.strip() == "[]"

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Meshes given as arrays: the order of nodes, shapes and numbers are checked."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Meshes and tags of the user's own: what cannot be split or opens in part is said on all ranks."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

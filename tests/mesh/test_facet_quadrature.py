@@ -6,8 +6,6 @@ Exact integrals: x^a y^b over the square is 1/((a + 1)(b + 1)), over the triangl
 a! b!/(a + b + 2)!, x^a over the line 1/(a + 1).
 """
 
-from __future__ import annotations
-
 import itertools
 from math import factorial
 
@@ -18,11 +16,7 @@ pytest.importorskip("basix")
 
 import basix
 
-from dolfinx_joints.mesh.facet_quadrature import (
-    GAUSS_DEGREES,
-    facet_cell_type,
-    facet_rule,
-)
+from dolfinx_joints.mesh.facet_quadrature import GAUSS_DEGREES, facet_cell_type, facet_rule
 
 FACETS = [(vertices, degree) for vertices in (2, 3, 4) for degree in (1, 2)]
 AREA = {2: 1.0, 3: 0.5, 4: 1.0}

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Meshes made inside calls that fail, in a process of its own: without a fix it crashes."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -21,20 +21,16 @@ def lines(tmp_path_factory):
     """The lines of two cells as an ASCII file of version 4.1."""
     path = tmp_path_factory.mktemp("msh") / "blocks.msh"
     two_blocks(path, size=1.0)
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_model.gmsh_session():
         gmsh.merge(str(path))
         gmsh.option.setNumber("Mesh.Binary", 0)
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
     return path.read_text().split("\n")
 
 
-def refusal(path):
+def refusal(path, reader=dj.read_msh):
     with pytest.raises(dj.MeshError) as failure:
-        dj.read_msh(path, MPI.COMM_SELF)
+        reader(path, MPI.COMM_SELF)
     assert not gmsh.isInitialized()
     text = str(failure.value)
     assert str(path) in text
@@ -58,11 +54,12 @@ def test_what_is_no_mesh_is_refused(tmp_path, content, sentence):
 
 
 @pytest.mark.parametrize("name", ["evil.msh", "evil.geo"])
-def test_a_script_is_not_run(tmp_path, name):
+@pytest.mark.parametrize("reader", [dj.read_msh, lambda path, _: gmsh_model.describe(path)])
+def test_a_script_is_not_run(tmp_path, name, reader):
     path, mark = tmp_path / name, tmp_path / "mark"
     start = "" if name == "evil.msh" else "$MeshFormat\n"
     path.write_text(f'{start}SystemCall "touch {mark}";\n')
-    assert "is no Gmsh mesh file" in refusal(path)
+    assert "is no Gmsh mesh file" in refusal(path, reader)
     assert not mark.exists()
 
 
@@ -187,9 +184,7 @@ def write_plane(path, elements, *, nodes=NODES, lines=1):
     entities = {0: {}, 1: {n: [] for n in range(1, lines + 1)}, 2: {}}
     for dim, entity, kind, corners in elements:
         entities[dim].setdefault(entity, []).append((kind, corners))
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_model.gmsh_session():
         gmsh.option.setNumber("Mesh.SaveAll", 1)
         model, number = gmsh.model, 0
         for dim in (2, 1):
@@ -205,8 +200,6 @@ def write_plane(path, elements, *, nodes=NODES, lines=1):
         model.addPhysicalGroup(2, [1], name="first")
         model.addPhysicalGroup(1, list(entities[1]), name="edge")
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
     return path
 
 
@@ -283,10 +276,8 @@ def test_joints_are_a_list_of_names(tmp_path):
 
 def old_files(folder, *, binary):
     """The same tetrahedra in each of Gmsh's formats, a volume and a face with two names each."""
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
     paths = []
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_model.gmsh_session():
         gmsh.option.setNumber("Mesh.Binary", binary)
         gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
         gmsh.model.occ.synchronize()
@@ -298,9 +289,6 @@ def old_files(folder, *, binary):
             gmsh.option.setNumber("Mesh.MshFileVersion", version)
             paths.append(folder / f"v{version:g}.msh")
             gmsh.write(str(paths[-1]))
-    finally:
-        gmsh.clear()
-        gmsh.finalize()
     return paths
 
 

@@ -7,8 +7,6 @@ the middle of a sheared unit body move by linear fields u = a + G x of their own
 are values at the joint's centroid c times its area.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Ordinary function spaces on the surfaces of joints, in forms over ``jointed.dS``."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

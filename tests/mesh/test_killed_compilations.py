@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """C files of forms whose compilation was killed are removed, those at work are not."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

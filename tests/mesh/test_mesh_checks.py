@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Faults of meshes, the same by every way into the package."""
 
-from __future__ import annotations
-
 import warnings
 from itertools import product
 
@@ -21,15 +19,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_rectangle, locate_entities
 
-from dolfinx_joints import (
-    MeshError,
-    mesh_from_arrays,
-    read_msh,
-    read_split,
-    read_xdmf,
-    split_mesh,
-    write_split,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.mesh.dolfinx_versions import create_mesh
 
 pytestmark = pytest.mark.mpi
@@ -93,33 +83,33 @@ def doors(comm, put, new_path):
 
     def by_arrays(x, cells):
         groups = {"base": np.array(BASE[:1])}
-        return mesh_from_arrays(
+        return dj.mesh_from_arrays(
             comm, cell="triangle", x=np.array(x), cells=np.array(cells), facet_groups=groups
         )
 
     def by_msh(x, cells):
         elements = [*((1, 2, e) for e in BASE[:1]), *((2, 1, c) for c in cells)]
-        return read_msh(put("a.msh", msh(x, ['2 1 "body"', '1 2 "base"'], elements)), comm)
+        return dj.read_msh(put("a.msh", msh(x, ['2 1 "body"', '1 2 "base"'], elements)), comm)
 
     def by_xdmf(x, cells):
         cells = put("a.xdmf", xdmf("Triangle", x, cells, [0] * len(cells)))
         facets = put("f.xdmf", xdmf("Polyline", x, BASE[:1], [3]))
-        return read_xdmf(cells, comm, joints={}, groups={"base": 3}, facet_file=facets)
+        return dj.read_xdmf(cells, comm, joints={}, groups={"base": 3}, facet_file=facets)
 
     def by_dolfinx(x, cells):
         element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
         whole = np.array(cells), np.array(x, dtype=float)
-        return split_mesh(create_mesh(MPI.COMM_SELF, *whole, element))
+        return dj.split_mesh(create_mesh(MPI.COMM_SELF, *whole, element))
 
     def by_split(x, cells):
         path = new_path("a.h5")
-        write_split(path, by_arrays(X, CELLS))
+        dj.write_split(path, by_arrays(X, CELLS))
         if comm.rank == 0:
             with h5py.File(path, "r+") as file:
                 for name, rows in (("x", x), ("cells", cells)):
                     file[name][...] = np.array(rows)[: len(file[name])]
         comm.barrier()
-        return read_split(path, comm)
+        return dj.read_split(path, comm)
 
     return {f.__name__[3:]: f for f in (by_arrays, by_msh, by_xdmf, by_dolfinx, by_split)}
 
@@ -142,7 +132,7 @@ READERS = ["arrays", "msh", "xdmf", "split"]
     [*product(READERS, FAULTS), ("dolfinx", "have no area")],
 )
 def test_wrong_cells_are_refused_with_their_place(doors, door, fault):
-    with pytest.raises(MeshError, match=rf"[123] cells .*{fault}.* is cell \d around \(.*\)\.$"):
+    with pytest.raises(dj.MeshError, match=rf"[123] cells .*{fault}.* is cell \d around \(.*\)\.$"):
         doors[door](*FAULTS[fault])
 
 
@@ -169,7 +159,7 @@ def test_faces_of_a_joint_may_touch(comm):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for joints in (["lift"], []):
-            mesh_from_arrays(
+            dj.mesh_from_arrays(
                 comm, cell="triangle", x=x, cells=cells, facet_groups=sides, joints=joints
             )
 
@@ -181,7 +171,7 @@ def test_groups_of_one_name_are_one_group(comm, put):
     names = ['2 1 "body"', '1 2 "base"', '1 3 "base"', '1 4 "joint_1"', '1 5 "joint_1"']
     edges = [(1, 2, [0, 1]), (1, 3, [1, 2]), (1, 4, [1, 6]), (1, 5, [6, 4])]
     path = put("twice.msh", msh(x, names, [*edges, *((2, 1, c) for c in cells)]))
-    jointed = read_msh(path, comm)
+    jointed = dj.read_msh(path, comm)
     for group, length in (("base", 2.0), ("joint_1-", 1.0)):
         found = fem.assemble_scalar(fem.form(1.0 * jointed.ds(group)))
         assert comm.allreduce(found) == pytest.approx(length)
@@ -192,7 +182,7 @@ def test_facets_of_groups_without_a_name_are_warned_of(comm, put):
     path = put("unnamed.msh", msh(X, ['2 1 "body"', '1 2 "base"'], elements))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        read_msh(path, comm)
+        dj.read_msh(path, comm)
     sentence = "1 facets in the physical group 7 without a name are left out, 1 of them inside"
     assert [sentence in str(each.message) for each in caught] == [True] * (comm.rank == 0)
 
@@ -204,10 +194,12 @@ def test_misspelt_joints_are_warned_of(comm, name, warned):
     given = {"cell": "triangle", "x": np.array(X, dtype=float), "cells": np.array(CELLS)}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        mesh_from_arrays(comm, **given, facet_groups={name: np.array([JOINT[0]])})
-        mesh_from_arrays(comm, **given, facet_groups={name: np.array([JOINT[0]])}, joints=[])
+        dj.mesh_from_arrays(comm, **given, facet_groups={name: np.array([JOINT[0]])})
+        dj.mesh_from_arrays(comm, **given, facet_groups={name: np.array([JOINT[0]])}, joints=[])
         both = {"joint_1": np.array(JOINT), name: np.array([JOINT[0]])}
-        mesh_from_arrays(comm, **given, facet_groups=both)  # a part of a joint is no misspelt one
+        dj.mesh_from_arrays(
+            comm, **given, facet_groups=both
+        )  # a part of a joint is no misspelt one
     text = f"Facets of {name!r} lie inside the body and stay closed, as the name does not begin"
     assert [text in str(each.message) for each in caught] == [True] * (warned and comm.rank == 0)
 
@@ -228,16 +220,16 @@ def test_tagged_facets_are_those_of_the_mesh(comm, put, facets, tags, x, sentenc
     given = {"joints": {}, "groups": {"base": 3}}
     given["facet_file"] = put("facets.xdmf", xdmf("Polyline", x, facets, tags))
     if sentence is None:
-        assert comm.allreduce(len(read_xdmf(cells, comm, **given).facets("base"))) == 2
+        assert comm.allreduce(len(dj.read_xdmf(cells, comm, **given).facets("base"))) == 2
     else:
-        with pytest.raises(MeshError, match=sentence):
-            read_xdmf(cells, comm, **given)
+        with pytest.raises(dj.MeshError, match=sentence):
+            dj.read_xdmf(cells, comm, **given)
 
 
 def test_a_facet_with_two_tags_is_in_both_groups(comm, put):
     cells = put("cells.xdmf", xdmf("Triangle", X, CELLS, [0] * 4))
     facets = put("facets.xdmf", xdmf("Polyline", X, [*BASE, BASE[0]], [3, 3, 4]))
-    jointed = read_xdmf(cells, comm, joints={}, groups={"base": 3, "toe": 4}, facet_file=facets)
+    jointed = dj.read_xdmf(cells, comm, joints={}, groups={"base": 3, "toe": 4}, facet_file=facets)
     for group, moment in (("base", 2.0), ("toe", 0.5)):  # of x from 0 to 2, and to 1
         form = fem.form(ufl.SpatialCoordinate(jointed.mesh)[0] * jointed.ds(group))
         assert comm.allreduce(fem.assemble_scalar(form)) == pytest.approx(moment)
@@ -245,23 +237,25 @@ def test_a_facet_with_two_tags_is_in_both_groups(comm, put):
 
 def test_messages_lead_to_the_cause(comm, put):
     mixed = put("mixed.xdmf", xdmf("Mixed", X, CELLS, [0] * 4))
-    with pytest.raises(MeshError, match="mixes several kinds of cells; write the cells to one"):
-        read_xdmf(mixed, comm, joints={})
+    with pytest.raises(dj.MeshError, match="mixes several kinds of cells; write the cells to one"):
+        dj.read_xdmf(mixed, comm, joints={})
     both = msh(
         *COINCIDENT[:1],
         ['2 1 "body"', '1 2 "joint_1"'],
         [(1, 2, [1, 4]), (1, 2, [6, 7]), *((2, 1, c) for c in COINCIDENT[1])],
     )
-    with pytest.raises(MeshError, match="'joint_1' holds both of its faces, as Gmsh's plugin"):
-        read_msh(put("crack.msh", both), comm)
+    with pytest.raises(dj.MeshError, match="'joint_1' holds both of its faces, as Gmsh's plugin"):
+        dj.read_msh(put("crack.msh", both), comm)
     unnamed = put("all.msh", msh(X, ['2 1 "body"'], [(2, 0, c) for c in CELLS]))
-    with pytest.raises(MeshError, match="Mesh.SaveAll, which drops the groups in format 2.2"):
-        read_msh(unnamed, comm)
+    with pytest.raises(dj.MeshError, match="Mesh.SaveAll, which drops the groups in format 2.2"):
+        dj.read_msh(unnamed, comm)
 
 
 def test_integrals_over_ds_are_on_the_boundary(comm):
     mesh = create_rectangle(comm, [[0, 0], [1, 1]], [4, 4], CellType.quadrilateral)
     lift = locate_entities(mesh, 1, lambda x: np.isclose(x[1], 0.5))
-    jointed = split_mesh(mesh, groups={"lift": lift})
-    with pytest.raises(MeshError, match="^4 facets of 'lift' lie inside the body; loads, springs"):
+    jointed = dj.split_mesh(mesh, groups={"lift": lift})
+    with pytest.raises(
+        dj.MeshError, match="^4 facets of 'lift' lie inside the body; loads, springs"
+    ):
         jointed.ds("lift")

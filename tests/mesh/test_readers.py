@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The same body by every way into the package: arrays, a DOLFINx mesh, XDMF."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

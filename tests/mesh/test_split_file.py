@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Split meshes in files: what was split is read, by shares, and damage is told on all ranks."""
 
-from __future__ import annotations
-
 import json
 import re
 
@@ -17,19 +15,7 @@ from mpi4py import MPI
 
 from dolfinx import fem
 
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    MeshError,
-    Model,
-    Simulation,
-    mesh_from_arrays,
-    read_msh,
-    read_split,
-    write_split,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.joint_pairs import PAIR_ROWS
@@ -44,13 +30,13 @@ MESHES = {
     "triangles": ("two_rectangles_file", {"cell": "tri"}),
     "9-node quadrilaterals": ("two_rectangles_file", {"order": 2}),
 }
-LAW = FrictionNoTension(normal_stiffness=1e10, shear_stiffness=1e10, friction_angle_deg=40.0)
+LAW = dj.FrictionNoTension(normal_stiffness=1e10, shear_stiffness=1e10, friction_angle_deg=40.0)
 
 
 def doubled(comm):
     """Two squares of 1 m, one 1 mm above the other, and a cell group over both."""
     x = [[0, 0], [1, 0], [0, 1], [1, 1], [0, 1.001], [1, 1.001], [0, 2], [1, 2]]
-    return mesh_from_arrays(
+    return dj.mesh_from_arrays(
         comm,
         cell="quadrilateral",
         x=x,
@@ -84,15 +70,17 @@ def group_sizes(jointed):
 def under_its_weight(jointed):
     """Joint points with their gaps and tractions, and the displacement, on rank 0."""
     group = next(iter(jointed.cell_groups))
-    material = dict.fromkeys(jointed.cell_groups, Elastic(young=1e10, poisson=0.2, density=2400.0))
-    model = Model(
+    material = dict.fromkeys(
+        jointed.cell_groups, dj.Elastic(young=1e10, poisson=0.2, density=2400.0)
+    )
+    model = dj.Model(
         jointed,
         material=material if len(material) > 1 else material[group],
         joints=LAW,
-        supports=[Fixed(group="base")],
-        loads=[Gravity()],
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity()],
     )
-    state, operator = Simulation(model).statics(), model.operator
+    state, operator = dj.Simulation(model).statics(), model.operator
     values = {
         "points": operator.points,
         "frames": operator.frames,
@@ -108,15 +96,15 @@ def under_its_weight(jointed):
 def test_what_was_split_is_read(comm, request, new_path, name):
     fixture, parameters = MESHES[name]
     source, path = request.getfixturevalue(fixture)(**parameters), new_path("split.h5")
-    split = read_msh(source, comm)
-    write_split(path, split)
+    split = dj.read_msh(source, comm)
+    dj.write_split(path, split)
     # The file is that of one rank: its order is the one of the input.
     alone = on_root(comm, lambda: new_alone(source, path))
     written = content(path)
     for each, wanted in content(alone).items():
         np.testing.assert_equal(written[each], wanted, each)
 
-    read = read_split(path, comm)
+    read = dj.read_split(path, comm)
     assert (read.shape, read.facet_groups, read.cell_groups) == (
         split.shape,
         split.facet_groups,
@@ -137,16 +125,16 @@ def test_what_was_split_is_read(comm, request, new_path, name):
 def new_alone(source, path):
     """The file that one rank writes."""
     alone = path.with_suffix(".alone.h5")
-    write_split(alone, read_msh(source, MPI.COMM_SELF))
+    dj.write_split(alone, dj.read_msh(source, MPI.COMM_SELF))
     return alone
 
 
 def test_gaps_in_the_geometry_are_kept(comm, new_path):
     path = new_path("doubled.h5")
-    write_split(path, doubled(comm))
-    read = read_split(path, comm)
+    dj.write_split(path, doubled(comm))
+    read = dj.read_split(path, comm)
     assert read.cell_groups.keys() == {"all of it/them", "upper"}
-    gap = Model(read, material=Elastic(young=1e10, poisson=0.2, density=0.0), joints=LAW)
+    gap = dj.Model(read, material=dj.Elastic(young=1e10, poisson=0.2, density=0.0), joints=LAW)
     gap = gap.operator.gather(gap.operator.initial_gap)
     if comm.rank == 0:
         np.testing.assert_allclose(gap, [[1e-3, 0, 0]] * 2, atol=1e-15)
@@ -159,9 +147,9 @@ def centres(jointed, name):
 
 
 def test_a_mesh_without_joints_is_read(comm, wall_file, new_path):
-    path, whole = new_path("whole.h5"), read_msh(wall_file(), comm, joints=[])
-    write_split(path, whole)
-    read = read_split(path, comm)
+    path, whole = new_path("whole.h5"), dj.read_msh(wall_file(), comm, joints=[])
+    dj.write_split(path, whole)
+    read = dj.read_split(path, comm)
     assert read.joint_names == ()
     assert group_sizes(read) == pytest.approx(group_sizes(whole), rel=1e-13)
     for name in ("joint_1", "joint_2", "joint_3"):
@@ -172,7 +160,7 @@ def test_a_mesh_without_joints_is_read(comm, wall_file, new_path):
 def test_no_rank_reads_more_than_its_share(comm, wall_file, new_path, monkeypatch):
     """Of every array at most one row more than the mean of the ranks; so in the mesh's making."""
     path, taken = new_path("wall.h5"), {}
-    write_split(path, read_msh(wall_file(divisions=(8, 2, 6)), comm))
+    dj.write_split(path, dj.read_msh(wall_file(divisions=(8, 2, 6)), comm))
     counts = {name: len(each) for name, each in content(path).items() if name != "facts"}
     read, create = h5py.Dataset.__getitem__, dolfinx_versions.create_mesh
 
@@ -188,7 +176,7 @@ def test_no_rank_reads_more_than_its_share(comm, wall_file, new_path, monkeypatc
 
     monkeypatch.setattr(h5py.Dataset, "__getitem__", watched)
     monkeypatch.setattr(dolfinx_versions, "create_mesh", created)
-    pairs = read_split(path, comm).pairs
+    pairs = dj.read_split(path, comm).pairs
     for name, count in {**counts, "cells given": counts["cells"], "x given": counts["x"]}.items():
         assert comm.allreduce(taken[name]) == count
         assert taken[name] <= count / comm.size + 1
@@ -198,8 +186,8 @@ def test_no_rank_reads_more_than_its_share(comm, wall_file, new_path, monkeypatc
 
 def refused(comm, path, reason):
     """Check that every rank gets one clear sentence."""
-    with pytest.raises(MeshError, match=reason) as raised:
-        read_split(path, comm)
+    with pytest.raises(dj.MeshError, match=reason) as raised:
+        dj.read_split(path, comm)
     message = str(raised.value)
     assert str(path) in message
     assert message.count("\n") == 0
@@ -209,7 +197,7 @@ def refused(comm, path, reason):
 def test_wrong_files_are_one_error_on_all_ranks(comm, wall_file, new_path):
     path = new_path("wall.h5")
     refused(comm, path, "does not exist")
-    write_split(path, read_msh(wall_file(), comm))
+    dj.write_split(path, dj.read_msh(wall_file(), comm))
     whole = on_root(comm, path.read_bytes)
     x = on_root(comm, lambda: content(path)["x"].tobytes())
     place = whole.index(x) + len(x) // 2
@@ -247,9 +235,11 @@ def changed(path, whole, change):
 def test_files_are_replaced_only_if_asked(comm, new_path):
     path, mesh = new_path("doubled.h5"), doubled(comm)
     on_root(comm, lambda: path.write_text("of somebody"))
-    with pytest.raises(MeshError, match=r"^.*: there already; --force replaces \(overwrite=True\)"):
-        write_split(path, mesh)
-    write_split(path, mesh, overwrite=True)
-    assert read_split(path, comm).joint_names == ("joint",)
-    with pytest.raises(MeshError, match=f"^{re.escape(str(path / 'sub'))} cannot be written: "):
-        write_split(path / "sub", mesh)
+    with pytest.raises(
+        dj.MeshError, match=r"^.*: there already; --force replaces \(overwrite=True\)"
+    ):
+        dj.write_split(path, mesh)
+    dj.write_split(path, mesh, overwrite=True)
+    assert dj.read_split(path, comm).joint_names == ("joint",)
+    with pytest.raises(dj.MeshError, match=f"^{re.escape(str(path / 'sub'))} cannot be written: "):
+        dj.write_split(path / "sub", mesh)

@@ -5,8 +5,6 @@
 `test_fracture_networks` counts every node and checks that the two sides coincide.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -25,7 +23,7 @@ from benchmarks.shared.grids import (
     through,
 )
 from dolfinx_joints.common.errors import MeshError
-from dolfinx_joints.mesh.cells import CellShape, find_facets
+from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.splitting import pair_coincident, split_cells
 
 
@@ -45,26 +43,6 @@ def test_node_counts(shape, name):
 
 def vertices_of(shape, cells, slots):
     return cells[slots[:, :1], shape.facet_vertices[slots[:, 1]]]
-
-
-@pytest.mark.parametrize("shape", [s for s in SHAPES if s.dim == 3], ids=name_of)
-def test_closed_box(shape):
-    # The box [1, 3]^3 of a grid of 4^3 cells: 27 vertices less the one inside become two each,
-    # and n points from the inside to the outside.
-    cells, x = grid(shape, (4, 4, 4))
-    box = [
-        lambda x, y, z, a=a, v=v: (x, y, z)[a] == v and all(1 <= c <= 3 for c in (x, y, z))
-        for a in range(3)
-        for v in (1, 3)
-    ]
-    joints = [("a", facets_on(shape, cells, x, *box))]
-    split = split_cells(shape, cells, x, joints)
-    corners = len(basix.topology(shape.type)[0])
-    assert len(np.unique(split.cells[:, :corners])) == 5**3 + 26
-    inner = np.abs(centres(cells, x, corners)[split.minus[:, 0]] - 2).max(axis=1)
-    outer = np.abs(centres(cells, x, corners)[split.plus[:, 0]] - 2).max(axis=1)
-    assert np.all(inner < 1)
-    assert np.all(outer > 1)
 
 
 def centres(cells, x, corners):
@@ -183,27 +161,6 @@ def test_facets_within_the_front_are_bonded():
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=name_of)
-def test_find_facets(shape):
-    cells, x = grid(shape, (4, 4, 2))
-    inside = facets_on(shape, cells, x, through)
-    owner, count = find_facets(shape, cells, inside[:, ::-1])
-    assert np.all(count == 2)
-    assert np.all(owner[:, 0, 0] != owner[:, 1, 0])
-    for side in range(2):
-        found = np.sort(vertices_of(shape, cells, owner[:, side]), axis=1)
-        np.testing.assert_array_equal(found, inside)
-    outer = np.sort(cells[:, shape.facet_vertices].reshape(-1, inside.shape[1]), axis=1)
-    outer = outer[np.all(x[outer][:, :, 0] == 0, axis=1)]
-    owner, count = find_facets(shape, cells, outer)
-    assert np.all(count == 1)
-    assert np.all(owner[:, 1] == -1)
-    nowhere = np.array([[cells[0, 0], *(cells[-1, : inside.shape[1] - 1])]])
-    owner, count = find_facets(shape, cells, nowhere)
-    assert count.tolist() == [0]
-    assert np.all(owner == -1)
-
-
-@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
 def test_facet_on_the_boundary_is_refused(shape):
     cells, x = grid(shape, (4, 4, 2))
     outer = np.sort(cells[:, shape.facet_vertices].reshape(-1, shape.facet_vertices.shape[1]))
@@ -238,23 +195,6 @@ def test_joint_that_cannot_open_is_refused(shape):
         f"Joint 'short' cannot open: all vertices of its {len(middle)} facets lie on its front "
         "inside the body; use a finer mesh."
     )
-
-
-@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
-@pytest.mark.parametrize("rows", [1, 2])
-def test_joints_of_one_facet_row(shape, rows):
-    # 2 x 1 (x 1) cells with one joint between them; or, 4 cells in a row, two such joints apart
-    # from each other: 2 (x 2) vertices each, and + towards larger x.
-    cells, x = grid(shape, (2 * rows, 1, 1))
-    joints = [
-        (f"joint_{i}", facets_on(shape, cells, x, lambda x, y, z, i=i: x == 1 + 2 * i))
-        for i in range(rows)
-    ]
-    split = split_cells(shape, cells, x, joints)
-    corners = len(basix.topology(shape.type)[0])
-    grown = len(np.unique(split.cells[:, :corners])) - len(np.unique(cells[:, :corners]))
-    assert grown == rows * (4 if shape.dim == 3 else 2)
-    assert np.all(normals(shape, cells, x, split)[:, 0] == 1)
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=name_of)

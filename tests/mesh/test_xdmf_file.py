@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """XDMF files: what is found without a name, and the mistakes of a user."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -10,8 +10,6 @@ Patch test: u = a y, y the height over the clamped base, has a constant stress s
 sigma_0 n on all other faces make it the solution; blocks tied by Nitsche's method must find it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -25,25 +23,8 @@ import ufl
 from dolfinx import fem
 from shaken_wall import swaying
 
+import dolfinx_joints as dj
 from benchmarks.shared.grids import case
-from dolfinx_joints import (
-    Body,
-    Elastic,
-    Fixed,
-    FormLoad,
-    FrictionNoTension,
-    Gravity,
-    KeyedJoint,
-    MeshError,
-    Model,
-    PotentialJoint,
-    Rayleigh,
-    Simulation,
-    SolverOptions,
-    Uplift,
-    ViscousJoint,
-    mesh_from_arrays,
-)
 from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.modes import modes
@@ -52,10 +33,10 @@ pytestmark = pytest.mark.mpi
 
 COMM = MPI.COMM_WORLD
 YOUNG, POISSON = 24e9, 0.2
-CONCRETE = Elastic(young=YOUNG, poisson=POISSON, density=2400.0)
+CONCRETE = dj.Elastic(young=YOUNG, poisson=POISSON, density=2400.0)
 K_N, K_S = 1e11, 4e10  # of a joint [Pa/m]
-KEYED = KeyedJoint(normal_stiffness=K_N, shear_stiffness=K_S)
-FRICTION = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=30.0)
+KEYED = dj.KeyedJoint(normal_stiffness=K_N, shear_stiffness=K_S)
+FRICTION = dj.FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=30.0)
 DT = 0.004
 
 
@@ -80,15 +61,19 @@ def wall(wall_file, read):
 
 def laid(jointed, **changes):
     """The wall on its side."""
-    given = {"loads": [Gravity(acceleration=(-9.80665, 0.0, 0.0))]}
-    return Model(
-        jointed, material=CONCRETE, supports=[Fixed(group="x_min")], **{**given, **changes}
+    given = {"loads": [dj.Gravity(acceleration=(-9.80665, 0.0, 0.0))]}
+    return dj.Model(
+        jointed, material=CONCRETE, supports=[dj.Fixed(group="x_min")], **{**given, **changes}
     )
 
 
 def upright(jointed, **changes):
-    return Model(
-        jointed, material=CONCRETE, supports=[Fixed(group="base")], loads=[Gravity()], **changes
+    return dj.Model(
+        jointed,
+        material=CONCRETE,
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity()],
+        **changes,
     )
 
 
@@ -110,8 +95,8 @@ def integral(model, form):
 
 def run(model, *, motion=swaying, steps=6, solver="auto", scheme=None, **options):
     """Self weight and some steps: the static state and the outcome."""
-    newton = SolverOptions(**{"relative_tolerance": 1e-12, **options})
-    simulation = Simulation(model, solver=solver, options=newton)
+    newton = dj.SolverOptions(**{"relative_tolerance": 1e-12, **options})
+    simulation = dj.Simulation(model, solver=solver, options=newton)
     static = simulation.statics()
     return static, simulation.dynamics(dt=DT, steps=steps, motion=motion, scheme=scheme)
 
@@ -122,22 +107,17 @@ def agree(one, two, tolerance):
     assert difference(one[1].state.displacement, two[1].state.displacement) <= tolerance
 
 
-@pytest.mark.parametrize("solver", ["monolithic", "condensed", "forms"])
-def test_springs_are_a_closed_joint(wall, solver):
-    tied = Simulation(laid(wall(), body=Body(extra_stiffness=layer(wall())))).statics()
-    static = Simulation(laid(wall(), joints=KEYED), solver=solver).statics()
-    assert static.reports[-1].counts.open == 0
-    assert difference(tied.displacement, static.displacement) <= 1e-12
-
-
 def test_springs_are_a_quadratic_potential(wall):
     """In the wall that stands, where joints open."""
 
     def energy(g):
         return 0.5 * (K_N * g[0] ** 2 + K_S * (g[1] ** 2 + g[2] ** 2))
 
-    law = PotentialJoint(energy, normal_stiffness=K_N, shear_stiffness=K_S)
-    two = (upright(wall(), body=Body(extra_stiffness=layer(wall()))), upright(wall(), joints=law))
+    law = dj.PotentialJoint(energy, normal_stiffness=K_N, shear_stiffness=K_S)
+    two = (
+        upright(wall(), body=dj.Body(extra_stiffness=layer(wall()))),
+        upright(wall(), joints=law),
+    )
     agree(*(run(model) for model in two), tolerance=1e-11)
 
 
@@ -147,7 +127,7 @@ SOLVERS = [("dense", "direct"), ("compressed", "direct"), ("matrix-free", "itera
 @pytest.mark.parametrize("solver", ["forms", *SOLVERS])
 def test_solvers_agree_where_springs_stand_beside_a_law(wall, solver):
     """K couples two of four blocks; nothing but joints holds three of them."""
-    springs = Body(extra_stiffness=layer(wall(), "joint_2", 1e10, 1e9))
+    springs = dj.Body(extra_stiffness=layer(wall(), "joint_2", 1e10, 1e9))
     model = laid(wall(), joints=FRICTION, body=springs)
     expected = run(model, solver="monolithic")
     if solver == "forms":
@@ -160,8 +140,8 @@ def test_solvers_agree_where_springs_stand_beside_a_law(wall, solver):
 
 def test_springs_alone_hold_blocks_for_the_condensed_solver(wall):
     """No block is loose then, and the friction between them may be little."""
-    smooth = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=2.0)
-    model = laid(wall(), joints=smooth, body=Body(extra_stiffness=layer(wall(), None, 1e8, 1e8)))
+    smooth = dj.FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=2.0)
+    model = laid(wall(), joints=smooth, body=dj.Body(extra_stiffness=layer(wall(), None, 1e8, 1e8)))
     auto, held = (run(model, solver=solver) for solver in ("auto", "monolithic"))
     assert (auto[1].solver, held[1].solver) == ("condensed", "monolithic")
     agree(auto, held, 1e-10)
@@ -170,11 +150,11 @@ def test_springs_alone_hold_blocks_for_the_condensed_solver(wall):
 def test_dashpots_are_a_viscous_joint(wall):
     """Rayleigh damping leaves the springs across the joints out as it does those of a law."""
     c_n, c_s = 2e8, 1e8
-    viscous = ViscousJoint(law=KEYED, normal_viscosity=c_n, shear_viscosity=c_s)
-    rayleigh = Rayleigh(stiffness_factor=1e-3, mass_factor=0.5)
+    viscous = dj.ViscousJoint(law=KEYED, normal_viscosity=c_n, shear_viscosity=c_s)
+    rayleigh = dj.Rayleigh(stiffness_factor=1e-3, mass_factor=0.5)
     expected = run(laid(wall(), joints=viscous, damping=rayleigh), motion=gently, steps=10)
     assert expected[1].state.joints.status.max(initial=1) == 1  # all of them stick
-    dashpots = Body(extra_damping=layer(wall(), None, c_n, c_s))
+    dashpots = dj.Body(extra_damping=layer(wall(), None, c_n, c_s))
     beside = laid(wall(), joints=KEYED, body=dashpots, damping=rayleigh)
     beside = run(beside, motion=gently, steps=10)
     both = replace(dashpots, extra_stiffness=layer(wall()))
@@ -192,27 +172,12 @@ def test_a_pressure_over_a_joint_is_uplift(wall_file, read, cell):
     """+p jump(v).n pushes the faces apart: the work of p on an opening is positive."""
     jointed = read(wall_file(cell=cell))
     p, n, dS = 2e5, ufl.FacetNormal(jointed.mesh)("-"), jointed.dS("joint_2", quadrature="nodal")
-    water = FormLoad(form=lambda v: p * ufl.dot(ufl.jump(v), n) * dS)
+    water = dj.FormLoad(form=lambda v: p * ufl.dot(ufl.jump(v), n) * dS)
     model = laid(jointed, joints=FRICTION)
     ((found, _),), ((expected, _),) = (
-        load.patterns(model) for load in (water, Uplift(joint="joint_2", pressure=p))
+        load.patterns(model) for load in (water, dj.Uplift(joint="joint_2", pressure=p))
     )
     assert difference(found, expected) <= 1e-14
-
-
-def test_a_pressure_over_a_joint_opens_springs(wall):
-    """Between blocks without lateral contraction: p/k more than before, everywhere."""
-    p, k, n = 1e5, 1e9, ufl.FacetNormal(wall().mesh)("-")
-    load = FormLoad(form=lambda v: p * ufl.dot(ufl.jump(v), n) * wall().dS("joint_2"))
-    tied = layer(wall(), None, k, k)
-    model = laid(wall(), body=Body(extra_stiffness=tied), loads=[load])
-    u = model.function(Simulation(model).statics().displacement)
-    opening = ufl.dot(ufl.jump(u), n)
-    for joint, expected in (("joint_1", 0.0), ("joint_2", p / k), ("joint_3", 0.0)):
-        dS = wall().dS(joint)
-        area = integral(model, fem.Constant(wall().mesh, 1.0)("-") * dS)
-        deviation = integral(model, (opening - expected) ** 2 * dS)
-        assert deviation <= (1e-12 * p / k) ** 2 * area
 
 
 def stress(u):
@@ -254,14 +219,14 @@ def test_patch_with_nitsches_method(two_rectangles_file, blocks_file, read, cell
             "sides"
         )
 
-    model = Model(
+    model = dj.Model(
         jointed,
         material=CONCRETE,
-        supports=[Fixed(group="base")],
-        loads=[FormLoad(form=load)],
-        body=Body(extra_stiffness=nitsche(jointed, **given), symmetric=symmetric),
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.FormLoad(form=load)],
+        body=dj.Body(extra_stiffness=nitsche(jointed, **given), symmetric=symmetric),
     )
-    u = model.function(Simulation(model).statics().displacement)
+    u = model.function(dj.Simulation(model).statics().displacement)
     exact = fem.Function(model.V)
     exact.interpolate(lambda x: a[:, None] * x[dim - 1])
     largest = COMM.allreduce(np.abs(exact.x.array).max(initial=0.0), op=MPI.MAX)
@@ -274,7 +239,7 @@ def test_modes_of_tied_blocks_tend_to_those_of_the_whole(wall):
     whole = modes(upright(wall(joints=[])).system(), 3).frequencies
     errors = []
     for k in (1e11, 1e13):
-        tied = upright(wall(), body=Body(extra_stiffness=layer(wall(), None, k, k)))
+        tied = upright(wall(), body=dj.Body(extra_stiffness=layer(wall(), None, k, k)))
         errors.append(1.0 - modes(tied.system(), 3).frequencies / whole)
     assert np.all(errors[0] > 0.0)
     assert errors[0].max() < 1e-2
@@ -285,7 +250,7 @@ def test_energies_of_springs_are_strain_energy(wall):
     """Of dashpots, viscous; the ledger adds up, and `joint` is the law's alone."""
     springs, dashpots = layer(wall(), "joint_2", 1e9, 1e9), layer(wall(), "joint_1", 1e6, 1e6)
     model = upright(
-        wall(), joints=FRICTION, body=Body(extra_stiffness=springs, extra_damping=dashpots)
+        wall(), joints=FRICTION, body=dj.Body(extra_stiffness=springs, extra_damping=dashpots)
     )
     _, outcome = run(model, steps=20)
     assert outcome.imbalance <= 1e-10
@@ -301,15 +266,15 @@ def test_redistributed_mass_stays_in_its_block():
     """As without the springs, by which nodes beyond a crossing seem to lie behind a joint."""
     shape = CellShape(name="quadrilateral", degree=1)
     cells, x, joints, _ = case("T", shape)
-    jointed = mesh_from_arrays(
+    jointed = dj.mesh_from_arrays(
         COMM, cell=shape.name, x=x, cells=cells, facet_groups=dict(joints), joints=["a", "b"]
     )
     given = {"material": CONCRETE, "joints": FRICTION}
     found, expected = (
-        Model(jointed, **given, body=body).redistribution
+        dj.Model(jointed, **given, body=body).redistribution
         for body in (
-            Body(extra_stiffness=layer(jointed), redistribute_mass=True),
-            Body(redistribute_mass=True),
+            dj.Body(extra_stiffness=layer(jointed), redistribute_mass=True),
+            dj.Body(redistribute_mass=True),
         )
     )
     assert found.massless == expected.massless > 0
@@ -324,7 +289,7 @@ def test_extra_mass_over_a_joint(wall):
     model = upright(
         wall(),
         joints=FRICTION,
-        body=Body(extra_mass=lambda u, v: m * ufl.inner(ufl.jump(u), ufl.jump(v)) * dS),
+        body=dj.Body(extra_mass=lambda u, v: m * ufl.inner(ufl.jump(u), ufl.jump(v)) * dS),
     )
     moved = np.array([1.0, -2.0, 3.0])
     together = model.inertia_pattern(moved)
@@ -344,11 +309,11 @@ def test_any_number_of_ranks(wall, solver):
     def found(comm):
         jointed = wall(comm)
         p, n = 1e5, ufl.FacetNormal(jointed.mesh)("-")
-        load = FormLoad(form=lambda v: p * ufl.dot(ufl.jump(v), n) * jointed.dS("joint_3"))
+        load = dj.FormLoad(form=lambda v: p * ufl.dot(ufl.jump(v), n) * jointed.dS("joint_3"))
         model = upright(
             jointed,
             joints=FRICTION,
-            body=Body(
+            body=dj.Body(
                 extra_stiffness=layer(jointed, "joint_1", 1e9, 1e9),
                 extra_damping=layer(jointed, "joint_2", 1e6, 1e6),
             ),
@@ -364,12 +329,13 @@ def test_any_number_of_ranks(wall, solver):
 def test_joints_without_law_and_form_are_refused(wall):
     dS = wall().dS(["joint_1", "joint_3"])
     with pytest.raises(
-        MeshError, match=r"has joints \(joint_2\) but no law was given; pass joints"
+        dj.MeshError, match=r"has joints \(joint_2\) but no law was given; pass joints"
     ):
         upright(
-            wall(), body=Body(extra_stiffness=lambda u, v: ufl.inner(ufl.jump(u), ufl.jump(v)) * dS)
+            wall(),
+            body=dj.Body(extra_stiffness=lambda u, v: ufl.inner(ufl.jump(u), ufl.jump(v)) * dS),
         )
-    with pytest.raises(MeshError, match=r"has joints \(joint_1, joint_2, joint_3\) but no law"):
+    with pytest.raises(dj.MeshError, match=r"has joints \(joint_1, joint_2, joint_3\) but no law"):
         upright(
-            wall(), body=Body(extra_stiffness=lambda u, v: ufl.inner(u, v) * wall().ds("crest"))
+            wall(), body=dj.Body(extra_stiffness=lambda u, v: ufl.inner(u, v) * wall().ds("crest"))
         )

@@ -5,8 +5,6 @@
 Expected: what the joint operator and the resultants of results files say of the same state.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -16,27 +14,13 @@ import ufl
 from dolfinx import fem
 from dolfinx.io import VTKFile, VTXWriter
 
-from dolfinx_joints import (
-    Body,
-    Elastic,
-    Fixed,
-    FormLoad,
-    FrictionNoTension,
-    Gravity,
-    JointForces,
-    JointFunctions,
-    Joints,
-    MeshError,
-    Model,
-    Prescribed,
-    Simulation,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.common.mpi import on_root
 
 pytestmark = pytest.mark.mpi
 
-CONCRETE = Elastic(young=24e9, poisson=0.2, density=2400.0)
-LAW = FrictionNoTension(normal_stiffness=1e10, shear_stiffness=1e10, friction_angle_deg=15.0)
+CONCRETE = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+LAW = dj.FrictionNoTension(normal_stiffness=1e10, shear_stiffness=1e10, friction_angle_deg=15.0)
 PUSH = {"x": 3e-4, "z": -1e-4}  # of the top [m]: part of the joint slides
 
 
@@ -45,14 +29,15 @@ def blocks(jointed, joints=LAW, **parameters):
     up = "xyz"[jointed.mesh.geometry.dim - 1]
     push = {"x": PUSH["x"], up: PUSH["z"]}
     pushed = [
-        Prescribed(group="top", component=axis, value=lambda _, u=u: u) for axis, u in push.items()
+        dj.Prescribed(group="top", component=axis, value=lambda _, u=u: u)
+        for axis, u in push.items()
     ]
-    return Model(
+    return dj.Model(
         jointed,
         material=CONCRETE,
         joints=joints,
-        supports=[Fixed(group="base"), *pushed],
-        loads=[Gravity()],
+        supports=[dj.Fixed(group="base"), *pushed],
+        loads=[dj.Gravity()],
         **parameters,
     )
 
@@ -72,20 +57,20 @@ def model(request, blocks_file, two_rectangles_file, read):
         "quad2": (two_rectangles_file, "quad", 2, "nodal"),
         "tri gauss": (two_rectangles_file, "tri", 1, "gauss"),
     }[request.param]
-    return blocks(read(file(cell=kind, order=order)), Joints(LAW, quadrature=rule))
+    return blocks(read(file(cell=kind, order=order)), dj.Joints(LAW, quadrature=rule))
 
 
 def test_forms_are_the_sums_over_points(model):
     """Force, work and integrals of a static state; the Functions and those for ParaView."""
-    state = Simulation(model).statics(steps=2)
+    state = dj.Simulation(model).statics(steps=2)
     operator, contact, joints = model.operator, model.contact, state.joints
     assert contact.counts(joints.status).slip > 0
-    functions = JointFunctions(model, "joint_1")
+    functions = dj.JointFunctions(model, "joint_1")
     fields = functions.fields
     functions.update(state)
     dS, gap, t = functions.dS, functions.gap("-"), functions.traction_vector("-")
     force = [-total(model, t[i] * dS) for i in range(model.gdim)]
-    expected = JointForces(model)(joints)["joint_1"].force[: model.gdim]
+    expected = dj.JointForces(model)(joints)["joint_1"].force[: model.gdim]
     np.testing.assert_allclose(force, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
     u = model.function(state.displacement)
@@ -118,8 +103,8 @@ def test_forms_are_the_sums_over_points(model):
 def test_functions_follow_a_run(blocks_file, read):
     """Updated to the end of dynamic steps; of another state they are another's."""
     model = blocks(read(blocks_file()))
-    simulation = Simulation(model)
-    functions, forces = JointFunctions(model), JointForces(model)
+    simulation = dj.Simulation(model)
+    functions, forces = dj.JointFunctions(model), dj.JointForces(model)
     static = simulation.statics(steps=2)
     end = simulation.dynamics(dt=1e-4, steps=3, motion=lambda t: (5.0, 0.0, 0.0)).state
     pressed = []
@@ -134,11 +119,11 @@ def test_functions_follow_a_run(blocks_file, read):
 def test_paraview_shows_the_points(comm, blocks_file, read, new_path):
     """Written and read: with a rule at nodes, those of the file are the joint points."""
     pyvista = pytest.importorskip("pyvista")
-    model = blocks(read(blocks_file()), Joints(LAW, quadrature="nodal"))
-    functions = JointFunctions(model)
+    model = blocks(read(blocks_file()), dj.Joints(LAW, quadrature="nodal"))
+    functions = dj.JointFunctions(model)
     fields = list(functions.fields.values())
     path, bp = new_path("joint.pvd"), new_path("joint.bp")
-    state = Simulation(model).statics(steps=2)
+    state = dj.Simulation(model).statics(steps=2)
     with VTKFile(comm, path, "w") as file, VTXWriter(comm, bp, fields) as vtx:
         for time in 0.0, 1.0:
             file.write_function(fields, time)
@@ -195,7 +180,7 @@ def test_coefficients_of_a_model_live_on_joints(comm, blocks_file, read):
         return k("-") * ufl.inner(ufl.jump(u), ufl.jump(v)) * dS
 
     plain = blocks(jointed)
-    model = blocks(jointed, body=Body(extra_stiffness=bilinear, extra_damping=bilinear))
+    model = blocks(jointed, body=dj.Body(extra_stiffness=bilinear, extra_damping=bilinear))
     u = fem.Function(model.V)
     u.interpolate(lambda x: np.array([[0.0], [0.0], [1.0]]) + 0.0 * x, jointed.cells("upper"))
     u.x.scatter_forward()
@@ -207,17 +192,17 @@ def test_coefficients_of_a_model_live_on_joints(comm, blocks_file, read):
         assert product.dot(vector) == pytest.approx(whole, rel=1e-12)
     plain.stiffness.mult(vector, product)
     assert abs(product.dot(vector)) < 1e-9 * whole
-    load = FormLoad(form=lambda v: k("-") * ufl.jump(v)[2] * dS)
+    load = dj.FormLoad(form=lambda v: k("-") * ufl.jump(v)[2] * dS)
     ((pattern, _),) = load.patterns(model)
     assert pattern.dot(vector) == pytest.approx(whole, rel=1e-12)
 
 
 def test_needs_joints(blocks_file, read):
-    model = Model(read(blocks_file(), joints=[]), material=CONCRETE)
+    model = dj.Model(read(blocks_file(), joints=[]), material=CONCRETE)
     with pytest.raises(
-        MeshError, match="The model has no joint with a law, so there are no functions"
+        dj.MeshError, match="The model has no joint with a law, so there are no functions"
     ):
-        JointFunctions(model)
+        dj.JointFunctions(model)
     model = blocks(read(blocks_file()))
     with pytest.raises(ValueError, match="state is .*; it must be a StaticState, DynamicState"):
-        JointFunctions(model).update(model)
+        dj.JointFunctions(model).update(model)

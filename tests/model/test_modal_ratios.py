@@ -10,8 +10,6 @@ whose determinant, the decay of q^2 over two steps, is (1 - z w dt + (w dt/2)^2)
 (1 + z w dt + (w dt/2)^2): exp(-2 z w dt) but for (w dt)^2.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -20,11 +18,11 @@ pytest.importorskip("slepc4py")
 
 from mpi4py import MPI
 
+import shaken_wall
 from dolfinx.mesh import CellType, create_rectangle, locate_entities_boundary
-from shaken_wall import BASE, CONCRETE, LAW, shaking
+from shaken_wall import BASE, CONCRETE, shaking
 
 import dolfinx_joints as dj
-from dolfinx_joints.model.modal_damping import DampedModes
 from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = pytest.mark.mpi
@@ -39,8 +37,7 @@ def wall(comm, wall_file, read):
 
     def make(damping=None, *, on=None, **options):
         jointed = read(wall_file()) if on is None else dj.read_msh(wall_file(), on)
-        given = {"supports": [BASE], "loads": [dj.Gravity()]} | options
-        return dj.Model(jointed, material=CONCRETE, joints=LAW, damping=damping, **given)
+        return shaken_wall.wall(jointed, damping=damping, **options)
 
     return make
 
@@ -191,20 +188,6 @@ def test_solvers_and_ranks_agree(comm, wall):
         norms = (each.state.displacement.norm() for each in (found, expected))
         assert next(norms) == pytest.approx(next(norms), rel=1e-8)
         assert found.energy.viscous == pytest.approx(expected.energy.viscous, rel=1e-7)
-
-
-def test_of_a_small_system():
-    """Two masses: C = M Phi diag(2 z w) Phi^T M by hand."""
-    mass, stiffness = np.diag([2.0, 1.0]), np.array([[3.0, -1.0], [-1.0, 1.0]])
-    system = dj.MatrixSystem.from_arrays(mass=mass, stiffness=stiffness)
-    system = DampedModes(dj.ModalRatios(ratio=(0.1, 0.2), modes=2)).given_to(system)
-    # Modes (1, 2) and (1, -1) with omega^2 = 1/2 and 2, masses 6 and 3.
-    weighed = mass @ np.array([[1.0, 1.0], [2.0, -1.0]]) / np.sqrt([6.0, 3.0])
-    expected = weighed @ np.diag(2.0 * np.array([0.1, 0.2]) * np.sqrt([0.5, 2.0])) @ weighed.T
-    v, out = system.mass.createVecs()
-    v.setArray([0.3, -0.7])
-    system.damping_force(v, out)
-    np.testing.assert_allclose(out.array_r, expected @ [0.3, -0.7], rtol=1e-12)
 
 
 @pytest.mark.filterwarnings("ignore:Loads act suddenly")

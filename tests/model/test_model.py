@@ -1,49 +1,28 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Models: closed forms, resultants, materials, the user's own mesh and forms, refusals."""
-
-from __future__ import annotations
+"""Models: closed forms, resultants, materials, user-defined forms, refusals."""
 
 import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
 
-from mpi4py import MPI
 
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import CellType, create_box, locate_entities, locate_entities_boundary, meshtags
+from whole_vectors import relative_difference
 
-from dolfinx_joints import (
-    BaseMotion,
-    Body,
-    Elastic,
-    Fixed,
-    FormLoad,
-    FrictionNoTension,
-    Gravity,
-    Joints,
-    MeshError,
-    Model,
-    Prescribed,
-    Pressure,
-    Rayleigh,
-    Simulation,
-    Spring,
-    Traction,
-    split_mesh,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.loads.load import load_names
 
 pytestmark = pytest.mark.mpi
 
 E, RHO, LENGTH, AREA = 20e9, 2400.0, 2.0, 1.0
-BAR = Elastic(young=E, poisson=0.0, density=RHO)
-CONCRETE = Elastic(young=24e9, poisson=0.2, density=RHO)
-LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
-BASE = Fixed(group="base")
+BAR = dj.Elastic(young=E, poisson=0.0, density=RHO)
+CONCRETE = dj.Elastic(young=24e9, poisson=0.2, density=RHO)
+LAW = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
+BASE = dj.Fixed(group="base")
 
 
 @pytest.fixture
@@ -92,79 +71,6 @@ def error_on_all_ranks(comm, kind, call):
 # Closed forms. With Poisson's ratio zero the bar is one-dimensional.
 
 
-def test_bar_in_tension(bar):
-    pull = 3e6  # u = p L / E
-    model = Model(
-        bar, material=BAR, supports=[BASE], loads=[Traction(group="top", value=(0, 0, pull))]
-    )
-    static = Simulation(model).statics()
-    assert mean(model, static.displacement, "top", 2) == pytest.approx(pull * LENGTH / E, rel=1e-12)
-    assert resultant(model, static.reaction) == pytest.approx([0, 0, -pull * AREA], abs=1e-3)
-    assert static.joints is None
-    assert static.reports[0].counts is None
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_bar_under_its_own_weight(order, blocks_file, read):
-    # u(z) = -rho g (L z - z^2 / 2) / E; at the top -rho g L^2 / (2 E), exact at the nodes.
-    jointed = read(blocks_file(angle=0.0, order=order), joints=[])
-    model = Model(jointed, material=BAR, supports=[BASE], loads=[Gravity()])
-    static = Simulation(model).statics()
-    sag = -RHO * STANDARD_GRAVITY * LENGTH**2 / (2 * E)
-    assert mean(model, static.displacement, "top", 2) == pytest.approx(sag, rel=1e-12)
-    weight = RHO * STANDARD_GRAVITY * AREA * LENGTH
-    assert resultant(model, static.reaction)[2] == pytest.approx(weight, rel=1e-12)
-
-
-def test_reaction_of_a_jointed_body_is_its_weight(blocks_file, read):
-    # 2 m^3 of 2400 kg/m^3, whatever the joint does; the joint carries the weight of the block on
-    # top, rho g 1 m^3, for a horizontal joint.
-    for angle in (0.0, 20.0):
-        model = Model(
-            read(blocks_file(angle=angle)),
-            material=CONCRETE,
-            joints=LAW,
-            supports=[BASE],
-            loads=[Gravity()],
-        )
-        static = Simulation(model).statics()
-        weight = RHO * STANDARD_GRAVITY * 2.0
-        force = resultant(model, static.reaction)
-        assert force[2] == pytest.approx(weight, rel=1e-9)
-        assert np.abs(force[:2]).max() <= 1e-9 * weight
-        traction = np.einsum("nij,ni->nj", model.operator.frames, static.joints.traction)
-        comm = model.jointed.mesh.comm
-        on_joint = np.sum(comm.allgather(model.operator.areas @ traction), axis=0)
-        assert on_joint == pytest.approx([0, 0, -weight / 2], abs=1e-8 * weight)
-
-
-def test_joint_in_series_with_a_bar(blocks):
-    # u = p (L / E + 1 / k_n): two springs in series (Poisson's ratio zero).
-    push = -3e6
-    model = Model(
-        blocks,
-        material=BAR,
-        joints=LAW,
-        supports=[BASE],
-        loads=[Traction(group="top", value=(0, 0, push))],
-    )
-    static = Simulation(model).statics()
-    exact = push * (LENGTH / E + 1 / LAW.normal_stiffness)
-    assert mean(model, static.displacement, "top", 2) == pytest.approx(exact, rel=1e-12)
-
-
-def test_load_steps_end_in_the_same_place_without_slip(blocks):
-    push = Traction(group="top", value=(0, 0, -1e6))
-    model = Model(blocks, material=CONCRETE, joints=LAW, supports=[BASE], loads=[push])
-    ends = []
-    for steps in (1, 4):
-        static = Simulation(model).statics(steps=steps)
-        assert len(static.reports) == steps
-        ends.append(static.displacement)
-    ends[0].axpy(-1.0, ends[1])
-    assert ends[0].norm() <= 1e-9 * ends[1].norm()
-
-
 @pytest.mark.parametrize("plane", ["strain", "stress"])
 def test_confined_plane_column(plane, two_rectangles_file, read):
     # Sides held horizontally: plane strain has the oedometric modulus
@@ -172,14 +78,14 @@ def test_confined_plane_column(plane, two_rectangles_file, read):
     nu = 0.3
     stiffness = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu)) if plane == "strain" else E / (1 - nu**2)
     push = -1e6
-    model = Model(
+    model = dj.Model(
         read(two_rectangles_file(cell="quad", angle=0.0), joints=[]),
-        material=Elastic(young=E, poisson=nu, density=RHO),
-        supports=[Fixed(group="base", components="y"), Fixed(group="sides", components="x")],
-        loads=[Traction(group="top", value=(0, push))],
-        body=Body(plane=plane),
+        material=dj.Elastic(young=E, poisson=nu, density=RHO),
+        supports=[dj.Fixed(group="base", components="y"), dj.Fixed(group="sides", components="x")],
+        loads=[dj.Traction(group="top", value=(0, push))],
+        body=dj.Body(plane=plane),
     )
-    static = Simulation(model).statics()
+    static = dj.Simulation(model).statics()
     top = mean(model, static.displacement, "top", 1)
     assert top == pytest.approx(push * LENGTH / stiffness, rel=1e-12)
 
@@ -188,16 +94,16 @@ def test_springs_under_a_bar(bar):
     # Normal springs in series with the bar, p (1/k_n + L/E); a shear traction on the base itself
     # moves the body as a whole, t/k_t.
     k_n, k_t, push, shear = 5e9, 2e9, -1e6, 4e5
-    model = Model(
+    model = dj.Model(
         bar,
         material=BAR,
-        supports=[Spring(group="base", normal_stiffness=k_n, tangential_stiffness=k_t)],
+        supports=[dj.Spring(group="base", normal_stiffness=k_n, tangential_stiffness=k_t)],
         loads=[
-            Traction(group="top", value=(0, 0, push)),
-            Traction(group="base", value=(shear, 0, 0)),
+            dj.Traction(group="top", value=(0, 0, push)),
+            dj.Traction(group="base", value=(shear, 0, 0)),
         ],
     )
-    u = Simulation(model).statics().displacement
+    u = dj.Simulation(model).statics().displacement
     top = mean(model, u, "top", 2)
     assert top == pytest.approx(push * (1 / k_n + LENGTH / E), rel=1e-11)
     for group in ("top", "base"):
@@ -206,12 +112,12 @@ def test_springs_under_a_bar(bar):
 
 def test_prescribed_motion_and_its_reaction(bar):
     # The top is pulled by d(t) = 1 mm t: reaction E A d / L.
-    model = Model(
+    model = dj.Model(
         bar,
         material=BAR,
-        supports=[BASE, Prescribed(group="top", component="z", value=lambda t: 1e-3 * t)],
+        supports=[BASE, dj.Prescribed(group="top", component="z", value=lambda t: 1e-3 * t)],
     )
-    simulation = Simulation(model)
+    simulation = dj.Simulation(model)
     for time in (0.5, 2.0):
         static = simulation.quasi_statics([time])
         assert mean(model, static.displacement, "top", 2) == pytest.approx(1e-3 * time, rel=1e-12)
@@ -226,11 +132,14 @@ def test_prescribed_motion_and_its_reaction(bar):
 
 
 def test_quasi_statics_follow_the_factors_of_loads(bar):
-    load = Traction(group="top", value=(0, 0, 1e6), factor=lambda t: t**2)
-    model = Model(bar, material=BAR, supports=[BASE], loads=[load])
-    static = Simulation(model).quasi_statics([1.0, 2.0, 3.0])
+    load = dj.Traction(group="top", value=(0, 0, 1e6), factor=lambda t: t**2)
+    model = dj.Model(bar, material=BAR, supports=[BASE], loads=[load])
+    static = dj.Simulation(model).quasi_statics([1.0, 2.0, 3.0])
+    # u = p L / E
     assert mean(model, static.displacement, "top", 2) == pytest.approx(9e6 * LENGTH / E, rel=1e-12)
-    assert len(static.reports) == 3
+    assert resultant(model, static.reaction) == pytest.approx([0, 0, -9e6 * AREA], abs=1e-3)
+    assert [report.counts for report in static.reports] == [None] * 3
+    assert static.joints is None
 
 
 # Loads and matrices.
@@ -238,28 +147,28 @@ def test_quasi_statics_follow_the_factors_of_loads(bar):
 
 def test_every_load_has_a_name_of_its_own():
     # Numbered, two on "face" would be Traction_face_1 and 2; the third is called the first already.
-    loads = [Traction(group=group, value=(0, 0, 1.0)) for group in ("face", "face", "face_1")]
+    loads = [dj.Traction(group=group, value=(0, 0, 1.0)) for group in ("face", "face", "face_1")]
     assert load_names(loads) == ["Traction_face_2", "Traction_face_3", "Traction_face_1"]
 
 
 def test_resultants(blocks_file, read):
     # Forces by hand: area times traction; on the faces of the inclined joint p n / cos 20.
     jointed = read(blocks_file(angle=20.0))
-    model = Model(jointed, material=CONCRETE, joints=LAW)
-    top = pattern_resultant(model, Traction(group="top", value=(1e3, -2e3, 3e3)))
+    model = dj.Model(jointed, material=CONCRETE, joints=LAW)
+    top = pattern_resultant(model, dj.Traction(group="top", value=(1e3, -2e3, 3e3)))
     assert top == pytest.approx([1e3, -2e3, 3e3], rel=1e-12)
-    assert pattern_resultant(model, Pressure(group="top", value=5e4)) == pytest.approx(
+    assert pattern_resultant(model, dj.Pressure(group="top", value=5e4)) == pytest.approx(
         [0, 0, -5e4], abs=1e-6
     )
-    closed = pattern_resultant(model, Pressure(group="sides", value=5e4))
+    closed = pattern_resultant(model, dj.Pressure(group="sides", value=5e4))
     assert np.abs(closed).max() <= 1e-6
     rise = np.tan(np.radians(20.0))
     for side, sign in (("joint_1-", 1.0), ("joint_1+", -1.0)):
-        force = pattern_resultant(model, Pressure(group=side, value=5e4))
+        force = pattern_resultant(model, dj.Pressure(group=side, value=5e4))
         assert force == pytest.approx(sign * 5e4 * np.array([rise, 0, -1]), abs=1e-6)
-    body = FormLoad(form=lambda v: ufl.inner(ufl.as_vector((0.0, 7.0, 0.0)), v) * ufl.dx)
+    body = dj.FormLoad(form=lambda v: ufl.inner(ufl.as_vector((0.0, 7.0, 0.0)), v) * ufl.dx)
     assert pattern_resultant(model, body) == pytest.approx([0, 14.0, 0], abs=1e-10)
-    push = pattern_resultant(model, Gravity(acceleration=(1.0, 2.0, 3.0)))
+    push = pattern_resultant(model, dj.Gravity(acceleration=(1.0, 2.0, 3.0)))
     assert push == pytest.approx(2 * RHO * np.array([1, 2, 3]), rel=1e-12)
 
 
@@ -270,51 +179,35 @@ def total_mass(model, axis=0):
 
 def test_materials_by_group(bar):
     # Two bars of 1 m in series, p (1/E1 + 1/E2); masses 1 m^3 each.
-    stiff = Elastic(young=3 * E, poisson=0.0, density=2 * RHO)
-    model = Model(
+    stiff = dj.Elastic(young=3 * E, poisson=0.0, density=2 * RHO)
+    model = dj.Model(
         bar,
         material={"lower": BAR, "upper": stiff},
         supports=[BASE],
-        loads=[Traction(group="top", value=(0, 0, 1e6))],
+        loads=[dj.Traction(group="top", value=(0, 0, 1e6))],
     )
-    top = mean(model, Simulation(model).statics().displacement, "top", 2)
+    top = mean(model, dj.Simulation(model).statics().displacement, "top", 2)
     assert top == pytest.approx(1e6 * (1 / E + 1 / (3 * E)), rel=1e-12)
     assert total_mass(model) == pytest.approx(3 * RHO, rel=1e-12)
 
 
 def test_extra_forms(bar):
-    # A spring k per area on the top beside the bar, (E/L + k) u = p; a mass m per area on it; a
-    # dashpot c per area beside Rayleigh damping, whose K knows nothing of the extra spring.
-    k, m, c, beta, alpha = 4e9, 500.0, 3e5, 1e-3, 0.7
+    # A spring k per area on the top beside the bar, (E/L + k) u = p; a mass m per area on it.
+    k, m = 4e9, 500.0
     top = bar.ds("top")
-    model = Model(
+    model = dj.Model(
         bar,
         material=BAR,
         supports=[BASE],
-        loads=[Traction(group="top", value=(0, 0, 1e6))],
-        damping=Rayleigh(stiffness_factor=beta, mass_factor=alpha),
-        body=Body(
+        loads=[dj.Traction(group="top", value=(0, 0, 1e6))],
+        body=dj.Body(
             extra_stiffness=lambda u, v: k * ufl.inner(u, v) * top,
             extra_mass=lambda u, v: m * ufl.inner(u, v) * top,
-            extra_damping=lambda u, v: c * ufl.inner(u, v) * top,
         ),
     )
-    u = Simulation(model).statics().displacement
+    u = dj.Simulation(model).statics().displacement
     assert mean(model, u, "top", 2) == pytest.approx(1e6 / (E / LENGTH + k), rel=1e-11)
     assert total_mass(model) == pytest.approx(RHO * AREA * LENGTH + m * AREA, rel=1e-12)
-    plain = Model(bar, material=BAR, supports=[BASE])
-    x = plain.mass.createVecRight()
-    x.setArray(np.random.default_rng(bar.mesh.comm.rank).standard_normal(x.getLocalSize()))
-    on_top = model._matrix(ufl.inner(*_pair(model.V)) * top)
-    expected, term = x.duplicate(), x.duplicate()
-    plain.stiffness.mult(x, expected)
-    expected.scale(beta)
-    for factor, matrix in ((alpha, model.mass), (c, on_top)):
-        matrix.mult(x, term)
-        expected.axpy(factor, term)
-    model.system().damping.mult(x, term)
-    term.axpy(-1.0, expected)
-    assert term.norm() <= 1e-12 * expected.norm()
 
 
 def _pair(V):
@@ -327,40 +220,30 @@ def test_damping_force(bar, spring, dashpot):
     # C v = a M v + b K v + c v on the top, K of the body alone, from products with matrices that
     # are not C. The dashpots leave most nodes alone, so that most of their rows are empty.
     c, beta, alpha = 3e5, 1e-3, 0.7
-    supports = [Spring(group="base", normal_stiffness=1e10)] if spring else [BASE]
-    model = Model(
+    supports = [dj.Spring(group="base", normal_stiffness=1e10)] if spring else [BASE]
+    model = dj.Model(
         bar,
         material=BAR,
         supports=supports,
-        damping=Rayleigh(stiffness_factor=beta, mass_factor=alpha),
-        body=Body(
-            extra_damping=(lambda u, v: c * ufl.inner(u, v) * bar.ds("top")) if dashpot else None
+        damping=dj.Rayleigh(stiffness_factor=beta, mass_factor=alpha),
+        body=dj.Body(
+            extra_stiffness=lambda u, v: 4e9 * ufl.inner(u, v) * bar.ds("top"),
+            extra_damping=(lambda u, v: c * ufl.inner(u, v) * bar.ds("top")) if dashpot else None,
         ),
     )
     system = model.system()
-    assert (system.dashpots is None) is not (spring or dashpot)
     v = model.mass.createVecRight()
     v.setArray(np.random.default_rng(bar.mesh.comm.rank).standard_normal(v.getLocalSize()))
     on_top = model._matrix(ufl.inner(*_pair(model.V)) * bar.ds("top"))
     expected, term = v.duplicate(), v.duplicate()
-    Model(bar, material=BAR, supports=[BASE]).stiffness.mult(v, expected)
+    dj.Model(bar, material=BAR, supports=[BASE]).stiffness.mult(v, expected)
     expected.scale(beta)
     for factor, matrix in ((alpha, model.mass), (c * dashpot, on_top)):
         matrix.mult(v, term)
         expected.axpy(factor, term)
     system.damping.mult(v, term)
     for found in (system.damping_force(v, v.duplicate()), term):
-        found.axpy(-1.0, expected)
-        assert found.norm() <= 1e-13 * expected.norm()
-
-
-def test_mass_stores_no_zeros(bar):
-    # M couples no components: of the 9 entries of a pair of nodes, 3.
-    model = Model(bar, material=BAR, supports=[BASE])
-    values = model.mass.getValuesCSR()[2]
-    assert np.all(values != 0.0)
-    share = model.mass.getInfo()["nz_used"] / model.stiffness.getInfo()["nz_used"]
-    assert share <= 1 / 3 + 1e-12
+        assert relative_difference(found, expected) <= 1e-13
 
 
 def test_ground_motion_is_asked_once_per_time(bar):
@@ -371,8 +254,8 @@ def test_ground_motion_is_asked_once_per_time(bar):
         asked.append(time)
         return np.array([np.sin(time), 0.0, time])
 
-    loads = [Gravity(), BaseMotion(acceleration=motion)]
-    system = Model(bar, material=BAR, supports=[BASE], loads=loads).system()
+    loads = [dj.Gravity(), dj.BaseMotion(acceleration=motion)]
+    system = dj.Model(bar, material=BAR, supports=[BASE], loads=loads).system()
     x = system.mass.createVecRight()
     x.set(1e-3)
     for start, end in ((0.0, 0.1), (0.1, 0.2)):
@@ -387,7 +270,9 @@ def test_ground_motion_is_asked_once_per_time(bar):
 
 def test_joints_are_not_damped(blocks):
     # C = b K of the bulk alone: a block that moves as a whole meets no damping.
-    model = Model(blocks, material=CONCRETE, joints=LAW, damping=Rayleigh(stiffness_factor=1e-3))
+    model = dj.Model(
+        blocks, material=CONCRETE, joints=LAW, damping=dj.Rayleigh(stiffness_factor=1e-3)
+    )
     moved = fem.Function(model.V)
     moved.interpolate(lambda x: np.ones_like(x), blocks.cells("upper"))
     u = model.mass.createVecRight()
@@ -399,7 +284,7 @@ def test_joints_are_not_damped(blocks):
 
 def test_function_works_in_a_form(blocks):
     # The integral of div u of a body stretched by 1e-4 along z: 1e-4 times the volume of 2 m^3.
-    model = Model(blocks, material=CONCRETE, joints=LAW)
+    model = dj.Model(blocks, material=CONCRETE, joints=LAW)
     field = fem.Function(model.V)
     field.interpolate(lambda x: np.array([0 * x[0], 0 * x[0], 1e-4 * x[2]]))
     field.x.scatter_forward()
@@ -419,97 +304,17 @@ def test_function_works_in_a_form(blocks):
 
 def test_dofs_are_doubled_at_the_joint_only(blocks, bar):
     # 3 x 3 x 5 nodes, 9 of them on the joint.
-    assert Model(bar, material=BAR).num_dofs == 3 * 45
-    assert Model(blocks, material=BAR, joints=LAW).num_dofs == 3 * 54
-
-
-# The user's own mesh.
-
-WALL = ((20.0, 4.0, 20.0), (4, 1, 3))
-
-
-def own_wall(comm, cell):
-    """The wall of `jointed_wall` from DOLFINx's own mesh and tags."""
-    size, divisions = WALL
-    mesh = create_box(comm, [[0, 0, 0], list(size)], list(divisions), cell)
-    tdim = mesh.topology.dim
-    mesh.topology.create_connectivity(tdim - 1, tdim)
-    groups = {"base": 11, "crest": 12}
-    joints = {"joint_1": 21, "joint_2": 22, "joint_3": 23}
-    found = {
-        11: locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 0)),
-        12: locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], size[2])),
-        **{
-            20 + i: locate_entities(mesh, 2, lambda x, i=i: np.isclose(x[0], 5.0 * i))
-            for i in (1, 2, 3)
-        },
-    }
-    facets = np.concatenate(list(found.values()))
-    values = np.repeat(list(found), [len(f) for f in found.values()]).astype(np.int32)
-    order = np.argsort(facets)
-    tags = meshtags(mesh, 2, facets[order], values[order])
-    return split_mesh(mesh, tags, joints=joints, groups=groups)
-
-
-def weighed(jointed):
-    model = Model(
-        jointed,
-        material=CONCRETE,
-        joints=LAW,
-        supports=[BASE],
-        loads=[Gravity(), Traction(group="crest", value=(2e5, 1e5, 0.0))],
-    )
-    return model, Simulation(model).statics(steps=2)
-
-
-def summary(model, static):
-    """Numbers that do not depend on the numbering of nodes, points or ranks."""
-    comm = model.jointed.mesh.comm
-    areas, traction = model.operator.areas, static.joints.traction
-    crest = [mean(model, static.displacement, "crest", axis) for axis in range(3)]
-    counts = model.contact.counts(static.joints.status)
-    return [
-        static.displacement.norm(),
-        *crest,
-        comm.allreduce(float(areas @ np.abs(static.joints.state.gap).sum(axis=1))),
-        comm.allreduce(float(areas @ traction[:, 0])),
-        *resultant(model, static.reaction),
-        counts.open,
-        counts.stick,
-        counts.slip,
-    ]
-
-
-def test_own_mesh_gives_what_the_file_gives(comm, wall_file, read):
-    one = summary(*weighed(own_wall(comm, CellType.hexahedron)))
-    two = summary(*weighed(read(wall_file())))
-    np.testing.assert_allclose(one, two, rtol=1e-9, atol=1e-9 * abs(two[8]))
-
-
-@pytest.mark.parametrize("cell", [CellType.hexahedron, CellType.tetrahedron])
-def test_own_mesh_on_any_number_of_ranks(comm, cell):
-    # Reference: everything on a communicator of this process alone. The cells of a hexahedral
-    # box and its Kuhn tetrahedra are the same however DOLFINx distributes them.
-    one = summary(*weighed(own_wall(comm, cell)))
-    two = summary(*weighed(own_wall(MPI.COMM_SELF, cell)))
-    np.testing.assert_allclose(one, two, rtol=1e-9, atol=1e-9 * abs(two[8]))
-
-
-@pytest.mark.parametrize("cell", ["hex", "tet"])
-def test_file_on_any_number_of_ranks(wall_file, read, cell):
-    path = wall_file(cell=cell)
-    one = summary(*weighed(read(path)))
-    two = summary(*weighed(read(path, on=MPI.COMM_SELF)))
-    np.testing.assert_allclose(one, two, rtol=1e-9, atol=1e-9 * abs(two[8]))
+    assert dj.Model(bar, material=BAR).num_dofs == 3 * 45
+    assert dj.Model(blocks, material=BAR, joints=LAW).num_dofs == 3 * 54
 
 
 def test_two_laws_and_an_initial_gap(wall_file, read, comm):
     # Gaps at zero displacement: what was given, on the joints that it was given for.
-    soft = FrictionNoTension(normal_stiffness=1e9, shear_stiffness=1e8, friction_angle_deg=20.0)
-    model = Model(
+    soft = dj.FrictionNoTension(normal_stiffness=1e9, shear_stiffness=1e8, friction_angle_deg=20.0)
+    model = dj.Model(
         read(wall_file()),
         material=CONCRETE,
-        joints=Joints(
+        joints=dj.Joints(
             {"joint_1": LAW, "joint_2": soft, "joint_3": LAW},
             initial_gaps={"joint_1": 1e-3, "joint_2": lambda x: 1e-4 * (x[:, 2] - 1.0)},
         ),
@@ -536,59 +341,65 @@ def test_two_laws_and_an_initial_gap(wall_file, read, comm):
 
 def test_missing_group_lists_the_groups(comm, bar):
     for call in (
-        lambda: Model(bar, material=BAR, supports=[Fixed(group="bottom")]),
-        lambda: Model(bar, material=BAR, supports=[Spring(group="bottom", normal_stiffness=1.0)]),
-        lambda: Model(
-            bar, material=BAR, supports=[Prescribed(group="bottom", component="x", value=float)]
+        lambda: dj.Model(bar, material=BAR, supports=[dj.Fixed(group="bottom")]),
+        lambda: dj.Model(
+            bar, material=BAR, supports=[dj.Spring(group="bottom", normal_stiffness=1.0)]
         ),
-        lambda: Model(bar, material=BAR, loads=[Pressure(group="bottom", value=1.0)]).system(),
-        lambda: Model(
-            bar, material=BAR, loads=[Traction(group="bottom", value=(0, 0, 1))]
+        lambda: dj.Model(
+            bar, material=BAR, supports=[dj.Prescribed(group="bottom", component="x", value=float)]
+        ),
+        lambda: dj.Model(
+            bar, material=BAR, loads=[dj.Pressure(group="bottom", value=1.0)]
+        ).system(),
+        lambda: dj.Model(
+            bar, material=BAR, loads=[dj.Traction(group="bottom", value=(0, 0, 1))]
         ).system(),
     ):
-        text = error_on_all_ranks(comm, MeshError, call)
+        text = error_on_all_ranks(comm, dj.MeshError, call)
         assert text.startswith("The mesh has no facet group 'bottom'; its facet groups are: base, ")
         assert "top" in text
-    text = error_on_all_ranks(comm, MeshError, lambda: Model(bar, material={"rock": BAR}))
+    text = error_on_all_ranks(comm, dj.MeshError, lambda: dj.Model(bar, material={"rock": BAR}))
     assert text == "The mesh has no cell group 'rock'; its cell groups are: lower, upper."
 
 
 def test_missing_and_unknown_joints(comm, blocks_file, wall_file, read):
     path = blocks_file(angle=0.0)
     jointed, wall = read(path), read(wall_file())
-    text = error_on_all_ranks(comm, MeshError, lambda: Model(jointed, material=BAR))
+    text = error_on_all_ranks(comm, dj.MeshError, lambda: dj.Model(jointed, material=BAR))
     assert text.startswith("The mesh has joints (joint_1) but no law was given")
     text = error_on_all_ranks(
-        comm, MeshError, lambda: Model(wall, material=BAR, joints={"joint_1": LAW, "joint_3": LAW})
+        comm,
+        dj.MeshError,
+        lambda: dj.Model(wall, material=BAR, joints={"joint_1": LAW, "joint_3": LAW}),
     )
     assert text == "The joint 'joint_2' has no law."
     for options in (
         {"joints": {"joint_1": LAW, "seam": LAW}},
-        {"joints": Joints(LAW, initial_gaps={"seam": 1e-3})},
+        {"joints": dj.Joints(LAW, initial_gaps={"seam": 1e-3})},
     ):
         text = error_on_all_ranks(
-            comm, MeshError, lambda options=options: Model(jointed, material=BAR, **options)
+            comm, dj.MeshError, lambda options=options: dj.Model(jointed, material=BAR, **options)
         )
         assert text == "There is no joint 'seam'; the joints are: joint_1."
     text = error_on_all_ranks(
         comm,
-        MeshError,
-        lambda: Model(read(path, joints=[]), material=BAR, joints={"joint_1": LAW}),
+        dj.MeshError,
+        lambda: dj.Model(read(path, joints=[]), material=BAR, joints={"joint_1": LAW}),
     )
     assert text == "The mesh has no joints, but laws were given for joint_1."
     text = error_on_all_ranks(
-        comm, MeshError, lambda: Model(read(path, joints=[]), material=BAR, joints=LAW)
+        comm, dj.MeshError, lambda: dj.Model(read(path, joints=[]), material=BAR, joints=LAW)
     )
     assert text.startswith(f"The mesh has no joints, but the law {type(LAW).__name__} was given")
-    text = error_on_all_ranks(comm, MeshError, lambda: read(path, joints=["seam"]))
+    text = error_on_all_ranks(comm, dj.MeshError, lambda: read(path, joints=["seam"]))
     assert text.startswith("The mesh has no joint 'seam'")
     assert "its surface groups are: base, joint_1, sides, top." in text
-    text = error_on_all_ranks(comm, MeshError, lambda: read(path.with_name("none.msh")))
+    text = error_on_all_ranks(comm, dj.MeshError, lambda: read(path.with_name("none.msh")))
     assert text.endswith("none.msh' does not exist.")
 
 
 def test_materials_must_cover_the_mesh_once(comm, bar):
-    text = error_on_all_ranks(comm, ValueError, lambda: Model(bar, material={"lower": BAR}))
+    text = error_on_all_ranks(comm, ValueError, lambda: dj.Model(bar, material={"lower": BAR}))
     assert "cells have no material or several" in text
     assert "the groups lower must cover the mesh without overlap." in text
     # Half of the cells of 2 x 2 x 4 are in the upper block.
@@ -597,12 +408,14 @@ def test_materials_must_cover_the_mesh_once(comm, bar):
 
 def test_options_out_of_range(comm, bar, blocks):
     base = {"material": BAR, "supports": [BASE]}
-    text = error_on_all_ranks(comm, ValueError, lambda: Model(bar, material={}))
+    text = error_on_all_ranks(comm, ValueError, lambda: dj.Model(bar, material={}))
     assert text == "material names no cell group; give a material, or one per group."
-    short = Model(bar, **base, loads=[Traction(group="top", value=(0.0, 1.0))])
+    short = dj.Model(bar, **base, loads=[dj.Traction(group="top", value=(0.0, 1.0))])
     text = error_on_all_ranks(comm, ValueError, short.system)
     assert text.startswith("Traction on 'top': value is (0.0, 1.0); it must be 3 finite numbers")
     text = error_on_all_ranks(
-        comm, ValueError, lambda: Model(blocks, joints=Joints(LAW, quadrature="lobatto"), **base)
+        comm,
+        ValueError,
+        lambda: dj.Model(blocks, joints=dj.Joints(LAW, quadrature="lobatto"), **base),
     )
     assert text.startswith("quadrature is 'lobatto'; it must be one of auto, nodal, gauss")

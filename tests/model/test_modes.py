@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Natural frequencies against closed forms, joints in series, participation."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -14,27 +12,15 @@ pytest.importorskip("slepc4py")
 
 from petsc4py import PETSc
 
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    JointsError,
-    MatrixSystem,
-    Model,
-    Results,
-    Spring,
-    modes,
-    write_csv,
-    write_modes,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.mesh import dolfinx_versions
 
 pytestmark = pytest.mark.mpi
 
 E, RHO, LENGTH, CELLS = 25e9, 2400.0, 8.0, 8
-BAR = Elastic(young=E, poisson=0.0, density=RHO)
+BAR = dj.Elastic(young=E, poisson=0.0, density=RHO)
 CELERITY = math.sqrt(E / RHO)
-AXIAL = (Fixed(group="base"), Fixed(group="sides", components="xy"))
+AXIAL = (dj.Fixed(group="base"), dj.Fixed(group="sides", components="xy"))
 
 
 @pytest.fixture
@@ -73,8 +59,8 @@ def line_frequencies(joint=None):
 def test_bar_of_linear_cells(column):
     # A row of linear elements with consistent mass has, in closed form,
     # omega^2 = 6 c^2 / h^2 (1 - cos kh) / (2 + cos kh), k = (2 n - 1) pi / (2 L).
-    model = Model(column(joints=[]), material=BAR, supports=AXIAL)
-    found = modes(model.system(), 4).frequencies
+    model = dj.Model(column(joints=[]), material=BAR, supports=AXIAL)
+    found = dj.modes(model.system(), 4).frequencies
     h = LENGTH / CELLS
     phase = (2 * np.arange(1, 5) - 1) * np.pi / (2 * LENGTH) * h
     omega = CELERITY / h * np.sqrt(6 * (1 - np.cos(phase)) / (2 + np.cos(phase)))
@@ -83,16 +69,16 @@ def test_bar_of_linear_cells(column):
 
 def test_bar_of_quadratic_cells(column):
     # (2 n - 1) c / (4 L); quadratic elements of an eighth of the length are within 1e-3.
-    model = Model(column(order=2, joints=[]), material=BAR, supports=AXIAL)
-    found = modes(model.system(), 3).frequencies
+    model = dj.Model(column(order=2, joints=[]), material=BAR, supports=AXIAL)
+    found = dj.modes(model.system(), 3).frequencies
     np.testing.assert_allclose(found, np.array([1, 3, 5]) * CELERITY / (4 * LENGTH), rtol=1e-3)
 
 
 def test_cantilever(column):
     # Euler and Bernoulli: f = 1.8751^2 / (2 pi L^2) sqrt(E I / (rho A)), once for each axis.
     # Shear and rotary inertia take about 1 % off it at L / h = 8.
-    model = Model(column(order=2, joints=[]), material=BAR, supports=[Fixed(group="base")])
-    found = modes(model.system(), 2)
+    model = dj.Model(column(order=2, joints=[]), material=BAR, supports=[dj.Fixed(group="base")])
+    found = dj.modes(model.system(), 2)
     exact = 1.875104**2 / (2 * np.pi * LENGTH**2) * CELERITY * math.sqrt(1 / 12)
     np.testing.assert_allclose(found.frequencies, exact, rtol=0.02)
     assert np.all(found.frequencies < exact)
@@ -105,11 +91,11 @@ def test_cantilever(column):
 @pytest.mark.parametrize("stiffness", [1e9, 1e10, 1e12, 1e14])
 def test_joint_in_series_softens(column, stiffness):
     # Reference: linear bar elements by hand with a spring of k_n times 1 m^2 in the middle.
-    law = FrictionNoTension(
+    law = dj.FrictionNoTension(
         normal_stiffness=stiffness, shear_stiffness=stiffness, friction_angle_deg=30.0
     )
-    model = Model(column(), material=BAR, supports=AXIAL, joints=law)
-    found = modes(model.system(), 3).frequencies
+    model = dj.Model(column(), material=BAR, supports=AXIAL, joints=law)
+    found = dj.modes(model.system(), 3).frequencies
     np.testing.assert_allclose(found, line_frequencies(stiffness)[:3], rtol=1e-8)
     assert found[0] < line_frequencies()[0]
 
@@ -121,13 +107,13 @@ def test_equal_parts_have_each_mode_as_often_as_they_are():
     k = 2.0 * np.eye(cells) - np.eye(cells, k=1) - np.eye(cells, k=-1)
     m = 4.0 * np.eye(cells) + np.eye(cells, k=1) + np.eye(cells, k=-1)
     k[-1, -1], m[-1, -1] = 1.0, 2.0
-    system = MatrixSystem.from_arrays(
+    system = dj.MatrixSystem.from_arrays(
         mass=np.kron(np.eye(copies), m / 6.0), stiffness=np.kron(np.eye(copies), k)
     )
     cosine = np.cos((np.arange(cells) + 0.5) * np.pi / cells)
     one = np.sqrt(6.0 * (1.0 - cosine) / (2.0 + cosine)) / (2.0 * np.pi)
     for asked in range(1, 25):
-        found = modes(system, asked)
+        found = dj.modes(system, asked)
         np.testing.assert_allclose(found.frequencies, np.repeat(one, copies)[:asked], rtol=1e-8)
         for i, shape in enumerate(found.shapes):
             products = [shape.dot(system.mass * other) for other in found.shapes]
@@ -138,9 +124,9 @@ def test_shapes_are_normalised_and_participation_adds_up(column, comm):
     # All modes of the 4 nodes on each of 8 levels, shearing ones included: the sum of squares is
     # f . M^-1 f with f = M 1 at the free dofs, which is the mass without the part that moves with
     # the base; from the matrices by hand.
-    model = Model(column(joints=[]), material=BAR, supports=AXIAL)
+    model = dj.Model(column(joints=[]), material=BAR, supports=AXIAL)
     system = model.system()
-    found = modes(system, 4 * CELLS)
+    found = dj.modes(system, 4 * CELLS)
     _, m = line_matrices()
     force = m.sum(axis=1)[1:]
     total = force @ np.linalg.solve(m[1:, 1:], force)
@@ -158,15 +144,15 @@ def test_shapes_are_normalised_and_participation_adds_up(column, comm):
 
 
 def test_asking_for_what_is_not_there(column):
-    system = Model(column(joints=[]), material=BAR, supports=AXIAL).system()
+    system = dj.Model(column(joints=[]), material=BAR, supports=AXIAL).system()
     with pytest.raises(ValueError, match=f"the system has {4 * CELLS} modes"):
-        modes(system, 4 * CELLS + 1)
+        dj.modes(system, 4 * CELLS + 1)
 
 
 def test_a_body_without_stiffness_has_no_modes():
-    system = MatrixSystem.from_arrays(mass=np.eye(2), stiffness=np.zeros((2, 2)))
-    with pytest.raises(JointsError, match="The modes could not be computed: the stiffness"):
-        modes(system, 1)
+    system = dj.MatrixSystem.from_arrays(mass=np.eye(2), stiffness=np.zeros((2, 2)))
+    with pytest.raises(dj.JointsError, match="The modes could not be computed: the stiffness"):
+        dj.modes(system, 1)
 
 
 def test_other_errors_than_petscs_are_not_taken_for_its_own():
@@ -180,9 +166,9 @@ def test_other_errors_than_petscs_are_not_taken_for_its_own():
 def test_effective_masses_of_a_body_on_springs_are_its_mass(column):
     # No dof is held, so all modes together take all of the mass, in every direction: 4 nodes on
     # each of 9 levels, 108 unknowns.
-    springs = [Spring(group="base", normal_stiffness=1e9, tangential_stiffness=1e9)]
-    model = Model(column(joints=[]), material=BAR, supports=springs)
-    found = modes(model.system(), model.num_dofs)
+    springs = [dj.Spring(group="base", normal_stiffness=1e9, tangential_stiffness=1e9)]
+    model = dj.Model(column(joints=[]), material=BAR, supports=springs)
+    found = dj.modes(model.system(), model.num_dofs)
     np.testing.assert_allclose(found.mass, RHO * LENGTH, rtol=1e-12)
     np.testing.assert_allclose(found.effective_mass.sum(axis=0), RHO * LENGTH, rtol=1e-8)
     np.testing.assert_allclose(found.effective_share.sum(axis=0), 1.0, rtol=1e-8)
@@ -192,17 +178,17 @@ def test_effective_masses_of_a_body_on_springs_are_its_mass(column):
 
 def test_modes_in_a_file(column, comm, new_path):
     # Shapes at the nodes have unit modal mass by the mass matrix of linear bars by hand.
-    law = FrictionNoTension(normal_stiffness=1e10, shear_stiffness=1e10, friction_angle_deg=30.0)
-    model = Model(column(), material=BAR, supports=AXIAL, joints=law)
-    found, path, tables = modes(model.system(), 3), new_path("modes.h5"), new_path("tables")
-    write_modes(found, model, path)
+    law = dj.FrictionNoTension(normal_stiffness=1e10, shear_stiffness=1e10, friction_angle_deg=30.0)
+    model = dj.Model(column(), material=BAR, supports=AXIAL, joints=law)
+    found, path, tables = dj.modes(model.system(), 3), new_path("modes.h5"), new_path("tables")
+    dj.write_modes(found, model, path)
     if comm.rank == 0:
-        with Results(path) as results:
+        with dj.Results(path) as results:
             assert results.complete
             nodes, shape = results.static("mesh/nodes"), results.static("modes/shape")
             assert shape.shape == (3, len(nodes), 3)
             assert results.static("modes/frequency").tolist() == found.frequencies.tolist()
-            written = write_csv(results, tables)[0].read_text().splitlines()
+            written = dj.write_csv(results, tables)[0].read_text().splitlines()
         assert written[0].split(",")[:3] == [
             "mode [-]",
             "frequency [Hz]",
@@ -222,23 +208,23 @@ def test_modes_in_a_file(column, comm, new_path):
             swapped = moved[[0, 1, 2, 3, 5, 4, 6, 7, 8, 9]]
             assert min(abs(v @ m @ v - 1.0) for v in (moved, swapped)) < 1e-6
     with pytest.raises(Exception, match="exists") as failure:
-        write_modes(found, model, path)
+        dj.write_modes(found, model, path)
     assert len(set(comm.allgather(str(failure.value)))) == 1
-    other = Model(column(joints=[]), material=BAR, supports=AXIAL)
+    other = dj.Model(column(joints=[]), material=BAR, supports=AXIAL)
     with pytest.raises(ValueError, match="The modes have 120 unknowns, the model has 108"):
-        write_modes(found, other, path, overwrite=True)
+        dj.write_modes(found, other, path, overwrite=True)
 
 
-@pytest.mark.parametrize("supports", [(), (Fixed(group="sides", components="xy"),)])
+@pytest.mark.parametrize("supports", [(), (dj.Fixed(group="sides", components="xy"),)])
 def test_a_body_that_nothing_holds_is_refused(column, supports):
     # The second may still rise.
-    with pytest.raises(JointsError, match="moves without any force"):
-        modes(Model(column(joints=[]), material=BAR, supports=list(supports)).system(), 2)
+    with pytest.raises(dj.JointsError, match="moves without any force"):
+        dj.modes(dj.Model(column(joints=[]), material=BAR, supports=list(supports)).system(), 2)
 
 
 def test_a_block_that_nothing_holds_is_refused(column):
     # The upper half slides on the lower one and turns on it about z.
-    law = FrictionNoTension(normal_stiffness=1e10, shear_stiffness=0.0, friction_angle_deg=30.0)
-    model = Model(column(), material=BAR, supports=[Fixed(group="base")], joints=law)
-    with pytest.raises(JointsError, match="a block of it, moves without any force"):
-        modes(model.system(), 6)
+    law = dj.FrictionNoTension(normal_stiffness=1e10, shear_stiffness=0.0, friction_angle_deg=30.0)
+    model = dj.Model(column(), material=BAR, supports=[dj.Fixed(group="base")], joints=law)
+    with pytest.raises(dj.JointsError, match="a block of it, moves without any force"):
+        dj.modes(model.system(), 6)

@@ -15,27 +15,7 @@ pytest.importorskip("dolfinx")
 import ufl
 from dolfinx import fem
 
-from dolfinx_joints import (
-    DruckerPrager,
-    Elastic,
-    Fixed,
-    FormLoad,
-    FrictionNoTension,
-    Gravity,
-    HydrostaticPressure,
-    Joints,
-    JointWater,
-    Model,
-    Orthotropic,
-    PlausibilityWarning,
-    Rayleigh,
-    SeepageLine,
-    Simulation,
-    Temperature,
-    Uplift,
-    ViscousJoint,
-    mesh_from_arrays,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.model.plausibility import warn_of_grout
 
 pytestmark = pytest.mark.mpi
@@ -49,8 +29,8 @@ def told(comm, **options):
     """The lines on a wall with these options, from rank 0."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        Model(supports=[Fixed(group="base")], **options)
-    texts = [str(w.message) for w in caught if w.category is PlausibilityWarning]
+        dj.Model(supports=[dj.Fixed(group="base")], **options)
+    texts = [str(w.message) for w in caught if w.category is dj.PlausibilityWarning]
     assert comm.rank == 0 or not texts
     return comm.bcast(texts, root=0)
 
@@ -61,14 +41,18 @@ def wall(wall_file, read):
 
 
 def test_other_units_are_told_of(comm, wall):
-    law = FrictionNoTension(**{**JOINT, "normal_stiffness": 100.0}, friction_angle_deg=0.6)
-    water = HydrostaticPressure(group="y_min", level=18.0, density=1.0)
+    law = dj.FrictionNoTension(**{**JOINT, "normal_stiffness": 100.0}, friction_angle_deg=0.6)
+    water = dj.HydrostaticPressure(group="y_min", level=18.0, density=1.0)
     found = told(
         comm,
         jointed=wall,
-        material=Elastic(young=25.0, poisson=0.2, density=2.4),
-        joints={"joint_1": law, "joint_2": law, "joint_3": FrictionNoTension(**JOINT, **COULOMB)},
-        loads=[Gravity(), water, Temperature(value=5.0, reference=10.0, expansion=10.0)],
+        material=dj.Elastic(young=25.0, poisson=0.2, density=2.4),
+        joints={
+            "joint_1": law,
+            "joint_2": law,
+            "joint_3": dj.FrictionNoTension(**JOINT, **COULOMB),
+        },
+        loads=[dj.Gravity(), water, dj.Temperature(value=5.0, reference=10.0, expansion=10.0)],
     )
     assert found == [
         "Elastic: young is 25 Pa; usual is 1e+06 to 1e+17 Pa; is it in GPa?",
@@ -87,17 +71,19 @@ def test_other_units_are_told_of(comm, wall):
 @pytest.mark.parametrize(
     ("material", "texts"),
     [
-        (Elastic(**CONCRETE | {"young": 25e3}), ["Elastic: young is 25000 Pa", "MPa?"]),
-        (Elastic(**CONCRETE | {"density": 24.0}), ["density is 24 kg/m^3", "in kN/m^3?"]),
-        (Elastic(**CONCRETE | {"density": 24e3}), ["density is 24000 kg/m^3", "in N/m^3?"]),
+        (dj.Elastic(**CONCRETE | {"young": 25e3}), ["Elastic: young is 25000 Pa", "MPa?"]),
+        (dj.Elastic(**CONCRETE | {"density": 24.0}), ["density is 24 kg/m^3", "in kN/m^3?"]),
+        (dj.Elastic(**CONCRETE | {"density": 24e3}), ["density is 24000 kg/m^3", "in N/m^3?"]),
         (
-            DruckerPrager(
-                elastic=Elastic(**CONCRETE | {"young": 25.0}), cohesion=1e6, friction_angle_deg=45.0
+            dj.DruckerPrager(
+                elastic=dj.Elastic(**CONCRETE | {"young": 25.0}),
+                cohesion=1e6,
+                friction_angle_deg=45.0,
             ),
             ["DruckerPrager: young is 25 Pa"],
         ),
         (
-            Orthotropic(
+            dj.Orthotropic(
                 young=(25.0, 22.0, 20.0), poisson=(0.2,) * 3, shear=(1e10,) * 3, density=2400.0
             ),
             ["Orthotropic: young is 25 Pa"],
@@ -105,7 +91,7 @@ def test_other_units_are_told_of(comm, wall):
     ],
 )
 def test_parts_of_materials_are_looked_at(comm, wall, material, texts):
-    law = FrictionNoTension(**JOINT, friction_angle_deg=40.0)
+    law = dj.FrictionNoTension(**JOINT, friction_angle_deg=40.0)
     found = told(comm, jointed=wall, material=material, joints=law)
     assert len(found) == 1
     assert all(text in found[0] for text in texts)
@@ -113,17 +99,17 @@ def test_parts_of_materials_are_looked_at(comm, wall, material, texts):
 
 def test_what_dams_have_is_not(comm, wall):
     # Also no friction, no mass, dashpots in joints.
-    bare = FrictionNoTension(**{**JOINT, "shear_stiffness": 0.0}, friction_angle_deg=0.0)
-    dashpot = ViscousJoint(
-        law=FrictionNoTension(**JOINT, friction_angle_deg=80.0), normal_viscosity=1.0
+    bare = dj.FrictionNoTension(**{**JOINT, "shear_stiffness": 0.0}, friction_angle_deg=0.0)
+    dashpot = dj.ViscousJoint(
+        law=dj.FrictionNoTension(**JOINT, friction_angle_deg=80.0), normal_viscosity=1.0
     )
     assert not told(
         comm,
         jointed=wall,
-        material=Elastic(**CONCRETE | {"density": 0.0}),
+        material=dj.Elastic(**CONCRETE | {"density": 0.0}),
         joints={"joint_1": bare, "joint_2": dashpot, "joint_3": bare},
-        loads=[Gravity()],
-        damping=Rayleigh(),
+        loads=[dj.Gravity()],
+        damping=dj.Rayleigh(),
     )
 
 
@@ -131,12 +117,12 @@ def test_what_dams_have_is_not(comm, wall):
     ("level", "strange"), [(-2.0, True), (18.0, False), (26.5, False), (26.8, True)]
 )
 def test_water_that_misses_the_body(comm, wall, level, strange):
-    water = HydrostaticPressure(group="y_min", level=level)
+    water = dj.HydrostaticPressure(group="y_min", level=level)
     found = told(
         comm,
         jointed=wall,
-        material=Elastic(**CONCRETE),
-        joints=FrictionNoTension(**JOINT, friction_angle_deg=30.0),
+        material=dj.Elastic(**CONCRETE),
+        joints=dj.FrictionNoTension(**JOINT, friction_angle_deg=30.0),
         loads=[water],
     )
     text = f"HydrostaticPressure: level is {level:g} m; the body reaches from 0 to 20 m."
@@ -152,9 +138,9 @@ def test_water_that_misses_the_body(comm, wall, level, strange):
 )
 def test_gaps_that_overlap(comm, wall, gap, texts):
     """At the top, 20 m up, the gap is 1 mm - 2 mm."""
-    law = FrictionNoTension(**JOINT, friction_angle_deg=30.0)
-    joints = Joints(law, initial_gaps={"joint_2": gap})
-    given = {"material": Elastic(**CONCRETE), "joints": joints}
+    law = dj.FrictionNoTension(**JOINT, friction_angle_deg=30.0)
+    joints = dj.Joints(law, initial_gaps={"joint_2": gap})
+    given = {"material": dj.Elastic(**CONCRETE), "joints": joints}
     found = told(comm, jointed=wall, **given)
     assert [text[: text.index(";") + 1] for text in found] == texts
 
@@ -164,15 +150,15 @@ def test_water_that_misses_its_face(comm, level, strange):
     # A dam of 80 m on rock of 60 m, its foot at 100 m: 76 m is the depth of a level of 176 m. On
     # several ranks the face is on one of them.
     heights = np.repeat([40.0, 100.0, 180.0], 2)
-    body = mesh_from_arrays(
+    body = dj.mesh_from_arrays(
         comm,
         cell="quadrilateral",
         x=np.column_stack([np.tile([0.0, 60.0], 3), heights]),
         cells=np.array([[0, 1, 2, 3], [2, 3, 4, 5]]),
         facet_groups={"base": np.array([[0, 1]]), "upstream": np.array([[2, 4]])},
     )
-    water = HydrostaticPressure(group="upstream", level=level)
-    found = told(comm, jointed=body, material=Elastic(**CONCRETE), loads=[water])
+    water = dj.HydrostaticPressure(group="upstream", level=level)
+    found = told(comm, jointed=body, material=dj.Elastic(**CONCRETE), loads=[water])
     text = "HydrostaticPressure: level is 76 m; the group 'upstream' begins at 100 m."
     assert found == ([text] if strange else [])
 
@@ -182,60 +168,60 @@ def test_kelvin_beside_celsius(comm, wall, value, strange):
     space = fem.functionspace(wall.mesh, ("Lagrange", 1))
     field = fem.Function(space)
     field.x.array[:] = value
-    joints = FrictionNoTension(**JOINT, friction_angle_deg=30.0)
+    joints = dj.FrictionNoTension(**JOINT, friction_angle_deg=30.0)
     loads = [
-        Temperature(value=field, reference={"concrete": 10.0}, expansion=1e-5),
-        Temperature(value=value, reference=10.0, expansion=1e-5),
+        dj.Temperature(value=field, reference={"concrete": 10.0}, expansion=1e-5),
+        dj.Temperature(value=value, reference=10.0, expansion=1e-5),
     ]
-    given = {"material": Elastic(**CONCRETE), "joints": joints, "loads": loads}
+    given = {"material": dj.Elastic(**CONCRETE), "joints": joints, "loads": loads}
     text = f"Temperature: value is {value:.4g} to {value:.4g} with a reference of 10; is one of"
     assert [line[: len(text)] for line in told(comm, jointed=wall, **given)] == [text] * 2 * strange
 
 
 def test_loads_on_nothing(comm, wall):
-    law = FrictionNoTension(**JOINT, friction_angle_deg=30.0)
-    given = {"jointed": wall, "material": Elastic(**CONCRETE), "joints": law}
-    water = JointWater(joint="joint_1", level=-2.0)
-    deep = SeepageLine(start=(0, 0, 0), end=(1, 0, 0), upstream=-1.0, downstream=-2.0)
+    law = dj.FrictionNoTension(**JOINT, friction_angle_deg=30.0)
+    given = {"jointed": wall, "material": dj.Elastic(**CONCRETE), "joints": law}
+    water = dj.JointWater(joint="joint_1", level=-2.0)
+    deep = dj.SeepageLine(start=(0, 0, 0), end=(1, 0, 0), upstream=-1.0, downstream=-2.0)
     low = told(comm, **given, loads=[water])
     assert low == ["JointWater: level is -2 m; the body reaches from 0 to 20 m."]
-    supports = [Fixed(group="base")]
+    supports = [dj.Fixed(group="base")]
     for load, name in (
-        (Uplift(joint="joint_1", pressure=deep), "Uplift_joint_1"),
+        (dj.Uplift(joint="joint_1", pressure=deep), "Uplift_joint_1"),
         (
-            FormLoad(form=lambda v: fem.Constant(wall.mesh, 0.0) * v[2] * wall.dx("concrete")),
+            dj.FormLoad(form=lambda v: fem.Constant(wall.mesh, 0.0) * v[2] * wall.dx("concrete")),
             "FormLoad",
         ),
     ):
         text = f"{name} exerts no force: its place is empty, or it is zero"
-        with pytest.warns(PlausibilityWarning, match=text) if comm.rank == 0 else nullcontext():
-            Simulation(Model(**given, supports=supports, loads=[load])).statics()
+        with pytest.warns(dj.PlausibilityWarning, match=text) if comm.rank == 0 else nullcontext():
+            dj.Simulation(dj.Model(**given, supports=supports, loads=[load])).statics()
     for measure, part in ((ufl.ds(5), 5), (ufl.dx(7), 7)):
-        load = FormLoad(form=lambda v, measure=measure: v[2] * measure)
+        load = dj.FormLoad(form=lambda v, measure=measure: v[2] * measure)
         with pytest.raises(
             ValueError, match=f"integrates over the part {part} of a measure without"
         ):
-            Simulation(Model(**given, supports=supports, loads=[load])).statics()
+            dj.Simulation(dj.Model(**given, supports=supports, loads=[load])).statics()
 
 
 def test_a_mesh_in_millimetres_and_the_switch(comm):
     # A body of 80 m by 40 m in mm.
     x = 1e3 * np.array([[0.0, 0.0], [80.0, 0.0], [0.0, 40.0], [80.0, 40.0]])
-    body = mesh_from_arrays(
+    body = dj.mesh_from_arrays(
         comm,
         cell="quadrilateral",
         x=x,
         cells=np.array([[0, 1, 2, 3]]),
         facet_groups={"base": np.array([[0, 1]])},
     )
-    options = {"jointed": body, "material": Elastic(**CONCRETE)}
+    options = {"jointed": body, "material": dj.Elastic(**CONCRETE)}
     assert told(comm, **options) == [
         "The mesh: extent is 80000 m; usual is 0.01 to 20000 m; is it in mm?"
     ]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.simplefilter("ignore", PlausibilityWarning)
-        Model(supports=[Fixed(group="base")], **options)
+        warnings.simplefilter("ignore", dj.PlausibilityWarning)
+        dj.Model(supports=[dj.Fixed(group="base")], **options)
 
 
 def test_warnings_are_seen_in_a_script(comm):

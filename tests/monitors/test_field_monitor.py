@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Files for ParaView against the results file and against equilibrium, on any number of ranks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +11,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from shaken_wall import BASE, CONCRETE, DT, LAW, POINTS, shaking, valley, wall
+from shaken_wall import CONCRETE, DT, LAW, POINTS, shaking, valley, wall
 from vtk_files import on_root, read_vtk
 from whole_vectors import all_of
 
@@ -27,32 +25,6 @@ from dolfinx_joints.monitors.joint_rows import JointRows
 pytestmark = pytest.mark.mpi
 
 WARMER, FACTOR = 20.0, 0.5  # [K], [-]
-
-
-def test_each_time_is_that_of_the_results_file(comm, wall_file, read, new_path):
-    path, run = new_path("fields.vtkhdf"), new_path("run.h5")
-    monitors = [dj.FieldMonitor(path, every=2), dj.ResultsMonitor(run, points=POINTS, every=2)]
-    simulation = dj.Simulation(wall(read(wall_file())), monitors=monitors)
-    simulation.statics(name="weight")
-    simulation.dynamics(dt=DT, steps=4, motion=shaking)
-
-    def look():
-        body, joints = read_vtk(path), read_vtk(path.with_name(f"{path.stem}_joints.vtkhdf"))
-        ((one, weight),) = read_vtk(path.with_name(f"{path.stem}_stages.vtkhdf"))
-        with dj.Results(run) as results:
-            assert [time for time, _ in body] == results.time("states").tolist()
-            for number, ((_, grid), (_, of_joints)) in enumerate(zip(body, joints, strict=True)):
-                u = results.series("states", "displacement", number)
-                assert np.abs(u).max() > 1e-5
-                np.testing.assert_array_equal(grid.point_data["displacement [m]"], u)
-                names = [f"joints/{joint}/traction" for joint in results.joints]
-                t = np.concatenate([results.series("states", name, number) for name in names])
-                np.testing.assert_array_equal(of_joints.cell_data["traction [Pa]"], t)
-            u = results.series("statics", "displacement", 0)
-            np.testing.assert_array_equal(weight.point_data["displacement [m]"], u)
-        assert one == 1.0
-
-    on_root(comm, look)
 
 
 def test_stresses_balance_the_weight_whatever_the_temperature(comm, wall_file, read, new_path):
@@ -69,13 +41,7 @@ def test_stresses_balance_the_weight_whatever_the_temperature(comm, wall_file, r
         expansion=1e-5,
         factor=lambda _: FACTOR,
     )
-    model = dj.Model(
-        read(wall_file()),
-        material=CONCRETE,
-        joints=LAW,
-        supports=[BASE],
-        loads=[dj.Gravity(), warm],
-    )
+    model = wall(read(wall_file()), loads=[dj.Gravity(), warm])
     simulation = dj.Simulation(model, monitors=[dj.FieldMonitor(path)])
     simulation.statics()
 
@@ -108,10 +74,8 @@ def test_plane_body(comm, two_rectangles_file, read, new_path, plane, cell, orde
     1 m above the base, sinks with the lower block and by half of its own compression q/k_n.
     """
     q, path, warmth = 2e6, new_path("plane.vtkhdf"), 1e-5 * WARMER
-    model = dj.Model(
+    model = wall(
         read(two_rectangles_file(cell=cell, order=order, angle=0.0)),
-        material=CONCRETE,
-        joints=LAW,
         body=dj.Body(plane=plane),
         supports=[
             dj.Fixed(group="base", components="y"),

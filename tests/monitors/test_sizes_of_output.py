@@ -2,15 +2,13 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """What a rank holds of results, files for ParaView, checkpoints and paths of water: its part."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("dolfinx")
 
 from array_sizes import arrays, of_functions
 from dolfinx.mesh import exterior_facet_indices
-from shaken_wall import BASE, CONCRETE, DT, LAW, Killed, Killer, shaking
+from shaken_wall import DT, Killed, Killer, shaking, wall
 
 import dolfinx_joints as dj
 from dolfinx_joints.common.mpi import on_root
@@ -103,14 +101,8 @@ def test_no_array_is_of_all(comm, read, wall_file, new_path):
         folder = new_path(f"joints_{joints}")
         on_root(comm, folder.mkdir)
         water = dj.JointWater(joint="joint_1", level=15.0, reached_from="base")
-        model = dj.Model(
-            read(wall_file(divisions=divisions, joints=joints)),
-            material=CONCRETE,
-            joints=LAW,
-            supports=[BASE],
-            loads=[dj.Gravity(), water],
-            damping=dj.stiffness_proportional(ratio=0.02, frequency=5.0),
-        )
+        jointed = read(wall_file(divisions=divisions, joints=joints))
+        model = wall(jointed, loads=[dj.Gravity(), water])
         found.append(arrays_of_all(comm, model, folder))
     both = found[0] & found[1]
     assert bool(both) == (comm.size == 1), both

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Energies and jumps of static stages in file, tables and report against the ledger of the run."""
 
-from __future__ import annotations
-
 import csv
 import re
 
@@ -264,19 +262,6 @@ def test_a_jump(comm, new_path):
         assert f"jump: {words}" in shown
 
     on_root(comm, look)
-
-
-def test_a_jump_that_is_not_allowed_is_in_the_file(comm, new_path):
-    path = new_path("stops.h5")
-    monitor = dj.ResultsMonitor(path, points={"foot": (2.0, 0.0)})
-    simulation = dj.Simulation(wedge(comm), monitors=[monitor])
-    simulation.quasi_statics([0.0], name="push")
-    with pytest.raises(dj.JumpError, match="releases 2[5-8].* J in 'joint_wall'") as failure:
-        simulation.quasi_statics([2.0])
-    comm.barrier()
-    with dj.Results(path) as results:
-        assert (results.status, results.stage_names) == ("failed", ["push"])
-        assert str(failure.value) in results.summary["error"]
 
 
 def test_a_body_without_joints(comm, new_path):

@@ -6,35 +6,16 @@ Without lateral strain (Poisson's ratio 0, sides held) each quantity has a close
 linear elements are exact at their nodes.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
 
+from shaken_wall import Killed, Killer
 from vtk_files import on_root, read_vtk
 from whole_vectors import all_of
 
-from dolfinx_joints import (
-    Checkpoints,
-    Elastic,
-    FieldMonitor,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    JointsError,
-    Model,
-    Monitor,
-    Pressure,
-    Results,
-    ResultsError,
-    ResultsMonitor,
-    Simulation,
-    Temperature,
-    Uplift,
-    measures,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.monitors.joint_rows import JointRows
@@ -43,18 +24,18 @@ pytestmark = pytest.mark.mpi
 
 E, RHO, HEIGHT, SIZE, AREA = 20e9, 2400.0, 2.0, 0.5, 1.0
 STIFFNESS, EXPANSION, COLD, PORE, PRESS = 1e11, 1e-5, -10.0, 1e4, 3e4
-CONCRETE = Elastic(young=E, poisson=0.0, density=RHO)
-LAW = FrictionNoTension(
+CONCRETE = dj.Elastic(young=E, poisson=0.0, density=RHO)
+LAW = dj.FrictionNoTension(
     normal_stiffness=STIFFNESS, shear_stiffness=STIFFNESS, friction_angle_deg=45.0
 )
 GAMMA = RHO * STANDARD_GRAVITY
 ABOVE = GAMMA * AREA * HEIGHT / 2  # weight above the joint
 SETTLEMENT = GAMMA * HEIGHT**2 / (2 * E) + ABOVE / AREA / STIFFNESS
 POINTS = {"top": (0.5, 0.5, 2.0), "base": (0.5, 0.5, 0.0)}
-WEIGHT = Gravity()
-PORES = Uplift(joint="joint_1", pressure=PORE)
-WINTER = Temperature(value=COLD, reference=0.0, expansion=EXPANSION)
-ROOF = Pressure(group="top", value=PRESS, factor=lambda t: t)
+WEIGHT = dj.Gravity()
+PORES = dj.Uplift(joint="joint_1", pressure=PORE)
+WINTER = dj.Temperature(value=COLD, reference=0.0, expansion=EXPANSION)
+ROOF = dj.Pressure(group="top", value=PRESS, factor=lambda t: t)
 
 
 @pytest.fixture
@@ -63,9 +44,9 @@ def column(blocks_file, read):
     path = blocks_file(angle=0.0, size=SIZE)
 
     def make():
-        held = [Fixed(group="base"), Fixed(group="sides", components="xy")]
+        held = [dj.Fixed(group="base"), dj.Fixed(group="sides", components="xy")]
         loads = [WEIGHT, PORES, WINTER, ROOF]
-        return Model(read(path), material=CONCRETE, joints=LAW, supports=held, loads=loads)
+        return dj.Model(read(path), material=CONCRETE, joints=LAW, supports=held, loads=loads)
 
     return make
 
@@ -93,15 +74,15 @@ ACTING += 4 * [f"{WITH_WATER}, Temperature, Pressure_top"]
 def test_stages_of_a_column(comm, column, new_path):
     """By hand, and against the states returned, in files with dynamics and without."""
     path, model = new_path("column.h5"), column()
-    monitor = ResultsMonitor(path, points=POINTS, envelopes=["sides"], resultants=True)
-    simulation = Simulation(model, monitors=[monitor])
+    monitor = dj.ResultsMonitor(path, points=POINTS, envelopes=["sides"], resultants=True)
+    simulation = dj.Simulation(model, monitors=[monitor])
     states = history(simulation)
     comm.barrier()
-    with Results(path) as results:
+    with dj.Results(path) as results:
         assert (results.status, results.metadata["stage"]) == ("complete", "static")
         alone = check(comm, model, results, states)
     simulation.dynamics(dt=1e-3, steps=2)
-    with Results(path) as results:
+    with dj.Results(path) as results:
         assert results.rows("histories") == 3
         both = check(comm, model, results, states)
         # Dynamics start where the stages ended.
@@ -116,7 +97,7 @@ def check(comm, model, results, states):
     """Compare the stages of a file; return them."""
     assert results.stage_names == NAMES
     assert results.metadata["manifest"]["static_stages"] == dict(zip(NAMES, ACTING, strict=True))
-    stages = measures.static_stages(results)
+    stages = dj.measures.static_stages(results)
     weight, wet, grout, winter, half, full, last = stages
     for stage, pores, cold, roof in (
         (weight, 0.0, 0.0, 0.0),
@@ -163,13 +144,16 @@ def check(comm, model, results, states):
 def test_a_block_that_is_not_there_has_no_temperature(comm, column, new_path):
     """The cold stretches the lower block between its sides, and the upper one once it is cast."""
     path, fields = new_path("cast.h5"), new_path("cast.vtkhdf")
-    monitors = [ResultsMonitor(path, points=POINTS, envelopes=["sides"]), FieldMonitor(fields)]
-    simulation = Simulation(column(), monitors=monitors)
+    monitors = [
+        dj.ResultsMonitor(path, points=POINTS, envelopes=["sides"]),
+        dj.FieldMonitor(fields),
+    ]
+    simulation = dj.Simulation(column(), monitors=monitors)
     simulation.statics(loads=[WEIGHT, WINTER], absent=["upper"])
     simulation.statics(loads=[WEIGHT, WINTER])
 
     def look():
-        with Results(path) as results:
+        with dj.Results(path) as results:
             nodes = results.static("mesh/nodes")[results.static("envelopes/nodes")]
             stresses = results.series("statics", "stress/principal_max")
         grids = [grid for _, grid in read_vtk(fields.with_name(f"{fields.stem}_stages.vtkhdf"))]
@@ -189,19 +173,19 @@ def test_a_block_that_is_not_there_has_no_temperature(comm, column, new_path):
 
 def test_stages_saved_travel(comm, column, new_path):
     """A run of another day begins with the stages of the first, and with monitors of its own."""
-    first = Simulation(column())
+    first = dj.Simulation(column())
     first.statics(loads=[WEIGHT, PORES], name="weight")
     path, kept = new_path("next.h5"), new_path("kept.static")
     first.save_static(kept)
-    second = Simulation(column(), monitors=[ResultsMonitor(path, points=POINTS)])
+    second = dj.Simulation(column(), monitors=[dj.ResultsMonitor(path, points=POINTS)])
     second.load_static(kept)
-    with pytest.raises(JointsError, match="'weight' already; the stages so far are: weight"):
+    with pytest.raises(dj.JointsError, match="'weight' already; the stages so far are: weight"):
         second.statics(name="weight")
     second.statics(name="winter")
     for _ in range(2):
         comm.barrier()
-        with Results(path) as results:
-            weight, winter = measures.static_stages(results)
+        with dj.Results(path) as results:
+            weight, winter = dj.measures.static_stages(results)
         assert (weight.name, winter.name) == ("weight", "winter")
         assert weight.joints["joint_1"].water_force == pytest.approx(PORE * AREA)
         drop = winter.displacement["top"] - weight.displacement["top"]
@@ -210,36 +194,25 @@ def test_stages_saved_travel(comm, column, new_path):
         second.monitors.clear()
 
 
-class Stop(Monitor):
-    """Ends a run at a step."""
-
-    def __init__(self, step):
-        self.step = step
-
-    def record(self, record):
-        if record.step == self.step:
-            raise KeyboardInterrupt
-
-
 def test_a_continued_run_keeps_its_stages(comm, column, new_path):
     """Statics that are run again before a run is continued cost no record of it."""
     path, kept = new_path("long.h5"), new_path("long.ckpt")
 
     def run(last, **how):
-        writing = ResultsMonitor(path, points=POINTS, overwrite=True)
-        simulation = Simulation(column(), monitors=[writing, Stop(last)])
+        writing = dj.ResultsMonitor(path, points=POINTS, overwrite=True)
+        simulation = dj.Simulation(column(), monitors=[writing, Killer(last)])
         simulation.statics(name="all")
-        simulation.dynamics(dt=1e-3, steps=4, checkpoint=Checkpoints(kept, every=2, **how))
+        simulation.dynamics(dt=1e-3, steps=4, checkpoint=dj.Checkpoints(kept, every=2, **how))
 
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(Killed):
         run(3)
     comm.barrier()
-    run(-1, resume=True)
-    with Results(path) as results:
+    run(None, resume=True)
+    with dj.Results(path) as results:
         assert results.status == "complete"
         assert results.stage_names == ["all"]
         np.testing.assert_allclose(results.time("histories"), 1e-3 * np.arange(5))
-        top = measures.static_stages(results)[0].displacement["top"]
+        top = dj.measures.static_stages(results)[0].displacement["top"]
         np.testing.assert_allclose(results.series("histories", "displacement", 0)[0], top)
     assert not path.with_name(f"{path.name}.before").exists()
 
@@ -250,24 +223,24 @@ def test_files_of_others_are_kept(comm, column, new_path):
     if comm.rank == 0:
         path.write_text(text)
     comm.barrier()
-    simulation = Simulation(column(), monitors=[ResultsMonitor(path, points=POINTS)])
-    with pytest.raises(ResultsError, match="exists; pass overwrite=True"):
+    simulation = dj.Simulation(column(), monitors=[dj.ResultsMonitor(path, points=POINTS)])
+    with pytest.raises(dj.ResultsError, match="exists; pass overwrite=True"):
         simulation.statics()
-    writing = ResultsMonitor(path, points=POINTS, overwrite=True)
-    Simulation(column(), monitors=[writing]).statics()
+    writing = dj.ResultsMonitor(path, points=POINTS, overwrite=True)
+    dj.Simulation(column(), monitors=[writing]).statics()
     assert path.with_name(f"{path.name}.before").read_text() == text
-    with Results(path) as results:
+    with dj.Results(path) as results:
         assert results.stage_names == ["statics 1"]
     beside = new_path("own.h5.before")
     if comm.rank == 0:
         beside.write_text(text)
     comm.barrier()
     path = beside.with_name("own.h5")
-    run = Simulation(column(), monitors=[ResultsMonitor(path, points=POINTS)])
+    run = dj.Simulation(column(), monitors=[dj.ResultsMonitor(path, points=POINTS)])
     run.statics()
     run.dynamics(dt=1e-3, steps=2)
     assert beside.read_text() == text
-    with pytest.raises(ResultsError, match="exists; pass overwrite=True"):
+    with pytest.raises(dj.ResultsError, match="exists; pass overwrite=True"):
         run.dynamics(dt=1e-3, steps=1)
-    with Results(path) as results:
+    with dj.Results(path) as results:
         assert results.rows("histories") == 3

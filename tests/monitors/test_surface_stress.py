@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Stresses at the boundary from displacements whose stresses are known; any number of ranks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -12,19 +10,10 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 from dolfinx import mesh as dmesh
-from shaken_wall import CONCRETE, LAW, shaking
+from shaken_wall import CONCRETE, LAW, shaking, wall
 from whole_vectors import all_of
 
-from dolfinx_joints import (
-    Fixed,
-    Gravity,
-    MeshError,
-    Model,
-    Results,
-    ResultsMonitor,
-    Simulation,
-    split_mesh,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes, SurfaceStress
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, principal_extremes
@@ -35,13 +24,7 @@ LAMBDA, MU = CONCRETE.first_lame("strain"), CONCRETE.shear_modulus
 
 
 def model_of(jointed):
-    return Model(
-        jointed,
-        material=CONCRETE,
-        joints=LAW if jointed.joint_names else None,
-        supports=[Fixed(group="base")],
-        loads=[Gravity()],
-    )
+    return wall(jointed, LAW if jointed.joint_names else None)
 
 
 def displacement(model, field):
@@ -67,7 +50,7 @@ def test_a_rank_without_cells_takes_part(comm, new_path):
     # One cube, so that all ranks but one have no cells, in uniform stress.
     mesh = dmesh.create_unit_cube(comm, 1, 1, 1, cell_type=dmesh.CellType.hexahedron)
     base = dmesh.locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 0.0))
-    model = model_of(split_mesh(mesh, groups={"base": base}))
+    model = model_of(dj.split_mesh(mesh, groups={"base": base}))
     seen = StressEnvelopes(model, NodeNumbering(model.V))
     seen.see(displacement(model, lambda x: x @ LOWER.T), 0.0)
     columns = all_of(comm, seen.state_dict().mine)
@@ -77,12 +60,12 @@ def test_a_rank_without_cells_takes_part(comm, new_path):
         np.testing.assert_allclose(columns[:, 0], largest[0])
         np.testing.assert_allclose(columns[:, 1], smallest[0])
     path = new_path("alone.h5")
-    monitor = ResultsMonitor(path, points={"top": (0.0, 0.0, 1.0)}, envelopes=True)
-    simulation = Simulation(model, monitors=[monitor])
+    monitor = dj.ResultsMonitor(path, points={"top": (0.0, 0.0, 1.0)}, envelopes=True)
+    simulation = dj.Simulation(model, monitors=[monitor])
     simulation.statics()
     simulation.dynamics(dt=1e-3, steps=2)
     comm.barrier()
-    with Results(path) as results:
+    with dj.Results(path) as results:
         assert results.complete
         assert results.static("mesh/surface").shape == (6, 4)
 
@@ -148,18 +131,16 @@ def test_pure_bending(comm, wall_file, read, cell):
 
 
 def test_plane_models_are_refused(comm, two_rectangles_file, read):
-    model = Model(
-        read(two_rectangles_file()), material=CONCRETE, joints=LAW, supports=[Fixed(group="base")]
-    )
-    monitor = ResultsMonitor("plane.h5", points={"top": (0.0, 2.0)}, envelopes=True)
+    model = wall(read(two_rectangles_file()))
+    monitor = dj.ResultsMonitor("plane.h5", points={"top": (0.0, 2.0)}, envelopes=True)
     with pytest.raises(ValueError, match="of bodies in space, got a plane model"):
-        Simulation(model, monitors=[monitor])  # before anything is solved
+        dj.Simulation(model, monitors=[monitor])  # before anything is solved
 
 
 def run(model, path, envelopes=True):
     points = {"crest": (0.0, 0.0, 20.0)}
-    monitor = ResultsMonitor(path, points=points, every=1, envelopes=envelopes)
-    simulation = Simulation(model, monitors=[monitor])
+    monitor = dj.ResultsMonitor(path, points=points, every=1, envelopes=envelopes)
+    simulation = dj.Simulation(model, monitors=[monitor])
     simulation.statics()
     simulation.dynamics(dt=4e-3, steps=5, motion=shaking)
 
@@ -174,7 +155,7 @@ def test_envelopes_of_a_run_on_any_number_of_ranks(comm, wall_file, read, new_pa
     model = model_of(read(wall_file(), on=MPI.COMM_SELF))
     nodes = NodeNumbering(model.V)
     recovery = SurfaceStress(model, nodes)
-    with Results(many) as results:
+    with dj.Results(many) as results:
         np.testing.assert_array_equal(results.static("envelopes/nodes"), recovery.nodes)
         np.testing.assert_array_equal(
             np.unique(results.static("mesh/surface")), results.static("envelopes/nodes")
@@ -204,18 +185,6 @@ def test_envelopes_of_a_run_on_any_number_of_ranks(comm, wall_file, read, new_pa
         np.testing.assert_allclose(np.nansum(directions[0] * directions[1], axis=1), 0, atol=1e-12)
 
 
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
-def test_no_envelopes_unless_asked_for(comm, wall_file, read, new_path):
-    path = new_path("plain.h5")
-    model = model_of(read(wall_file()))
-    monitor = ResultsMonitor(path, points={"crest": (0.0, 0.0, 20.0)})
-    Simulation(model, monitors=[monitor]).dynamics(dt=4e-3, steps=1)
-    if comm.rank == 0:
-        with Results(path) as results:
-            assert "envelopes" not in results.streams
-            assert not any(name.startswith("envelopes") for name in results.statics)
-
-
 def test_envelopes_on_chosen_faces(comm, wall_file, read, new_path):
     # The same numbers as those of the whole boundary at the vertices of the faces; directions are
     # those of the faces alone.
@@ -225,7 +194,7 @@ def test_envelopes_on_chosen_faces(comm, wall_file, read, new_path):
     run(model, some, envelopes=["joint_2-", "joint_2+"])
     if comm.rank != 0:
         return
-    with Results(whole) as one, Results(some) as two:
+    with dj.Results(whole) as one, dj.Results(some) as two:
         numbers = two.static("envelopes/nodes")
         nodes = two.static("mesh/nodes")[numbers]
         np.testing.assert_allclose(nodes[:, 0], 10.0)
@@ -243,8 +212,8 @@ def test_envelopes_on_chosen_faces(comm, wall_file, read, new_path):
 
 def test_faces_of_envelopes_are_checked(wall_file, read, new_path):
     model = model_of(read(wall_file()))
-    with pytest.raises(MeshError, match="no facet group 'upstream'"):
+    with pytest.raises(dj.MeshError, match="no facet group 'upstream'"):
         run(model, new_path("none.h5"), envelopes=["upstream"])
     whole = model_of(read(wall_file(), joints=[]))
-    with pytest.raises(MeshError, match="facet group 'joint_1' has no facets on the boundary"):
+    with pytest.raises(dj.MeshError, match="facet group 'joint_1' has no facets on the boundary"):
         run(whole, new_path("none.h5"), envelopes=["joint_1"])

@@ -71,15 +71,6 @@ def test_right_angles_swap_components_to_the_last_bit() -> None:
         np.testing.assert_array_equal(turned, np.stack([*expected, z], axis=1))
 
 
-def test_rotation_finds_the_largest_peak_of_a_polarised_motion() -> None:
-    # All motion along the line 25 degrees to the left of x: turned by 25 it is on x alone.
-    wave = np.sin(np.arange(200) * 0.1)
-    angle = np.deg2rad(25.0)
-    turned = motion_of((np.cos(angle) * wave, np.sin(angle) * wave, 0.0)).rotated(25.0)
-    np.testing.assert_allclose(turned.acceleration[:, 0], wave, atol=1e-15)
-    np.testing.assert_allclose(turned.acceleration[:, 1], 0.0, atol=1e-15)
-
-
 @pytest.mark.parametrize("new_dt", [0.00488, 0.0025, 0.005, 0.0061803, 0.02])
 def test_resampling_is_exact_for_what_both_steps_can_hold(new_dt: float) -> None:
     # 8 Hz +- 3 Hz lies below 80 % of every Nyquist frequency here, at least 20 Hz.

@@ -112,13 +112,6 @@ def test_motions_far_from_the_target_are_matched_in_few_rounds(seed: int) -> Non
         np.testing.assert_allclose(new[-1], old[-1], atol=1e-12)
 
 
-def test_the_same_on_every_call() -> None:
-    target = (np.array([0.2, 1.0]), np.array([6.0, 3.0]))
-    coarse = RECORD.resampled(0.02)
-    one, two = (match_spectrum(coarse, target, components="x").motion for _ in range(2))
-    np.testing.assert_array_equal(one.acceleration, two.acceleration)
-
-
 def test_histories_of_oscillators_have_the_peaks_of_the_spectrum() -> None:
     periods = np.array([0.1, 0.7])
     history = response_history(RECORD.acceleration, RECORD.dt, periods, 0.05)

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Principal stresses, directions in a surface and running extremes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -33,13 +31,6 @@ def test_principal_stresses_do_not_turn() -> None:
     largest, smallest = principal_extremes(six(tensors))
     np.testing.assert_allclose(largest, 5.0)
     np.testing.assert_allclose(smallest, -7.0)
-
-
-def test_pure_shear() -> None:
-    for column in (3, 4, 5):
-        row = np.zeros((1, 6))
-        row[0, column] = 3.0
-        np.testing.assert_allclose(principal_extremes(row).ravel(), [3.0, -3.0])
 
 
 def test_stress_along_a_direction_turns_with_it() -> None:

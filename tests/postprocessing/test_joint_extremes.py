@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Openings, slips and safety of joints over time: curved joints by hand, from written files."""
 
-from __future__ import annotations
-
 import csv
 import math
 from pathlib import Path
@@ -117,39 +115,6 @@ def test_a_joint_that_is_safe_throughout_is_in_the_picture(tmp_path):
         ax = plots.joint_histories(results)[-1]
     assert ax.lines[1].get_ydata() == pytest.approx([24.3])
     assert 24.3 < ax.get_ylim()[1] < 50.0
-
-
-def test_histories_are_drawn_in_their_units(tmp_path):
-    # Three steps: the opening of `b` is the largest, 4 mm at 0.2 s; `a` has the smallest safety.
-    level = np.array([[0.0, 0.0, 1.0]])
-    frames = np.array([[[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]])
-    joint = {"points": level, "frames": frames, "areas": [1.0], "facet": [0]}
-    opened = {"a": [0.0, 1e-3, 2e-3], "b": [0.0, 3e-3, 4e-3]}
-    sheared = {"a": [1e5, 4e5, 2e5], "b": [1e5, 1e5, 1e5]}
-    laws = {name: {"friction_angle_deg": 45.0, "cohesion": 0.0} for name in "ab"}
-    with ResultsWriter(tmp_path / "r.h5", {"laws": laws}) as writer:
-        declare_states(writer, level, [[0, 0, 0]], dict.fromkeys("ab", joint))
-        writer.start()
-        for step in range(3):
-            values: dict[str, Any] = {"displacement": np.zeros((1, 3))}
-            for name in "ab":
-                values[f"joints/{name}/gap"] = [[opened[name][step], 0.0, -1e-3 * step]]
-                values[f"joints/{name}/traction"] = [[-1e6, sheared[name][step], 0.0]]
-            writer.append("states", 0.1 * step, values)
-        writer.finish("complete", {})
-    with Results(tmp_path / "r.h5") as results:
-        panels = plots.joint_histories(results)
-    words = ["largest opening [mm]", "largest slip [mm]", "largest pressure [MPa]"]
-    words += ["mean pressure [MPa]", "sliding safety [-]"]
-    assert [ax.get_ylabel().replace("\n", " ") for ax in panels] == words
-    assert panels[-1].get_xlabel() == "time [s]"
-    drawn = [panels[number].lines[2] for number in (0, 1, 4)]
-    np.testing.assert_allclose(drawn[0].get_ydata(), [0.0, 3.0, 4.0])
-    np.testing.assert_allclose(drawn[1].get_ydata(), [0.0, 1.0, 2.0])
-    np.testing.assert_allclose(drawn[2].get_ydata(), [10.0, 2.5, 5.0])
-    np.testing.assert_allclose(drawn[0].get_xdata(), [0.0, 0.1, 0.2])
-    labels = [line.get_label() for line in drawn]
-    assert labels == ["b: 4 mm at 0.2 s", "a: 2 mm at 0.2 s", "a: 2.5 at 0.1 s"]
 
 
 def test_an_older_file_may_hold_fewer_series(tmp_path):

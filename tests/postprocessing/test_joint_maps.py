@@ -7,20 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from declared import declare_states
+from declared import write_states
 from test_unrolled import FACETS, RADIUS, WIDTH, valley
 from written_runs import JOINT, NODES, SURFACE
 
 from dolfinx_joints.postprocessing import plots
 from dolfinx_joints.postprocessing.palette import signed_colours
 from dolfinx_joints.results.reader import Results
-from dolfinx_joints.results.writer import ResultsWriter
 
 pytest.importorskip("matplotlib")
 
 PRESSED = np.array([-4e6, -2e6, 0.0, 1e6])  # of the upright joint; the third point is open
-
-RECORDED = ("gap", "traction")
 
 
 @pytest.fixture
@@ -41,31 +38,20 @@ def results(tmp_path: Path) -> Results:
     first = len(NODES) + np.arange(4 * FACETS).reshape(-1, 4)
     surface = np.concatenate([SURFACE, first, first + 4 * FACETS])
     upright = JOINT | {"points": JOINT["points"] + np.array([0.0, 0.0, 100.0])}
-    with ResultsWriter(tmp_path / "run.h5", {"point_names": []}) as writer:
-        declare_states(writer, nodes, surface, {"joint_1": upright, "joint_around": around})
-        writer.start()
-        zero = np.zeros((FACETS, 3))
-        record = {
-            "displacement": 0.0 * nodes,
-            "joints/joint_1/gap": np.array([[0, 0, 0], [0, 3e-3, 4e-3], [2e-3, 0, 0], [0, 0, 0]]),
-            "joints/joint_1/traction": PRESSED[:, None] * [1.0, 0.0, 0.0],
-            "joints/joint_around/gap": zero,
-            "joints/joint_around/traction": zero - [8e6, 0.0, 0.0],
-        }
-        writer.append("states", 0.5, record)
-        writer.finish("complete", {})
-    return Results(tmp_path / "run.h5")
+    record = {
+        "joints/joint_1/gap": np.array([[0, 0, 0], [0, 3e-3, 4e-3], [2e-3, 0, 0], [0, 0, 0]]),
+        "joints/joint_1/traction": PRESSED[:, None] * [1.0, 0.0, 0.0],
+        "joints/joint_around/traction": np.tile([-8e6, 0.0, 0.0], (FACETS, 1)),
+    }
+    joints = {"joint_1": upright, "joint_around": around}
+    path = write_states(tmp_path / "run.h5", nodes, surface, joints, (0.5, record), point_names=[])
+    return Results(path)
 
 
 def test_words_of_six_joints_in_a_row_do_not_meet(tmp_path: Path) -> None:
     names = [f"joint_{i}" for i in range(6)]
-    with ResultsWriter(tmp_path / "six.h5", {}) as writer:
-        declare_states(writer, NODES, SURFACE, dict.fromkeys(names, JOINT))
-        writer.start()
-        record = {f"joints/{n}/{what}": np.zeros((4, 3)) for n in names for what in RECORDED}
-        writer.append("states", 0.0, {"displacement": 0.0 * NODES} | record)
-        writer.finish("complete", {})
-    with Results(tmp_path / "six.h5") as results:
+    joints = dict.fromkeys(names, JOINT)
+    with Results(write_states(tmp_path / "six.h5", NODES, SURFACE, joints, (0.0, {}))) as results:
         figure = plots.joint_maps(results, "opening")
     plots.save(figure, tmp_path / "six.png", dpi=100)
     words = [text for ax in figure.axes for text in ax.texts if text.get_text()]
@@ -113,13 +99,9 @@ def test_a_level_joint_alone_has_its_panel(tmp_path: Path) -> None:
     """The cubes on top of each other; no joint is upright."""
     turn = [0, 2, 1]
     level = JOINT | {"points": JOINT["points"][:, turn], "frames": JOINT["frames"][..., turn]}
-    with ResultsWriter(tmp_path / "level.h5", {"point_names": []}) as writer:
-        declare_states(writer, NODES[:, turn], SURFACE, {"joint_lift": level})
-        writer.start()
-        pressed = np.tile([-2e6, 0.0, 0.0], (4, 1))
-        record = {"joints/joint_lift/gap": 0 * pressed, "joints/joint_lift/traction": pressed}
-        writer.append("states", 0.0, {"displacement": 0.0 * NODES} | record)
-    with Results(tmp_path / "level.h5") as results:
+    record = {"joints/joint_lift/traction": np.tile([-2e6, 0.0, 0.0], (4, 1))}
+    given = (NODES[:, turn], SURFACE, {"joint_lift": level}, (0.0, record))
+    with Results(write_states(tmp_path / "level.h5", *given, point_names=[])) as results:
         panel, _ = plots.joint_maps(results, "normal").axes
     assert panel.get_title(loc="left") == "joint_lift"
     np.testing.assert_allclose(panel.collections[0].get_array(), -2.0)  # MPa
@@ -131,12 +113,7 @@ def test_a_joint_that_is_a_line_has_no_map(tmp_path: Path) -> None:
     sides = np.array([[0, 1], [1, 2], [2, 0], [3, 4], [4, 5], [5, 3]])
     line = {"points": nodes[:2], "areas": np.full(2, 0.5), "facet": np.zeros(2, dtype=int)}
     line["frames"] = np.tile([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]], (2, 1, 1))
-    with ResultsWriter(tmp_path / "plane.h5", {"point_names": []}) as writer:
-        declare_states(writer, nodes, sides, {"joint_base": line})
-        writer.start()
-        record = {f"joints/joint_base/{name}": np.zeros((2, 3)) for name in RECORDED}
-        writer.append("states", 0.0, record | {"displacement": 0.0 * nodes})
-        writer.finish("complete", {})
-    plane = Results(tmp_path / "plane.h5")
+    given = (nodes, sides, {"joint_base": line}, (0.0, {}))
+    plane = Results(write_states(tmp_path / "plane.h5", *given, point_names=[]))
     with plane, pytest.raises(ValueError, match="plane and 'joint_base' a line"):
         plots.joint_maps(plane)

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Response measures of files whose histories and joints can be worked out by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -46,13 +44,7 @@ def write(
         declare_histories(writer, [[0.0, 0.0, 0.0], [0.0, 0.0, 8.0]], accelerations=True)
         writer.start()
         for row, time in enumerate(TIME):
-            values = {
-                "iterations": 1,
-                "joint_open": 0,
-                "joint_stick": 1,
-                "joint_slip": 0,
-                "joint_frictionless": 0,
-            }
+            values = dict.fromkeys(("iterations", *SHARES), 1)
             values["displacement"] = [np.zeros(3), u[row]]
             values["acceleration"] = [np.zeros(3), a[row]]
             writer.append("histories", start + time, values | {"ground_acceleration": g[row]})
@@ -62,13 +54,6 @@ def write(
 
 def along_x(wave: Callable[[np.ndarray], np.ndarray]) -> Vector:
     return lambda time: np.stack([wave(time), 0 * time, 0 * time], axis=-1)
-
-
-def decaying(frequency: float, ratio: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Free vibration with an undamped frequency [Hz] and a damping ratio."""
-    omega = 2 * np.pi * frequency
-    damped = omega * np.sqrt(1 - ratio**2)
-    return lambda time: 0.01 * np.exp(-ratio * omega * time) * np.sin(damped * time + 0.3)
 
 
 def test_displacement_counts_from_the_static_state(tmp_path: Path) -> None:
@@ -141,13 +126,7 @@ def test_a_band_keeps_the_impulse_of_a_short_step(tmp_path: Path) -> None:
         declare_histories(writer, [[0.0, 0.0, 8.0]], accelerations=True)
         writer.start()
         for row, t in enumerate(time):
-            values = {
-                "iterations": 1,
-                "joint_open": 0,
-                "joint_stick": 1,
-                "joint_slip": 0,
-                "joint_frictionless": 0,
-            }
+            values = dict.fromkeys(("iterations", *SHARES), 1)
             values |= {"displacement": np.zeros((1, 3)), "ground_acceleration": np.zeros(3)}
             values["acceleration"] = np.full((1, 3), 3000.0 * (row == 101))
             writer.append("histories", t, values)

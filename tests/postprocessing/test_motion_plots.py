@@ -23,17 +23,8 @@ MOTION = Motion(
 )
 
 
-def test_response_spectra_of_a_sine_and_a_step() -> None:
+def test_response_spectra_say_what_they_are() -> None:
     ax = motion_plots.response_spectra(MOTION, periods=[0.03, 0.5, 3.0], components="xy")
-    (x, y) = (np.asarray(line.get_ydata()) for line in ax.get_lines())
-    # Stiff, 0.03 s: the peak of the ground times 1 / (1 - 0.06^2), and at its first peak after
-    # 0.125 s still 0.06 exp(-0.05 omega 0.125 s) = 0.016 of the transient of the start.
-    assert x[0] == pytest.approx(0.1, rel=0.0036 + 0.017)
-    # Resonance, after 40 periods: 1 / (2 zeta) times the peak, less exp(-2 pi zeta 40) = 3e-6.
-    assert x[1] == pytest.approx(0.1 / (2 * 0.05), rel=2e-3)
-    # A step is felt with its overshoot.
-    overshoot = 1 + np.exp(-np.pi * 0.05 / np.sqrt(1 - 0.05**2))
-    assert y[1:] == pytest.approx([0.01 * overshoot] * 2, rel=1e-3)
     assert [text.get_text() for text in ax.get_legend().get_texts()] == [
         "x, stream",
         "y, cross-valley",
@@ -81,14 +72,3 @@ def test_responses_over_frequency_are_sizes_over_a_first_one() -> None:
     np.testing.assert_allclose(full.get_ydata(), [1.0, 2.0])
     assert [text.get_text() for text in ax.get_legend().get_texts()] == list(given)
     assert ax.get_xlabel() == "f / f₁"
-
-
-def test_histories_show_the_drift_and_what_a_baseline_takes_off() -> None:
-    ax = motion_plots.history(MOTION.baseline_corrected(0), "y", "displacement", reference=MOTION)
-    before, after = (np.asarray(line.get_ydata()) for line in ax.get_lines())
-    # An offset a drifts by a t^2 / 2: 0.01 g over 20 s; a constant is taken off whole.
-    assert before[-1] == pytest.approx(0.01 * STANDARD_GRAVITY * 200.0)
-    assert np.abs(after).max() < 1e-9
-    assert ax.get_ylabel() == "displacement y [m]"
-    plain = motion_plots.history(MOTION, "x")
-    assert np.abs(plain.get_lines()[0].get_ydata()).max() == pytest.approx(0.1, rel=1e-3)

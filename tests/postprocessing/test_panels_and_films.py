@@ -2,13 +2,11 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Panels of joints and films, against the file: numbers, axes, pictures and their times."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
 import pytest
-from declared import declare_states
+from declared import declare_states, write_states
 from PIL import Image
 from reading_back import UNITS
 from written_runs import JOINT, NODES, SURFACE, write_run
@@ -22,12 +20,13 @@ from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 
 
-@pytest.mark.parametrize("quantity", ["opening", "slip", "pressure"])
+@pytest.mark.parametrize("quantity", ["opening", "slip", "pressure", "mean_pressure"])
 def test_a_panel_for_each_joint_with_the_same_axes(tmp_path, quantity):
     with Results(write_run(tmp_path / "r.h5")) as results:
         figure = plots.joint_panels(results, quantity)
         unit = UNITS[re.search(r"\[(.*)\]", figure.get_supylabel())[1]]
-        assert figure.get_supylabel().startswith(f"largest {quantity} [")
+        words = "mean pressure" if quantity == "mean_pressure" else f"largest {quantity}"
+        assert figure.get_supylabel().startswith(f"{words} [")
         shown = [ax for ax in figure.axes if ax.get_visible()]
         assert len(shown) == len(results.joints)
         assert len({ax.get_ylim() for ax in shown}) == 1
@@ -67,13 +66,9 @@ def test_chosen_cell_groups_fill_the_picture(tmp_path):
     """Of two cubes of 2 m side by side, one: half as wide; the other is beyond the edge."""
     pytest.importorskip("pyvista")
     cells = Cells(12, [[0, 1, 3, 2, 4, 5, 7, 6], [8, 9, 11, 10, 12, 13, 15, 14]], {"one": [0]})
-    with ResultsWriter(tmp_path / "r.h5", {}) as writer:
-        declare_states(writer, NODES, SURFACE, {}, cells)
-        writer.start()
-        writer.append("states", 0.0, {"displacement": np.zeros(NODES.shape)})
-        writer.finish("complete", {})
+    path = write_states(tmp_path / "r.h5", NODES, SURFACE, {}, (0.0, {}), cells=cells)
     widths = []
-    with Results(tmp_path / "r.h5") as results:
+    with Results(path) as results:
         for groups in (None, ["one"]):
             figure = views.deformed(results, groups=groups, azimuths_deg=[0.0], elevation_deg=0.0)
             left, right, _, _ = figure.axes[0].get_images()[0].get_extent()

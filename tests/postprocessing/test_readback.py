@@ -6,8 +6,6 @@ No two numbers of the run are alike, so that another point, joint, component or 
 time, a sign or a factor shows.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Iterator

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Resultants of joints and blocks against statics by hand, and balances that must hold exactly."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -14,25 +12,7 @@ pytest.importorskip("dolfinx")
 
 from rings import quarter_ring
 
-from dolfinx_joints import (
-    Checkpoints,
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    Joints,
-    JointWater,
-    KeyedJoint,
-    MeshError,
-    Model,
-    MohrCoulombJoint,
-    Results,
-    ResultsMonitor,
-    Simulation,
-    Traction,
-    Uplift,
-    mesh_from_arrays,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.monitors.resultants import JointForces
 from dolfinx_joints.postprocessing.joints.resultants import (
     block_resultants,
@@ -44,26 +24,26 @@ from dolfinx_joints.simulation.monitor import Monitor
 pytestmark = pytest.mark.mpi
 
 G, RHO = 9.80665, 2400.0
-SOLID = Elastic(young=24e9, poisson=0.2, density=RHO)
+SOLID = dj.Elastic(young=24e9, poisson=0.2, density=RHO)
 MU = math.tan(math.radians(30.0))
-LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0)
+LAW = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0)
 WEIGHT = RHO * G  # of the upper block of 1 m x 1 m, 1 m high on average
 
 
 def blocks(jointed, *, law=LAW, loads=(), **options):
-    parts = {"material": SOLID, "joints": law, "supports": [Fixed(group="base")]}
-    return Model(jointed, loads=[Gravity(), *loads], **parts, **options)
+    parts = {"material": SOLID, "joints": law, "supports": [dj.Fixed(group="base")]}
+    return dj.Model(jointed, loads=[dj.Gravity(), *loads], **parts, **options)
 
 
 def at_rest(model):
     """Resultants of the only joint under the loads of a model."""
-    state = Simulation(model).statics()
+    state = dj.Simulation(model).statics()
     return JointForces(model)(state.joints)["joint_1"]
 
 
 def file_of(model, path, *, steps=3, motion=None, **options):
-    monitor = ResultsMonitor(path, points={"top": (0.5, 0.5, 2.0)}, overwrite=True, **options)
-    simulation = Simulation(model, monitors=[monitor])
+    monitor = dj.ResultsMonitor(path, points={"top": (0.5, 0.5, 2.0)}, overwrite=True, **options)
+    simulation = dj.Simulation(model, monitors=[monitor])
     simulation.statics()
     simulation.dynamics(dt=1e-3, steps=steps, motion=motion)
     model.jointed.mesh.comm.barrier()
@@ -79,7 +59,7 @@ def test_block_on_an_incline(blocks_file, read, cell, order, quadrature):
     # Upper block: 1 m x 1 m, its lower face z = 1 + (x - 1/2) tan a, its top z = 2.
     angle = math.radians(20.0)
     jointed = read(blocks_file(angle=20.0, cell=cell, order=order))
-    found = at_rest(blocks(jointed, law=Joints(LAW, quadrature=quadrature)))
+    found = at_rest(blocks(jointed, law=dj.Joints(LAW, quadrature=quadrature)))
     geometry = found.geometry
     assert geometry.area == pytest.approx(1.0 / math.cos(angle), rel=1e-12)
     normal = np.array([-math.sin(angle), 0.0, math.cos(angle)])
@@ -121,7 +101,7 @@ def test_eccentric_block(blocks_file, read):
     # A level joint and a shear q along x on the top, h = 1 m above it: N = W, V = q A, and the
     # moment q A h about y moves the normal force to x = 1/2 + q A h / W.
     q = 0.1 * WEIGHT
-    loads = [Traction(group="top", value=(q, 0.0, 0.0))]
+    loads = [dj.Traction(group="top", value=(q, 0.0, 0.0))]
     found = at_rest(blocks(read(blocks_file(angle=0.0)), loads=loads))
     np.testing.assert_allclose(found.force, [-q, 0.0, WEIGHT], atol=1e-8 * WEIGHT)
     np.testing.assert_allclose(found.line_of_action, [0.6, 0.5, 1.0], atol=1e-8)
@@ -132,13 +112,13 @@ def test_eccentric_block(blocks_file, read):
 def test_cohesion_counts_while_the_bond_is_whole(blocks_file, read, new_path, comm):
     # (mu W + c A) / (q A) on a level joint; the same from the file, with and without its stream.
     q, c = 0.1 * WEIGHT, 2e4
-    law = MohrCoulombJoint(
+    law = dj.MohrCoulombJoint(
         normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0, cohesion=c
     )
-    loads = [Traction(group="top", value=(q, 0.0, 0.0))]
+    loads = [dj.Traction(group="top", value=(q, 0.0, 0.0))]
     model = blocks(read(blocks_file(angle=0.0)), law=law, loads=loads)
     expected = (MU * WEIGHT + c) / q
-    state = Simulation(model).statics().joints
+    state = dj.Simulation(model).statics().joints
     forces = JointForces(model)
     whole = forces(state)["joint_1"]
     assert whole.plane_safety == pytest.approx(expected, rel=1e-8)
@@ -149,7 +129,7 @@ def test_cohesion_counts_while_the_bond_is_whole(blocks_file, read, new_path, co
     for resultants in (False, True):
         path = file_of(model, new_path("bond.h5"), resultants=resultants, every=1)
         if comm.rank == 0:
-            with Results(path) as results:
+            with dj.Results(path) as results:
                 found = joint_resultants(results, "joint_1")
                 assert found.bond == pytest.approx(np.full(4, c), rel=1e-12)
                 assert found.plane_safety[0] == pytest.approx(expected, rel=1e-8)
@@ -157,10 +137,10 @@ def test_cohesion_counts_while_the_bond_is_whole(blocks_file, read, new_path, co
 
 
 def test_a_law_without_limit_has_no_safety(blocks_file, read, new_path, comm):
-    law = KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10)
+    law = dj.KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10)
     path = file_of(blocks(read(blocks_file(angle=20.0)), law=law), new_path("keyed.h5"))
     if comm.rank == 0:
-        with Results(path) as results:
+        with dj.Results(path) as results:
             assert np.isnan(joint_resultants(results, "joint_1").sliding_safety).all()
             measures = resultant_measures(results)["joint_1"]
             assert math.isnan(measures["safety_min"])
@@ -174,13 +154,13 @@ def test_effective_and_total_forces_with_uplift(blocks_file, read, new_path, com
     # A uniform pore pressure p on the whole joint: water p A along n, effective N = W - p A, and
     # both together W, as without water.
     p = 0.4 * WEIGHT
-    model = blocks(read(blocks_file(angle=0.0)), loads=[Uplift(joint="joint_1", pressure=p)])
+    model = blocks(read(blocks_file(angle=0.0)), loads=[dj.Uplift(joint="joint_1", pressure=p)])
     path = file_of(model, new_path("uplift.h5"), every=1, resultants=True)
     plain = file_of(model, new_path("states.h5"), every=1)
     if comm.rank != 0:
         return
     for file in (path, plain):
-        with Results(file) as results:
+        with dj.Results(file) as results:
             found = joint_resultants(results, "joint_1")
         assert len(found.time) == 4
         up = np.array([0.0, 0.0, WEIGHT])
@@ -190,7 +170,7 @@ def test_effective_and_total_forces_with_uplift(blocks_file, read, new_path, com
             np.testing.assert_allclose(found.force[record], 0.6 * up, **tolerance)
             np.testing.assert_allclose(found.total_force[record], up, **tolerance)
             np.testing.assert_allclose(found.total_moment[record], 0.0, **tolerance)
-    with Results(path) as results:
+    with dj.Results(path) as results:
         each = block_resultants(results)
     assert each.mass == pytest.approx([RHO, RHO])
     np.testing.assert_allclose(each.total_force[0], [-up, up], **tolerance)
@@ -202,58 +182,22 @@ def test_water_that_comes_in_the_stage(blocks_file, read, new_path, comm):
     # Uplift among the loads of the stage, p t / 3 ms: the water's force grows with it. Water by the
     # opening has its closed pressure where nothing opens.
     p = 0.1 * WEIGHT
-    water = JointWater(joint="joint_1", level=50.0, closed=p)
-    uplift = Uplift(joint="joint_1", pressure=p, factor=lambda t: t / 3e-3)
+    water = dj.JointWater(joint="joint_1", level=50.0, closed=p)
+    uplift = dj.Uplift(joint="joint_1", pressure=p, factor=lambda t: t / 3e-3)
     path = new_path("stage.h5")
     model = blocks(read(blocks_file(angle=0.0)))
-    monitor = ResultsMonitor(path, points={"top": (0.5, 0.5, 2.0)}, resultants=True, every=1)
-    simulation = Simulation(model, monitors=[monitor])
+    monitor = dj.ResultsMonitor(path, points={"top": (0.5, 0.5, 2.0)}, resultants=True, every=1)
+    simulation = dj.Simulation(model, monitors=[monitor])
     simulation.statics()
     simulation.dynamics(dt=1e-3, steps=3, loads=[uplift, water])
     comm.barrier()
     if comm.rank == 0:
-        with Results(path) as results:
+        with dj.Results(path) as results:
             found = joint_resultants(results, "joint_1")
             stored = results.series("states", "joints/joint_1/pressure")
         expected = p * (1.0 + np.arange(4) / 3.0)
         np.testing.assert_allclose(found.water_force[:, 2], expected, rtol=1e-12)
         np.testing.assert_allclose(stored, np.tile(expected[:, None], stored.shape[1]), rtol=1e-12)
-
-
-def test_a_continued_run_records_the_same(blocks_file, read, new_path, comm):
-    # Interrupted after 3 of 5 steps: a checkpoint every 2, so that a record is taken again.
-    jointed, kept = read(blocks_file(angle=20.0)), new_path("run.ckpt")
-    loads = [Uplift(joint="joint_1", pressure=0.2 * WEIGHT)]
-
-    class Stops(Monitor):
-        def record(self, record):
-            if record.step == 3:
-                raise KeyboardInterrupt
-
-        def resume(self, model, stage, steps, last, state_dict):
-            self.record = lambda record: None
-
-    def run(path, others, checkpoint=None):
-        monitor = ResultsMonitor(path, points={"top": (0.5, 0.5, 2.0)}, resultants=True)
-        simulation = Simulation(blocks(jointed, loads=loads), monitors=[monitor, *others])
-        if checkpoint is None or not checkpoint.resume:
-            simulation.statics()
-        simulation.dynamics(dt=1e-3, steps=5, motion=shaking, checkpoint=checkpoint)
-        comm.barrier()
-
-    whole, parted = new_path("whole.h5"), new_path("parted.h5")
-    run(whole, [])
-    with pytest.raises(KeyboardInterrupt):
-        run(parted, [Stops()], checkpoint=Checkpoints(kept, every=2))
-    run(parted, [Stops()], checkpoint=Checkpoints(kept, every=2, resume=True))
-    if comm.rank == 0:
-        with Results(whole) as one, Results(parted) as two:
-            assert one.streams == two.streams
-            for name in one.streams["resultants"]:
-                wanted, found = (r.series("resultants", name) for r in (one, two))
-                assert len(found) == 6
-                size = np.abs(wanted).max()
-                np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-10 * size, err_msg=name)
 
 
 def shaking(time):
@@ -285,15 +229,15 @@ def test_blocks_are_in_balance_at_every_step(wall_file, read, new_path, comm):
     # the default scheme and of the record are those of the step, loads the mean of its ends.
     model = blocks(read(wall_file()))
     path = new_path("wall.h5")
-    monitor = ResultsMonitor(path, points={"top": (0.0, 0.0, 20.0)}, resultants=True, every=2)
+    monitor = dj.ResultsMonitor(path, points={"top": (0.0, 0.0, 20.0)}, resultants=True, every=2)
     seen = Momenta(lambda x: np.ones(len(x), dtype=bool))
-    simulation = Simulation(model, monitors=[monitor, seen])
+    simulation = dj.Simulation(model, monitors=[monitor, seen])
     simulation.statics()
     simulation.dynamics(dt=4e-3, steps=6, motion=lambda t: shaking(t / 10))
     comm.barrier()
     if comm.rank != 0:
         return
-    with Results(path) as results:
+    with dj.Results(path) as results:
         found = block_resultants(results)
         joints = {name: joint_resultants(results, name) for name in results.joints}
         reaction = results.series("histories", "reaction/base")
@@ -337,18 +281,18 @@ def test_a_free_block_accelerates_by_its_joint_alone(blocks_file, read, new_path
     # The upper block touches nothing but the joint and water in it: joint + water + weight - M a_g
     # is the rate of its momentum in each step, also while it slides.
     jointed = read(blocks_file(angle=20.0))
-    model = blocks(jointed, loads=[Uplift(joint="joint_1", pressure=0.2 * WEIGHT)])
+    model = blocks(jointed, loads=[dj.Uplift(joint="joint_1", pressure=0.2 * WEIGHT)])
     path = new_path("free.h5")
-    monitor = ResultsMonitor(path, points={"top": (0.5, 0.5, 2.0)}, resultants=True)
+    monitor = dj.ResultsMonitor(path, points={"top": (0.5, 0.5, 2.0)}, resultants=True)
     seen = Momenta(lambda x: _upper(model, len(x)))
-    simulation = Simulation(model, monitors=[monitor, seen])
+    simulation = dj.Simulation(model, monitors=[monitor, seen])
     simulation.statics()
     outcome = simulation.dynamics(dt=1e-3, steps=20, motion=shaking)
     comm.barrier()
     assert outcome.energy_error < 1e-10
     if comm.rank != 0:
         return
-    with Results(path) as results:
+    with dj.Results(path) as results:
         found = block_resultants(results)
         ground = results.series("histories", "ground_acceleration")
         slip = results.series("histories", "joint_slip")
@@ -373,21 +317,27 @@ def _upper(model, owned):
 
 def test_a_body_without_joints_has_no_resultants(blocks_file, read, new_path):
     jointed = read(blocks_file(angle=20.0), joints=[])
-    model = Model(jointed, material=SOLID, supports=[Fixed(group="base")])
-    monitor = ResultsMonitor(new_path("whole.h5"), points={"top": (0.5, 0.5, 2.0)}, resultants=True)
-    with pytest.raises(MeshError, match="resultants=True records forces of joints; the model has"):
-        Simulation(model, monitors=[monitor])  # before anything is solved
-    with pytest.raises(MeshError, match="no resultants of joints"):
+    model = dj.Model(jointed, material=SOLID, supports=[dj.Fixed(group="base")])
+    monitor = dj.ResultsMonitor(
+        new_path("whole.h5"), points={"top": (0.5, 0.5, 2.0)}, resultants=True
+    )
+    with pytest.raises(
+        dj.MeshError, match="resultants=True records forces of joints; the model has"
+    ):
+        dj.Simulation(model, monitors=[monitor])  # before anything is solved
+    with pytest.raises(dj.MeshError, match="no resultants of joints"):
         JointForces(model)
 
 
 def test_a_curved_joint_is_safe_point_by_point(comm):
     # A quarter of a cylinder pressed by p and sheared by s to and fro around it. Safety: mu p / s.
     # The mean of the normal over a right angle is 2 sqrt(2) / pi of 1, 0.90: no plane joint.
-    jointed = mesh_from_arrays(comm, **quarter_ring("hexahedron", 2))
-    fixed = [Fixed(group="outside")]
-    model = Model(jointed, material=SOLID, joints=Joints(LAW, quadrature="gauss"), supports=fixed)
-    joints = Simulation(model).statics().joints
+    jointed = dj.mesh_from_arrays(comm, **quarter_ring("hexahedron", 2))
+    fixed = [dj.Fixed(group="outside")]
+    model = dj.Model(
+        jointed, material=SOLID, joints=dj.Joints(LAW, quadrature="gauss"), supports=fixed
+    )
+    joints = dj.Simulation(model).statics().joints
     shear = 1e6 * np.sign(model.operator.points[:, 0] - 1.0)
     traction = np.column_stack([np.full(len(shear), -3e6), shear, np.zeros_like(shear)])
     found = JointForces(model)(replace(joints, traction=traction))["joint"]

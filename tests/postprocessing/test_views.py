@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from declared import declare_states
-from test_plots import HEIGHT, ROWS, THICKNESS, block
+from declared import declare_states, write_states
 from written_runs import WEIGHT, write_stages
 from written_runs import write_run as written_run
 
@@ -24,8 +23,17 @@ from dolfinx_joints.results.writer import ResultsWriter
 pytest.importorskip("matplotlib")
 pytest.importorskip("pyvista")
 
-SIDE = 5.0
+SIDE, HEIGHT, THICKNESS, ROWS = 5.0, 8.0, 2.0, 4
 RED, BLACK, WHITE = [178, 24, 43], [0, 0, 0], [255, 255, 255]
+
+
+def block(side: float) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and outer facets of the block between y = 0 and y = side, one element thick."""
+    corners = [(0.0, 0.0), (THICKNESS, 0.0), (THICKNESS, side), (0.0, side)]
+    nodes = np.array([[x, y, z] for z in np.linspace(0.0, HEIGHT, ROWS + 1) for x, y in corners])
+    around = [[i, (i + 1) % 4, 4 + (i + 1) % 4, 4 + i] for i in range(4)]
+    facets = [4 * row + np.array(around) for row in range(ROWS)]
+    return nodes, np.concatenate([[[0, 1, 2, 3]], [4 * ROWS + np.arange(4)], *facets])
 
 
 def joint_arrays() -> dict[str, np.ndarray]:
@@ -142,16 +150,6 @@ def test_a_square_is_where_its_extent_says() -> None:
     assert share(image, RED) == pytest.approx(200 * 100 / image[..., 0].size, rel=0.02)
 
 
-def test_the_nearer_surface_hides_the_other() -> None:
-    scene = rendering.Scene()
-    square = np.array([[0.0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]])
-    scene.surface(square, [[0, 1, 2, 3]], color=(178, 24, 43), lighting=False)
-    scene.surface(square + np.array([1.0, 0, 0]), [[0, 1, 2, 3]], color=(0, 0, 255), lighting=False)
-    downstream, upstream = (scene.render(rendering.Camera(a, 0.0), pixels=50) for a in (0, 180))
-    assert share(downstream, [0, 0, 255]) > 0.8
-    assert share(upstream, RED) > 0.8
-
-
 def test_coincident_points_are_no_outline() -> None:
     # Two unit squares with an edge in common, whose points differ by rounding: 6 edges are left.
     square = np.array([[0.0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]])
@@ -161,13 +159,6 @@ def test_coincident_points_are_no_outline() -> None:
     assert scene.layers[0][0].n_cells == 6
     scene.edges(points, [])
     assert len(scene.layers) == 1  # no facets, nothing to draw
-
-
-def test_facets_given_the_other_way_round_make_no_outline() -> None:
-    square = np.array([[0.0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]])
-    scene = rendering.Scene()
-    scene.edges(square, [[0, 1, 2], [0, 3, 2]])
-    assert scene.layers[0][0].n_cells == 4
 
 
 @pytest.mark.parametrize("lacking", ["pyvista", "vtkmodules"])
@@ -316,18 +307,8 @@ def test_joints_have_the_ends_of_their_names_in_the_picture(tmp_path: Path, scen
         "facet": np.array([0]),
     }
     nodes, surface = block(SIDE)
-    with ResultsWriter(path, {}) as writer:
-        joints = {"joint_base": level, "joint_1": {**arrays, "facet": np.arange(2, 4 * ROWS, 4)}}
-        declare_states(writer, nodes, surface, joints)
-        writer.start()
-        record = {
-            f"joints/{name}/{what}": np.zeros((len(joint["points"]), 3))
-            for name, joint in joints.items()
-            for what in ("gap", "traction")
-        }
-        writer.append("states", 0.0, {"displacement": np.zeros_like(nodes)} | record)
-        writer.finish("complete", {})
-    with Results(path) as results:
+    joints = {"joint_base": level, "joint_1": {**arrays, "facet": np.arange(2, 4 * ROWS, 4)}}
+    with Results(write_states(path, nodes, surface, joints, (0.0, {}))) as results:
         figure = views.joint_map(results, "opening")
         views.joint_map(results, "opening", turned=False)
     assert {"1", "base"} <= {text.get_text() for text in figure.axes[0].texts}
@@ -345,14 +326,8 @@ def test_pictures_of_slender_bodies_are_not_long(tmp_path: Path, scenes, quantit
     nodes *= [1.0, 0.4, 5.0]
     frame = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
     arrays = {"points": [[1.0, 1.0, 0.0]], "frames": [frame], "areas": [4.0], "facet": [0]}
-    with ResultsWriter(tmp_path / "column.h5", {}) as writer:
-        declare_states(writer, nodes, surface, {"lift": arrays})
-        writer.start()
-        gap = np.array([[1e-3, 0.0, 0.0]])
-        record = {"joints/lift/gap": gap, "joints/lift/traction": np.zeros_like(gap)}
-        writer.append("states", 0.0, {"displacement": np.zeros_like(nodes)} | record)
-        writer.finish("complete", {})
-    with Results(tmp_path / "column.h5") as results:
+    path, opened = tmp_path / "column.h5", {"joints/lift/gap": np.array([[1e-3, 0.0, 0.0]])}
+    with Results(write_states(path, nodes, surface, {"lift": arrays}, (0.0, opened))) as results:
         figure = views.joint_map(results, quantity)
     width, height = figure.get_size_inches()
     assert height == pytest.approx(1.4 * width)
@@ -409,21 +384,14 @@ def test_envelope_has_the_range_of_its_data(results: Results, scenes) -> None:
         assert share(picture(figure, number), WHITE) < 0.8
 
 
-def test_pictures_are_saved(results: Results, scenes, tmp_path: Path) -> None:
-    path = plots.save(views.deformed(results), tmp_path / "deformed.png", dpi=50)
-    assert path.read_bytes().startswith(b"\x89PNG")
-
-
 def test_wrong_requests_have_a_message(results: Results, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="groups is 'dam'; it must be a list of names"):
         views.mesh(results, groups="dam")
     with pytest.raises(ResultsError, match="No series 'arch_max'"):
         views.envelope(results, "arch_max")
-    with ResultsWriter(tmp_path / "plane.h5", {}) as writer:
-        declare_states(writer, np.zeros((2, 3)), [[0, 1]], {})
-        writer.start()
+    plane = write_states(tmp_path / "plane.h5", np.zeros((2, 3)), [[0, 1]], {})
     with pytest.raises(ValueError, match=r"need a body in space; that of .*plane\.h5 is plane"):
-        views.mesh(Results(tmp_path / "plane.h5"))
+        views.mesh(Results(plane))
     with ResultsWriter(tmp_path / "whole.h5", {}) as writer:
         nodes, surface = block(SIDE)
         declare_states(writer, nodes, surface, {})
@@ -436,17 +404,3 @@ def test_wrong_requests_have_a_message(results: Results, tmp_path: Path) -> None
         views.joint_map(Results(tmp_path / "whole.h5"))
     with pytest.raises(ValueError, match="There is nothing to draw: all values are missing"):
         views.envelope(Results(tmp_path / "whole.h5"))
-
-
-def test_contour_lines() -> None:
-    """Through the points where a linear field has their value; none on faces that lack one."""
-    points = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0], [4, 0, 0], [4, 1, 0]], float)
-    faces = np.array([[0, 1, 2, 3], [1, 4, 5, 2]])
-    values = 3.0 * points[:, 0] + points[:, 1]
-    scene = rendering.Scene()
-    scene.contours(points, faces, values, [1.5, 5.0, 9.5])
-    scene.contours(points, faces, np.where(points[:, 0] > 3.0, np.nan, values), [1.5, 5.0, 9.5])
-    for (lines, _), levels in zip(scene.layers, ([1.5, 5.0, 9.5], [1.5, 5.0]), strict=True):
-        of_points = 3.0 * lines.points[:, 0] + lines.points[:, 1]
-        np.testing.assert_allclose(of_points, lines.point_data["value"], rtol=1e-6)
-        assert sorted(set(lines.point_data["value"].round(9))) == levels

@@ -2,29 +2,18 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Numbers of the first tables of a report, read back from its cells and compared with the file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
 from declared import declare_states
 from test_report import Page
-from written_runs import (
-    ENVELOPE_NAMES,
-    JOINT,
-    NODES,
-    SURFACE,
-    WEIGHT,
-    write_envelopes,
-    write_run,
-    write_stages,
-)
+from written_runs import JOINT, NODES, SURFACE, WEIGHT, write_envelopes, write_run, write_stages
 
 from dolfinx_joints import report
 from dolfinx_joints.postprocessing import measures, peaks
 from dolfinx_joints.postprocessing.joints.resultants import JointGeometry
-from dolfinx_joints.report import parameter_sections, static_section
+from dolfinx_joints.report import static_section
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.results.writer import ResultsWriter
 
@@ -83,22 +72,12 @@ def test_joints_have_values_times_and_places(tmp_path):
     assert safety == "–"  # the file knows no friction angle
 
 
-def test_the_crest_is_the_highest_points(tmp_path):
-    points = [[0.0, 0.0, 10.0], [0.0, 5.0, 9.95], [0.0, 0.0, 4.0], [0.0, 0.0, 0.0]]
-    with ResultsWriter(tmp_path / "r.h5", {"point_names": list("abcd")}) as writer:
+@pytest.mark.parametrize("heights", [[10.0, 9.95, 4.0, 0.0], [10.0, 10.0 + 2e-15]])
+def test_the_crest_is_the_highest_points(tmp_path, heights):
+    points = [[0.0, 5.0, height] for height in heights]
+    with ResultsWriter(tmp_path / "r.h5", {"point_names": list("abcd"[: len(points)])}) as writer:
         writer.static("histories/points", points, "m", "points")
-        writer.start()
-        writer.finish("complete", {})
-    with Results(tmp_path / "r.h5") as results:
-        assert peaks.crest_points(results) == ["a", "b"]
-
-
-def test_points_of_one_height_are_all_on_the_crest(tmp_path):
-    points = [[0.0, 0.0, 10.0], [0.0, 5.0, 10.0 + 2e-15]]
-    nodes = [[0.0, 0.0, 0.0], *points]
-    with ResultsWriter(tmp_path / "r.h5", {"point_names": list("ab")}) as writer:
-        writer.static("histories/points", points, "m", "points")
-        writer.static("mesh/nodes", nodes, "m", "nodes")
+        writer.static("mesh/nodes", [[0.0, 0.0, 0.0], *points], "m", "nodes")
         writer.start()
         writer.finish("complete", {})
     with Results(tmp_path / "r.h5") as results:
@@ -114,7 +93,6 @@ def test_largest_tension_has_its_place(tmp_path):
         np.testing.assert_array_equal(peak.place, NODES[-1])
         assert peaks.stress_peak(results, "principal_min").value == -2e6
         assert np.isnan(peaks.stress_peak(results, "arch_max").value)
-    assert len(ENVELOPE_NAMES) == 6
     cells = cells_of([path], tmp_path)
     x, y, z = NODES[-1]
     assert after(cells, "e", "largest tension from the last static state on [MPa]", 1) == [
@@ -188,7 +166,10 @@ def test_parameters_are_tables_in_their_units(tmp_path):
             "rock": "Orthotropic(young=(20000000000.0, 20000000000.0, 1e10), density=2600.0)",
         },
         "joint_laws": {f"joint_{i}": "FrictionNoTension(normal_stiffness=2e10)" for i in (1, 2)},
-        "loads": ["Gravity(acceleration=None)", "Water(level=12.5, factor=constant)"],
+        "loads": [
+            "Gravity(acceleration=None)",
+            "Water(level=12.5, factor=<function f.<locals>.<lambda>>)",
+        ],
         "settings": {"time step": 0.01, "time scheme": "EnergyConsistent()", "solver": "auto"},
     }
     path = write_run(tmp_path / "run.h5", facts={"manifest": made}, seconds=0.05)
@@ -199,20 +180,7 @@ def test_parameters_are_tables_in_their_units(tmp_path):
     law = "joint_1, joint_2: FrictionNoTension"
     assert after(cells, law, "normal stiffness k_n [GPa/m]", 1) == ["20"]
     assert after(cells, "Water", "level [m]", 1) == ["12.5"]
-    assert after(cells, "Water", "factor", 1) == ["constant"]
+    assert after(cells, "Water", "factor", 1) == ["function f.locals.lambda"]
     assert after(cells, "Water", "time scheme", 1) == ["EnergyConsistent"]
     assert "Gravity" in cells
     assert not any("{" in cell for cell in cells)
-
-
-def test_objects_are_parsed():
-    parsed = parameter_sections.parsed
-    assert parsed("Law(a=1.5, b=None, c=[1, 2])") == ("Law", {"a": 1.5, "b": None, "c": (1, 2)})
-    assert parsed("no python here(") == ("no python here(", {})
-    assert parsed("Turn(30.0)") == ("Turn", {"argument 1": 30.0})
-    inner = "Load(group='a_b', factor=<function <lambda>>, wave=<function f.<locals>.<lambda>>)"
-    shown = {"factor": "function lambda", "wave": "function f.locals.lambda"}
-    assert parsed(inner) == ("Load", {"group": "a_b", **shown})
-    formula = "((x[0]) < (5.0)) ? (3.0) : (4.0)"
-    heat = f"Temperature(value={formula!r}, factor=<function <lambda>>)"
-    assert parsed(heat) == ("Temperature", {"value": formula, "factor": "function lambda"})

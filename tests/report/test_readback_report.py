@@ -5,8 +5,6 @@
 Rows are found by their names and columns by words, so that tables may move and grow.
 """
 
-from __future__ import annotations
-
 import base64
 import re
 import warnings

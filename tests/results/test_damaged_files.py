@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Damaged and unfinished HDF5 files: one error message each, and no endless reading."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 

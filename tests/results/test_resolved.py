@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """What a run resolves, read back from files, texts and pictures; warnings of what lies beyond."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from pathlib import Path

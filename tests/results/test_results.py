@@ -188,30 +188,6 @@ def test_values_are_copied_when_appended(tmp_path: Path) -> None:
         np.testing.assert_array_equal(results.series("run", "u", 0), 1.0)
 
 
-def test_numbers_come_in_the_order_that_was_told(tmp_path: Path) -> None:
-    with ResultsWriter(tmp_path / "run.h5", {}) as writer:
-        for name, shape in (("a", (2,)), ("b", ()), ("c", (2, 2))):
-            writer.series("steps", name, shape, "m", "text")
-        writer.series("counts", "n", (), "-", "text", dtype=np.int64)
-        writer.start()
-        writer.order("steps", ["c", "a", "b"])
-        writer.append("steps", 0.0, np.arange(7.0))
-        writer.append("steps", 1.0, {"a": [8.0, 9.0], "b": 7.0, "c": np.eye(2)})
-        with pytest.raises(
-            ResultsError, match=r"'steps' is 7 numbers, got an array of shape \(6,\)"
-        ):
-            writer.append("steps", 2.0, np.arange(6.0))
-        with pytest.raises(ResultsError, match="'counts' is values by name"):
-            writer.append("counts", 0.0, np.zeros(1))
-        for stream, names in (("steps", ["a", "b"]), ("counts", ["n"])):
-            with pytest.raises(ResultsError, match=f"Numbers of {stream!r} cannot come as"):
-                writer.order(stream, names)
-    with Results(tmp_path / "run.h5") as results:
-        np.testing.assert_array_equal(results.series("steps", "a"), [[4, 5], [8, 9]])
-        np.testing.assert_array_equal(results.series("steps", "b"), [6, 7])
-        np.testing.assert_array_equal(results.series("steps", "c")[0], [[0, 1], [2, 3]])
-
-
 def test_an_existing_file_is_kept_by_default(tmp_path: Path) -> None:
     path = tmp_path / "r.h5"
     path.write_text("precious")

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Runs interrupted and continued from checkpoints end as runs that were not."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os
@@ -13,7 +11,6 @@ import signal
 import subprocess
 import sys
 import time
-import warnings
 from dataclasses import replace
 from inspect import signature
 from pathlib import Path
@@ -26,40 +23,16 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from shaken_wall import CONCRETE, DT, LAW, POINTS, STEPS, Killed, Killer, shaking, valley, wall
+from shaken_wall import DT, LAW, POINTS, STEPS, Killed, Killer, shaking, valley, wall
 from vtk_files import read_vtk
 
-from dolfinx_joints import (
-    CheckpointError,
-    Checkpoints,
-    EnergyConsistent,
-    FieldMonitor,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    InitialFields,
-    Model,
-    MohrCoulombJoint,
-    Motion,
-    Newmark,
-    PotentialJoint,
-    ProgressMonitor,
-    ReservoirWaves,
-    Results,
-    ResultsError,
-    ResultsMonitor,
-    RigidJoint,
-    ShearKeyJoint,
-    Simulation,
-    SolverOptions,
-    StepControl,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.simulation import checkpoint_file
 
 
 def content(path):
     """Everything in a results file but times of day, seconds and the command line."""
-    with Results(path) as results:
+    with dj.Results(path) as results:
         assert results.status == "complete"
         found = {name: results.static(name) for name in results.statics}
         for stream, names in results.streams.items():
@@ -72,15 +45,17 @@ def content(path):
         return found, summary, metadata
 
 
-def interrupted(make, folder, kill_at, *, every=2, solver="auto", envelopes=True, **options):
+def interrupted(make, folder, kill_at, *, every=2, solver="auto", **options):
     """Outcomes and results files of a whole run, and of one killed in some steps and resumed."""
 
     def run(name, kill, checkpoint=None):
         monitors = [
-            ResultsMonitor(folder / name, points=POINTS, every=3, envelopes=envelopes),
+            dj.ResultsMonitor(
+                folder / name, points=POINTS, every=3, envelopes=True, resultants=True
+            ),
             Killer(kill),
         ]
-        simulation = Simulation(make(), monitors=monitors, solver=solver)
+        simulation = dj.Simulation(make(), monitors=monitors, solver=solver)
         if checkpoint is None or not checkpoint.resume:
             simulation.statics(steps=2)
         return simulation, simulation.dynamics(
@@ -88,7 +63,7 @@ def interrupted(make, folder, kill_at, *, every=2, solver="auto", envelopes=True
         )
 
     whole = run("whole.h5", None)
-    kept = Checkpoints(folder / "run.ckpt", every=every)
+    kept = dj.Checkpoints(folder / "run.ckpt", every=every)
     resume = False
     for step in kill_at:
         with pytest.raises(Killed):
@@ -119,7 +94,7 @@ def identical(whole, resumed, folder):
     assert known.reports == before.reports
 
 
-BOND = MohrCoulombJoint(
+BOND = dj.MohrCoulombJoint(
     normal_stiffness=1e11,
     shear_stiffness=1e11,
     friction_angle_deg=30.0,
@@ -127,7 +102,7 @@ BOND = MohrCoulombJoint(
     tensile_strength=5e4,
     dilatancy_angle_deg=5.0,
 )
-KEYS = ShearKeyJoint(
+KEYS = dj.ShearKeyJoint(
     normal_stiffness=1e11,
     shear_stiffness=1e11,
     friction_angle_deg=30.0,
@@ -136,16 +111,16 @@ KEYS = ShearKeyJoint(
     spacing=1.0,
     tooth_cohesion=2e5,
 )
-WAVES = ReservoirWaves(group="y_min", level=18.0, length=30.0, bottom_reflection=0.7)
-CUT = StepControl(max_halvings=3, tolerance=2e-3)
+WAVES = dj.ReservoirWaves(group="y_min", level=18.0, length=30.0, bottom_reflection=0.7)
+CUT = dj.StepControl(max_halvings=3, tolerance=2e-3)
 CASES = {
     "condensed": {"solver": "condensed"},
     "condensed, steps cut": {"solver": "condensed", "control": CUT},
     "monolithic": {"solver": "monolithic"},
     "monolithic, steps cut": {"solver": "monolithic", "control": CUT},
-    "exact modes, steps cut": {"scheme": EnergyConsistent(exact_modes=6), "control": CUT},
-    "Newmark": {"scheme": Newmark()},
-    "rigid joints": {"joints": RigidJoint(friction_angle_deg=30.0)},
+    "exact modes, steps cut": {"scheme": dj.EnergyConsistent(exact_modes=6), "control": CUT},
+    "Newmark": {"scheme": dj.Newmark()},
+    "rigid joints": {"joints": dj.RigidJoint(friction_angle_deg=30.0)},
     "internal variables": {"joints": BOND},
     "shear keys": {"joints": KEYS},
     "reservoir waves": {"water": WAVES},
@@ -191,17 +166,17 @@ def test_continued_on_another_number_of_ranks(
     def run(name, on, kill, checkpoint=None):
         if on.size < comm.size and comm.rank > 0:
             return
-        results = ResultsMonitor(path / name, points=POINTS, every=3, envelopes=True)
+        results = dj.ResultsMonitor(path / name, points=POINTS, every=3, envelopes=True)
         monitors = [results, Killer(kill)]
         model = wall(read(file, on), joints, water=water())
-        simulation = Simulation(model, monitors=monitors, solver=solver)
+        simulation = dj.Simulation(model, monitors=monitors, solver=solver)
         if checkpoint is None or not checkpoint.resume:
             simulation.statics()
         simulation.dynamics(dt=DT, steps=STEPS, motion=shaking, checkpoint=checkpoint)
 
     run("whole.h5", then, None)
     comm.barrier()
-    kept = Checkpoints(path / "run.ckpt", every=4)
+    kept = dj.Checkpoints(path / "run.ckpt", every=4)
     if first.size == comm.size or comm.rank == 0:
         with pytest.raises(Killed):
             run("resumed.h5", first, 7, kept)
@@ -230,13 +205,15 @@ def short(
     jointed, folder, *, monitors=None, joints=LAW, water=None, run=None, resume=False, **options
 ):
     """A run of four steps with checkpoints; ``run`` has further arguments of `Simulation`."""
-    watching = [ResultsMonitor(folder / "run.h5", points=POINTS)] if monitors is None else monitors
+    watching = (
+        [dj.ResultsMonitor(folder / "run.h5", points=POINTS)] if monitors is None else monitors
+    )
     model = wall(jointed, joints, water=water)
-    simulation = Simulation(model, monitors=watching, **(run or {}))
+    simulation = dj.Simulation(model, monitors=watching, **(run or {}))
     if not resume:
         simulation.statics()
     given = {"dt": DT, "steps": 4, "motion": shaking}
-    given["checkpoint"] = Checkpoints(folder / "run.ckpt", every=2, resume=resume)
+    given["checkpoint"] = dj.Checkpoints(folder / "run.ckpt", every=2, resume=resume)
     return simulation.dynamics(**{**given, **options})
 
 
@@ -248,22 +225,28 @@ DIFFERENT = {
     "dt": ({"dt": 2e-3}, "time step: 0.004 in the checkpoint, 0.002 here"),
     "steps": ({"steps": 5}, "number of steps: 4 in the checkpoint, 5 here"),
     "motion": ({"motion": weaker}, "ground motion: not the same"),
-    "loads": ({"loads": [Gravity()]}, "load Gravity_1: only this run has it"),
-    "scheme": ({"scheme": Newmark()}, "time scheme: EnergyConsistent in the checkpoint, Newmark"),
+    "loads": ({"loads": [dj.Gravity()]}, "load Gravity_1: only this run has it"),
+    "scheme": (
+        {"scheme": dj.Newmark()},
+        "time scheme: EnergyConsistent in the checkpoint, Newmark",
+    ),
     "control": ({"control": CUT}, "step control.max_halvings: 6 in the checkpoint, 3 here"),
     "start": (
-        {"start": InitialFields(velocity=(0.0, 0.0, 0.0))},
+        {"start": dj.InitialFields(velocity=(0.0, 0.0, 0.0))},
         "initial velocity: only this run has it",
     ),
     "solver": ({"run": {"solver": "monolithic"}}, "solver: 'auto' in the checkpoint, 'mono"),
-    "options": ({"run": {"options": SolverOptions(max_iterations=9)}}, "Newton.max_iterations"),
-    "monitors": ({"monitors": [ProgressMonitor()]}, "monitors: ['ResultsMonitor'] in"),
-    "model": ({"joints": RigidJoint(friction_angle_deg=30.0)}, "law of joint_1: Friction"),
+    "options": ({"run": {"options": dj.SolverOptions(max_iterations=9)}}, "Newton.max_iterations"),
+    "monitors": ({"monitors": [dj.ProgressMonitor()]}, "monitors: ['ResultsMonitor'] in"),
+    "model": ({"joints": dj.RigidJoint(friction_angle_deg=30.0)}, "law of joint_1: Friction"),
 }
 
 
 def test_every_argument_of_a_run_is_changed():
-    arguments = {*signature(Simulation).parameters, *signature(Simulation.dynamics).parameters}
+    arguments = {
+        *signature(dj.Simulation).parameters,
+        *signature(dj.Simulation.dynamics).parameters,
+    }
     assert DIFFERENT.keys() == arguments - {"self", "checkpoint"}
 
 
@@ -271,80 +254,9 @@ def test_every_argument_of_a_run_is_changed():
 def test_another_run_is_refused(case, wall_file, read, tmp_path):
     options, sentence = DIFFERENT[case]
     short(read(wall_file()), tmp_path)
-    with pytest.raises(CheckpointError, match=re.escape(sentence)) as raised:
+    with pytest.raises(dj.CheckpointError, match=re.escape(sentence)) as raised:
         short(read(wall_file()), tmp_path, resume=True, **options)
     assert str(raised.value).startswith(f"The checkpoint {tmp_path / 'run.ckpt'} is of a")
-
-
-class PlainLaw:
-    """A law of the user, neither a dataclass nor with a text of its own."""
-
-    def __init__(self, stiffness):
-        self._k = np.array([stiffness, 1e11])
-
-    def backward_euler(self, gap, state):
-        law = FrictionNoTension(
-            normal_stiffness=self._k[0], shear_stiffness=self._k[1], friction_angle_deg=30.0
-        )
-        return law.backward_euler(gap, state)
-
-    def stored_energy(self, state):
-        return np.zeros(len(state.gap))
-
-    def closed_stiffness(self):
-        return tuple(self._k)
-
-
-def sampled(sixth):
-    """A motion of 8001 samples, 1e-6 s apart, which stand in a closure."""
-    values = np.ones((8001, 3))
-    values[5] = sixth
-    record = Motion(acceleration=values, dt=1e-6)
-    return lambda time: record(time) + 0.0
-
-
-def tied(energy):
-    return PotentialJoint(energy, normal_stiffness=1e11, shear_stiffness=1e11)
-
-
-# Each pair differs in one thing that neither an integral of absolute values, nor a name of a class,
-# nor 500 samples in time can see.
-CHANGED = {
-    "samples between the steps": (
-        {"motion": sampled(1.0)},
-        {"motion": sampled(1.5)},
-        "ground motion.record.acceleration: not the same",
-    ),
-    "stiffness in a plain class": (
-        {"joints": PlainLaw(1e11)},
-        {"joints": PlainLaw(2e11)},
-        "law of joint_1._k: not the same",
-    ),
-    "expression of a law in UFL": (
-        {"joints": tied(lambda g: 0.5e11 * (g[0] ** 2 + g[1] ** 2 + g[2] ** 2))},
-        {"joints": tied(lambda g: 0.6e11 * (g[0] ** 2 + g[1] ** 2 + g[2] ** 2))},
-        "not the same",
-    ),
-}
-
-
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
-@pytest.mark.parametrize("case", CHANGED)
-def test_a_run_changed_in_what_does_not_show_is_refused(case, wall_file, read, tmp_path):
-    before, after, sentence = CHANGED[case]
-    jointed = read(wall_file())
-
-    def run(joints=LAW, motion=shaking, resume=False, **options):
-        simulation = Simulation(wall(jointed, joints), monitors=[Killer()])
-        kept = Checkpoints(tmp_path / "run.ckpt", every=1, resume=resume)
-        return simulation.dynamics(dt=DT, steps=2, motion=motion, checkpoint=kept, **options)
-
-    run(**before)
-    with pytest.raises(CheckpointError, match=re.escape(sentence)):
-        run(**after, resume=True)
-    with warnings.catch_warnings():
-        warnings.filterwarnings("error", "Going on from")
-        run(**before, resume=True)  # and is known again, with nothing that cannot be compared
 
 
 def test_what_cannot_be_compared_is_named(wall_file, read, tmp_path):
@@ -367,27 +279,29 @@ def test_what_cannot_be_compared_is_named(wall_file, read, tmp_path):
 def test_results_of_another_run_are_refused(wall_file, read, tmp_path):
     jointed, file = read(wall_file()), tmp_path / "run.h5"
     with pytest.raises(Killed):
-        short(jointed, tmp_path, monitors=[ResultsMonitor(file, points=POINTS), Killer(3)])
+        short(jointed, tmp_path, monitors=[dj.ResultsMonitor(file, points=POINTS), Killer(3)])
 
     def resumed(**options):
-        monitor = ResultsMonitor(file, **{"points": POINTS, **options})
+        monitor = dj.ResultsMonitor(file, **{"points": POINTS, **options})
         short(jointed, tmp_path, monitors=[monitor, Killer()], resume=True)
 
-    with pytest.raises(CheckpointError, match="it was recorded with every=10, now every=5"):
+    with pytest.raises(dj.CheckpointError, match="it was recorded with every=10, now every=5"):
         resumed(every=5)
-    with pytest.raises(CheckpointError, match="it was recorded with points="):
+    with pytest.raises(dj.CheckpointError, match="it was recorded with points="):
         resumed(points={"corner": POINTS["corner"]})
     file.rename(tmp_path / "elsewhere.h5")
-    with pytest.raises(ResultsError, match="There is no results file"):
+    with pytest.raises(dj.ResultsError, match="There is no results file"):
         resumed()
     short(
         jointed,
         tmp_path / "other",
-        monitors=[ResultsMonitor(file, points=POINTS)],
+        monitors=[dj.ResultsMonitor(file, points=POINTS)],
         steps=1,
         checkpoint=None,
     )
-    with pytest.raises(ResultsError, match="holds 2 records of 'energy', .* 3 records of 'energy'"):
+    with pytest.raises(
+        dj.ResultsError, match="holds 2 records of 'energy', .* 3 records of 'energy'"
+    ):
         resumed()
     assert content(file)  # refused, the file stays as it was
 
@@ -401,7 +315,7 @@ def test_checkpoint_files_that_are_refused(comm, wall_file, read, new_path, monk
     comm.barrier()
 
     def refused(sentence, **options):
-        with pytest.raises(CheckpointError, match=sentence):
+        with pytest.raises(dj.CheckpointError, match=sentence):
             short(jointed, folder, **options)
         comm.barrier()
 
@@ -471,7 +385,7 @@ def test_a_checkpoint_that_is_not_finished_leaves_the_old_one(
             short(jointed, tmp_path)
     else:
         sentence = "run.ckpt cannot be written: .*No space left on device; the one before it is"
-        with pytest.raises(CheckpointError, match=sentence):
+        with pytest.raises(dj.CheckpointError, match=sentence):
             short(jointed, tmp_path)
     assert path.with_name("run.ckpt.part").exists() == (stop == "killed")
     monkeypatch.undo()
@@ -485,16 +399,16 @@ def test_a_checkpoint_that_is_not_finished_leaves_the_old_one(
 def test_a_stage_after_another_goes_on_at_its_time(wall_file, read, tmp_path):
     """Without ``start``, whose time counts, its steps would end at times from zero on."""
     model = wall(read(wall_file()))
-    first = Simulation(model).dynamics(dt=DT, steps=3, motion=shaking)
+    first = dj.Simulation(model).dynamics(dt=DT, steps=3, motion=shaking)
 
     def run(kill, start=first.state, *, resume=False):
-        simulation = Simulation(model, monitors=[Killer(kill)])
-        kept = Checkpoints(tmp_path / "run.ckpt", every=2, resume=resume)
+        simulation = dj.Simulation(model, monitors=[Killer(kill)])
+        kept = dj.Checkpoints(tmp_path / "run.ckpt", every=2, resume=resume)
         return simulation.dynamics(dt=DT, steps=4, motion=shaking, start=start, checkpoint=kept)
 
     with pytest.raises(Killed):
         run(3)
-    with pytest.raises(CheckpointError, match=r"start at: 0\.012 in the checkpoint, 0\.0 here"):
+    with pytest.raises(dj.CheckpointError, match=r"start at: 0\.012 in the checkpoint, 0\.0 here"):
         run(None, None, resume=True)
     assert run(None, resume=True).state.time == pytest.approx(7 * DT, rel=1e-14)
 
@@ -503,11 +417,11 @@ def test_first_checkpoint_saves_the_statics(wall_file, read, tmp_path):
     jointed = read(wall_file())
     with pytest.raises(Killed):
         short(jointed, tmp_path, monitors=[Killer(1)])
-    kept = Checkpoints(tmp_path / "run.ckpt")
+    kept = dj.Checkpoints(tmp_path / "run.ckpt")
     assert kept.found
-    simulation = Simulation(wall(jointed), monitors=[Killer()])
+    simulation = dj.Simulation(wall(jointed), monitors=[Killer()])
     simulation.dynamics(dt=DT, steps=4, motion=shaking, checkpoint=replace(kept, resume=True))
-    expected = Simulation(wall(jointed)).statics().displacement.array
+    expected = dj.Simulation(wall(jointed)).statics().displacement.array
     np.testing.assert_array_equal(simulation.static.displacement.array, expected)
 
 
@@ -515,8 +429,8 @@ def test_fields_and_progress_of_a_continued_run(wall_file, read, tmp_path, capsy
     jointed = read(wall_file())
 
     def monitors(kill):
-        fields = FieldMonitor(tmp_path / "run", every=1)
-        return [fields, ProgressMonitor("again"), Killer(kill)]
+        fields = dj.FieldMonitor(tmp_path / "run", every=1)
+        return [fields, dj.ProgressMonitor("again"), Killer(kill)]
 
     with pytest.raises(Killed):
         short(jointed, tmp_path, monitors=monitors(3), water=WAVES)
@@ -532,7 +446,7 @@ def test_a_damaged_file_of_fields_does_not_stop_a_continued_run(wall_file, read,
     jointed, fields = read(wall_file()), tmp_path / "run.vtkhdf"
 
     def monitors(kill):
-        return [FieldMonitor(fields, every=1), Killer(kill)]
+        return [dj.FieldMonitor(fields, every=1), Killer(kill)]
 
     with pytest.raises(Killed):
         short(jointed, tmp_path, monitors=monitors(3))
@@ -546,18 +460,13 @@ def test_a_damaged_file_of_fields_does_not_stop_a_continued_run(wall_file, read,
 
 @pytest.mark.filterwarnings("ignore:Loads act suddenly")
 def test_without_joints_and_without_a_static_state(wall_file, read, tmp_path):
-    body = Model(
-        read(wall_file(), joints=[]),
-        material=CONCRETE,
-        supports=[Fixed(group="base")],
-        loads=[Gravity()],
-    )
+    body = wall(read(wall_file(), joints=[]), None)
 
     def run(kill, **options):
-        simulation = Simulation(body, monitors=[Killer(kill)])
+        simulation = dj.Simulation(body, monitors=[Killer(kill)])
         return simulation, simulation.dynamics(dt=DT, steps=6, **options)
 
-    kept = Checkpoints(tmp_path / "run.ckpt", every=1)
+    kept = dj.Checkpoints(tmp_path / "run.ckpt", every=1)
     _, whole = run(None)
     with pytest.raises(Killed):
         run(4, checkpoint=kept)
@@ -639,37 +548,3 @@ def test_signal_9_at_random_moments(wall_file, tmp_path, ranks):
         rounding = 0.0 if ranks == 1 else 1e-10 * np.abs(values).max(initial=0.0)
         np.testing.assert_allclose(other[0][name], values, rtol=0, atol=rounding, err_msg=name)
     assert ranks > 1 or one[1:] == other[1:]
-
-
-@pytest.mark.mpi
-def test_corrections_go_on_with_the_same_bits(comm):
-    """The set of points kept and the way chosen belong to what is remembered.
-
-    Corrections solved to 3 % depend on them: without `load_state_dict` the two differ by far more
-    than rounding.
-    """
-    from joint_tangents import (
-        WholeCorrections,
-        right_side,
-        row_matrix,
-        scaled_compliance,
-        states,
-        stuck_tangent,
-        tangents,
-    )
-    from whole_vectors import as_read
-
-    matrix, stuck = row_matrix(scaled_compliance(), comm), stuck_tangent(10.0)
-    first = WholeCorrections(matrix, stuck, comm)
-    kinds = ["mixed", "stuck", "mostly open", "mostly stuck", "one closed", "mixed", "sliding"]
-    for i, kind in enumerate(np.repeat(kinds, 2)):
-        status = states(kind, i // 2)
-        status[::4] *= i % 2 == 0  # some open: those kept will do
-        residual, tangent = right_side(seed=i), tangents(status, stuck)
-        other = WholeCorrections(matrix, stuck, comm)
-        other.of_rank.load_state_dict(as_read(first.of_rank.state_dict()))
-        found, again = (c.solve(residual, tangent, 0.03) for c in (first, other))
-        np.testing.assert_array_equal(again.step, found.step, err_msg=kind)
-        missed = [each.of_rank.state_dict()["missed"] for each in (other, first)]
-        assert missed[0] == missed[1], kind
-    assert missed[1] > 0.0  # the second way has been taken

@@ -16,33 +16,9 @@ import pytest
 pytest.importorskip("dolfinx")
 
 import ufl
-from whole_vectors import all_of
+from whole_vectors import relative_difference
 
-from dolfinx_joints import (
-    CheckpointError,
-    Elastic,
-    Fixed,
-    FormLoad,
-    FrictionNoTension,
-    Gravity,
-    HydrostaticPressure,
-    JointForces,
-    JointsError,
-    JointWater,
-    KeyedJoint,
-    MeshError,
-    Model,
-    MohrCoulombJoint,
-    PotentialJoint,
-    RigidJoint,
-    ShearKeyJoint,
-    Simulation,
-    Spring,
-    Temperature,
-    Traction,
-    ViscousJoint,
-    synthetic_motion,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.laws.law import Status
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
@@ -50,9 +26,9 @@ from dolfinx_joints.monitors.surface_stress import SurfaceStress
 
 pytestmark = pytest.mark.mpi
 
-CONCRETE = Elastic(young=25e9, poisson=0.2, density=2400.0)
-LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=35.0)
-BONDED = MohrCoulombJoint(
+CONCRETE = dj.Elastic(young=25e9, poisson=0.2, density=2400.0)
+LAW = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=35.0)
+BONDED = dj.MohrCoulombJoint(
     normal_stiffness=1e11,
     shear_stiffness=4e10,
     friction_angle_deg=35.0,
@@ -61,11 +37,11 @@ BONDED = MohrCoulombJoint(
 )
 LENGTH, THICKNESS, HEIGHT = 12.0, 2.0, 6.0
 WEIGHT = LENGTH * THICKNESS * HEIGHT * 2400.0 * STANDARD_GRAVITY
-CLAMPED = (Fixed(group="base"),)
+CLAMPED = (dj.Fixed(group="base"),)
 # Pressed from both ends, so that joints stay closed and stick: the structure is linear.
 PRESSED = [
-    Traction(group="x_min", value=(4e6, 0.0, 0.0)),
-    Traction(group="x_max", value=(-4e6, 0.0, 0.0)),
+    dj.Traction(group="x_min", value=(4e6, 0.0, 0.0)),
+    dj.Traction(group="x_max", value=(-4e6, 0.0, 0.0)),
 ]
 
 
@@ -77,7 +53,7 @@ def wall(wall_file, read):
     )
 
     def make(loads, *, law=LAW, supports=CLAMPED, **options):
-        return Model(
+        return dj.Model(
             read(path),
             material=CONCRETE,
             joints=law,
@@ -89,20 +65,14 @@ def wall(wall_file, read):
     return make
 
 
-def gathered(model, vector):
-    """Nodal vectors in the order of the input's nodes on all ranks."""
-    comm = model.jointed.mesh.comm
-    return comm.bcast(NodeNumbering(model.V).gather(vector))
-
-
 def largest(comm, values):
     """Largest absolute value on all ranks."""
     return max(comm.allgather(float(np.abs(values).max(initial=0.0))))
 
 
 def test_blocks_carry_their_own_weight(comm, wall):
-    model = wall([Gravity()])
-    state = Simulation(model).statics(joints="inactive")
+    model = wall([dj.Gravity()])
+    state = dj.Simulation(model).statics(joints="inactive")
     assert state.inactive == ("joint_1", "joint_2")
     assert not state.joints.traction.any()
     # Nodes on a joint are double: those of a block are the nodes of its cells.
@@ -119,41 +89,22 @@ def test_blocks_carry_their_own_weight(comm, wall):
 
 def test_a_failure_blames_a_joint_that_acts(wall):
     """Joint 2, which moves more, carries nothing yet."""
-    contact = wall([Gravity()]).contact
+    contact = wall([dj.Gravity()]).contact
     joint = contact.operator.joint
     assert contact.worst_joint(1.0 + joint) == "joint_2"
     assert contact.without(joint == 1).worst_joint(1.0 + joint) == "joint_1"
 
 
-def test_a_block_alone_is_the_block_in_the_wall(comm, wall, wall_file, read):
-    """The left block of the wall moves as the one block of a mesh of its own."""
-    model = wall([Gravity()])
-    state = Simulation(model).statics(joints="inactive")
-    found, places = (
-        gathered(model, state.displacement),
-        all_of(comm, NodeNumbering(model.V).positions),
-    )
-    path = wall_file(length=4.0, thickness=THICKNESS, height=HEIGHT, divisions=(2, 1, 3), joints=0)
-    alone = Model(read(path), material=CONCRETE, supports=[Fixed(group="base")], loads=[Gravity()])
-    single = gathered(alone, Simulation(alone).statics().displacement)
-    there = all_of(comm, NodeNumbering(alone.V).positions)
-    scale = np.abs(single).max()
-    # Nodes on the joint are double: one of the two at that place is the block's.
-    for place, u in zip(there, single, strict=True):
-        near = np.flatnonzero(np.abs(places - place).max(axis=1) < 1e-9)
-        assert np.abs(found[near] - u).max(axis=1).min() < 1e-10 * scale
-
-
 @pytest.mark.parametrize("solver", ["condensed", "monolithic"])
 def test_tractions_are_those_of_the_later_load(comm, wall, solver):
-    weight = Gravity()
+    weight = dj.Gravity()
     both = wall([weight, *PRESSED])
-    run = Simulation(both, solver=solver)
+    run = dj.Simulation(both, solver=solver)
     alone = run.statics(joints="inactive", loads=[weight])
     run.grout()
     after = run.statics(steps=2)
     later = wall(PRESSED)
-    tied = Simulation(later, solver=solver).statics()
+    tied = dj.Simulation(later, solver=solver).statics()
     counts = later.contact.counts(tied.joints.status)
     assert (counts.open, counts.slip) == (0, 0)  # else nothing could be superposed
     scale = largest(comm, tied.joints.traction)
@@ -162,11 +113,7 @@ def test_tractions_are_those_of_the_later_load(comm, wall, solver):
     np.testing.assert_allclose(
         after.joints.state.gap, tied.joints.state.gap, atol=1e-9 * scale / 4e10
     )
-    total = alone.displacement.copy()
-    total.axpy(1.0, tied.displacement)
-    size = total.norm()
-    total.axpy(-1.0, after.displacement)
-    assert total.norm() < 1e-9 * size
+    assert relative_difference(alone.displacement + tied.displacement, after.displacement) < 1e-9
     # Stresses of the cantilevers stay in the results.
     stress = SurfaceStress(both, NodeNumbering(both.V))
     parts = [stress(s.displacement, 0.0).copy() for s in (alone, tied, after)]
@@ -175,29 +122,14 @@ def test_tractions_are_those_of_the_later_load(comm, wall, solver):
     assert largest(comm, parts[0]) > 0.9 * 2400.0 * STANDARD_GRAVITY * HEIGHT * 0.5
 
 
-def test_order_of_the_stages_matters(comm, wall):
-    """Grout before the weight: Poisson's swelling presses the joints. After it: nothing does."""
-    model = wall([Gravity()])
-    before = Simulation(model).statics()
-    run = Simulation(model)
-    run.statics(joints="inactive")
-    after = run.grout()
-    assert largest(comm, before.joints.traction) > 1e3
-    assert largest(comm, after.joints.traction) == 0.0
-    assert largest(comm, after.joints.state.gap) == 0.0
-    # Nothing is added: the stage stays where it is.
-    again = run.statics()
-    assert largest(comm, again.joints.traction) < 1e-9 * largest(comm, before.joints.traction)
-
-
 def test_joints_left_open(comm, wall):
     """Cold blocks part by alpha 8 K 4 m between centres; one joint is grouted, one is not."""
-    cold = Temperature(value=4.0, reference=12.0, expansion=1e-5)
-    sides = [Fixed(group=g, components=c) for g, c in (("base", "z"), ("y_min", "y"))]
+    cold = dj.Temperature(value=4.0, reference=12.0, expansion=1e-5)
+    sides = [dj.Fixed(group=g, components=c) for g, c in (("base", "z"), ("y_min", "y"))]
     # Free to shrink along x about springs, too weak to matter beside the body's stiffness.
-    held = Spring(group="base", normal_stiffness=0.0, tangential_stiffness=1e3)
+    held = dj.Spring(group="base", normal_stiffness=0.0, tangential_stiffness=1e3)
     model = wall([cold], supports=[*sides, held])
-    run = Simulation(model)
+    run = dj.Simulation(model)
     parted = run.statics(joints="inactive")
     np.testing.assert_allclose(parted.joints.state.gap[:, 0], 1e-5 * 8.0 * 4.0, rtol=1e-6)
     grouted = run.grout(["joint_2"], gap=2e-5)
@@ -220,40 +152,38 @@ def test_a_bond_in_ufl_holds_from_the_grout_on(comm, wall):
         apart = (ufl.max_value(g[0], 0.0) ** 2 + g[1] ** 2 + g[2] ** 2) / (2.0 * 3e-4**2)
         return 0.5e11 * ufl.min_value(g[0], 0.0) ** 2 + 250.0 * (1.0 - ufl.exp(-apart))
 
-    law = PotentialJoint(energy, normal_stiffness=1e11, shear_stiffness=250.0 / 3e-4**2)
-    cold = Temperature(value=4.0, reference=12.0, expansion=1e-5)
-    sides = [Fixed(group=g, components=c) for g, c in (("base", "z"), ("y_min", "y"))]
-    held = Spring(group="base", normal_stiffness=0.0, tangential_stiffness=1e4)
-    run = Simulation(wall([cold], law=law, supports=[*sides, held]))
+    law = dj.PotentialJoint(energy, normal_stiffness=1e11, shear_stiffness=250.0 / 3e-4**2)
+    cold = dj.Temperature(value=4.0, reference=12.0, expansion=1e-5)
+    sides = [dj.Fixed(group=g, components=c) for g, c in (("base", "z"), ("y_min", "y"))]
+    held = dj.Spring(group="base", normal_stiffness=0.0, tangential_stiffness=1e4)
+    run = dj.Simulation(wall([cold], law=law, supports=[*sides, held]))
     parted = run.statics(joints="inactive").displacement
     first = run.model.operator.joint == run.model.jointed.joint_names.index("joint_1")
-    with pytest.raises(JointsError, match="PotentialJoint of 'joint_2' pulls across the gap"):
+    with pytest.raises(dj.JointsError, match="PotentialJoint of 'joint_2' pulls across the gap"):
         run.grout(["joint_2"], gap=1e-5)
     for state in (run.grout(["joint_2"]), run.statics(joints=["joint_2"])):
         assert state.inactive == ("joint_1",)
         assert not state.joints.traction[first].any()
         assert largest(comm, state.joints.traction) < 1.0
         np.testing.assert_allclose(state.joints.state.gap[first, 0], 1e-5 * 8.0 * 4.0, rtol=1e-6)
-    with pytest.raises(JointsError, match="still inactive: joint_1"):
+    with pytest.raises(dj.JointsError, match="still inactive: joint_1"):
         run.statics()
     run.grout(["joint_1"])
-    moved = run.statics().displacement.copy()
-    moved.axpy(-1.0, parted)
-    assert moved.norm() < 1e-9 * parted.norm()
+    assert relative_difference(run.statics().displacement, parted) < 1e-9
 
 
 @pytest.mark.parametrize("law", [LAW, "ufl"])
 def test_blocks_that_moved_into_each_other_touch(comm, wall, law):
     """Warm blocks overlap while they stand alone; a joint not grouted begins closed and idle."""
     if law == "ufl":
-        law = PotentialJoint(
+        law = dj.PotentialJoint(
             lambda g: 0.5e11 * ufl.min_value(g[0], 0.0) ** 2,
             normal_stiffness=1e11,
             shear_stiffness=0.0,
         )
-    warm = Temperature(value=20.0, reference=12.0, expansion=1e-5)
+    warm = dj.Temperature(value=20.0, reference=12.0, expansion=1e-5)
     model = wall([warm], law=law)
-    run = Simulation(model)
+    run = dj.Simulation(model)
     overlap = run.statics(joints="inactive").joints.state.gap[:, 0] < 0.0
     assert comm.allreduce(int(overlap.sum())) > 0
     state = run.grout([]).joints
@@ -265,22 +195,20 @@ def test_blocks_that_moved_into_each_other_touch(comm, wall, law):
     "law",
     [
         LAW,
-        RigidJoint(friction_angle_deg=35.0),
-        KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10),
+        dj.RigidJoint(friction_angle_deg=35.0),
+        dj.KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10),
         BONDED,
         {"joint_1": LAW, "joint_2": BONDED},
     ],
 )
 def test_a_run_stays_at_rest_after_grouting(comm, wall, law):
     """Nothing acts but the weight, which the blocks carry alone: nothing moves."""
-    model = wall([Gravity()], law=law)
-    run = Simulation(model)
+    model = wall([dj.Gravity()], law=law)
+    run = dj.Simulation(model)
     run.statics(joints="inactive")
     start = run.grout().displacement
     outcome = run.dynamics(dt=1e-3, steps=5)
-    moved = outcome.state.displacement.copy()
-    moved.axpy(-1.0, start)
-    assert moved.norm() < 1e-11 * start.norm()
+    assert relative_difference(outcome.state.displacement, start) < 1e-11
     assert outcome.imbalance is None or outcome.imbalance < 1e-12
 
 
@@ -291,9 +219,9 @@ def test_weight_carried_before_is_no_load_later(comm, wall):
         return 3.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.0])
 
     moves = []
-    for loads in ([], [Gravity()]):
+    for loads in ([], [dj.Gravity()]):
         model = wall(loads)
-        run = Simulation(model)
+        run = dj.Simulation(model)
         if loads:
             run.statics(joints="inactive")
             run.grout()
@@ -305,16 +233,14 @@ def test_weight_carried_before_is_no_load_later(comm, wall):
     (one, gap), (other, same_gap) = moves
     assert comm.allreduce(int((gap[:, 0] > 1e-7).sum())) > 0  # joints have opened
     np.testing.assert_allclose(same_gap, gap, rtol=0, atol=1e-9 * largest(comm, gap))
-    size = one.norm()
-    other.axpy(-1.0, one)
-    assert other.norm() < 1e-9 * size
+    assert relative_difference(other, one) < 1e-9
 
 
 def test_grouted_gaps_that_opened_in_the_cold(comm, wall):
     """Active joints: points that carry nothing are closed, tractions of the others stay."""
-    pull = [Traction(group="x_max", value=(1e5, 0.0, 0.0))]
+    pull = [dj.Traction(group="x_max", value=(1e5, 0.0, 0.0))]
     model = wall(pull)
-    run = Simulation(model)
+    run = dj.Simulation(model)
     before = run.statics()
     open_ = before.joints.state.gap[:, 0] > 0.0
     assert comm.allreduce(int(open_.sum())) > 0
@@ -325,9 +251,7 @@ def test_grouted_gaps_that_opened_in_the_cold(comm, wall):
     np.testing.assert_array_equal(after.joints.traction, before.joints.traction)
     # In balance: another stage with the same loads does not move it.
     there = after.displacement.copy()
-    again = run.statics()
-    there.axpy(-1.0, again.displacement)
-    assert there.norm() < 1e-9 * again.displacement.norm()
+    assert relative_difference(there, run.statics().displacement) < 1e-9
 
 
 @pytest.fixture
@@ -336,11 +260,11 @@ def bars(comm, wall_file, read):
     path = wall_file(length=12.0, thickness=2.0, height=2.0, divisions=(4, 1, 1), joints=1)
 
     def make(law, loads=()):
-        return Model(
+        return dj.Model(
             read(path),
-            material=Elastic(young=YOUNG, poisson=0.0, density=2400.0),
+            material=dj.Elastic(young=YOUNG, poisson=0.0, density=2400.0),
             joints=law,
-            supports=[Fixed(group="x_min"), Fixed(group="x_max")],
+            supports=[dj.Fixed(group="x_min"), dj.Fixed(group="x_max")],
             loads=list(loads),
         )
 
@@ -350,10 +274,10 @@ def bars(comm, wall_file, read):
 YOUNG, BAR, GROUT = 25e9, 6.0, 1e6
 LAWS = [
     LAW,
-    RigidJoint(friction_angle_deg=35.0),
-    RigidJoint(friction_angle_deg=0.0),
-    KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10),
-    ViscousJoint(law=LAW, normal_viscosity=1e6),
+    dj.RigidJoint(friction_angle_deg=35.0),
+    dj.RigidJoint(friction_angle_deg=0.0),
+    dj.KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10),
+    dj.ViscousJoint(law=LAW, normal_viscosity=1e6),
 ]
 
 
@@ -366,10 +290,10 @@ def test_grout_under_pressure(comm, bars, law):
     """
     shrink = GROUT * BAR / YOUNG  # of both bars by each of two loads
     cold = [
-        Temperature(value=0.0, reference=shrink / (2 * BAR * 1e-5) * part, expansion=1e-5)
+        dj.Temperature(value=0.0, reference=shrink / (2 * BAR * 1e-5) * part, expansion=1e-5)
         for part in (1.0, 4.0)
     ]
-    run = Simulation(bars(law, cold))
+    run = dj.Simulation(bars(law, cold))
     run.statics(joints="inactive", loads=[])
     state = run.grout(pressure=GROUT)
     side = np.sign(bar_displacements(run.model, state)) * GROUT * BAR / YOUNG
@@ -378,7 +302,7 @@ def test_grout_under_pressure(comm, bars, law):
     np.testing.assert_allclose(state.joints.traction[:, 1:], 0.0, atol=1e-9 * GROUT)
     frictionless = getattr(law, "friction_angle_deg", None) == 0.0
     assert set(state.joints.status) <= {Status.FRICTIONLESS if frictionless else Status.STICK}
-    soft = 2 * BAR / YOUNG + (0.0 if isinstance(law, RigidJoint) else 1e-11)
+    soft = 2 * BAR / YOUNG + (0.0 if isinstance(law, dj.RigidJoint) else 1e-11)
     less = run.statics(loads=cold[:1]).joints
     np.testing.assert_allclose(less.traction[:, 0], shrink / soft - GROUT, rtol=1e-8)
     np.testing.assert_allclose(
@@ -398,12 +322,14 @@ def test_keys_of_an_open_joint_keep_their_shear_in_the_grout(comm, bars, pressur
     Swelling by d in all presses with d / (2 L / E + 1 / k) on top of the pressure, and no force
     along the joint changes.
     """
-    cold, warm = (Temperature(value=value, reference=0.0, expansion=1e-5) for value in (-10.0, 4.0))
-    push = FormLoad(form=lambda v: 3e4 * v[2] * _place(v)[0] * ufl.dx)
-    keys = KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10)
-    run = Simulation(bars(keys, [cold, warm, push]))
+    cold, warm = (
+        dj.Temperature(value=value, reference=0.0, expansion=1e-5) for value in (-10.0, 4.0)
+    )
+    push = dj.FormLoad(form=lambda v: 3e4 * v[2] * _place(v)[0] * ufl.dx)
+    keys = dj.KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10)
+    run = dj.Simulation(bars(keys, [cold, warm, push]))
     apart = run.statics(loads=[cold, push]).joints
-    shear = JointForces(run.model)(apart)["joint_1"].shear_force
+    shear = dj.JointForces(run.model)(apart)["joint_1"].shear_force
     assert comm.allreduce(int((apart.state.gap[:, 0] <= 0.0).sum())) == 0
     assert shear > 1e4
     grouted = run.grout(pressure=pressure)
@@ -411,10 +337,11 @@ def test_keys_of_an_open_joint_keep_their_shear_in_the_grout(comm, bars, pressur
     np.testing.assert_allclose(
         grouted.joints.traction[:, 1:], apart.traction[:, 1:], atol=1e-9 * shear
     )
-    still = run.statics(loads=[cold, push]).displacement.copy()
-    still.axpy(-1.0, grouted.displacement)
-    assert still.norm() < 1e-9 * grouted.displacement.norm()
-    normal = JointForces(run.model)(run.statics().joints)["joint_1"].normal_force
+    assert (
+        relative_difference(run.statics(loads=[cold, push]).displacement, grouted.displacement)
+        < 1e-9
+    )
+    normal = dj.JointForces(run.model)(run.statics().joints)["joint_1"].normal_force
     swell = 2 * BAR * 1e-5 * 4.0 / (2 * BAR / YOUNG + 1e-11)
     assert normal == pytest.approx(4.0 * (pressure + swell), rel=1e-8)  # 2 m by 2 m
 
@@ -431,8 +358,8 @@ def test_a_law_that_stiffens_bears_the_grout(bars):
         m = ufl.max_value(-gap[0], 0.0)
         return 1e11 * (m**2 / 2.0 + m**3 / (3.0 * GROUT / 1e11))
 
-    law = PotentialJoint(energy, normal_stiffness=1e11, shear_stiffness=0.0)
-    run = Simulation(bars(law))
+    law = dj.PotentialJoint(energy, normal_stiffness=1e11, shear_stiffness=0.0)
+    run = dj.Simulation(bars(law))
     run.statics(joints="inactive")
     state = run.grout(pressure=GROUT).joints
     np.testing.assert_allclose(state.traction[:, 0], -GROUT, rtol=1e-9)
@@ -447,22 +374,23 @@ def test_grout_in_keys_that_push_sideways_is_refused(bars):
     """
     keys = {"depth": 0.1, "flank_angle_deg": 45.0, "spacing": 0.6, "tooth_cohesion": 1e8}
     for back, refused in ((None, True), (0.0, False)):
-        law = ShearKeyJoint(
+        law = dj.ShearKeyJoint(
             normal_stiffness=1e11,
             shear_stiffness=4e10,
             friction_angle_deg=35.0,
             backward_play=back,
             **keys,
         )
-        run = Simulation(bars(law))
+        run = dj.Simulation(bars(law))
         run.statics(joints="inactive")
         if refused:
-            with pytest.raises(JointsError, match="of 'joint_1' answers to 1e.06 Pa of grout with"):
+            with pytest.raises(
+                dj.JointsError, match="of 'joint_1' answers to 1e.06 Pa of grout with"
+            ):
                 run.grout(pressure=GROUT)
         else:
             start = run.grout(pressure=GROUT).displacement
-            start.axpy(-1.0, run.statics().displacement)
-            assert start.norm() < 1e-11 * run.static.displacement.norm()
+            assert relative_difference(start, run.statics().displacement) < 1e-11
 
 
 def bar_displacements(model, state):
@@ -474,67 +402,46 @@ def bar_displacements(model, state):
 @pytest.mark.parametrize("law", LAWS[:3], ids=lambda law: type(law).__name__)
 def test_pressed_joints_stay_at_rest_and_balance(wall, law):
     """The pressure remains as an initial stress: no motion without a cause, energies close."""
-    run = Simulation(wall([Gravity()], law=law))
+    run = dj.Simulation(wall([dj.Gravity()], law=law))
     run.statics(joints="inactive")
     start = run.grout(pressure=5e4).displacement
     pressed = run.model.contact.integrals(-run.static.joints.traction[:, 0])
     np.testing.assert_allclose(pressed, 5e4 * THICKNESS * HEIGHT, rtol=1e-9)
     outcome = run.dynamics(dt=1e-3, steps=5)
-    moved = outcome.state.displacement.copy()
-    moved.axpy(-1.0, start)
-    assert moved.norm() < 1e-11 * start.norm()
-    motion = synthetic_motion()
+    assert relative_difference(outcome.state.displacement, start) < 1e-11
+    motion = dj.synthetic_motion()
     outcome = run.dynamics(dt=2e-3, steps=20, motion=lambda t: 5.0 * motion(t + 2.0))
     assert outcome.imbalance < 1e-11
 
 
-def test_loads_come_and_go(wall):
-    """Weight, then weight and water, then weight: where the body is linear, back again."""
-    weight, water = Gravity(), HydrostaticPressure(group="y_min", level=5.0)
-    model = wall([weight, water], law=KeyedJoint(normal_stiffness=1e11, shear_stiffness=4e10))
-    run = Simulation(model)
-    run.statics(joints="inactive", loads=[weight])
-    run.grout()
-    first = run.static.displacement.copy()
-    assert run.statics(loads=[weight, water], steps=3).missing == ()
-    assert run.static.reaction.norm() > 0.0
-    last = run.statics(loads=[weight])
-    assert last.missing == ("HydrostaticPressure_y_min",)
-    change = last.displacement.copy()
-    change.axpy(-1.0, first)
-    assert change.norm() < 1e-9 * first.norm()
-
-
 def test_saved_and_taken_up_again(comm, wall, new_path):
-    weight, water = Gravity(), HydrostaticPressure(group="y_min", level=5.0)
+    weight, water = dj.Gravity(), dj.HydrostaticPressure(group="y_min", level=5.0)
     model, path = wall([weight, water]), new_path("weight.static")
-    run = Simulation(model)
+    run = dj.Simulation(model)
     run.statics(joints="inactive", loads=[weight])
     run.save_static(path)
     run.grout()
     end = run.statics()
-    other = Simulation(model)
+    other = dj.Simulation(model)
     found = other.load_static(path)
     assert found.inactive == ("joint_1", "joint_2")
     assert found.missing == ("HydrostaticPressure_y_min",)
     other.grout()
     resumed = other.statics()
-    difference = resumed.displacement.copy()
-    difference.axpy(-1.0, end.displacement)
     rounding = 0.0 if comm.size == 1 else 1e-12  # on several ranks MUMPS sums in any order
-    assert difference.norm() <= rounding * end.displacement.norm()
+    assert relative_difference(resumed.displacement, end.displacement) <= rounding
     traction = end.joints.traction
     np.testing.assert_allclose(
         resumed.joints.traction, traction, rtol=0.0, atol=rounding * largest(comm, traction)
     )
-    with pytest.raises(CheckpointError, match=r"another model or run; load HydrostaticPressure"):
-        Simulation(wall([weight])).load_static(path)
-    with pytest.raises(CheckpointError, match="There is no checkpoint"):
+    with pytest.raises(dj.CheckpointError, match=r"another model or run; load HydrostaticPressure"):
+        dj.Simulation(wall([weight])).load_static(path)
+    with pytest.raises(dj.CheckpointError, match="There is no checkpoint"):
         other.load_static(new_path("none.static"))
     if comm.rank == 0:
         path.write_bytes(path.read_bytes()[:-40])
     comm.barrier()
-    with pytest.raises(CheckpointError, match="or a damaged one"):
+    with pytest.raises(dj.CheckpointError, match="or a damaged one"):
         other.load_static(path)
 
 
@@ -544,91 +451,97 @@ def test_a_block_that_does_not_stand_is_refused(wall):
         r"The block around \(6, 1, 3\) m is restrained by its supports alone against 0 of 6 rigid "
         r"motions"
     )
-    with pytest.raises(JointsError, match=message):
-        Simulation(
-            wall([Gravity()], supports=[Fixed(group="x_min"), Fixed(group="x_max")])
+    with pytest.raises(dj.JointsError, match=message):
+        dj.Simulation(
+            wall([dj.Gravity()], supports=[dj.Fixed(group="x_min"), dj.Fixed(group="x_max")])
         ).statics(joints="inactive")
     # Upright and sideways motion and two rotations are restrained, sliding along x, y and turning
     # not.
-    with pytest.raises(JointsError, match=r"is restrained .* against 3 of 6"):
-        Simulation(wall([Gravity()], supports=[Fixed(group="base", components="z")])).statics(
-            joints="inactive"
-        )
-    springs = [Spring(group="base", normal_stiffness=1e9, tangential_stiffness=1e8)]
-    Simulation(wall([Gravity()], supports=springs)).statics(joints="inactive")
+    with pytest.raises(dj.JointsError, match=r"is restrained .* against 3 of 6"):
+        dj.Simulation(
+            wall([dj.Gravity()], supports=[dj.Fixed(group="base", components="z")])
+        ).statics(joints="inactive")
+    springs = [dj.Spring(group="base", normal_stiffness=1e9, tangential_stiffness=1e8)]
+    dj.Simulation(wall([dj.Gravity()], supports=springs)).statics(joints="inactive")
 
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_plane_block_that_does_not_stand_is_refused(read, two_rectangles_file, order):
     """The upper of two blocks rests on the joint alone."""
-    model = Model(
+    model = dj.Model(
         read(two_rectangles_file(order=order)),
         material=CONCRETE,
         joints=LAW,
-        supports=[Fixed(group="base")],
-        loads=[Gravity()],
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity()],
     )
-    with pytest.raises(JointsError, match=r"is restrained .* against 0 of 3 rigid"):
-        Simulation(model).statics(joints="inactive")
+    with pytest.raises(dj.JointsError, match=r"is restrained .* against 0 of 3 rigid"):
+        dj.Simulation(model).statics(joints="inactive")
 
 
 def test_without_joints_grouting_is_nothing(read, wall_file):
     path = wall_file(length=4.0, thickness=THICKNESS, height=HEIGHT, divisions=(2, 1, 3), joints=0)
-    model = Model(read(path), material=CONCRETE, supports=[Fixed(group="base")], loads=[Gravity()])
-    run = Simulation(model)
+    model = dj.Model(
+        read(path), material=CONCRETE, supports=[dj.Fixed(group="base")], loads=[dj.Gravity()]
+    )
+    run = dj.Simulation(model)
     alone = run.statics(joints="inactive").displacement
     run.grout()
-    whole = Simulation(model).statics().displacement
-    whole.axpy(-1.0, alone)
-    assert whole.norm() <= 1e-13 * alone.norm()  # sums of ranks come in any order
+    # Sums of ranks come in any order.
+    assert relative_difference(dj.Simulation(model).statics().displacement, alone) <= 1e-13
 
 
 def test_refusals(wall):
     """One sentence each, on all ranks."""
-    weight, water = Gravity(), HydrostaticPressure(group="y_min", level=5.0)
+    weight, water = dj.Gravity(), dj.HydrostaticPressure(group="y_min", level=5.0)
     model = wall([weight, water])
-    run = Simulation(model)
-    with pytest.raises(JointsError, match="nothing to grout yet"):
+    run = dj.Simulation(model)
+    with pytest.raises(dj.JointsError, match="nothing to grout yet"):
         run.grout()
-    with pytest.raises(JointsError, match="no static state to save yet"):
+    with pytest.raises(dj.JointsError, match="no static state to save yet"):
         run.save_static("nothing")
     with pytest.raises(ValueError, match="A Gravity was given to a static stage that is not"):
-        run.statics(loads=[Gravity(acceleration=(0.0, 0.0, -9.0))])
+        run.statics(loads=[dj.Gravity(acceleration=(0.0, 0.0, -9.0))])
     run.statics(loads=[weight], joints="inactive")
     for stage in (
         run.statics,
         lambda: run.quasi_statics([0.0]),
         lambda: run.dynamics(dt=1e-3, steps=1),
     ):
-        with pytest.raises(JointsError, match="still inactive: joint_1, joint_2; call grout"):
+        with pytest.raises(dj.JointsError, match="still inactive: joint_1, joint_2; call grout"):
             stage()
-    with pytest.raises(MeshError, match="There is no joint 'joint_9'; the joints are: joint_1"):
+    with pytest.raises(dj.MeshError, match="There is no joint 'joint_9'; the joints are: joint_1"):
         run.grout(["joint_9"])
     with pytest.raises(ValueError, match="gap is 0.001 m and pressure 1000 Pa; grout under"):
         run.grout(gap=1e-3, pressure=1e3)
     run.grout()
-    with pytest.raises(JointsError, match="lacks HydrostaticPressure_y_min as the dynamic stage"):
+    with pytest.raises(
+        dj.JointsError, match="lacks HydrostaticPressure_y_min as the dynamic stage"
+    ):
         run.dynamics(dt=1e-3, steps=1)
     run.statics()
-    with pytest.raises(JointsError, match="The joint 'joint_1' cannot become inactive: the last"):
+    with pytest.raises(
+        dj.JointsError, match="The joint 'joint_1' cannot become inactive: the last"
+    ):
         run.statics(joints="inactive")
 
 
 def test_water_in_a_joint_is_looked_at_again_after_the_grout(wall):
     """Grouting an open joint takes its water away: that is no start for an earthquake."""
-    weight, water = Gravity(), JointWater(joint="joint_1", level=5.0)
-    run = Simulation(wall([weight, water]))
+    weight, water = dj.Gravity(), dj.JointWater(joint="joint_1", level=5.0)
+    run = dj.Simulation(wall([weight, water]))
     with pytest.raises(
-        JointsError, match="JointWater acts in the joint 'joint_1', which is inactive"
+        dj.JointsError, match="JointWater acts in the joint 'joint_1', which is inactive"
     ):
         run.statics(joints="inactive")
     run.statics(joints="inactive", loads=[weight])
     run.grout()
     run.statics(loads=[weight, water])
     run.grout(["joint_1"])
-    with pytest.raises(JointsError, match="lacks JointWater_joint_1 as the dynamic stage has it"):
+    with pytest.raises(
+        dj.JointsError, match="lacks JointWater_joint_1 as the dynamic stage has it"
+    ):
         run.dynamics(dt=1e-3, steps=1)
     state = run.statics()
     end = run.dynamics(dt=1e-3, steps=5).state.displacement
-    end.axpy(-1.0, state.displacement)
-    assert end.norm() <= 1e-8 * state.displacement.norm()
+    assert relative_difference(end, state.displacement) <= 1e-8

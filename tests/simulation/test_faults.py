@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Faults of the machine: one sentence each, what was written stays whole, no rank waits."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os
@@ -15,7 +13,7 @@ import sys
 import numpy as np
 import pytest
 
-from dolfinx_joints import ConvergenceError, JointsError, Results, ResultsError
+from dolfinx_joints import ConvergenceError, FrictionNoTension, JointsError, Results, ResultsError
 from dolfinx_joints.cli import main
 from dolfinx_joints.common import files
 from dolfinx_joints.common.errors import CheckpointError
@@ -75,17 +73,6 @@ def test_a_results_file_has_one_writer(other_run):
     with Results(path) as results:
         assert results.series("run", "u").tolist() == [1.0, 2.0]
     assert sorted(p.name for p in path.parent.iterdir()) == ["run.h5"]
-
-
-def test_a_lock_is_free_after_its_release(tmp_path):
-    path = tmp_path / "run.ckpt"
-    first = FileLock(path, CheckpointError)
-    with pytest.raises(CheckpointError, match=f"written by process {os.getpid()} on"):
-        FileLock(path, CheckpointError)
-    first.release()
-    with FileLock(path, CheckpointError):
-        pass
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_file_system_without_locks_is_reported(tmp_path, monkeypatch):
@@ -153,22 +140,12 @@ def test_no_room_for_a_new_file_leaves_none(tmp_path):
 
 @pytest.fixture
 def wall(wall_file, read):
-    """``wall(**changes)``: a jointed wall with joint laws by name."""
-    dj = pytest.importorskip("dolfinx_joints")
+    """``wall(laws)``: a jointed wall with joint laws by name."""
     pytest.importorskip("dolfinx")
+    from shaken_wall import wall
+
     jointed = read(wall_file())
-
-    def make(laws=None):
-        plain = dj.FrictionNoTension(**STIFF)
-        return dj.Model(
-            jointed,
-            material=dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
-            joints=laws or plain,
-            supports=[dj.Fixed(group="base")],
-            loads=[dj.Gravity()],
-        )
-
-    return make
+    return lambda laws=None: wall(jointed, laws or FrictionNoTension(**STIFF))
 
 
 STIFF = {"normal_stiffness": 1e11, "shear_stiffness": 4e10, "friction_angle_deg": 30.0}
@@ -182,7 +159,6 @@ def shaking(time):
 
 def spoilt_law(field, after):
     """A law whose ``field`` holds NaN at its last point after some answers."""
-    from dolfinx_joints import FrictionNoTension
 
     class Spoilt(FrictionNoTension):
         answers = 0
@@ -193,18 +169,11 @@ def spoilt_law(field, after):
                 getattr(response, field)[-1:] = np.nan
             return response
 
-        def backward_euler(self, gap, state):
-            return self._spoil(super().backward_euler(gap, state))
-
-        def discrete_gradient(self, gap, state):
-            return self._spoil(super().discrete_gradient(gap, state))
-
-        def condensed_backward_euler(self, gap, compliance, state):
-            return self._spoil(super().condensed_backward_euler(gap, compliance, state))
-
-        def condensed_discrete_gradient(self, gap, compliance, state):
-            return self._spoil(super().condensed_discrete_gradient(gap, compliance, state))
-
+    for name in ("backward_euler", "discrete_gradient"):
+        for method in (name, f"condensed_{name}"):
+            given = getattr(FrictionNoTension, method)
+            spoilt = lambda self, *args, given=given: self._spoil(given(self, *args))  # noqa: E731
+            setattr(Spoilt, method, spoilt)
     return Spoilt(**STIFF)
 
 
@@ -213,7 +182,7 @@ def spoilt_law(field, after):
 @pytest.mark.parametrize("field", ["traction", "tangent"])
 @pytest.mark.parametrize("after", [0, 5, 60])  # statics, a later iteration of it, dynamics
 def test_nan_of_a_law_names_law_and_joint(wall, solver, field, after):
-    from dolfinx_joints import FrictionNoTension, Simulation
+    from dolfinx_joints import Simulation
 
     laws = dict.fromkeys(("joint_1", "joint_2"), FrictionNoTension(**STIFF))
     run = Simulation(wall(laws | {"joint_3": spoilt_law(field, after)}), solver=solver)
@@ -259,55 +228,6 @@ def test_a_factorization_that_fails_says_why(comm, values, symmetric, sentence):
         solver.solve(b, x)
     assert "\n" not in str(got.value)
     solver.destroy()
-
-
-class Failed:
-    """A factorization by MUMPS that ended with a code."""
-
-    def __init__(self, code, size):
-        self._facts = {1: code, 2: size}
-
-    def getFactorSolverType(self):
-        return "mumps"
-
-    def getFactorMatrix(self):
-        return self
-
-    def getMumpsInfog(self, place):
-        return self._facts[place]
-
-
-def test_codes_of_mumps_are_explained():
-    from dolfinx_joints.solvers.diagnosis import reported_by_package
-
-    assert "real workspace too small; INFOG(1) = -9" in reported_by_package(Failed(-9, 12345))
-    unknown = "see its user's guide; INFOG(1) = -99, INFOG(2) = 0"
-    assert unknown in reported_by_package(Failed(-99, 0))
-
-
-def test_other_failures_reported_by_petsc():
-    # Codes of petscerror.h: 55 is no memory, 76 an error of a library that PETSc calls.
-    from petsc4py import PETSc
-
-    from dolfinx_joints.solvers.diagnosis import (
-        NO_MEMORY,
-        NOT_FACTORED,
-        of_error,
-        reported_by_package,
-    )
-
-    matrix = diagonal(PETSc.COMM_SELF, [1.0, 2.0])
-    assert of_error(PETSc.Error(55), matrix) == f"{NO_MEMORY}."
-    message = of_error(PETSc.Error(76), matrix)
-    assert message.startswith(f"{NOT_FACTORED}; PETSc reports: ")
-    assert message.endswith(".")
-    assert "\n" not in message
-    # What is said in MUMPS's words is of MUMPS, and of a failure.
-    assert reported_by_package(Failed(0, 0)) == ""
-    ksp = PETSc.KSP().create(PETSc.COMM_SELF)
-    ksp.getPC().setType("lu")
-    ksp.getPC().setFactorSolverType("petsc")
-    assert reported_by_package(ksp.getPC()) == ""
 
 
 def test_who_deletes_a_lock_that_was_waited_for_does_not_make_two_owners(tmp_path, monkeypatch):
@@ -421,30 +341,6 @@ def test_an_error_of_one_rank_in_a_run_ends_all(tmp_path, error):
     assert "never reached" not in done.stdout
 
 
-class Ranks:
-    """Stands for a communicator that can be aborted."""
-
-    def __init__(self, size):
-        self.size, self.aborted = size, None
-
-    def Abort(self, code):
-        self.aborted = code
-
-
-def test_what_ends_the_other_ranks_is_shown_first(monkeypatch, capsys):
-    from dolfinx_joints import abort_on_error
-
-    monkeypatch.setattr(sys, "excepthook", sys.__excepthook__)
-    abort_on_error(Ranks(1))
-    assert sys.excepthook is sys.__excepthook__  # one rank leaves nobody waiting
-    ranks = Ranks(2)
-    abort_on_error(ranks)
-    assert ranks.aborted is None
-    sys.excepthook(ValueError, ValueError("too bad"), None)
-    assert ranks.aborted == 1
-    assert "ValueError: too bad" in capsys.readouterr().err
-
-
 def marched(model, folder, *, steps=6, monitors=None, resume=False):
     """A short run with results and checkpoints."""
     from dolfinx_joints import Checkpoints, ResultsMonitor, Simulation
@@ -517,34 +413,6 @@ def test_a_disk_that_fills_up_in_a_run(wall, tmp_path):
     with Results(path) as results:
         assert results.status == "complete"
         assert results.rows("histories") == 101
-
-
-def test_a_disk_that_is_full_at_the_first_record(wall, tmp_path, monkeypatch):
-    # From the end of the declarations on the file may not grow, and the record is written at once.
-    from dolfinx_joints.monitors import results_monitor as monitors
-
-    path, old = tmp_path / "run.h5", resource.getrlimit(resource.RLIMIT_FSIZE)
-
-    class Full(ResultsWriter):
-        def start(self):
-            super().start()
-            self._flush_interval = 0.0
-            resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size, old[1]))
-
-    monkeypatch.setattr(monitors, "ResultsWriter", Full)
-    try:
-        with pytest.raises(ResultsError, match=r"run\.h5 cannot grow by .*too large.*whole\.$"):
-            marched(wall(), tmp_path)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, old)
-    assert list(tmp_path.glob("*.lock")) == []
-    with Results(path) as results:
-        assert results.status == "failed"
-        assert "cannot grow" in results.summary["error"]
-    monkeypatch.undo()
-    marched(wall(), tmp_path)  # nobody holds the file
-    with Results(path) as results:
-        assert results.status == "complete"
 
 
 @pytest.mark.mpi

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The facts of a run are equal when its script starts again, and differ once anything changed."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import os
@@ -139,18 +137,9 @@ def test_each_declared_parameter_counts(kind, name):
     assert first_difference(facts(), facts(**{name: 2.0})) == changed
 
 
-GIVEN = {
-    "material": shaken_wall.CONCRETE,
-    "joints": shaken_wall.LAW,
-    "supports": [shaken_wall.BASE],
-    "loads": [dj.Gravity()],
-    "damping": shaken_wall.DAMPING,
-}
-
-
 def facts_of(jointed, *, times=(0.0, 0.1), **changed):
     """Facts of a run of a wall (collective)."""
-    model = dj.Model(jointed, **{**GIVEN, **changed})
+    model = shaken_wall.wall(jointed, **changed)
     nodes = NodeNumbering(model.V)
     found, unknown = fingerprint(model, model.system(), nodes, {}, (), np.array(times))
     assert not unknown
@@ -171,7 +160,7 @@ BODIES = {
     "redistribute_mass": True,
 }
 
-# A value of each argument of a model, which differs from GIVEN or from the default.
+# A value of each argument of a model, which differs from that of the wall.
 CHANGED = {
     "material": replace(shaken_wall.CONCRETE, young=23e9),
     "joints": replace(shaken_wall.LAW, shear_stiffness=2e11),
@@ -200,6 +189,16 @@ def test_each_argument_of_a_model_counts(name, wall_file, read):
     found = first_difference(facts_of(jointed), facts_of(jointed, **{argument: CHANGED[name]}))
     paths = {"joints": "law of joint_1.", "loads": "load Gravity.acceleration", "water": "water"}
     assert found.startswith(paths.get(name, argument if argument == "water" else name))
+
+
+def test_the_energy_of_a_law_in_ufl_counts(wall_file, read):
+    def facts(k):
+        stiffness = {"normal_stiffness": 1e11, "shear_stiffness": 1e11}
+        law = dj.PotentialJoint(lambda g: k * (g[0] ** 2 + g[1] ** 2 + g[2] ** 2), **stiffness)
+        return facts_of(read(wall_file()), joints=law)
+
+    assert first_difference(facts(0.5e11), facts(0.5e11)) is None
+    assert first_difference(facts(0.5e11), facts(0.6e11)).startswith("law of joint_1.energy.k: 5")
 
 
 def test_equal_models_have_equal_facts(wall_file, read):

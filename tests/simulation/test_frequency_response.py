@@ -11,8 +11,6 @@ Average acceleration is the bilinear transform: the discrete Fourier transform o
 the ground's acceleration at f is the response at tan(pi f dt) / (pi dt), exactly.
 """
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np
@@ -23,8 +21,9 @@ pytest.importorskip("slepc4py")
 
 from mpi4py import MPI
 
+import shaken_wall
 from dolfinx.mesh import CellType, create_rectangle, locate_entities_boundary
-from shaken_wall import BASE, CONCRETE, LAW
+from shaken_wall import CONCRETE, LAW
 
 import dolfinx_joints as dj
 from dolfinx_joints.simulation.monitor import Monitor
@@ -61,31 +60,26 @@ def exact_top(modulus, impedance=np.inf):
     return dashpot / (dashpot * cosine - modulus * k * sine)
 
 
-@mpi
-def test_rod_with_hysteretic_damping(rod):
-    found = dj.frequency_response(
-        rod(dj.Fixed(group="base")), FREQUENCIES, points=TOP, direction=UP, hysteretic_ratio=0.05
-    )
-    exact = exact_top(BAR.young * (1.0 + 0.1j))
-    np.testing.assert_allclose(found.acceleration("top")[:, 2], exact, rtol=2e-3)
-
-
-def test_rod_with_rayleigh_damping(rod):
-    damping = dj.stiffness_proportional(ratio=0.05, frequency=100.0)
-    model = rod(dj.Fixed(group="base"), damping=damping)
-    found = dj.frequency_response(model, FREQUENCIES, points=TOP, direction=UP)
-    omega = 2.0 * np.pi * FREQUENCIES
-    exact = exact_top(BAR.young * (1.0 + 1j * omega * damping.stiffness_factor))
-    np.testing.assert_allclose(found.acceleration("top")[:, 2], exact, rtol=2e-3)
+CLAMPED, DASHPOTS = dj.Fixed(group="base"), dj.ViscousBoundary(group="base")
+RAYLEIGH = dj.stiffness_proportional(ratio=0.05, frequency=100.0)
+VISCOUS = 2.0j * np.pi * FREQUENCIES * RAYLEIGH.stiffness_factor
+IMPEDANCE = np.sqrt(BAR.young * BAR.density)
 
 
 @mpi
-def test_rod_on_a_viscous_boundary(rod):
-    found = dj.frequency_response(
-        rod(dj.ViscousBoundary(group="base")), FREQUENCIES, points=TOP, direction=UP
-    )
-    exact = exact_top(BAR.young, np.sqrt(BAR.young * BAR.density))
-    np.testing.assert_allclose(found.acceleration("top")[:, 2], exact, rtol=2e-3)
+@pytest.mark.parametrize(
+    ("base", "damping", "hysteretic", "exact"),
+    [
+        (CLAMPED, None, 0.05, lambda: exact_top(BAR.young * (1.0 + 0.1j))),
+        (CLAMPED, RAYLEIGH, 0.0, lambda: exact_top(BAR.young * (1.0 + VISCOUS))),
+        (DASHPOTS, None, 0.0, lambda: exact_top(BAR.young, IMPEDANCE)),
+    ],
+    ids=["hysteretic", "Rayleigh", "viscous boundary"],
+)
+def test_rods(rod, base, damping, hysteretic, exact):
+    options = {"points": TOP, "direction": UP, "hysteretic_ratio": hysteretic}
+    found = dj.frequency_response(rod(base, damping=damping), FREQUENCIES, **options)
+    np.testing.assert_allclose(found.acceleration("top")[:, 2], exact(), rtol=2e-3)
 
 
 @pytest.mark.parametrize(("axis", "held"), [("x", "yz"), ("z", "xy")])
@@ -160,9 +154,7 @@ def wall(wall_file, comm):
         damping = damping or dj.ModalRatios(
             ratio=(0.3, 0.25, 0.2), modes=3, beyond=dj.Rayleigh(mass_factor=15.0)
         )
-        options = {"supports": [BASE], "loads": [dj.Gravity()], "damping": damping}
-        jointed = dj.read_msh(wall_file(), on)
-        return dj.Model(jointed, material=CONCRETE, joints=BONDED, **options)
+        return shaken_wall.wall(dj.read_msh(wall_file(), on), BONDED, damping=damping)
 
     return make
 

@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+import shaken_wall
 import ufl
 
 import dolfinx_joints as dj
@@ -17,23 +18,10 @@ from dolfinx_joints.simulation.monitor import Monitor
 NAN = float("nan")
 
 
-LAW = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0)
-
-
 @pytest.fixture
 def wall(wall_file, read):
     """Makes a small jointed wall with what is changed."""
-
-    def make(**changes):
-        arguments = {
-            "material": dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
-            "joints": LAW,
-            "supports": [dj.Fixed(group="base")],
-            "loads": [dj.Gravity()],
-        }
-        return dj.Model(read(wall_file()), **{**arguments, **changes})
-
-    return make
+    return lambda **changes: shaken_wall.wall(read(wall_file()), **changes)
 
 
 @pytest.mark.mpi
@@ -45,7 +33,11 @@ def wall(wall_file, read):
             "The factor of Traction_crest at t = 0 s is nan; it must be",
         ),
         (
-            {"joints": dj.Joints(LAW, initial_gaps={"joint_1": lambda x: np.zeros((2, 2))})},
+            {
+                "joints": dj.Joints(
+                    shaken_wall.LAW, initial_gaps={"joint_1": lambda x: np.zeros((2, 2))}
+                )
+            },
             "gave an array of shape",
         ),
         (
@@ -93,13 +85,8 @@ def test_memory_does_not_grow_with_the_steps(wall_file, comm):
         def record(self, record):
             sizes.append(resident())
 
-    model = dj.Model(
-        dj.read_msh(wall_file(divisions=(12, 4, 10)), comm, joints=[]),
-        material=dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
-        supports=[dj.Fixed(group="base")],
-        loads=[dj.Gravity()],
-        body=dj.Body(degree=2),
-    )
+    jointed = dj.read_msh(wall_file(divisions=(12, 4, 10)), comm, joints=[])
+    model = shaken_wall.wall(jointed, None, body=dj.Body(degree=2))
     dj.Simulation(model, monitors=[Watch()]).dynamics(dt=0.005, steps=140)
     assert sizes[-1] - sizes[40] < 10.0
 

@@ -7,23 +7,10 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+import shaken_wall
 from shaken_wall import swaying
 
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    InitialFields,
-    JointForces,
-    Joints,
-    Model,
-    Simulation,
-    SolverOptions,
-    StepControl,
-    Traction,
-    stiffness_proportional,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = pytest.mark.mpi
@@ -33,16 +20,7 @@ DT = 0.005
 @pytest.fixture
 def wall(wall_file, read):
     """A wall of two joints on a clamped base, under its own weight."""
-    return Model(
-        read(wall_file(divisions=(6, 2, 3), joints=2)),
-        material=Elastic(young=24e9, poisson=0.2, density=2400.0),
-        joints=FrictionNoTension(
-            normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0
-        ),
-        supports=[Fixed(group="base")],
-        loads=[Gravity()],
-        damping=stiffness_proportional(ratio=0.02, frequency=5.0),
-    )
+    return shaken_wall.wall(read(wall_file(divisions=(6, 2, 3), joints=2)))
 
 
 def difference(one, two):
@@ -55,10 +33,10 @@ def difference(one, two):
 def test_a_run_in_two_parts_is_the_run(wall):
     # The second part begins with the state that the first ended with: nothing differs but the
     # rounding of the balance from which its first acceleration follows.
-    whole = Simulation(wall)
+    whole = dj.Simulation(wall)
     whole.statics()
     end = whole.dynamics(dt=DT, steps=24, motion=swaying)
-    parts = Simulation(wall)
+    parts = dj.Simulation(wall)
     parts.statics()
     middle = parts.dynamics(dt=DT, steps=11, motion=swaying)
     last = parts.dynamics(dt=DT, steps=13, motion=swaying, start=middle.state)
@@ -69,7 +47,7 @@ def test_a_run_in_two_parts_is_the_run(wall):
 
 def test_a_body_at_rest_stays_at_rest_and_nothing_warns(wall, recwarn):
     # What moves is rounding, of which an error relative to the motion would say nothing.
-    simulation = Simulation(wall)
+    simulation = dj.Simulation(wall)
     simulation.statics()
     outcome = simulation.dynamics(dt=0.005, steps=3)
     assert outcome.local_error == 0.0
@@ -86,9 +64,9 @@ def test_loads_of_another_time_are_warned_of(wall, recwarn):
 
     A sine of 2 pi is zero but for rounding.
     """
-    push = Traction(group="crest", value=(1e4, 0.0, 0.0), factor=lambda t: np.sin(2 * np.pi * t))
-    wall.loads = [Gravity(), push]
-    simulation = Simulation(wall)
+    push = dj.Traction(group="crest", value=(1e4, 0.0, 0.0), factor=lambda t: np.sin(2 * np.pi * t))
+    wall.loads = [dj.Gravity(), push]
+    simulation = dj.Simulation(wall)
     simulation.quasi_statics([0.25, 1.0])
     simulation.dynamics(dt=DT, steps=1, motion=swaying)
     simulation.quasi_statics([0.25], name="pushed")
@@ -115,21 +93,13 @@ def test_loads_without_a_static_stage_are_warned_of(wall_file, read, recwarn):
     displacement without loads.
     """
     file = wall_file(divisions=(2, 1, 2), joints=1)
-    ramp = Traction(group="crest", value=(1e4, 0.0, 0.0), factor=lambda t: t)
-    push = Traction(group="crest", value=(1e4, 0.0, 0.0))
+    ramp = dj.Traction(group="crest", value=(1e4, 0.0, 0.0), factor=lambda t: t)
+    push = dj.Traction(group="crest", value=(1e4, 0.0, 0.0))
 
     def started(own, **options):
-        model = Model(
-            read(file),
-            material=Elastic(young=24e9, poisson=0.2, density=2400.0),
-            joints=FrictionNoTension(
-                normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=30.0
-            ),
-            supports=[Fixed(group="base")],
-            loads=own,
-        )
+        model = shaken_wall.wall(read(file), loads=own, damping=None)
         monitor = Summary()
-        simulation = Simulation(model, monitors=[monitor])
+        simulation = dj.Simulation(model, monitors=[monitor])
         if options.pop("static", False):
             simulation.statics()
         recwarn.clear()
@@ -142,24 +112,24 @@ def test_loads_without_a_static_stage_are_warned_of(wall_file, read, recwarn):
             assert kept == said[0]
         return said[0]
 
-    (said,) = started([Gravity(), ramp])
+    (said,) = started([dj.Gravity(), ramp])
     assert "t = 0 s: Gravity; no static stage was run. For a start at rest run statics()" in said
-    (said,) = started([Gravity(), ramp], static=True, loads=[push])
+    (said,) = started([dj.Gravity(), ramp], static=True, loads=[push])
     assert ": Traction_crest_2; they are no part of the static state." in said
-    assert not started([Gravity(), push], static=True, loads=[ramp], motion=swaying)
+    assert not started([dj.Gravity(), push], static=True, loads=[ramp], motion=swaying)
     assert not started([ramp])
     assert not started([], motion=lambda t: np.array([1.0, 0.0, 0.0]))
     assert not started(
-        [], start=InitialFields(displacement=lambda x: 1e-6 * x[:, [2, 1, 1]] * [1.0, 0.0, 0.0])
+        [], start=dj.InitialFields(displacement=lambda x: 1e-6 * x[:, [2, 1, 1]] * [1.0, 0.0, 0.0])
     )
 
 
 def test_loads_in_balance_with_an_initial_displacement_are_not_warned_of(wall, recwarn):
     """The displacement and the loads are those of a static stage of the same model."""
-    before = Simulation(wall)
+    before = dj.Simulation(wall)
     standing = before.statics().displacement
-    tied = Simulation(wall)
-    tied.dynamics(dt=DT, steps=1, start=InitialFields(displacement=standing))
+    tied = dj.Simulation(wall)
+    tied.dynamics(dt=DT, steps=1, start=dj.InitialFields(displacement=standing))
     assert not sudden(recwarn)
     tied.dynamics(dt=DT, steps=1)
     assert len(sudden(recwarn)) == (wall.jointed.mesh.comm.rank == 0)
@@ -169,8 +139,8 @@ def test_both_solvers_march_alike(wall):
     # The same equations, solved for all dofs and for the joint forces alone.
     ends = []
     for solver in ("condensed", "monolithic"):
-        simulation = Simulation(
-            wall, solver=solver, options=SolverOptions(relative_tolerance=1e-12)
+        simulation = dj.Simulation(
+            wall, solver=solver, options=dj.SolverOptions(relative_tolerance=1e-12)
         )
         simulation.statics()
         outcome = simulation.dynamics(dt=DT, steps=40, motion=swaying)
@@ -185,14 +155,14 @@ def test_both_solvers_march_alike(wall):
 @pytest.mark.parametrize("name", ["control", "start", "checkpoint", "scheme"])
 def test_other_kinds_are_reported_before_anything_is_solved(wall, name):
     with pytest.raises(ValueError, match=f"{name} is 'run'; it must be "):
-        Simulation(wall).dynamics(dt=DT, steps=1, **{name: "run"})
+        dj.Simulation(wall).dynamics(dt=DT, steps=1, **{name: "run"})
 
 
 def test_monitors_and_options_are_reported_when_they_are_given(wall):
     with pytest.raises(ValueError, match=r"A monitor is 'r.h5'; it must be a Monitor"):
-        Simulation(wall, monitors=["r.h5"])
+        dj.Simulation(wall, monitors=["r.h5"])
     with pytest.raises(ValueError, match="options is {}; it must be a SolverOptions"):
-        Simulation(wall, options={})
+        dj.Simulation(wall, options={})
 
 
 def of_upper_block(model, vector):
@@ -209,7 +179,7 @@ class Impulses(Monitor):
         self.joint, self.cut = np.zeros(3), 0
 
     def start(self, model, stage, steps, first):
-        self.forces = JointForces(model)
+        self.forces = dj.JointForces(model)
 
     def record(self, record):
         self.joint += DT * self.forces(record.joints)["joint_1"].force
@@ -220,24 +190,19 @@ class Impulses(Monitor):
 
 
 @pytest.mark.filterwarnings("ignore:Loads act suddenly")
-@pytest.mark.parametrize("control", [None, StepControl(tolerance=1e-4), StepControl(landing=True)])
+@pytest.mark.parametrize(
+    "control", [None, dj.StepControl(tolerance=1e-4), dj.StepControl(landing=True)]
+)
 def test_forces_of_records_have_the_impulse_of_their_steps(blocks_file, read, control):
     """A block that falls on another: weight and recorded forces make up its change of momentum.
 
     The scheme keeps momentum to rounding; forces of a step that is cut are the means over it.
     """
-    model = Model(
-        read(blocks_file(angle=0.0)),
-        material=Elastic(young=24e9, poisson=0.2, density=2400.0),
-        joints=Joints(
-            FrictionNoTension(normal_stiffness=1e10, shear_stiffness=4e9, friction_angle_deg=30.0),
-            initial_gaps={"joint_1": 0.01},
-        ),
-        supports=[Fixed(group="base")],
-        loads=[Gravity()],
-    )
+    law = dj.FrictionNoTension(normal_stiffness=1e10, shear_stiffness=4e9, friction_angle_deg=30.0)
+    joints = dj.Joints(law, initial_gaps={"joint_1": 0.01})
+    model = shaken_wall.wall(read(blocks_file(angle=0.0)), joints, damping=None)
     seen, steps = Impulses(), 24
-    outcome = Simulation(model, monitors=[seen]).dynamics(dt=DT, steps=steps, control=control)
+    outcome = dj.Simulation(model, monitors=[seen]).dynamics(dt=DT, steps=steps, control=control)
     assert (seen.cut > 0) == (control is not None)
     momentum = outcome.state.momentum
     weight = of_upper_block(model, model.system().load(0.0, momentum.duplicate()))

@@ -7,28 +7,14 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    HydrostaticPressure,
-    JointForces,
-    JointsError,
-    MeshError,
-    Model,
-    RigidJoint,
-    Simulation,
-    mesh_from_arrays,
-    synthetic_motion,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 
 pytestmark = pytest.mark.mpi
 
 DENSITY, YOUNG, SIZE = 2400.0, 25e9, 2.0
-LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=40.0)
-RIGID = RigidJoint(friction_angle_deg=40.0)
+LAW = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=40.0)
+RIGID = dj.RigidJoint(friction_angle_deg=40.0)
 
 
 def blocks_on_rock(blocks=3, across=2, lifts=1, high=3, deep=2):
@@ -66,13 +52,13 @@ def dam(comm):
 
     def make(loads, *, law=LAW, poisson=0.2, **parameters):
         arrays = blocks_on_rock(**parameters)
-        rock = Elastic(young=15e9, poisson=poisson, density=0.0)
-        concrete = Elastic(young=YOUNG, poisson=poisson, density=DENSITY)
-        return Model(
-            mesh_from_arrays(comm, **arrays),
+        rock = dj.Elastic(young=15e9, poisson=poisson, density=0.0)
+        concrete = dj.Elastic(young=YOUNG, poisson=poisson, density=DENSITY)
+        return dj.Model(
+            dj.mesh_from_arrays(comm, **arrays),
             material={n: rock if n == "rock" else concrete for n in arrays["cell_groups"]},
             joints=law,
-            supports=[Fixed(group="base")],
+            supports=[dj.Fixed(group="base")],
             loads=loads,
         )
 
@@ -81,7 +67,7 @@ def dam(comm):
 
 def normal_forces(run):
     """Normal force of each joint, compression positive [N]."""
-    return {k: f.normal_force for k, f in JointForces(run.model)(run.static.joints).items()}
+    return {k: f.normal_force for k, f in dj.JointForces(run.model)(run.static.joints).items()}
 
 
 # Three blocks of 4 m by 6 m, 1 m thick.
@@ -93,8 +79,8 @@ BLOCK = 4.0 * 6.0 * DENSITY * STANDARD_GRAVITY
 )
 def test_weight_rests_on_the_perimetral_joint_alone(dam, law, solver):
     """Contraction joints carry nothing before they are grouted, then a part of the water."""
-    weight, water = Gravity(), HydrostaticPressure(group="left", level=5.0)
-    run = Simulation(dam([weight, water], law=law), solver=solver)
+    weight, water = dj.Gravity(), dj.HydrostaticPressure(group="left", level=5.0)
+    run = dj.Simulation(dam([weight, water], law=law), solver=solver)
     run.statics(joints=["joint_base"], loads=[weight])
     assert run.static.inactive == ("joint_1", "joint_2")
     forces = normal_forces(run)
@@ -107,14 +93,14 @@ def test_weight_rests_on_the_perimetral_joint_alone(dam, law, solver):
     assert later["joint_base"] == pytest.approx(3.0 * BLOCK, rel=1e-9)
     # Of rho g h^2 / 2 of the water, 123 kN, what the block before does not take.
     assert 123e3 > later["joint_1"] > later["joint_2"] > 1e3
-    outcome = run.dynamics(dt=2e-3, steps=5, motion=synthetic_motion())
+    outcome = run.dynamics(dt=2e-3, steps=5, motion=dj.synthetic_motion())
     assert outcome.energy_error < 1e-11
 
 
 def test_joints_grouted_one_after_the_other(dam):
     """A joint that is left inactive carries nothing of what comes between, and moves on."""
-    weight, water = Gravity(), HydrostaticPressure(group="left", level=5.0)
-    run = Simulation(dam([weight, water]))
+    weight, water = dj.Gravity(), dj.HydrostaticPressure(group="left", level=5.0)
+    run = dj.Simulation(dam([weight, water]))
     run.statics(joints=["joint_base"], loads=[weight])
     run.grout(["joint_1"])
     between = run.statics(joints=["joint_base", "joint_1"])
@@ -127,7 +113,7 @@ def test_joints_grouted_one_after_the_other(dam):
     # Its gap counts from the mesh, as that of a joint never grouted.
     gap = contact.gap(between.displacement)[second]
     np.testing.assert_allclose(between.joints.state.gap[second], gap, rtol=0, atol=1e-15)
-    with pytest.raises(JointsError, match="still inactive: joint_2; call grout"):
+    with pytest.raises(dj.JointsError, match="still inactive: joint_2; call grout"):
         run.statics()
     run.grout(["joint_2"])
     run.statics(loads=[weight])  # the water goes again
@@ -136,7 +122,7 @@ def test_joints_grouted_one_after_the_other(dam):
 
 def test_blocks_built_one_after_the_other(dam):
     """Each has its weight from the stage on that has it; what is not there leaves no trace."""
-    run = Simulation(dam([Gravity()]))
+    run = dj.Simulation(dam([dj.Gravity()]))
     for built in (1, 2, 3):
         absent = ["block_1", "block_2", "block_3"][built:]
         state = run.statics(joints=["joint_base"], absent=absent)
@@ -145,13 +131,15 @@ def test_blocks_built_one_after_the_other(dam):
         support = run.model.resultant(state.reaction, "base")
         assert support == pytest.approx([0.0, built * BLOCK], rel=1e-9, abs=1e-9 * BLOCK)
         if absent:
-            with pytest.raises(JointsError, match="block_3 is absent in the static state, which"):
-                Simulation.dynamics(_grouted(run), dt=1e-3, steps=1)
+            with pytest.raises(
+                dj.JointsError, match="block_3 is absent in the static state, which"
+            ):
+                dj.Simulation.dynamics(_grouted(run), dt=1e-3, steps=1)
 
 
 def _grouted(run):
     """Another run from the same static state, grouted."""
-    other = Simulation(run.model)
+    other = dj.Simulation(run.model)
     other.static = run.static
     other.grout()
     return other
@@ -164,8 +152,8 @@ def test_a_lift_is_cast_on_the_one_below(dam, comm, law):
     Under its own weight a lift shortens by rho g h^2 / 2 E, under the next one by rho g h^2 / E.
     The second lift is cast where the mesh has it: what the first has settled before, it has not.
     """
-    run = Simulation(
-        dam([Gravity()], law=law, poisson=0.0, blocks=1, across=1, lifts=2, high=2, deep=1)
+    run = dj.Simulation(
+        dam([dj.Gravity()], law=law, poisson=0.0, blocks=1, across=1, lifts=2, high=2, deep=1)
     )
     h, stiffness = 2 * SIZE, 1e11
     pressure = DENSITY * STANDARD_GRAVITY * h  # of one lift
@@ -177,7 +165,7 @@ def test_a_lift_is_cast_on_the_one_below(dam, comm, law):
     # Onto rock, joint, lift and joint comes the second; it shortens under itself.
     expected = pressure * (rock + 2.0 * soft + h / YOUNG + h / (2.0 * YOUNG))
     assert -_crest(run, second) == pytest.approx(expected, rel=1e-9)
-    at_once = -_crest(run, Simulation(run.model).statics())
+    at_once = -_crest(run, dj.Simulation(run.model).statics())
     assert at_once == pytest.approx(expected + below, rel=1e-9)
     assert normal_forces(run)["joint_lift_1"] == pytest.approx(pressure * SIZE, rel=1e-9)
 
@@ -192,8 +180,8 @@ def _crest(run, state):
 
 def test_weight_of_a_group_of_cells(dam):
     """Parts of the weight add up to the whole, and bear their names."""
-    parts = [Gravity(cells=f"block_{k}") for k in (1, 2, 3)]
-    model = dam([Gravity(), *parts])
+    parts = [dj.Gravity(cells=f"block_{k}") for k in (1, 2, 3)]
+    model = dam([dj.Gravity(), *parts])
     (whole, _), *each = [pattern for load in model.loads for pattern in load.patterns(model)]
     for part, _ in each:
         assert part.sum() == pytest.approx(-BLOCK, rel=1e-12)
@@ -204,36 +192,38 @@ def test_weight_of_a_group_of_cells(dam):
         "Gravity_block_2",
         "Gravity_block_3",
     ]
-    with pytest.raises(MeshError, match="no cell group 'block_9'; its cell groups are: block_1"):
-        dam([Gravity(cells="block_9")])
+    with pytest.raises(dj.MeshError, match="no cell group 'block_9'; its cell groups are: block_1"):
+        dam([dj.Gravity(cells="block_9")])
 
 
 def test_what_does_not_stand_is_refused(comm, dam):
-    run = Simulation(dam([Gravity()], lifts=2))
+    run = dj.Simulation(dam([dj.Gravity()], lifts=2))
     lifts = ["joint_lift_1"]
     with pytest.raises(
-        JointsError,
+        dj.JointsError,
         match=r"around \(2, 6\) m is restrained by its supports and the joints that act against 0",
     ):
         run.statics(joints=lifts)
-    with pytest.raises(MeshError, match="'joint_7'; the joints are: joint_1, joint_2, joint_base"):
+    with pytest.raises(
+        dj.MeshError, match="'joint_7'; the joints are: joint_1, joint_2, joint_base"
+    ):
         run.statics(joints=["joint_7"])
-    with pytest.raises(JointsError, match=r"around \(2, 9\) m is .* leave it out by absent="):
+    with pytest.raises(dj.JointsError, match=r"around \(2, 9\) m is .* leave it out by absent="):
         run.statics(joints=["joint_base"])
     upper = [f"block_{k}_lift_2" for k in (1, 2, 3)]
     run.statics(joints=["joint_base"], absent=upper)
-    with pytest.raises(JointsError, match="'block_1_lift_1' cannot be absent: it was there in"):
+    with pytest.raises(dj.JointsError, match="'block_1_lift_1' cannot be absent: it was there in"):
         run.statics(joints=["joint_base"], absent=[*upper, "block_1_lift_1"])
-    joined = Simulation(
-        Model(
-            mesh_from_arrays(comm, **blocks_on_rock(blocks=1, lifts=2), joints=["joint_base"]),
-            material=Elastic(young=YOUNG, poisson=0.2, density=DENSITY),
+    joined = dj.Simulation(
+        dj.Model(
+            dj.mesh_from_arrays(comm, **blocks_on_rock(blocks=1, lifts=2), joints=["joint_base"]),
+            material=dj.Elastic(young=YOUNG, poisson=0.2, density=DENSITY),
             joints=LAW,
-            supports=[Fixed(group="base")],
-            loads=[Gravity()],
+            supports=[dj.Fixed(group="base")],
+            loads=[dj.Gravity()],
         )
     )
-    with pytest.raises(MeshError, match="'block_1_lift_2' holds a part of a block only"):
+    with pytest.raises(dj.MeshError, match="'block_1_lift_2' holds a part of a block only"):
         joined.statics(absent=["block_1_lift_2"])
-    with pytest.raises(MeshError, match="which are all blocks; one at least must be there"):
-        Simulation(run.model).statics(absent=list(run.model.jointed.cell_groups))
+    with pytest.raises(dj.MeshError, match="which are all blocks; one at least must be there"):
+        dj.Simulation(run.model).statics(absent=list(run.model.jointed.cell_groups))

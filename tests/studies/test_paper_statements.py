@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The paper's statements, judged on runs of known motion."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from written_runs import NODES, paper_pair, write_envelopes, write_run, write_tip

@@ -6,29 +6,34 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from declared import write_states
+from written_runs import JOINT, NODES, POINTS, SURFACE
 
 from dolfinx_joints.postprocessing.joints import surface
 from dolfinx_joints.results.reader import Results
 from studies.profiles import points_along, traction_profile
-from tests.postprocessing.test_plots import MU, joint_arrays, write_run
 
 
 @pytest.fixture
 def results(tmp_path: Path) -> Results:
-    return Results(write_run(tmp_path / "run.h5"))
+    """The joint is pressed and sheared in its lower half, and open above."""
+    opened = POINTS[:, 2:] > 1.0
+    state = {
+        "joints/joint_1/gap": np.where(opened, [3e-3, 0.0, 0.0], [-1e-5, 0.0, 0.0]),
+        "joints/joint_1/traction": np.where(opened, 0.0, [-2e6, 1.2e5, -1.6e5]),
+    }
+    path = tmp_path / "run.h5"
+    return Results(write_states(path, NODES, SURFACE, {"joint_1": JOINT}, (0.0, state)))
 
 
 def test_profile_runs_up_one_column_of_points(results: Results) -> None:
     ax = traction_profile(results, "joint_1", position=0.0)
     lines = {str(line.get_label()): line for line in ax.get_lines()}
     normal = lines["normal traction $t_n$, tension $> 0$"]
-    height = np.asarray(normal.get_ydata())
-    column = joint_arrays()["points"][::2]
-    np.testing.assert_allclose(height, column[:, 2])
-    expected = np.where(height > 6.0, 0.0, -3.0 * (7.0 - height))
-    np.testing.assert_allclose(np.asarray(normal.get_xdata()), expected)
+    np.testing.assert_allclose(normal.get_ydata(), [0.5, 1.5])
+    np.testing.assert_allclose(normal.get_xdata(), [-2.0, 0.0])
     shear = lines["tangential traction $|t_s|$"]
-    assert np.all(np.asarray(shear.get_xdata()) >= 0.0)
+    np.testing.assert_allclose(shear.get_xdata(), [0.2, 0.0])
     assert "open" in lines
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("traction [MPa]", "elevation [m]")
     assert "0% of width" in ax.get_title()
@@ -37,12 +42,10 @@ def test_profile_runs_up_one_column_of_points(results: Results) -> None:
 def test_profile_of_the_ratio_is_one_where_open(results: Results) -> None:
     ax = traction_profile(results, "joint_1", "ratio", index=0)
     line, opened = ax.get_lines()[:2]
-    height, ratio = np.asarray(line.get_ydata()), np.asarray(line.get_xdata())
-    np.testing.assert_allclose(ratio[height > 6.0], 1.0)
-    np.testing.assert_allclose(ratio[(height > 4.0) & (height < 6.0)], -MU)
-    np.testing.assert_allclose(ratio[height < 4.0], -0.1)
+    np.testing.assert_allclose(line.get_ydata(), [0.5, 1.5])
+    np.testing.assert_allclose(line.get_xdata(), [-0.1, 1.0])
     assert opened.get_color() == "black"
-    np.testing.assert_allclose(np.asarray(opened.get_ydata()), height[height > 6.0])
+    np.testing.assert_allclose(opened.get_ydata(), [1.5])
     assert ax.get_xlabel() == "ratio [-], 1: open"
 
 

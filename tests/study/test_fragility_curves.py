@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Fragility curves from shares and runs of which the right one is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import norm

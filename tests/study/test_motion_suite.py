@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Suites of ground motions against single runs, interrupted ones, and their tables."""
 
-from __future__ import annotations
-
 import re
 import warnings
 

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The energy ledger: exact where the scheme is, and friction by a closed form."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -12,13 +10,7 @@ import pytest
 
 pytest.importorskip("petsc4py")
 
-from dolfinx_joints import (
-    EnergyConsistent,
-    FrictionNoTension,
-    MatrixSystem,
-    Newmark,
-    SolverOptions,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.initial_state import initial_state
@@ -36,8 +28,8 @@ def run(system, dt, steps, *, kind="auto", u0=None, v0=None, scheme=None):
         v.setArray(np.atleast_1d(np.asarray(values, float)))
         return v
 
-    scheme = scheme or Newmark()
-    solver = make_solver(system, SolverOptions(relative_tolerance=1e-13), kind)
+    scheme = scheme or dj.Newmark()
+    solver = make_solver(system, dj.SolverOptions(relative_tolerance=1e-13), kind)
     state = initial_state(solver, dt=dt, displacement=vector(u0), velocity=vector(v0))
     ledger = EnergyLedger(system)
     rows, path = [ledger.start(state)], [state.displacement.getArray().copy()]
@@ -54,7 +46,7 @@ def test_linear_damped_driven_system():
     rng = np.random.default_rng(0)
     a, b = rng.normal(size=(2, 4, 4))
     m, k = a @ a.T + 4 * np.eye(4), 1e3 * (b @ b.T + np.eye(4))
-    system = MatrixSystem.from_arrays(
+    system = dj.MatrixSystem.from_arrays(
         mass=m,
         stiffness=k,
         damping=0.2 * m + 1e-3 * k,
@@ -79,7 +71,7 @@ def test_linear_damped_driven_system():
 
 def test_works_of_loads_by_name():
     # Two loads and a moving support: the works of all three are the input.
-    plain = MatrixSystem.from_arrays(
+    plain = dj.MatrixSystem.from_arrays(
         mass=np.eye(2), stiffness=[[3.0, -1.0], [-1.0, 2.0]], load=lambda t: [np.sin(5 * t), 1.0]
     )
     assert run(plain, 0.01, 5)[1][-1].input_by_load.keys() == {"load"}
@@ -89,7 +81,7 @@ def test_works_of_loads_by_name():
         constrained=np.array([0]),
         values=lambda t: np.array([t**2]),
     )
-    _, rows, path = run(named, 0.01, 50, scheme=EnergyConsistent(), u0=[0.0, 0.0])
+    _, rows, path = run(named, 0.01, 50, scheme=dj.EnergyConsistent(), u0=[0.0, 0.0])
     last = rows[-1]
     assert last.input_by_load["weight"] == pytest.approx(path[-1, 1], rel=1e-12)
     t, moved = 0.01 * np.arange(51), np.diff(path[:, 0])
@@ -100,7 +92,7 @@ def test_works_of_loads_by_name():
 
 
 def test_nothing_moves_nothing_counts():
-    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0)
+    system = dj.MatrixSystem.from_arrays(mass=1.0, stiffness=1.0)
     ledger, rows, _ = run(system, 0.1, 3)
     assert ledger.relative_error == 0.0
     assert rows[-1].stored == rows[-1].input == rows[-1].error == 0.0
@@ -117,13 +109,13 @@ def test_nothing_moves_nothing_counts():
 @pytest.mark.parametrize("angle", [0.0, 35.0])
 def test_coulomb_oscillator(kind, angle):
     k_n, k_s = 1e6, 1e8
-    law = FrictionNoTension(
+    law = dj.FrictionNoTension(
         normal_stiffness=k_n,
         shear_stiffness=k_s,
         friction_angle_deg=math.degrees(math.atan(0.1)),
     )
     c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-    system = MatrixSystem.from_arrays(
+    system = dj.MatrixSystem.from_arrays(
         mass=np.eye(2),
         stiffness=np.diag([1e4, 0.0]),
         load=lambda t: [0.0, -10.0],
@@ -148,8 +140,8 @@ def test_coulomb_oscillator(kind, angle):
 
 def test_sticking_joint_is_a_spring():
     # Without sliding the joint's energy takes part in an exact balance.
-    law = FrictionNoTension(normal_stiffness=1e5, shear_stiffness=5e4, friction_angle_deg=80.0)
-    system = MatrixSystem.from_arrays(
+    law = dj.FrictionNoTension(normal_stiffness=1e5, shear_stiffness=5e4, friction_angle_deg=80.0)
+    system = dj.MatrixSystem.from_arrays(
         mass=np.eye(2),
         stiffness=np.diag([1e4, 0.0]),
         load=lambda t: [np.sin(40 * t), -100.0],
@@ -167,8 +159,8 @@ def test_sticking_joint_is_a_spring():
 def test_impact_shows_in_the_ledger():
     # Newmark's method creates or destroys energy where a stiff joint opens or closes within a
     # step: the ledger must say so, and less of it with shorter steps.
-    law = FrictionNoTension(normal_stiffness=1e6, shear_stiffness=0.0, friction_angle_deg=0.0)
-    system = MatrixSystem.from_arrays(
+    law = dj.FrictionNoTension(normal_stiffness=1e6, shear_stiffness=0.0, friction_angle_deg=0.0)
+    system = dj.MatrixSystem.from_arrays(
         mass=100.0, stiffness=1e4, gap=[[-1], [0], [0]], law=law, initial_gap=0.03
     )
     errors = [run(system, dt, round(0.12 / dt), v0=1.0)[0].relative_error for dt in (4e-3, 1e-4)]
@@ -178,7 +170,7 @@ def test_impact_shows_in_the_ledger():
 
 def test_what_only_passes_through_does_not_hide_an_error():
     # Of 1000 J that waves bring dashpots take 990; 2 J are missing of the 8 that are left.
-    system = MatrixSystem.from_arrays(mass=[[1.0]], stiffness=[[1.0]])
+    system = dj.MatrixSystem.from_arrays(mass=[[1.0]], stiffness=[[1.0]])
     ledger, (row, *_), _ = run(system, 0.1, 0)
     passing = dataclasses.replace(row, input=1000.0, viscous=990.0, absorbed=990.0, kinetic=8.0)
     ledger.record(dataclasses.replace(passing, error=-2.0))

@@ -6,8 +6,6 @@ Two masses on a spring, damped, pushed to and fro, strike and rub a joint; the s
 a support that moves. Each line is falsified by 1 % in turn, and the lines must no longer add up.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -149,7 +147,6 @@ FalseProducts = {"viscous": FalseViscous, "absorbed": FalseAbsorbed, "supports":
 def test_without_a_fault_the_lines_add_up(name):
     ledger, seen, of_joint, _ = run(SCHEMES[name])
     row = ledger.row
-    print(f"\n{name}: {ledger.relative_imbalance:.1e}")
     assert seen == {0, 1, 2}
     assert ledger.relative_imbalance <= 1e-11
     assert of_joint <= 1e-11
@@ -165,7 +162,6 @@ def test_without_a_fault_the_lines_add_up(name):
 def test_a_fault_in_any_line_shows(monkeypatch, name, fault):
     plant(monkeypatch, fault)
     ledger, _, of_joint, _ = run(SCHEMES[name])
-    print(f"\n{name}, {fault}: {ledger.relative_imbalance:.1e}")
     assert ledger.relative_imbalance > 1e-6
     # The joint's own share says whose line is false; the body's balance judges the solve.
     assert (of_joint > 1e-6) == (fault in ("friction", "stored", "numerical"))

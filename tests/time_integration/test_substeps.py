@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Steps that are cut: where a solve fails, where energy is missing, for accuracy, at contact."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -116,53 +116,34 @@ def summary(pairs: Sequence[tuple[Row, Row]], steps: int) -> Row:
     return row
 
 
-STEPS = {
-    "scene": "{name}",
-    "dofs": "{dofs}",
-    "points": "{joint_points}",
-    "steps": "{steps}",
-    "linear": "{linear_ms:.2f}",
-    "cpu": "{linear_cpu_ms:.2f}",
-    "over solve": "{linear_over_solve:.2f}",
-    "jointed": "{joints_ms:.2f}",
-    "cpu ": "{joints_cpu_ms:.2f}",
-    "over solve ": "{joints_over_solve:.2f}",
-    "ratio (range)": "{ratio:.2f} ({ratio_range[0]:.2f} to {ratio_range[1]:.2f})",
-    "of cpu": "{ratio_cpu:.2f}",
-    "of means": "{ratio_mean:.2f}",
-    "least": "{ratio_least:.2f}",
-    "iteration": "{joints_iteration_ms:.2f}",
-    "solver": "{solver}",
-}
-JOINTS = {
-    "scene": "{name}",
-    "Newton mean": "{newton_mean:.2f}",
-    "most": "{newton_max}",
-    "open": "{open:.0%}",
-    "stick": "{stick:.0%}",
-    "slip": "{slip:.0%}",
-    "cut": "{cut}",
-    "ledger": "{ledger:.1e}",
-    "tied peaks x, y, z": ", ".join(f"{{tied_peaks_mm[{k}]:.4g}}" for k in range(3)),
-    "jointed": ", ".join(f"{{joint_peaks_mm[{k}]:.4g}}" for k in range(3)),
-}
+STEPS = (
+    "| scene | dofs | points | steps | linear | cpu | over solve | jointed | cpu | over solve |"
+    " ratio (range) | of cpu | of means | least | iteration | solver |\n"
+    "| {name} | {dofs} | {joint_points} | {steps} | {linear_ms:.2f} | {linear_cpu_ms:.2f} |"
+    " {linear_over_solve:.2f} | {joints_ms:.2f} | {joints_cpu_ms:.2f} | {joints_over_solve:.2f} |"
+    " {ratio:.2f} ({ratio_range[0]:.2f} to {ratio_range[1]:.2f}) | {ratio_cpu:.2f} |"
+    " {ratio_mean:.2f} | {ratio_least:.2f} | {joints_iteration_ms:.2f} | {solver} |"
+)
+JOINTS = (
+    "| scene | Newton mean | most | open | stick | slip | cut | ledger | tied peaks x, y, z |"
+    " jointed |\n"
+    "| {name} | {newton_mean:.2f} | {newton_max} | {open:.0%} | {stick:.0%} | {slip:.0%} | {cut} |"
+    " {ledger:.1e} | {tied_peaks_mm[0]:.4g}, {tied_peaks_mm[1]:.4g}, {tied_peaks_mm[2]:.4g} |"
+    " {joint_peaks_mm[0]:.4g}, {joint_peaks_mm[1]:.4g}, {joint_peaks_mm[2]:.4g} |"
+)
 PHASES = ("mesh", "assembly", "statics", "factor", "compliance")
-SETUP = {
-    "scene": "{name}",
-    "run": "{run}",
-    **{phase: f"{{setup_s[{phase}]:.2f}}" for phase in PHASES},
-    "whole run": "{total_s:.2f}",
-    "cpu": "{total_cpu_s:.2f}",
-    **{f"MiB: {phase}": f"{{peaks_mb[{phase}]:.0f}}" for phase in ("model", "statics", "steps")},
-}
-SUPERNODAL = {
-    "scene": "{name}",
-    "run": "{run}",
-    "step": "{supernodal_ms:.2f}",
-    "solve": "{supernodal_solve_ms:.2f}",
-    "step over solve": "{over:.2f}",
-    "step above over solve": "{above_over:.2f}",
-}
+SETUP = (
+    "| scene | run | mesh | assembly | statics | factor | compliance | whole run | cpu |"
+    " MiB: model | MiB: statics | MiB: steps |\n"
+    "| {name} | {run} | {setup_s[mesh]:.2f} | {setup_s[assembly]:.2f} | {setup_s[statics]:.2f} |"
+    " {setup_s[factor]:.2f} | {setup_s[compliance]:.2f} | {total_s:.2f} | {total_cpu_s:.2f} |"
+    " {peaks_mb[model]:.0f} | {peaks_mb[statics]:.0f} | {peaks_mb[steps]:.0f} |"
+)
+SUPERNODAL = (
+    "| scene | run | step | solve | step over solve | step above over solve |\n"
+    "| {name} | {run} | {supernodal_ms:.2f} | {supernodal_solve_ms:.2f} | {over:.2f} |"
+    " {above_over:.2f} |"
+)
 
 
 def runs_of(rows: dict[str, Row]) -> list[Row]:

@@ -44,25 +44,13 @@ from dolfinx_joints.simulation.record import Record
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 from dolfinx_joints.solvers.multigrid.tangent import TangentMultigrid
 
-COLUMNS = {
-    "wall": "{name}",
-    "run": "{kind}",
-    "dofs": "{dofs}",
-    "points": "{joint_points}",
-    "solver": "{solver}",
-    "first: s": "{first_s:.1f}",
-    "cpu": "{first_cpu_s:.1f}",
-    "its": "{first_iterations}",
-    "others: s": "{step_s:.2f}",
-    "cpu ": "{step_cpu_s:.2f}",
-    "its ": "{iterations:.0f}",
-    "solves": "{solves:.1f}",
-    "Newton": "{newton[0]}, {newton[1]:.1f}",
-    "open": "{opened:.2f}",
-    "ledger": "{ledger:.0e}",
-    "set-up": "{setup_s:.1f}",
-    "peak MiB": "{peak_mb:.0f}",
-}
+COLUMNS = (
+    "| wall | run | dofs | points | solver | first: s | cpu | its | others: s | cpu | its |"
+    " solves | Newton | open | ledger | set-up | peak MiB |\n"
+    "| {name} | {kind} | {dofs} | {joint_points} | {solver} | {first_s:.1f} | {first_cpu_s:.1f} |"
+    " {first_iterations} | {step_s:.2f} | {step_cpu_s:.2f} | {iterations:.0f} | {solves:.1f} |"
+    " {newton[0]}, {newton[1]:.1f} | {opened:.2f} | {ledger:.0e} | {setup_s:.1f} | {peak_mb:.0f} |"
+)
 BODIES: dict[str, Wall] = {
     "1e5": ((54, 10, 54), 1),
     "3e5": ((78, 15, 80), 1),

@@ -43,18 +43,14 @@ from dolfinx_joints.simulation.record import Record
 
 Row = dict[str, Any]
 
-COLUMNS = {
-    "run": "{kind}",
-    "here [ms]": "{ours_cpu_ms:.2f}",
-    "OpenSees [ms]": "{opensees_cpu_ms:.1f}",
-    "factor": "{factor:.0f}",
-    "iterations here": "{ours_iterations:.1f}",
-    "OpenSees": "{opensees_iterations:.1f}",
-    "difference: static": "{static_difference:.0e}",
-    "crest": "{crest_difference:.0e}",
-    "crest at the end here [um]": ", ".join(f"{{ours_crest_um[{k}]:.2f}}" for k in range(3)),
-    "OpenSees [um]": ", ".join(f"{{opensees_crest_um[{k}]:.2f}}" for k in range(3)),
-}
+COLUMNS = (
+    "| run | here [ms] | OpenSees [ms] | factor | iterations here | OpenSees |"
+    " difference: static | crest | crest at the end here [um] | OpenSees [um] |\n"
+    "| {kind} | {ours_cpu_ms:.2f} | {opensees_cpu_ms:.1f} | {factor:.0f} | {ours_iterations:.1f} |"
+    " {opensees_iterations:.1f} | {static_difference:.0e} | {crest_difference:.0e} |"
+    " {ours_crest_um[0]:.2f}, {ours_crest_um[1]:.2f}, {ours_crest_um[2]:.2f} |"
+    " {opensees_crest_um[0]:.2f}, {opensees_crest_um[1]:.2f}, {opensees_crest_um[2]:.2f} |"
+)
 KINDS = ("linear", "jointed", "extrapolated")
 BOUNDS = {"linear": 1e-6, "jointed": 1e-2, "extrapolated": np.inf}
 TO_BRICK = [0, 1, 3, 2, 4, 5, 7, 6]  # corners in tensor order to two rounds, below and above

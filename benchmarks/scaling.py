@@ -33,7 +33,7 @@ import dolfinx_joints as dj
 from benchmarks.jointed_wall import PHASES, measure
 from benchmarks.shared.measure import bandwidth, print_disturbance
 from benchmarks.shared.scenes import Wall, wall
-from benchmarks.shared.tables import table
+from benchmarks.shared.tables import head
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.solvers.effective_matrix import LinearSolver
 from dolfinx_joints.solvers.step_solver import ComplianceKind
@@ -79,7 +79,7 @@ def measure_case(name: str, case: Wall, options: argparse.Namespace) -> dict[str
     divisions, joints = case
     scene = wall(name, divisions=divisions, joints=joints)
     given = dj.SolverOptions(linear=options.linear, compliance=options.compliance)
-    return measure(scene, options.steps, options=given) | {"bandwidth": bandwidth()}
+    return measure(scene, options.steps, options=given) | {"bandwidth_gb_s": bandwidth() / 1e9}
 
 
 def times(row: dict[str, Any]) -> dict[str, float]:
@@ -135,7 +135,7 @@ def print_series(name: str, found: dict[str, Any]) -> None:
         "solver": "{solver}",
         "Newton per step": "{newton_mean:.2f}",
         "peak memory [MiB]": "{joints_peak_mb:.0f}",
-        "triad, all ranks [GB/s]": "{gigabytes:.1f}",
+        "triad, all ranks [GB/s]": "{bandwidth_gb_s:.1f}",
         **{f"{phase} [s]": f"{{joints_setup_s[{phase}]:.3g}}" for phase in PHASES},
         **{f"step: {label} [ms]": f"{{{key}:.3g}}" for label, key in STEPS.items()},
         "jointed / linear": "{ratio:.2f}",
@@ -144,16 +144,11 @@ def print_series(name: str, found: dict[str, Any]) -> None:
     exponents = {f"{name} [s]": p for name, p in exponents.items() if name in PHASES} | {
         f"step: {name} [ms]": p for name, p in exponents.items()
     }
-    columns = {"": "{label}", **{case: f"{{{case}}}" for case in rows}, "growth": "{growth}"}
-    shown = []
+    print(head(f"| | {' | '.join(rows)} | growth |"))
     for label, form in lines.items():
-        cells = {
-            case: form.format_map(row | {"gigabytes": row["bandwidth"] / 1e9})
-            for case, row in rows.items()
-        }
+        cells = " | ".join(form.format_map(row) for row in rows.values())
         growth = f"n^{exponents[label]:.2f}" if label in exponents else "-"
-        shown.append({"label": label, "growth": growth, **cells})
-    print(table(columns, shown))
+        print(f"| {label} | {cells} | {growth} |")
     print_disturbance(rows.values())
 
 

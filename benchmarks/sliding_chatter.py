@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 import dolfinx_joints as dj
-from benchmarks.shared.problems import Problem, march, mesh_of, of_model
+from benchmarks.shared.problems import Problem, march, of_model
+from benchmarks.shared.scenes import mesh_of
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.geometry.two_blocks import two_blocks
 from dolfinx_joints.laws.law import CondensedLaw
@@ -64,7 +65,7 @@ def _block(law: CondensedLaw, damping: float) -> Problem:
     """The block after self weight, at its speed."""
     sizes = {"length": 1.0, "width": SIZE, "size": SIZE, "lower_height": 0.2, "upper_height": 0.5}
     model = dj.Model(
-        mesh_of(lambda path: two_blocks(path, cell="hex", **sizes)),
+        mesh_of(two_blocks, cell="hex", **sizes),
         material=CONCRETE,
         joints=law,
         supports=[dj.Fixed(group="base")],

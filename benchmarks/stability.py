@@ -42,12 +42,7 @@ from dolfinx_joints.time_integration.scheme import Scheme
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 MARKS = "<!-- table of benchmarks/stability.py -->\n", "<!-- end of the table -->\n"
-COLUMNS = {
-    "case": "{row}",
-    "runs": "{runs}",
-    "failed": "{failed}",
-    "largest imbalance": "{shown}",
-}
+COLUMNS = "| case | runs | failed | largest imbalance |\n| {row} | {runs} | {failed} | {shown} |"
 RIGID = math.inf
 SCHEMES: dict[str, Scheme] = {
     "energy-consistent scheme": dj.EnergyConsistent(),

@@ -198,21 +198,13 @@ def rows_of(case: Case) -> Iterator[Row]:
 # ---------------------------------------------------------------- output
 
 
-COLUMNS = {
-    "problem": "{problem}",
-    "scheme": "{scheme}",
-    "dt [s]": "{dt_max:.2e}",
-    "tolerance / halvings": "{adaptive}",
-    "steps": "{steps}",
-    "solves": "{solves}",
-    "Newton": "{iterations}",
-    "s": "{seconds:.2f}",
-    "displacement": "{error_displacement:.2e}",
-    "velocity": "{error_velocity:.2e}",
-    "force": "{error_force:.2e}",
-    "energy": "{error_energy:.2e}",
-    "ledger": "{ledger}",
-}
+COLUMNS = (
+    "| problem | scheme | dt [s] | tolerance / halvings | steps | solves | Newton | s |"
+    " displacement | velocity | force | energy | ledger |\n"
+    "| {problem} | {scheme} | {dt_max:.2e} | {adaptive} | {steps} | {solves} | {iterations} |"
+    " {seconds:.2f} | {error_displacement:.2e} | {error_velocity:.2e} | {error_force:.2e} |"
+    " {error_energy:.2e} | {ledger} |"
+)
 
 
 def shown(problem: str, row: Row) -> str:

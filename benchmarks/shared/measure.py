@@ -229,6 +229,7 @@ def march(
     solver: str = "auto",
     options: dj.SolverOptions | None = None,
     watch: StepWatch | None = None,
+    dt: float = TIME_STEP,
 ) -> dict[str, Any]:
     """Take static loads, then the motion, with a law for the joints or without joints (collective).
 
@@ -265,9 +266,7 @@ def march(
     with phases.phase("statics"):
         simulation.statics(steps=scene.load_steps)
     with phases.phase("steps"):
-        outcome = simulation.dynamics(
-            dt=TIME_STEP, steps=steps, motion=scene.shaking(steps * TIME_STEP)
-        )
+        outcome = simulation.dynamics(dt=dt, steps=steps, motion=scene.shaking(steps * dt))
     kind = "with joints" if law else "linear"
     progress(f"{scene.name}, {kind}: {steps} steps in {phases.seconds['steps']:.1f} s")
     median = statistics.median(watch.wall[1:])

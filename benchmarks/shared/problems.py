@@ -9,16 +9,13 @@ import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from pathlib import Path
 from typing import NamedTuple
-
-from mpi4py import MPI
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import dolfinx_joints as dj
-from benchmarks.shared.scenes import Acceleration, mesh_file
+from benchmarks.shared.scenes import Acceleration, mesh_of
 from dolfinx_joints.exact import CoulombOscillator, ImpactOscillator, SlidingBlock
 from dolfinx_joints.geometry.two_blocks import two_blocks
 from dolfinx_joints.laws.law import CondensedLaw, JointState, Law, Response
@@ -157,7 +154,7 @@ def march(
     Raises:
         JointsError: A step did not converge or lost energy, however often it was cut.
     """
-    operator = problem.system.contact.operator
+    contact = problem.system.contact
     began = clock.process_time()
     stepper_solver = make_solver(problem.system)
     state = first_state(problem, stepper_solver)
@@ -172,7 +169,7 @@ def march(
             iterations += report.solve.iterations
             given = max(given, first + abs(row.input))
             growth = max(growth, row.stored / given) if given else growth
-            force = float(operator.areas @ state.joints.traction[:, problem.component])
+            force = contact.integral(state.joints.traction[:, problem.component])
             u, v = state.displacement.array, state.velocity.array
             compared = problem.compared
             rows.append((state.time, report.dt, u[compared].copy(), v[compared].copy(), force))
@@ -704,12 +701,6 @@ def with_fine_motion(problem: Problem, dt: float, sampling: float) -> Problem:
     return replace(problem, motion=motion, sampling=sampling)
 
 
-def mesh_of(write: Callable[[Path], object]) -> dj.JointedMesh:
-    """Return the mesh that a function writes to a file (collective)."""
-    with mesh_file(write) as path:
-        return dj.read_msh(path, MPI.COMM_WORLD)
-
-
 def of_model(
     model: dj.Model,
     *,
@@ -760,7 +751,7 @@ def blocks(*, end: float = 3e-3, law: CondensedLaw = STIFF, massless: bool = Fal
     and rebounds within 3 ms. The nodes of a joint may be without mass.
     """
     model = dj.Model(
-        mesh_of(lambda path: two_blocks(path, size=0.5)),
+        mesh_of(two_blocks, size=0.5),
         material=dj.Elastic(young=30e9, poisson=0.2, density=2400.0),
         joints=dj.Joints(law, initial_gaps={"joint_1": 1e-4}),
         supports=[dj.Fixed(group="base")],

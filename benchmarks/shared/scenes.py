@@ -57,6 +57,12 @@ def mesh_file(write: Callable[[Path], object]) -> Iterator[Path]:
         comm.barrier()
 
 
+def mesh_of(write: Callable[..., object], **options: Any) -> dj.JointedMesh:
+    """Return the mesh that ``write(path, **options)`` writes to a file (collective)."""
+    with mesh_file(lambda path: write(path, **options)) as path:
+        return dj.read_msh(path, MPI.COMM_WORLD)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Scene:
     """A body with joints, its loads and its shaking.

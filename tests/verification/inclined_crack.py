@@ -8,14 +8,15 @@ Used by its test and by ``benchmarks/quadrature_rules.py``.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
+
+from mpi4py import MPI
 
 import numpy as np
 import ufl
 from numpy.typing import NDArray
 
+from benchmarks.shared.scenes import mesh_of
 from dolfinx_joints import (
     Elastic,
     Fixed,
@@ -25,7 +26,6 @@ from dolfinx_joints import (
     Model,
     Simulation,
     Spring,
-    read_msh,
 )
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.geometry.inclined_crack import crack_axes, inclined_crack
@@ -191,7 +191,6 @@ class CrackResult:
 
 def solve_crack(
     crack: InclinedCrack,
-    comm: Any,
     *,
     quadrature: str | int = "auto",
     normal_stiffness: float,
@@ -205,7 +204,6 @@ def solve_crack(
 
     Args:
         crack: The problem.
-        comm: MPI communicator.
         quadrature: Rule on the joint.
         normal_stiffness: k_n [Pa/m].
         shear_stiffness: k_s, that of the normal direction unless given [Pa/m].
@@ -213,10 +211,7 @@ def solve_crack(
     """
     shear = normal_stiffness if shear_stiffness is None else shear_stiffness
     mesh = {"half_length": crack.half_length, "angle": crack.angle_deg, **mesh}
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "crack.msh"
-        on_root(comm, lambda: inclined_crack(path, **mesh))
-        jointed = read_msh(path, comm)
+    jointed = mesh_of(inclined_crack, **mesh)
     n = ufl.FacetNormal(jointed.mesh)
     hold = 1e-7 * crack.young / crack.half_length
     solid = jointed.mesh.geometry.dim == 3
@@ -266,4 +261,4 @@ def solve_crack(
             iterations=static.reports[-1].iterations,
         )
 
-    return on_root(comm, sort)
+    return on_root(MPI.COMM_WORLD, sort)

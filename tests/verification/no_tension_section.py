@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
+
+from mpi4py import MPI
 
 import numpy as np
 import ufl
 
+from benchmarks.shared.scenes import mesh_of
 from dolfinx_joints import (
     Elastic,
     Fixed,
@@ -24,7 +25,6 @@ from dolfinx_joints import (
     Joints,
     Model,
     Simulation,
-    read_msh,
 )
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.geometry.two_blocks import two_blocks
@@ -89,7 +89,6 @@ class NoTensionSection:
 
 def move_force(
     section: NoTensionSection,
-    comm: Any,
     eccentricities: Sequence[float],
     *,
     cells: int = 16,
@@ -104,7 +103,6 @@ def move_force(
 
     Args:
         section: The problem.
-        comm: MPI communicator.
         eccentricities: e [m].
         cells: Number of cells along the section; there is one across its width.
         cell: "hex" or "tet".
@@ -112,11 +110,8 @@ def move_force(
         quadrature: Rule on the joint.
     """
     h, size = section.height, section.height / cells
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "section.msh"
-        sizes = {"length": h, "width": size, "size": size, "cell": cell, "order": order}
-        on_root(comm, lambda: two_blocks(path, **sizes, lower_height=h / 4, upper_height=h / 4))
-        jointed = read_msh(path, comm)
+    sizes = {"length": h, "width": size, "size": size, "cell": cell, "order": order}
+    jointed = mesh_of(two_blocks, lower_height=h / 4, upper_height=h / 4, **sizes)
     x = ufl.SpatialCoordinate(jointed.mesh)[0] - h / 2
     mean = section.force / h
     ds = jointed.ds("top")
@@ -155,4 +150,4 @@ def move_force(
     for eccentricity in eccentricities:
         state = simulation.quasi_statics([eccentricity]).joints.state
         gap = operator.gather(state.gap[:, 0])
-        yield on_root(comm, lambda gap=gap: fit(gap))
+        yield on_root(MPI.COMM_WORLD, lambda gap=gap: fit(gap))

@@ -24,7 +24,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 import ufl
-from dolfinx.mesh import CellType, create_rectangle, locate_entities
+from boxes import Rows, box, largest
 from shaken_wall import DT, POINTS, STEPS, Killed, Killer, shaking, wall
 
 from dolfinx_joints import (
@@ -55,13 +55,11 @@ from dolfinx_joints import (
     mass_proportional,
     motion_from_displacement,
     rayleigh,
-    split_mesh,
     stiffness_proportional,
     synthetic_motion,
 )
 from dolfinx_joints.common.errors import PlausibilityWarning
 from dolfinx_joints.motions.courses import displacement_of
-from dolfinx_joints.simulation.monitor import Monitor
 
 LENGTH, SPEED, TAU = 100.0, 1000.0, 0.05  # m, m/s, s
 ROCK = Elastic(young=2.4e9, poisson=0.0, density=2400.0)
@@ -97,16 +95,10 @@ def exact(x, t):
 
 def rod(comm, cells, joints=None, **options):
     """A rod between the groups left and right, with a joint in the middle if it has a law."""
-    corners = [np.zeros(2), np.array([LENGTH, 2.0])]
-    mesh = create_rectangle(comm, corners, [cells, 1], CellType.quadrilateral)
-    places = {"left": 0.0, "right": LENGTH} | ({"middle": LENGTH / 2} if joints else {})
-    groups = {
-        name: locate_entities(mesh, 1, lambda x, at=at: np.isclose(x[0], at))
-        for name, at in places.items()
-    }
-    split = {"middle": groups.pop("middle")} if joints else {}
+    split = {"middle": (0, LENGTH / 2)} if joints else {}
+    ends = {"left": (0, 0.0), "right": (0, LENGTH)}
     return Model(
-        split_mesh(mesh, joints=split, groups=groups),
+        box([LENGTH, 2.0], [cells, 1], joints=split, groups=ends, comm=comm),
         material=ROCK,
         joints=joints,
         **{"supports": [Fixed(group="left"), Fixed(group="right")], "body": Body(degree=2)}
@@ -114,36 +106,24 @@ def rod(comm, cells, joints=None, **options):
     )
 
 
-class Axial(Monitor):
-    """Displacements along the rod at all steps, and their static parts."""
-
-    def start(self, model, stage, steps, first):
-        self.x = model.V.tabulate_dof_coordinates()
-        self.times, self.total, self.static = [], [], []
-        self.record(first)
-
-    def record(self, record):
-        def along(u):
-            return u.array.reshape(-1, 2)[:, 0].copy()
-
-        self.times.append(record.time)
-        self.total.append(along(record.displacement))
-        if record.static_part is not None:
-            self.static.append(along(record.static_part(record.time)))
-
-
 def march(model, motion, steps, end=END, **options):
-    """What `Axial` saw, as arrays, and the outcome."""
-    seen = Axial()
+    """Nodes, times, displacements along the rod at all steps, static parts, and the outcome."""
+
+    def along(u):
+        return u.array.reshape(-1, 2)[:, 0].copy()
+
+    def row(record):
+        static = record.static_part
+        still = along(static(record.time)) if static is not None else ()
+        return record.time, along(record.displacement), still
+
+    seen = Rows(row)
     outcome = Simulation(model, monitors=[seen]).dynamics(
         dt=end / steps, steps=steps, motion=motion, **options
     )
-    x = seen.x[: len(seen.total[0]), 0]
-    return x, np.array(seen.times), np.array(seen.total), np.array(seen.static), outcome
-
-
-def largest(comm, values):
-    return comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX)
+    times, total, static = (np.array(column) for column in zip(*seen.rows, strict=True))
+    x = model.V.tabulate_dof_coordinates()[: total.shape[1], 0]
+    return x, times, total, static, outcome
 
 
 def passing(dt):
@@ -159,10 +139,10 @@ def test_a_rod_between_abutments_that_a_wave_reaches_in_turn(comm):
         dt = END / steps
         x, t, total, static, outcome = march(rod(comm, cells), passing(dt / 4), steps)
         ground, late = moved(t)[:, None], moved(t - TAU)[:, None]
-        errors.append(largest(comm, total + ground - exact(x, t[:, None])) / SIZE)
+        errors.append(largest(total + ground - exact(x, t[:, None])) / SIZE)
         line = ground + (late - ground) * x / LENGTH
         # Of f the record knows the accelerations at every quarter of a step, linear in between.
-        assert largest(comm, static + ground - line) < 2e-4 * SIZE
+        assert largest(static + ground - line) < 2e-4 * SIZE
         assert outcome.imbalance < 1e-11
         assert outcome.energy_error < 1e-11
     assert 1.8 < np.log2(errors[0] / errors[1]) < 2.2
@@ -180,7 +160,7 @@ def test_a_long_dam_above_a_wave_that_passes(comm):
         crest = np.isclose(found.z, long_dam.HEIGHT)
         still = np.array([long_dam.static(found.x[crest], t) for t in found.times])
         apart = found.whole[alone] - exact[alone], found.static[:, crest] - still
-        errors.append([largest(comm, each) for each in apart])
+        errors.append([largest(each) for each in apart])
     orders = np.log2(np.divide(*errors))
     assert 1.7 < orders[0] < 2.3
     assert orders[1] > 2.8
@@ -199,8 +179,8 @@ def test_equal_motions_are_a_uniform_one(comm, scheme):
         DifferingMotion(motions=motion, passage=Passage(speed=1e30, direction=(1.0, 0.0))),
     ):
         _, _, total, static, _ = march(rod(comm, 8, CLOSED), differing, 60, scheme=scheme)
-        assert largest(comm, total - plain) < 1e-12 * largest(comm, plain)
-        assert largest(comm, static) < 1e-12 * SIZE
+        assert largest(total - plain) < 1e-12 * largest(plain)
+        assert largest(static) < 1e-12 * SIZE
 
 
 def absolute(motion):
@@ -253,25 +233,21 @@ def test_absolute_displacements_are_those_relative_to_the_ground_and_its_own(com
     _, t, relative, _, _ = march(model, constant, 60)
     total, static = march(model, absolute(constant), 60)[2:4]
     ground = t[:, None] ** 2  # 2 t^2 / 2
-    assert largest(comm, total - ground - relative) < 1e-12 * largest(comm, ground)
-    assert largest(comm, static - ground) < 1e-9 * largest(comm, ground)  # K of 1e10 N/m solved
+    assert largest(total - ground - relative) < 1e-12 * largest(ground)
+    assert largest(static - ground) < 1e-9 * largest(ground)  # K of 1e10 N/m solved
     apart = []
     for steps in (60, 120):
         motion = record(END / steps)
         _, t, relative, _, _ = march(model, motion, steps)
         total = march(model, absolute(motion), steps)[2]
-        apart.append(largest(comm, total - moved(t)[:, None] - relative))
+        apart.append(largest(total - moved(t)[:, None] - relative))
     assert 1.8 < np.log2(apart[0] / apart[1]) < 2.2
 
 
 def leaning(comm, **options):
     """A plane wall, 60 m long and 40 m high, on a base."""
-    mesh = create_rectangle(
-        comm, [np.zeros(2), np.array([60.0, 40.0])], [6, 4], CellType.quadrilateral
-    )
-    base = locate_entities(mesh, 1, lambda x: np.isclose(x[1], 0.0))
+    jointed = box([60.0, 40.0], [6, 4], groups={"base": (1, 0.0)}, comm=comm)
     soft = Elastic(young=5e8, poisson=0.2, density=2400.0)
-    jointed = split_mesh(mesh, joints={}, groups={"base": base})
     return Model(jointed, material=soft, supports=[Fixed(group="base")], **options)
 
 
@@ -295,31 +271,21 @@ def moved_ground(reference, dt, share):
     )
 
 
-class Absolute(Monitor):
-    """Displacements of all nodes along x and y at all steps with those of the reference added."""
-
-    def __init__(self, motion):
-        self.reference = displacement_of(motion)
-
-    def start(self, model, stage, steps, first):
-        self.seen = []
-        self.record(first)
-
-    def record(self, record):
-        ground = self.reference(np.array([record.time]))[0, [0, 2]]
-        self.seen.append(record.displacement.array.reshape(-1, 2) + ground)
-
-
 def shaken_wall(model, motion, reference, steps, scheme=None):
-    """Absolute displacements of the wall on its ground, shape (steps + 1, nodes, 2)."""
-    seen = Absolute(reference)
+    """Displacements of the wall's nodes with those of the reference, (steps + 1, nodes, 2)."""
+    ground = displacement_of(reference)
+    seen = Rows(
+        lambda record: (
+            record.displacement.array.reshape(-1, 2) + ground(np.array([record.time]))[0, [0, 2]]
+        )
+    )
     outcome = Simulation(model, monitors=[seen]).dynamics(
         dt=1.2 / steps, steps=steps, motion=motion, scheme=scheme
     )
     if outcome.imbalance is not None:
         assert outcome.imbalance < 1e-11
         assert outcome.energy_error < 1e-11
-    return np.array(seen.seen)
+    return np.array(seen.rows)
 
 
 SCHEMES = [
@@ -353,21 +319,21 @@ def test_the_response_does_not_depend_on_the_reference(comm, damping, scheme):
             }
             if share == 1.0:
                 plain = shaken_wall(model, own["left"], own["left"], steps, scheme)
-                scale = largest(comm, plain)
+                scale = largest(plain)
                 # Relative to a ground that moves alike nothing is left but rounding.
-                assert largest(comm, seen["left"] - plain) < 1e-11 * scale
-                assert largest(comm, seen["right"] - plain) < 1e-11 * scale
+                assert largest(seen["left"] - plain) < 1e-11 * scale
+                assert largest(seen["right"] - plain) < 1e-11 * scale
             pairs = [("left", "rest")] if share == 1.0 else [("left", "right"), ("left", "rest")]
             apart.append(
                 [
-                    [largest(comm, (seen[one] - seen[other])[:, :, axis]) for axis in range(2)]
+                    [largest((seen[one] - seen[other])[:, :, axis]) for axis in range(2)]
                     for one, other in pairs
                 ]
             )
         orders = np.log2(np.divide(*apart))
         assert (orders > 1.8).all(), orders
         assert (orders < 2.2).all(), orders
-        assert np.max(apart[1]) < 0.01 * largest(comm, seen["left"])
+        assert np.max(apart[1]) < 0.01 * largest(seen["left"])
 
 
 def apart(distance, dt, end):
@@ -395,8 +361,8 @@ def test_abutments_open_a_joint_and_close_it(comm):
         if distance < 0.0:
             opening += traction / CLOSED.normal_stiffness
         # The halves, with periods of 0.2 s, follow what takes 1.6 s but for some (0.2/1.6)^3.
-        assert largest(comm, joints.state.gap[:, 0] - opening) < 1e-3 * abs(distance)
-        assert largest(comm, joints.traction[:, 0] - traction) < 1e-3 * stiffness * abs(distance)
+        assert largest(joints.state.gap[:, 0] - opening) < 1e-3 * abs(distance)
+        assert largest(joints.traction[:, 0] - traction) < 1e-3 * stiffness * abs(distance)
         assert outcome.imbalance < 1e-11
 
 
@@ -516,7 +482,7 @@ def test_a_run_goes_on_where_its_ground_is(comm):
     half = simulation.dynamics(dt=dt, steps=10, motion=motion).state
     rest = simulation.dynamics(dt=dt, steps=20, motion=motion, start=half).state.displacement
     # The first velocities of supports are differences once more: 1e-4 found, of second order.
-    assert largest(comm, rest.array - whole.array) < 1e-3 * largest(comm, whole.array)
+    assert largest(rest.array - whole.array) < 1e-3 * largest(whole.array)
     with pytest.raises(ValueError, match="The displacements of the supports at t = 0.05 differ"):
         simulation.dynamics(dt=dt, steps=1, start=half)
 
@@ -532,7 +498,7 @@ def test_prescribed_displacements_are_relative_to_their_ground(comm):
     alone = march(model, None, 60)[2]
     ground = march(rod(comm, 8), passing(END / 240), 60)[2]
     both = march(model, passing(END / 240), 60)[2]
-    assert largest(comm, both - alone - ground) < 1e-11 * SIZE
+    assert largest(both - alone - ground) < 1e-11 * SIZE
 
 
 def test_ground_that_drifts_apart_is_warned_of():

@@ -27,8 +27,6 @@ import itertools
 import math
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -36,8 +34,10 @@ import ufl
 
 pytest.importorskip("dolfinx")
 
-from mpi4py import MPI
 
+from boxes import COMM, largest
+
+from benchmarks.shared.scenes import mesh_of
 from dolfinx_joints import (
     Elastic,
     Fixed,
@@ -49,12 +49,9 @@ from dolfinx_joints import (
     Simulation,
     Spring,
     Traction,
-    read_msh,
 )
-from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.geometry.two_blocks import two_blocks
 
-COMM = MPI.COMM_WORLD
 LENGTH, WIDTH = 2.0, 1.0  # of the pad [m]
 MU = math.tan(math.radians(30.0))
 
@@ -161,13 +158,9 @@ def holding(incline, *, slip):
 
 @cache
 def blocks(cell, order):
-    """The mesh; rank 0 alone writes and reads the file."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "blocks.msh"
-        sizes = {"length": LENGTH, "width": WIDTH, "size": 0.5, "cell": cell, "order": order}
-        heights = {"lower_height": Incline.slab, "upper_height": Incline.pad}
-        on_root(COMM, lambda: two_blocks(path, **sizes, **heights))
-        return read_msh(path, COMM)
+    """The mesh."""
+    sizes = {"length": LENGTH, "width": WIDTH, "size": 0.5, "cell": cell, "order": order}
+    return mesh_of(two_blocks, lower_height=Incline.slab, upper_height=Incline.pad, **sizes)
 
 
 def side_shear(jointed, down, tau, factor=lambda _: 1.0):
@@ -223,11 +216,6 @@ def settle(incline, direction_deg=0.0, **options):
     run = simulation(incline, loads, **options)
     joints = run.statics().joints
     return joints.state.gap[:, 1:] @ axes.T, run.model.contact.counts(joints.status)
-
-
-def largest(values):
-    """Largest absolute value on all ranks."""
-    return COMM.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX)
 
 
 def mean_of_all(values):

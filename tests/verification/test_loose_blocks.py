@@ -31,7 +31,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from dolfinx.mesh import CellType, create_box, locate_entities
+from boxes import box, difference, largest
 from shaken_wall import swaying
 
 from dolfinx_joints import (
@@ -49,7 +49,6 @@ from dolfinx_joints import (
     Simulation,
     SolverOptions,
     Traction,
-    split_mesh,
 )
 from dolfinx_joints.solvers.interface import condensed
 from dolfinx_joints.solvers.interface.springs import JointSprings
@@ -73,17 +72,12 @@ def friction(k_n: float = 1e11, angle: float = 30.0) -> FrictionNoTension:
 def stack(blocks: int, size: tuple[float, float], height: float, cells: int = 2) -> Any:
     """Blocks of a length, width and height [m], one on the other, with a group for base and top."""
     top = blocks * height
-    mesh = create_box(
-        COMM, [[0, 0, 0], [*size, top]], [2 * cells, cells, 2 * blocks], CellType.hexahedron
+    return box(
+        [*size, top],
+        [2 * cells, cells, 2 * blocks],
+        joints={f"joint_{i}": (2, i * height) for i in range(1, blocks)},
+        groups={"base": (2, 0.0), "top": (2, top)},
     )
-    levels = {f"joint_{i}": i * height for i in range(1, blocks)} | {"base": 0.0, "top": top}
-    mesh.topology.create_connectivity(2, 3)
-    found = {
-        name: locate_entities(mesh, 2, lambda x, level=level: np.isclose(x[2], level))
-        for name, level in levels.items()
-    }
-    groups = {name: found.pop(name) for name in ("base", "top")}
-    return split_mesh(mesh, joints=found, groups=groups)
 
 
 def column(
@@ -104,20 +98,8 @@ def column(
     )
 
 
-def largest(values: Any) -> float:
-    """Largest absolute value on all ranks."""
-    return COMM.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX)
-
-
 def statics(model: Any, solver: str = "condensed", **options: Any) -> Any:
     return Simulation(model, solver=solver, options=SolverOptions(**options)).statics()
-
-
-def difference(one: Any, two: Any) -> float:
-    """Of two displacements, relative to the largest."""
-    change = one.copy()
-    change.axpy(-1.0, two)
-    return float(change.norm(3) / two.norm(3))
 
 
 LAWS = {
@@ -443,16 +425,12 @@ def test_dynamics_from_a_static_state(name):
 
 def wall_on_a_wall(law: Any) -> Any:
     """Two blocks side by side on a third: three joints' ends meet in a line, of which two tie."""
-    mesh = create_box(COMM, [[0, 0, 0], [1, 1, 1]], [4, 2, 4], CellType.hexahedron)
-    mesh.topology.create_connectivity(2, 3)
     joints = {
         "upright": lambda x: np.isclose(x[0], 0.5) & (x[2] > 0.5 - 1e-9),
-        "level": lambda x: np.isclose(x[2], 0.5),
+        "level": (2, 0.5),
     }
-    base = locate_entities(mesh, 2, lambda x: np.isclose(x[2], 0.0))
-    found = {name: locate_entities(mesh, 2, where) for name, where in joints.items()}
     return Model(
-        split_mesh(mesh, joints=found, groups={"base": base}),
+        box([1.0, 1.0, 1.0], [4, 2, 4], joints=joints, groups={"base": (2, 0.0)}),
         material=Elastic(young=YOUNG, poisson=0.2, density=DENSITY),
         joints=law,
         supports=[Fixed(group="base")],

@@ -24,6 +24,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
+from boxes import Rows, largest
 from dolfinx.mesh import CellType
 from shaken_wall import Killed, Killer
 
@@ -38,7 +39,6 @@ from dolfinx_joints import (
     ViscousBoundary,
 )
 from dolfinx_joints.loads.column import Column
-from dolfinx_joints.simulation.monitor import Monitor
 from tests.verification.test_absorbing import PRESSURE, ROCK, SHEAR, ground, sides_of
 
 LENGTH, SIZE = 0.1, 0.2  # of the pulse [s], [m/s]
@@ -81,36 +81,27 @@ def plane_waves(wave, angle, way):
     return [(d * turned, s * turned) for d, s in found]
 
 
-class Velocities(Monitor):
-    """Velocities of all nodes at all steps."""
-
-    def start(self, model, stage, steps, first):
-        self.gdim, self.times, self.v, self.free = model.gdim, [], [], []
-        self.record(first)
-
-    def record(self, record):
-        self.times.append(record.time)
-        self.v.append(record.velocity.array.reshape(-1, self.gdim).copy())
-        self.free.append(record.free_surface(record.time))
-
-
 def march(comm, size, divisions, dt, end, load, material=ROCK, parts=None):
-    """Nodes, and what `Velocities` saw, on dashpots all around."""
+    """Nodes, times, velocities of the nodes and the free surface, on dashpots all around."""
     cell = CellType.quadrilateral if len(size) == 2 else CellType.hexahedron
     jointed = ground(comm, cell, size, divisions, parts)
     groups = ["base", *sides_of(jointed)]
     supports = [ViscousBoundary(group=group) for group in groups]
     model = Model(jointed, material=material, supports=supports, body=Body(degree=2))
-    seen = Velocities()
+    gdim = model.gdim
+    seen = Rows(
+        lambda record: (
+            record.time,
+            record.velocity.array.reshape(-1, gdim).copy(),
+            record.free_surface(record.time),
+        )
+    )
     steps = round(end / dt)
     outcome = Simulation(model, monitors=[seen]).dynamics(dt=dt, steps=steps, loads=[load(groups)])
     assert outcome.imbalance < 1e-11
-    x = model.V.tabulate_dof_coordinates()[: len(seen.v[0]), : model.gdim]
-    return x, np.array(seen.times), np.array(seen.v), np.array(seen.free)
-
-
-def largest(comm, values):
-    return comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX)
+    times, velocities, free = (np.array(column) for column in zip(*seen.rows, strict=True))
+    x = model.V.tabulate_dof_coordinates()[: velocities.shape[1], :gdim]
+    return x, times, velocities, free
 
 
 WIDTH, HEIGHT = 60.0, 60.0
@@ -141,7 +132,7 @@ def oblique_error(comm, wave, angle_deg, azimuth_deg, cells):
         exact += pulse(t[:, None] - x @ s + start)[..., None] * d
         above += pulse(t - (s @ np.array([WIDTH / 2, HEIGHT]) - start))[:, None] * d
     np.testing.assert_allclose(free[:, :2], above, atol=1e-12)
-    return largest(comm, v - exact) / SIZE
+    return largest(v - exact) / SIZE
 
 
 @pytest.mark.parametrize(
@@ -168,7 +159,7 @@ def test_an_sh_wave_passes_as_in_the_half_space(comm):
     late, up = t[:, None] - x[:, :2] @ ahead, math.cos(slope) / SHEAR
     speed = pulse(late - x[:, 2] * up) + pulse(late - (2.0 * size[2] - x[:, 2]) * up)
     exact = speed[..., None] * np.array([-math.sin(way), math.cos(way), 0.0])
-    assert largest(comm, v - exact) < 0.01 * SIZE
+    assert largest(v - exact) < 0.01 * SIZE
 
 
 @pytest.mark.mpi
@@ -230,7 +221,7 @@ def layer_error(comm, axis, cells):
     exact = sum(2.0 * through * back**n * pulse(t - late - n * echo) for n in range(12))
     np.testing.assert_allclose(free[:, axis], exact, atol=1e-5 * SIZE)
     surface = v[:, np.isclose(x[:, 1], TOP)]
-    return largest(comm, surface - exact[:, None, None] * np.eye(2)[axis]) / (2.0 * SIZE)
+    return largest(surface - exact[:, None, None] * np.eye(2)[axis]) / (2.0 * SIZE)
 
 
 @pytest.mark.mpi

@@ -20,7 +20,7 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from dolfinx import mesh as dmesh
+from boxes import box
 from vtk_files import on_root, read_vtk
 
 from dolfinx_joints import (
@@ -48,7 +48,6 @@ from dolfinx_joints import (
     Simulation,
     SolverOptions,
     Temperature,
-    split_mesh,
 )
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.monitors.body_cells import CellOrder
@@ -73,27 +72,17 @@ def rock(**changes):
 
 def block(comm, kind="hexahedron", *, joint=False, cells=2):
     """A unit square or cube; facets ``x-``, ``x+``, ...; halves ``low`` and ``high``."""
-    cell = getattr(dmesh.CellType, kind)
-    if kind in ("hexahedron", "tetrahedron"):
-        mesh = dmesh.create_unit_cube(comm, cells, cells, cells, cell)
-    else:
-        mesh = dmesh.create_unit_square(comm, cells, cells, cell)
-    dim = mesh.topology.dim
-    mesh.topology.create_connectivity(dim - 1, dim)
-    groups = {
-        f"{'xyz'[i]}{'-+'[side]}": dmesh.locate_entities_boundary(
-            mesh, dim - 1, lambda x, i=i, side=side: np.isclose(x[i], side)
-        )
-        for i in range(dim)
-        for side in (0, 1)
-    }
-    middle = dmesh.locate_entities(mesh, dim - 1, lambda x: np.isclose(x[dim - 1], 0.5))
-    halves = {
-        "low": dmesh.locate_entities(mesh, dim, lambda x: x[dim - 1] <= 0.5 + 1e-9),
-        "high": dmesh.locate_entities(mesh, dim, lambda x: x[dim - 1] >= 0.5 - 1e-9),
-    }
-    joints = {"joint": middle} if joint else {}
-    return split_mesh(mesh, joints=joints, groups=groups, cell_groups=halves)
+    dim = 3 if kind in ("hexahedron", "tetrahedron") else 2
+    ends = {f"{'xyz'[i]}{'-+'[side]}": (i, side) for i in range(dim) for side in (0, 1)}
+    return box(
+        [1.0] * dim,
+        [cells] * dim,
+        kind,
+        joints={"joint": (dim - 1, 0.5)} if joint else {},
+        groups=ends,
+        cells={"low": (0.0, 0.5), "high": (0.5, 1.0)},
+        comm=comm,
+    )
 
 
 def pressed(jointed, material, **options):
@@ -196,19 +185,14 @@ def test_pressure_beyond_the_limit_is_refused(comm, kind):
 
 def quarter_tube(comm, cells):
     """Radii 1 and 2 m, the right angle between planes of symmetry."""
-    mesh = dmesh.create_rectangle(
-        comm, [[1.0, 0.0], [2.0, math.pi / 2]], [cells, 2 * cells], dmesh.CellType.quadrilateral
-    )
-    mesh.topology.create_connectivity(1, 2)
-    places = {
-        "inside": lambda x: np.isclose(x[0], 1.0),
-        "flat": lambda x: np.isclose(x[1], 0.0),
-        "upright": lambda x: np.isclose(x[1], math.pi / 2),
-    }
-    groups = {name: dmesh.locate_entities_boundary(mesh, 1, at) for name, at in places.items()}
-    r, angle = mesh.geometry.x[:, 0].copy(), mesh.geometry.x[:, 1].copy()
-    mesh.geometry.x[:, 0], mesh.geometry.x[:, 1] = r * np.cos(angle), r * np.sin(angle)
-    return split_mesh(mesh, groups=groups)
+    groups = {"inside": (0, 1.0), "flat": (1, 0.0), "upright": (1, math.pi / 2)}
+    corners = [[1.0, 0.0], [2.0, math.pi / 2]]
+
+    def bent(x):
+        r, angle = x[:, 0], x[:, 1]
+        return np.column_stack([r * np.cos(angle), r * np.sin(angle), 0.0 * r])
+
+    return box(corners, [cells, 2 * cells], groups=groups, place=bent, comm=comm)
 
 
 def test_bursting_tube(comm):

@@ -2,16 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 r"""Waves in a reservoir against exact solutions, and their energy beside that of a jointed dam.
 
-A rigid vertical face of depth H accelerates by a e^{i w t} before an endless reservoir with an
-absorbing floor (Fenves and Chopra 1984; Chopra 1967 without absorption). With q = (1 - alpha) /
-((1 + alpha) c) and p_m = sin l_m (H - z), l_m cos l_m H + i w q sin l_m H = 0,
-
-    F = -rho a sum I_m^2 / (N_m k_m),  k_m^2 = l_m^2 - (w / c)^2,
-    I_m = int p_m dz = (1 - cos l_m H) / l_m,  N_m = int p_m^2 dz = H / 2 - sin(2 l_m H) / (4 l_m).
-
-A floor that accelerates upwards under such water, all alike along the reservoir, makes
-
-    p = rho a sin k (H - z) / (k cos k H + i w q sin k H),  k = w / c.
+Forces on a rigid vertical face, before endless water or up to a wall, and of a floor that
+accelerates upwards are those of `benchmarks.reservoir_waves.exact`.
 
 On a surface that moves, p = rho g times its height: waves of a rigid basin have
 
@@ -48,6 +40,7 @@ from scipy.sparse.linalg import eigsh
 from shaken_wall import CONCRETE, shaking, wall
 
 import dolfinx_joints as dj
+from benchmarks.reservoir_waves import exact, spectrum
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.loads.water.far_field import FarField
 from dolfinx_joints.postprocessing.energy_lines import energy_lines
@@ -104,83 +97,30 @@ def rigid_dam(comm, waves, cells=16):
     return dj.Model(jointed, material=RIGID, supports=[dj.Fixed(group="down")], water=waves)
 
 
-def response(model, axis, frequencies, steps, per_period=40):
-    """Force of the water over a pulse of the ground's acceleration, in the frequency domain."""
-    kept = Kept()
-    dt = 1.0 / (3.0 * FIRST * per_period)
-    pulse = lambda t: np.exp(-(((t - 0.3) / 0.05) ** 2)) * np.eye(3)[axis]  # noqa: E731
-    outcome = dj.Simulation(model, monitors=[kept]).dynamics(dt=dt, steps=steps, motion=pulse)
-    assert outcome.energy_error < 1e-10
-    times = np.array(kept.times)
-    waves = np.exp(-2j * np.pi * np.outer(frequencies, times))
-    return (waves @ np.array(kept.forces)[:, 0]) / (waves @ [pulse(t)[axis] for t in times])
+def error_of_force(*case, **options):
+    """Largest error of `spectrum` over the largest force, over 0 to 3 times the first frequency."""
+    _, found, exact, imbalance = spectrum(*case, **options)
+    assert imbalance < 1e-10
+    return np.abs(found - exact).max() / np.abs(exact).max()
 
 
-def exact_force(frequency, alpha, modes=60, length=np.inf):
-    """Force on the face, endless or up to a wall that moves with it: between them p is odd."""
-    omega = 2.0 * np.pi * frequency
-    damped = 1j * omega * (1.0 - alpha) / ((1.0 + alpha) * C)
-    rates = (2.0 * np.arange(1, modes) - 1.0) * np.pi / (2.0 * H) + 0j
-    for _ in range(50):  # Newton's method
-        sine, cosine = np.sin(rates * H), np.cos(rates * H)
-        slope = cosine - rates * H * sine + damped * H * cosine
-        rates -= (rates * cosine + damped * sine) / slope
-    decay = np.sqrt(rates**2 - (omega / C) ** 2)
-    decay = np.where(decay.real < 0.0, -decay, decay)
-    moment = (1.0 - np.cos(rates * H)) / rates
-    size = H / 2.0 - np.sin(2.0 * rates * H) / (4.0 * rates)
-    ended = 1.0 if np.isinf(length) else np.tanh(decay * length / 2.0)
-    return -RHO * np.sum(moment**2 / size / decay * ended)
-
-
-def test_force_on_a_rigid_face(comm):
-    """Over 0 to 3 times the reservoir's first frequency, within 1 % of the largest force."""
-    frequencies = np.linspace(0.02, 3.0, 150) * FIRST
-    exact = np.array([exact_force(f, 0.75) for f in frequencies])
+def test_force_on_a_rigid_face():
     # Below all frequencies it is Westergaard's incompressible water.
-    assert abs(exact[0]) == pytest.approx(0.543 * RHO * H**2, rel=2e-3)
-    errors = []
-    for length in (5.0, 10.0):
-        waves = dj.ReservoirWaves(
-            group="up", level=H, length=length * H, bottom_reflection=0.75, sound_speed=C
-        )
-        found = response(rigid_dam(comm, waves), 0, frequencies, 2000)
-        errors.append(np.abs(found - exact).max() / np.abs(exact).max())
+    slow = abs(exact("stream", np.array([0.02 * FIRST]), 0.75)[0])
+    assert slow == pytest.approx(0.543 * RHO * H**2, rel=2e-3)
+    errors = [error_of_force("stream", 0.75, n, 0.0, "radiating", 2000) for n in (5.0, 10.0)]
     assert errors[1] < 0.01
     assert errors[1] < errors[0] / 4.0
 
 
-def test_a_wall_at_the_far_end_moves_with_the_ground(comm):
-    """Over 0 to 3 times the first frequency, within 2 % of the largest force."""
-    frequencies = np.linspace(0.02, 3.0, 150) * FIRST
-    exact = np.array([exact_force(f, 0.75, length=2.0 * H) for f in frequencies])
-    waves = dj.ReservoirWaves(
-        group="up",
-        level=H,
-        length=2.0 * H,
-        bottom_reflection=0.75,
-        sound_speed=C,
-        far_end="rigid",
-        layers=48,
-    )
-    found = response(rigid_dam(comm, waves), 0, frequencies, 2000)
-    assert np.abs(found - exact).max() < 0.02 * np.abs(exact).max()
+def test_a_wall_at_the_far_end_moves_with_the_ground():
+    assert error_of_force("stream", 0.75, 2.0, 0.0, "rigid", 2000, layers=48) < 0.02
 
 
 @pytest.mark.parametrize("far_end", ["rigid", "radiating"])
-def test_floor_that_shakes_upwards(comm, far_end):
+def test_floor_that_shakes_upwards(far_end):
     """However near the far end is: it takes nothing of the wave of the cross-section."""
-    frequencies = np.linspace(0.1, 3.0, 60) * FIRST
-    omega = 2.0 * np.pi * frequencies
-    k, damped = omega / C, 1j * omega * 0.25 / (1.75 * C)
-    top = (1.0 - np.cos(k * H)) / k
-    # The face is pushed away from the water, along x.
-    exact = RHO * top / (k * np.cos(k * H) + damped * np.sin(k * H))
-    waves = dj.ReservoirWaves(
-        group="up", level=H, length=50.0, bottom_reflection=0.75, far_end=far_end, layers=4
-    )
-    found = response(rigid_dam(comm, waves), 2, frequencies, 2500)
-    assert np.abs(found - exact).max() < 0.01 * np.abs(exact).max()
+    assert error_of_force("upwards", 0.75, 0.5, 0.0, far_end, 2500, layers=4) < 0.01
 
 
 @mpi
@@ -201,14 +141,12 @@ def test_frequency_response_before_a_rigid_dam(comm, alpha, length, absorbing, e
         absorbing_length=absorbing * H,
     )
     model, points = rigid_dam(comm, waves), {"crest": (0.0, H)}
-    exact = np.array([exact_force(f, alpha) for f in frequencies])
-    found = dj.frequency_response(model, frequencies, points=points)
-    assert np.abs(found.reservoir_force[:, 0] - exact).max() < error * np.abs(exact).max()
-    np.testing.assert_allclose(found.acceleration("crest")[:, 0], 1.0, atol=1e-6)
-    k, q = 2.0 * np.pi * frequencies / C, (1.0 - alpha) / (1.0 + alpha)
-    exact = RHO * (1.0 - np.cos(k * H)) / k / (k * (np.cos(k * H) + 1j * q * np.sin(k * H)))
-    found = dj.frequency_response(model, frequencies, points=points, direction=(0.0, 1.0))
-    assert np.abs(found.reservoir_force[:, 0] - exact).max() < error * np.abs(exact).max()
+    for direction, axes in (("stream", (1.0, 0.0)), ("upwards", (0.0, 1.0))):
+        right = exact(direction, frequencies, alpha)
+        found = dj.frequency_response(model, frequencies, points=points, direction=axes)
+        assert np.abs(found.reservoir_force[:, 0] - right).max() < error * np.abs(right).max()
+        if direction == "stream":
+            np.testing.assert_allclose(found.acceleration("crest")[:, 0], 1.0, atol=1e-6)
 
 
 def test_frequency_response_of_a_dam_that_bends_is_that_of_a_run_in_time(comm):

@@ -24,14 +24,8 @@ import pytest
 pytest.importorskip("dolfinx")
 
 import ufl
+from boxes import box
 from dolfinx import fem
-from dolfinx.mesh import (
-    CellType,
-    create_box,
-    create_rectangle,
-    locate_entities,
-    locate_entities_boundary,
-)
 
 from dolfinx_joints import (
     Body,
@@ -44,7 +38,6 @@ from dolfinx_joints import (
     ResultsMonitor,
     Simulation,
     Temperature,
-    split_mesh,
 )
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes, SurfaceStress
@@ -61,26 +54,18 @@ KINDS += [("quadrilateral", "strain"), ("triangle", "stress")]
 
 def bar(comm, cell="hexahedron", *, joint=True):
     """1 m thick, cut at 1.5 m; cell groups ``low`` and ``high``; facets ``x``, ``y``, ``ends``."""
-    kind = getattr(CellType, cell)
-    if cell in ("hexahedron", "tetrahedron"):
-        mesh = create_box(comm, [[0, 0, 0], [1, 1, LENGTH]], [2, 2, 8], kind)
-    else:
-        mesh = create_rectangle(comm, [[0, 0], [1, LENGTH]], [2, 8], kind)
-    dim, along = mesh.topology.dim, mesh.topology.dim - 1
-    mesh.topology.create_connectivity(dim - 1, dim)
-    planes = {"x": lambda x: np.isclose(x[0], 0.0)}
-    if dim == 3:
-        planes["y"] = lambda x: np.isclose(x[1], 0.0)
-    planes["ends"] = lambda x: np.isclose(x[along] * (LENGTH - x[along]), 0.0)
-    cut = locate_entities(mesh, dim - 1, lambda x: np.isclose(x[along], 1.5))
-    return split_mesh(
-        mesh,
-        joints={"joint": cut} if joint else {},
-        groups={n: locate_entities_boundary(mesh, dim - 1, at) for n, at in planes.items()},
-        cell_groups={
-            "low": locate_entities(mesh, dim, lambda x: x[along] <= 1.5 + 1e-9),
-            "high": locate_entities(mesh, dim, lambda x: x[along] >= 1.5 - 1e-9),
-        },
+    size = [1.0, 1.0, LENGTH] if cell in ("hexahedron", "tetrahedron") else [1.0, LENGTH]
+    along = len(size) - 1
+    groups = {"xy"[axis]: (axis, 0.0) for axis in range(along)}
+    groups["ends"] = lambda x: np.isclose(x[along] * (LENGTH - x[along]), 0.0)
+    return box(
+        size,
+        [2] * along + [8],
+        cell,
+        joints={"joint": (along, 1.5)} if joint else {},
+        groups=groups,
+        cells={"low": (0.0, 1.5), "high": (1.5, LENGTH)},
+        comm=comm,
     )
 
 
@@ -138,12 +123,31 @@ def test_warm_bar_between_walls(comm, cell, plane, joint):
     assert 0.5 * comm.allreduce(force) == pytest.approx(-stress, rel=1e-9)
 
 
-def test_each_block_has_a_reference(comm):
+def by_block(jointed):
+    """A load for each block."""
+    given = {"value": 9.0, "expansion": ALPHA}
+    low = Temperature(reference=12.0, cells="low", **given)
+    return [low, Temperature(reference=16.0, cells="high", **given)]
+
+
+def by_references(jointed):
+    """One load with a reference for each block."""
+    return [Temperature(value=9.0, reference={"low": 12.0, "high": 16.0}, expansion=ALPHA)]
+
+
+def by_field(jointed):
+    """A DOLFINx function of degree 0 on the mesh."""
+    field = fem.Function(fem.functionspace(jointed.mesh, ("DG", 0)))
+    field.x.array[:] = 5.0
+    field.x.array[jointed.cells("low")] = 9.0
+    return [Temperature(value=field, reference=12.0, expansion=ALPHA)]
+
+
+@pytest.mark.parametrize("loads", [by_block, by_references, by_field])
+def test_each_block_has_a_temperature(comm, loads):
     """The lower block, 1.5 m, is cooled by 3 K from its reference, the upper one by 7 K."""
     jointed = bar(comm)
-    low = Temperature(value=9.0, reference=12.0, expansion=ALPHA, cells="low")
-    high = Temperature(value=9.0, reference=16.0, expansion=ALPHA, cells="high")
-    model = model_of(jointed, [low, high])
+    model = model_of(jointed, loads(jointed))
     state = Simulation(model).statics()
     # Sideways the blocks shrink differently, which an open joint does not mind.
     opening = ALPHA * (3.0 * 1.5 + 7.0 * 2.5)
@@ -151,29 +155,6 @@ def test_each_block_has_a_reference(comm):
     # Vertices on the joint are double, so that no vertex takes the mean of both blocks.
     found = SurfaceStress(model, NodeNumbering(model.V))(state.displacement, 0.0)
     assert np.abs(found).max(initial=0.0) < 1e-9 * CONCRETE.young * ALPHA * 7.0
-
-
-def test_one_load_with_a_reference_per_block(comm):
-    """The same openings as with a load for each block."""
-    load = Temperature(value=9.0, reference={"low": 12.0, "high": 16.0}, expansion=ALPHA)
-    model = model_of(bar(comm), [load])
-    state = Simulation(model).statics()
-    opening = ALPHA * (3.0 * 1.5 + 7.0 * 2.5)
-    np.testing.assert_allclose(state.joints.state.gap[:, 0], opening, rtol=1e-10)
-    found = SurfaceStress(model, NodeNumbering(model.V))(state.displacement, 0.0)
-    assert np.abs(found).max(initial=0.0) < 1e-9 * CONCRETE.young * ALPHA * 7.0
-
-
-def test_field_on_the_mesh(comm):
-    """A DOLFINx function of degree 0: the openings of the block-wise temperatures above."""
-    jointed = bar(comm)
-    field = fem.Function(fem.functionspace(jointed.mesh, ("DG", 0)))
-    field.x.array[:] = 5.0
-    field.x.array[jointed.cells("low")] = 9.0
-    load = Temperature(value=field, reference=12.0, expansion=ALPHA)
-    state = Simulation(model_of(jointed, [load])).statics()
-    opening = ALPHA * (3.0 * 1.5 + 7.0 * 2.5)
-    np.testing.assert_allclose(state.joints.state.gap[:, 0], opening, rtol=1e-10)
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])

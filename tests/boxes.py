@@ -15,7 +15,9 @@ from dolfinx_joints.simulation.monitor import Monitor
 COMM = MPI.COMM_WORLD
 
 
-def box(size, counts, cell=None, *, joints=(), groups=(), cells=(), place=None, comm=COMM):
+def box(
+    size, counts, cell=None, *, joints=(), groups=(), cells=(), place=None, comm=COMM, **options
+):
     """Return a rectangle or box of cells, hexahedra and the like unless given (collective).
 
     Args:
@@ -27,15 +29,16 @@ def box(size, counts, cell=None, *, joints=(), groups=(), cells=(), place=None, 
         cells: Groups of cells: by name, (low, high) along the last axis.
         place: Moves nodes (n, 3) to their places; the groups are those of the box.
         comm: MPI communicator.
+        options: Of DOLFINx's function that creates the mesh.
     """
     dim = len(counts)
     corners = size if np.ndim(size) == 2 else [np.zeros(dim), size]
     if isinstance(cell, str):
         cell = CellType[cell]
     if dim == 2:
-        mesh = create_rectangle(comm, corners, counts, cell or CellType.quadrilateral)
+        mesh = create_rectangle(comm, corners, counts, cell or CellType.quadrilateral, **options)
     else:
-        mesh = create_box(comm, corners, counts, cell or CellType.hexahedron)
+        mesh = create_box(comm, corners, counts, cell or CellType.hexahedron, **options)
     mesh.topology.create_connectivity(dim - 1, dim)
 
     def on(where):

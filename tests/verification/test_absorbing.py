@@ -152,15 +152,20 @@ def test_free_surface_of_a_column(comm, wave):
     assert outcome.energy.stored < 1e-3 * outcome.energy.input
 
 
+def on_dashpots(jointed, material=ROCK):
+    """A model on dashpots all around, and their groups."""
+    groups = ["base", *sides_of(jointed)]
+    supports = [ViscousBoundary(group=group) for group in groups]
+    return Model(jointed, material=material, supports=supports, body=Body(degree=2)), groups
+
+
 def block_error(comm, cell, wave):
     """Error of the surface of a block on dashpots, with the free field and with the bottom's."""
     size, divisions = ([60.0, HEIGHT], [12, 20])
     if cell == CellType.hexahedron:
         size, divisions = ([20.0, 10.0, HEIGHT], [4, 2, 20])
     jointed = ground(comm, cell, size, divisions)
-    groups = ["base", *sides_of(jointed)]
-    supports = [ViscousBoundary(group=group) for group in groups]
-    model = Model(jointed, material=ROCK, supports=supports, body=Body(degree=2))
+    model, groups = on_dashpots(jointed)
     axis = len(size) - 1 if wave == "P" else 0
     length = 0.5 * HEIGHT / (PRESSURE if wave == "P" else SHEAR)
     return [surface_error(model, axis, length, which)[0] for which in (groups, ["base"])]

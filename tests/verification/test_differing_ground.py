@@ -36,7 +36,6 @@ from dolfinx_joints import (
     Fixed,
     FrictionNoTension,
     GeneralizedAlpha,
-    Gravity,
     HilberHughesTaylor,
     MeshError,
     ModalRatios,
@@ -439,14 +438,8 @@ def test_a_jointed_wall_on_any_number_of_ranks(comm, wall_file, read, new_path):
 def test_a_rigid_joint_down_to_ground_that_differs(wall_file, read, rebounds):
     """Where the ground holds both faces, its rounding is no force: nothing can give way there."""
     law = RigidJoint(friction_angle_deg=30.0, restitution=int(rebounds))
-    model = Model(
-        read(wall_file(divisions=(4, 1, 2), joints=1)),
-        material=Elastic(young=24e9, poisson=0.2, density=2400.0),
-        joints=law,
-        supports=[Fixed(group="base")],
-        loads=[Gravity()],
-        damping=rayleigh(ratio=0.02, frequencies=(5.0, 40.0)),
-    )
+    damping = rayleigh(ratio=0.02, frequencies=(5.0, 40.0))
+    model = wall(read(wall_file(divisions=(4, 1, 2), joints=1)), law, damping=damping)
     record = synthetic_motion(duration=2.0)
     ground = DifferingMotion(
         motions={"left": record, "right": record.scaled(0.9)},

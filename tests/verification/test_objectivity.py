@@ -31,6 +31,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
+from boxes import Rows
 from whole_vectors import whole_layout
 
 from dolfinx_joints import (
@@ -49,7 +50,6 @@ from dolfinx_joints import (
 )
 from dolfinx_joints.laws.law import Status
 from dolfinx_joints.mesh.cells import CellShape
-from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = [
     pytest.mark.mpi,
@@ -292,28 +292,16 @@ def pushed(case, view, comm, friction=30.0):
     return scene.snapshots
 
 
-@dataclass
-class Watch(Monitor):
-    """Takes every step of a dynamic run."""
-
-    scene: Scene
-
-    def start(self, model, stage, steps, first):
-        self.record(first)
-
-    def record(self, record):
-        e = record.energy
-        energies = (e.kinetic, e.strain, e.joint, e.input, e.viscous, e.friction)
-        self.scene.take(record.displacement, record.joints, energies)
-
-    def finish(self, status, summary):
-        assert status == "complete"
-
-
 def shaken(case, view, comm, solver="auto"):
     """Self weight, then 20 steps in which the blocks are thrown up and strike."""
     scene = Scene(case, view, comm)
-    run = Simulation(scene.model, options=NEWTON, monitors=[Watch(scene)], solver=solver)
+
+    def take(record):
+        e = record.energy
+        energies = (e.kinetic, e.strain, e.joint, e.input, e.viscous, e.friction)
+        scene.take(record.displacement, record.joints, energies)
+
+    run = Simulation(scene.model, options=NEWTON, monitors=[Rows(take)], solver=solver)
     run.statics()
 
     def ground(time):

@@ -29,7 +29,6 @@ from dolfinx.mesh import CellType
 from shaken_wall import Killed, Killer
 
 from dolfinx_joints import (
-    Body,
     Checkpoints,
     Elastic,
     FreeField,
@@ -39,7 +38,7 @@ from dolfinx_joints import (
     ViscousBoundary,
 )
 from dolfinx_joints.loads.column import Column
-from tests.verification.test_absorbing import PRESSURE, ROCK, SHEAR, ground, sides_of
+from tests.verification.test_absorbing import PRESSURE, ROCK, SHEAR, ground, on_dashpots
 
 LENGTH, SIZE = 0.1, 0.2  # of the pulse [s], [m/s]
 # What ranks can change is the same for all meshes and waves.
@@ -84,10 +83,7 @@ def plane_waves(wave, angle, way):
 def march(comm, size, divisions, dt, end, load, material=ROCK, parts=None):
     """Nodes, times, velocities of the nodes and the free surface, on dashpots all around."""
     cell = CellType.quadrilateral if len(size) == 2 else CellType.hexahedron
-    jointed = ground(comm, cell, size, divisions, parts)
-    groups = ["base", *sides_of(jointed)]
-    supports = [ViscousBoundary(group=group) for group in groups]
-    model = Model(jointed, material=material, supports=supports, body=Body(degree=2))
+    model, groups = on_dashpots(ground(comm, cell, size, divisions, parts), material)
     gdim = model.gdim
     seen = Rows(
         lambda record: (
@@ -168,10 +164,7 @@ def test_a_wave_that_rises_vertically_is_the_free_field(comm):
     oblique = {"angle_deg": 0.0, "incident": pulse, "surface": 20.0}
 
     def found(make):
-        jointed = ground(comm, CellType.quadrilateral, [20.0, 20.0], [4, 4])
-        groups = ["base", *sides_of(jointed)]
-        supports = [ViscousBoundary(group=group) for group in groups]
-        model = Model(jointed, material=ROCK, supports=supports, body=Body(degree=2))
+        model, groups = on_dashpots(ground(comm, CellType.quadrilateral, [20.0, 20.0], [4, 4]))
         return Simulation(model).dynamics(dt=2e-3, steps=35, loads=make(groups)).state.velocity
 
     plain = found(
@@ -241,10 +234,7 @@ def test_an_interrupted_run_goes_on(comm, new_path):
     kept = Checkpoints(new_path("waves.ckpt"), every=4)
 
     def run(*monitors, **options):
-        groups = ["base", *sides_of(jointed)]
-        supports = [ViscousBoundary(group=group) for group in groups]
-        solids = {"rock": ROCK, "soil": SOFT}
-        model = Model(jointed, material=solids, supports=supports, body=Body(degree=2))
+        model, groups = on_dashpots(jointed, {"rock": ROCK, "soil": SOFT})
         rising = FreeField(groups=groups, incident=lambda t: (pulse(t), 0.0), surface=30.0)
         oblique = ObliqueFreeField(
             groups=["base"], wave="P", angle_deg=10.0, incident=pulse, surface=30.0

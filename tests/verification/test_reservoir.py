@@ -16,6 +16,8 @@ whatever the face is, and M u are its nodal forces.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -23,15 +25,11 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
+import nodal_fields
 import ufl
-from dolfinx.mesh import (
-    CellType,
-    create_box,
-    create_rectangle,
-    exterior_facet_indices,
-    locate_entities,
-    locate_entities_boundary,
-)
+from boxes import box
+from dolfinx.mesh import CellType, create_rectangle, exterior_facet_indices
+from nodal_fields import energy, field
 
 from dolfinx_joints import (
     Body,
@@ -49,48 +47,30 @@ pytestmark = pytest.mark.mpi
 CONCRETE = Elastic(young=24e9, poisson=0.2, density=2400.0)
 LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
 RHO, DEPTH, WIDTH = 1000.0, 10.0, 12.0
-WALL = ([0.0, 0.0], [4.0, 12.0])  # 2 m above the level
+WALL = [4.0, 12.0]  # 2 m above the level
 
 
-def tagged(mesh, degree=1, *, joint=None, place=None):
-    """A model whose face x = 0 is ``up``; a plane mesh may have a joint at a height."""
-    fdim = mesh.topology.dim - 1
-    mesh.topology.create_connectivity(fdim, fdim + 1)
-    face = locate_entities_boundary(mesh, fdim, lambda x: np.abs(x[0]) < 1e-9)
-    joints = {}
-    if joint is not None:
-        joints["joint"] = locate_entities(mesh, fdim, lambda x: np.abs(x[1] - joint) < 1e-9)
-    if place is not None:
-        mesh.geometry.x[:] = place(mesh.geometry.x)
-    split = split_mesh(mesh, joints=joints, groups={"up": face})
-    return Model(split, material=CONCRETE, joints=LAW if joints else None, body=Body(degree=degree))
+def model_of(jointed, degree=1):
+    laws = LAW if jointed.joint_names else None
+    return Model(jointed, material=CONCRETE, joints=laws, body=Body(degree=degree))
 
 
-def plane(comm, cells, degree=1, cell=CellType.quadrilateral, **options):
-    return tagged(create_rectangle(comm, WALL, [1, cells], cell), degree, **options)
+def plane(comm, cells, degree=1, *, joint=None, place=None):
+    """A model whose face x = 0 is ``up``, with a joint at a height if given."""
+    joints, groups = {} if joint is None else {"joint": (1, joint)}, {"up": (0, 0.0)}
+    jointed = box(WALL, [1, cells], joints=joints, groups=groups, place=place, comm=comm)
+    return model_of(jointed, degree)
 
 
-def solid(comm, cells, cell, degree=1, **options):
-    corners = [[0.0, 0.0, 0.0], [4.0, WIDTH, 12.0]]
-    return tagged(create_box(comm, corners, [1, cells, cells], cell), degree, **options)
+def solid(comm, cells, cell, degree=1, place=None):
+    """The same in space."""
+    size, counts = [4.0, WIDTH, 12.0], [1, cells, cells]
+    return model_of(
+        box(size, counts, cell, groups={"up": (0, 0.0)}, place=place, comm=comm), degree
+    )
 
 
-def field(model, values):
-    """Nodal vector of ``values(x)``, shape (n, gdim), at the owned nodes x (n, 3)."""
-    u = model.mass.createVecRight()
-    x = model.V.tabulate_dof_coordinates()[: u.getLocalSize() // model.gdim]
-    u.setArray(np.broadcast_to(values(x), (len(x), model.gdim)).ravel())
-    return u
-
-
-def along(axis, profile=lambda x: np.ones(len(x)), gdim=2):
-    return lambda x: profile(x)[:, None] * np.eye(gdim)[axis]
-
-
-def energy(model, matrix, one, other):
-    product = matrix.createVecLeft()
-    matrix.mult(field(model, other), product)
-    return product.dot(field(model, one))
+along = partial(nodal_fields.along, gdim=2)
 
 
 def rate(n):
@@ -305,7 +285,7 @@ def test_bad_input(comm, monkeypatch):
 
 def skin(comm):
     """A model whose whole boundary is the group ``up``."""
-    mesh = create_rectangle(comm, WALL, [1, 6], CellType.quadrilateral)
+    mesh = create_rectangle(comm, [[0.0, 0.0], WALL], [1, 6], CellType.quadrilateral)
     mesh.topology.create_connectivity(1, 2)
     facets = exterior_facet_indices(mesh.topology)
     return Model(split_mesh(mesh, groups={"up": facets}), material=CONCRETE)
@@ -315,15 +295,11 @@ def test_bad_faces(comm):
     """A closed surface has no side that is upstream, a face below a roof no surface of water."""
     with pytest.raises(ValueError, match="no horizontal normal in the mean"):
         ReservoirMass(group="up", level=5.0).matrix(skin(comm))
-    holed = create_rectangle(comm, WALL, [1, 6], CellType.quadrilateral)
-    holed.topology.create_connectivity(1, 2)
-    facets = locate_entities_boundary(
-        holed, 1, lambda x: (x[0] < 1e-9) & (np.abs(x[1] - 5.0) > 0.99)
-    )
-    middle = locate_entities_boundary(
-        holed, 1, lambda x: (x[0] < 1e-9) & (x[1] > 3.99) & (x[1] < 6.01)
-    )
-    split = split_mesh(holed, groups={"up": np.setdiff1d(facets, middle)})
+
+    def holed(x):
+        return (x[0] < 1e-9) & ((x[1] < 4.01) | (x[1] > 5.99))
+
+    split = box(WALL, [1, 6], groups={"up": holed}, comm=comm)
     with pytest.raises(ValueError, match="1 separate regions of the face do not reach"):
         ReservoirMass(group="up", level=11.0).matrix(Model(split, material=CONCRETE))
 

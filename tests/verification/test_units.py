@@ -23,6 +23,8 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
+from boxes import Rows
+
 from dolfinx_joints import (
     Elastic,
     Fixed,
@@ -45,7 +47,6 @@ from dolfinx_joints import (
     ViscousJoint,
     mesh_from_arrays,
 )
-from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = [
     pytest.mark.mpi,
@@ -216,33 +217,18 @@ SCENES = {
 }
 
 
-@dataclass
-class Watch(Monitor):
-    """Every step of a dynamic run, in SI."""
-
-    model: Model
-    units: Units
-    rows: list
-
-    def start(self, model, stage, steps, first):
-        self.record(first)
-
-    def record(self, record):
-        u, e = self.units, record.energy
-        energies = (e.kinetic, e.strain, e.joint, e.input, e.viscous, e.friction)
-        self.rows.append(
-            {
-                "displacement": record.displacement.array / u(1.0, m=1),
-                "velocity": record.velocity.array / u(1.0, m=1, s=-1),
-                "gap": record.joints.state.gap / u(1.0, m=1),
-                "traction": record.joints.traction / u.pressure(1.0),
-                "energy": np.array(energies) / u(1.0, m=1, s=-2, kg=1),
-                "status": np.array(record.joints.status, dtype=float),
-            }
-        )
-
-    def finish(self, status, summary):
-        assert status == "complete"
+def in_si(record, u):
+    """Quantities of a step by name, in SI."""
+    e = record.energy
+    energies = (e.kinetic, e.strain, e.joint, e.input, e.viscous, e.friction)
+    return {
+        "displacement": record.displacement.array / u(1.0, m=1),
+        "velocity": record.velocity.array / u(1.0, m=1, s=-1),
+        "gap": record.joints.state.gap / u(1.0, m=1),
+        "traction": record.joints.traction / u.pressure(1.0),
+        "energy": np.array(energies) / u(1.0, m=1, s=-2, kg=1),
+        "status": np.array(record.joints.status, dtype=float),
+    }
 
 
 def run(scene, units):
@@ -264,13 +250,9 @@ def run(scene, units):
         water=[mass] if scene == "water" else [],
         loads=[Gravity(acceleration=units.acceleration(np.array([0.0, -9.81]))), *loads(units)],
     )
-    rows = []
-    simulation = Simulation(
-        model,
-        options=SolverOptions(relative_tolerance=1e-14),
-        monitors=[Watch(model, units, rows)],
-        **options,
-    )
+    seen = Rows(lambda record: in_si(record, units))
+    newton = SolverOptions(relative_tolerance=1e-14)
+    simulation = Simulation(model, options=newton, monitors=[seen], **options)
     simulation.statics()
 
     def ground(time):
@@ -279,7 +261,7 @@ def run(scene, units):
 
     motion = None if scene in ("prescribed", "free field") else ground
     simulation.dynamics(dt=units(2e-3, s=1), steps=10, motion=motion)
-    return rows
+    return seen.rows
 
 
 @pytest.mark.parametrize("scene", SCENES)

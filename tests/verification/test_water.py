@@ -26,6 +26,7 @@ from mpi4py import MPI
 
 import ufl
 from dolfinx.mesh import CellType, create_box, exterior_facet_indices
+from nodal_fields import along, energy, field
 from petsc4py import PETSc
 from scipy.integrate import quad
 
@@ -71,18 +72,6 @@ def force_of(model, load):
     return pattern
 
 
-def field(model, values):
-    """Nodal vector of ``values(x)``, shape (n, gdim), at the owned nodes x (n, 3)."""
-    u = model.mass.createVecRight()
-    x = model.V.tabulate_dof_coordinates()[: u.getLocalSize() // model.gdim]
-    u.setArray(np.broadcast_to(values(x), (len(x), model.gdim)).ravel())
-    return u
-
-
-def axis(i, gdim=3):
-    return lambda x: np.eye(gdim)[i]
-
-
 def turning(x):
     """The displacement z e_x."""
     return x[:, 2:] * np.eye(3)[0]
@@ -90,14 +79,9 @@ def turning(x):
 
 def total(model, pattern):
     """Resultant of a nodal vector."""
-    return np.array([pattern.dot(field(model, axis(i, model.gdim))) for i in range(model.gdim)])
-
-
-def energy(model, matrix, one, other):
-    """one . A other for two displacement fields."""
-    product = matrix.createVecLeft()
-    matrix.mult(field(model, other), product)
-    return product.dot(field(model, one))
+    return np.array(
+        [pattern.dot(field(model, along(i, gdim=model.gdim))) for i in range(model.gdim)]
+    )
 
 
 def skin(comm, cell, place):
@@ -144,7 +128,7 @@ def test_added_mass_on_a_vertical_face(wall, level):
     wet = max(level, 0.0)
     mass = WestergaardMass(group="x_min", level=level).matrix(wall)
     scale = RHO * WIDTH * 400.0
-    found = [[energy(wall, mass, axis(i), axis(j)) for j in range(3)] for i in range(3)]
+    found = [[energy(wall, mass, along(i), along(j)) for j in range(3)] for i in range(3)]
     expected = np.zeros((3, 3))
     expected[0, 0] = 7.0 / 12.0 * RHO * wet**2 * WIDTH
     np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12 * scale)
@@ -189,10 +173,10 @@ def test_entries_of_a_leaning_cube(comm, degree):
 
 def test_depth_of_the_reservoir(wall):
     """H enters by its root, as a number or as a function of the points."""
-    base = energy(wall, WestergaardMass(group="x_min", level=9.0).matrix(wall), axis(0), axis(0))
+    base = energy(wall, WestergaardMass(group="x_min", level=9.0).matrix(wall), along(0), along(0))
     for deep in (36.0, lambda x: np.full(len(x), 36.0)):
         mass = WestergaardMass(group="x_min", level=9.0, depth=deep).matrix(wall)
-        assert energy(wall, mass, axis(0), axis(0)) == pytest.approx(2.0 * base, rel=1e-11)
+        assert energy(wall, mass, along(0), along(0)) == pytest.approx(2.0 * base, rel=1e-11)
 
 
 @pytest.mark.parametrize("level", [20.0, 8.9, 3.0])
@@ -224,7 +208,7 @@ def test_sloping_face(read, blocks_file, two_rectangles_file, plane, order, leve
         size = RHO * STANDARD_GRAVITY * deep**2 / (2.0 * math.sin(lean))
         np.testing.assert_allclose(found, sign * size * up, rtol=1e-11, atol=1e-11 * size)
         mass = WestergaardMass(group=side, level=level).matrix(model)
-        axes = [axis(i, model.gdim) for i in range(model.gdim)]
+        axes = [along(i, gdim=model.gdim) for i in range(model.gdim)]
         masses = [[energy(model, mass, one, other) for one in axes] for other in axes]
         size = 7.0 / 12.0 * RHO * deep**2 / math.sin(lean)
         np.testing.assert_allclose(masses, size * np.outer(up, up), rtol=1e-10, atol=1e-11 * size)
@@ -244,8 +228,8 @@ def test_buoyancy_of_a_warped_body(comm):
     weight = RHO * STANDARD_GRAVITY
     model = model_of(skin(comm, CellType.hexahedron, warp))
     volume = model.body_mass.createVecRight()
-    model.body_mass.mult(field(model, axis(2)), volume)
-    volume = volume.dot(field(model, axis(2))) / CONCRETE.density
+    model.body_mass.mult(field(model, along(2)), volume)
+    volume = volume.dot(field(model, along(2))) / CONCRETE.density
     found = total(model, force_of(model, HydrostaticPressure(group="skin", level=2.0)))
     np.testing.assert_allclose(found, [0, 0, weight * volume], atol=1e-11 * weight)
     flat = model_of(skin(comm, CellType.tetrahedron, warp))
@@ -328,7 +312,7 @@ def test_added_mass_feels_the_absolute_acceleration(read, wall_file):
     absolute = Simulation(moving).dynamics(dt=dt, steps=steps)
     ground = 0.5 * a * (steps * dt) ** 2
     difference = absolute.state.displacement.copy()
-    difference.axpy(-ground, field(moving, axis(0)))
+    difference.axpy(-ground, field(moving, along(0)))
     difference.axpy(-1.0, relative.state.displacement)
     assert difference.norm() < 1e-9 * relative.state.displacement.norm()
 

@@ -23,9 +23,9 @@ from mpi4py import MPI
 
 import ufl
 from dolfinx import fem
+from grids import case
 from shaken_wall import swaying
 
-from benchmarks.shared.grids import case
 from dolfinx_joints import (
     Body,
     Elastic,

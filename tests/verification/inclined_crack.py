@@ -16,17 +16,8 @@ import numpy as np
 import ufl
 from numpy.typing import NDArray
 
+import dolfinx_joints as dj
 from benchmarks.shared.scenes import mesh_of
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FormLoad,
-    FrictionNoTension,
-    Joints,
-    Model,
-    Simulation,
-    Spring,
-)
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.geometry.inclined_crack import crack_axes, inclined_crack
 
@@ -215,11 +206,11 @@ def solve_crack(
     n = ufl.FacetNormal(jointed.mesh)
     hold = 1e-7 * crack.young / crack.half_length
     solid = jointed.mesh.geometry.dim == 3
-    model = Model(
+    model = dj.Model(
         jointed,
-        material=Elastic(young=crack.young, poisson=crack.poisson, density=0.0),
-        joints=Joints(
-            FrictionNoTension(
+        material=dj.Elastic(young=crack.young, poisson=crack.poisson, density=0.0),
+        joints=dj.Joints(
+            dj.FrictionNoTension(
                 normal_stiffness=normal_stiffness,
                 shear_stiffness=shear,
                 friction_angle_deg=crack.friction_angle_deg,
@@ -227,12 +218,12 @@ def solve_crack(
             quadrature=quadrature,
         ),
         supports=[
-            Spring(group="outer", normal_stiffness=hold, tangential_stiffness=hold),
-            *([Fixed(group="faces", components="z")] if solid else []),
+            dj.Spring(group="outer", normal_stiffness=hold, tangential_stiffness=hold),
+            *([dj.Fixed(group="faces", components="z")] if solid else []),
         ],
-        loads=[FormLoad(form=lambda v: -crack.stress * n[1] * v[1] * jointed.ds("outer"))],
+        loads=[dj.FormLoad(form=lambda v: -crack.stress * n[1] * v[1] * jointed.ds("outer"))],
     )
-    static = Simulation(model).statics()
+    static = dj.Simulation(model).statics()
     operator, state = model.contact.operator, static.joints.state
     along, normal = (np.append(axis, 0.0) for axis in crack_axes(crack.angle_deg))
     jump = np.einsum("pk,pki->pi", state.gap, operator.frames)

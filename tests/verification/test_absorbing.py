@@ -27,20 +27,11 @@ from mpi4py import MPI
 from boxes import Rows, box, largest
 from dolfinx.mesh import CellType
 
-from dolfinx_joints import (
-    Body,
-    Elastic,
-    Fixed,
-    FreeField,
-    Model,
-    Simulation,
-    Traction,
-    ViscousBoundary,
-)
+import dolfinx_joints as dj
 
 pytestmark = pytest.mark.mpi
 
-ROCK = Elastic(young=6e9, poisson=0.25, density=2400.0)
+ROCK = dj.Elastic(young=6e9, poisson=0.25, density=2400.0)
 SHEAR = math.sqrt(ROCK.shear_modulus / ROCK.density)  # 1000 m/s
 PRESSURE = math.sqrt((ROCK.first_lame("strain") + 2 * ROCK.shear_modulus) / ROCK.density)
 HEIGHT = 100.0
@@ -70,7 +61,9 @@ def sides_of(jointed):
 def one_way(jointed, axis):
     """Supports of the sides that let a column move along one axis only."""
     others = "".join(c for c in "xyz"[: jointed.mesh.geometry.dim] if c != "xyz"[axis])
-    return [Fixed(group=group, components=others) for group in (*sides_of(jointed), "top", "base")]
+    return [
+        dj.Fixed(group=group, components=others) for group in (*sides_of(jointed), "top", "base")
+    ]
 
 
 COLUMNS = [
@@ -94,13 +87,13 @@ def reflected(comm, cell, dim, cells, degree, wave):
     jointed = ground(comm, cell, size, [1] * (dim - 1) + [cells])
     axis, speed = (dim - 1, PRESSURE) if wave == "P" else (0, SHEAR)
     length = 0.5 * HEIGHT / speed
-    push = Traction(group="top", value=1e5 * np.eye(dim)[axis], factor=pulse(length))
-    supports = [ViscousBoundary(group="base"), *one_way(jointed, axis)]
-    model = Model(jointed, material=ROCK, supports=supports, body=Body(degree=degree))
+    push = dj.Traction(group="top", value=1e5 * np.eye(dim)[axis], factor=pulse(length))
+    supports = [dj.ViscousBoundary(group="base"), *one_way(jointed, axis)]
+    model = dj.Model(jointed, material=ROCK, supports=supports, body=dj.Body(degree=degree))
     dt = length / 100.0
-    on_the_way = Simulation(model).dynamics(dt=dt, steps=150, loads=[push])
+    on_the_way = dj.Simulation(model).dynamics(dt=dt, steps=150, loads=[push])
     # The front is down after 200 steps, the end after 300; a reflection is up again after 400.
-    after = Simulation(model).dynamics(dt=dt, steps=360, loads=[push])
+    after = dj.Simulation(model).dynamics(dt=dt, steps=360, loads=[push])
     assert after.imbalance < 1e-9
     assert after.energy.viscous == pytest.approx(after.energy.input, rel=0.01)
     return after.energy.stored / on_the_way.energy.stored
@@ -122,12 +115,12 @@ def surface_error(model, wave_axis, length, groups):
     dim = model.gdim
     speed = PRESSURE if wave_axis == dim - 1 else SHEAR
     incident = rising(wave_axis, dim, length)
-    field = FreeField(groups=groups, incident=incident, surface=HEIGHT)
+    field = dj.FreeField(groups=groups, incident=incident, surface=HEIGHT)
     nodes = model.nodes("top")
     top = Rows(lambda record: (record.time, record.velocity.array.reshape(-1, dim)[nodes]))
     dt = length / 100.0
     steps = int((2 * HEIGHT / speed + length) / dt) + 40
-    outcome = Simulation(model, monitors=[top]).dynamics(dt=dt, steps=steps, loads=[field])
+    outcome = dj.Simulation(model, monitors=[top]).dynamics(dt=dt, steps=steps, loads=[field])
     assert outcome.imbalance < 1e-9
     times, velocities = (np.array(column) for column in zip(*top.rows, strict=True))
     exact = np.array([2.0 * incident(t - HEIGHT / speed) for t in times])
@@ -138,8 +131,8 @@ def column_error(comm, wave):
     """Error of the surface of a column whose sides let it move along one axis."""
     jointed = ground(comm, CellType.quadrilateral, [5.0, HEIGHT], [1, 20])
     axis = 1 if wave == "P" else 0
-    supports = [ViscousBoundary(group="base"), *one_way(jointed, axis)]
-    model = Model(jointed, material=ROCK, supports=supports, body=Body(degree=2))
+    supports = [dj.ViscousBoundary(group="base"), *one_way(jointed, axis)]
+    model = dj.Model(jointed, material=ROCK, supports=supports, body=dj.Body(degree=2))
     length = 0.5 * HEIGHT / (PRESSURE if wave == "P" else SHEAR)
     return surface_error(model, axis, length, ["base"])
 
@@ -155,8 +148,8 @@ def test_free_surface_of_a_column(comm, wave):
 def on_dashpots(jointed, material=ROCK):
     """A model on dashpots all around, and their groups."""
     groups = ["base", *sides_of(jointed)]
-    supports = [ViscousBoundary(group=group) for group in groups]
-    return Model(jointed, material=material, supports=supports, body=Body(degree=2)), groups
+    supports = [dj.ViscousBoundary(group=group) for group in groups]
+    return dj.Model(jointed, material=material, supports=supports, body=dj.Body(degree=2)), groups
 
 
 def block_error(comm, cell, wave):

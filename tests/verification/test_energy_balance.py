@@ -27,18 +27,7 @@ import pytest
 
 pytest.importorskip("petsc4py")
 
-from dolfinx_joints import (
-    EnergyConsistent,
-    FrictionNoTension,
-    ImplicitContact,
-    KeyedJoint,
-    MatrixSystem,
-    Newmark,
-    RigidJoint,
-    ShearKeyJoint,
-    SolverOptions,
-    StepControl,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.solvers.choice import make_solver
@@ -70,7 +59,7 @@ class Run:
 
 def march(system, scheme, dt, steps, *, kind="auto", v0=None, control=None) -> Run:
     """Take equal steps, cut only where their solve fails."""
-    solver = make_solver(system, SolverOptions(relative_tolerance=1e-13), kind)
+    solver = make_solver(system, dj.SolverOptions(relative_tolerance=1e-13), kind)
     velocity = None
     if v0 is not None:
         velocity = system.mass.createVecRight()
@@ -78,7 +67,7 @@ def march(system, scheme, dt, steps, *, kind="auto", v0=None, control=None) -> R
     states = [initial_state(solver, velocity=velocity)]
     ledger = EnergyLedger(system)
     rows, reports = [ledger.start(states[0])], []
-    stepper = Stepper(scheme, solver, ledger, control or StepControl())
+    stepper = Stepper(scheme, solver, ledger, control or dj.StepControl())
     for _ in range(steps):
         for state, report, row in stepper.substeps(states[-1], dt):
             rows.append(ledger.record(row))
@@ -93,14 +82,14 @@ MASS, SPRING = 100.0, 1e4
 PERIOD = 2.0 * math.pi * math.sqrt(MASS / SPRING)
 
 
-def stop(law, gap) -> MatrixSystem:
-    return MatrixSystem.from_arrays(
+def stop(law, gap) -> dj.MatrixSystem:
+    return dj.MatrixSystem.from_arrays(
         mass=MASS, stiffness=SPRING, gap=[[-1.0], [0.0], [0.0]], law=law, initial_gap=gap
     )
 
 
-def elastic(stiffness) -> FrictionNoTension:
-    return FrictionNoTension(
+def elastic(stiffness) -> dj.FrictionNoTension:
+    return dj.FrictionNoTension(
         normal_stiffness=stiffness, shear_stiffness=0.0, friction_angle_deg=0.0
     )
 
@@ -115,7 +104,7 @@ def test_impact(gap, ratio, kind):
     bound = 1e-11 if kind == "condensed" else 1e-10
     for share in SHARES:
         system = stop(elastic(ratio * SPRING), gap)
-        run = march(system, EnergyConsistent(), share * PERIOD, 60, kind=kind, v0=1.0)
+        run = march(system, dj.EnergyConsistent(), share * PERIOD, 60, kind=kind, v0=1.0)
         np.testing.assert_allclose(run.line("stored"), 50.0, rtol=bound)
         assert run.ledger.relative_imbalance <= bound
         assert not run.line("friction").any()
@@ -125,8 +114,8 @@ def test_impact(gap, ratio, kind):
 
 @pytest.mark.parametrize("share", SHARES)
 def test_impact_on_a_rigid_stop(share):
-    law = RigidJoint(friction_angle_deg=0.0)
-    run = march(stop(law, 0.03), EnergyConsistent(), share * PERIOD, 60, v0=1.0)
+    law = dj.RigidJoint(friction_angle_deg=0.0)
+    run = march(stop(law, 0.03), dj.EnergyConsistent(), share * PERIOD, 60, v0=1.0)
     np.testing.assert_allclose(run.line("stored"), 50.0, rtol=1e-12)
     place = np.array([state.displacement.array[0] for state in run.states])
     assert place.max() <= 0.03 + 1e-15
@@ -140,7 +129,7 @@ def test_impact_on_a_rigid_stop(share):
 @pytest.mark.parametrize("ratio", [1.0, 1e4, 1e8, 1e12])
 def test_implicit_contact_never_gains(ratio, share):
     stiffness = ratio * SPRING
-    run = march(stop(elastic(stiffness), 0.01), ImplicitContact(), share * PERIOD, 60, v0=1.0)
+    run = march(stop(elastic(stiffness), 0.01), dj.ImplicitContact(), share * PERIOD, 60, v0=1.0)
     lost = np.diff(run.line("numerical"))
     assert lost.min() >= -1e-12 * 50.0
     gap = np.array([state.joints.state.gap[0, 0] for state in run.states])
@@ -161,14 +150,14 @@ def test_implicit_contact_never_gains(ratio, share):
 SIZE = 24  # dofs
 
 
-def friction(ratio, angle=30.0) -> FrictionNoTension:
+def friction(ratio, angle=30.0) -> dj.FrictionNoTension:
     """Friction of a joint ``ratio`` times as stiff as the bodies."""
-    return FrictionNoTension(
+    return dj.FrictionNoTension(
         normal_stiffness=1e4 * ratio, shear_stiffness=5e3 * ratio, friction_angle_deg=angle
     )
 
 
-def body(seed, ratio, *, laws=None, damping=0.0, push=1.0) -> MatrixSystem:
+def body(seed, ratio, *, laws=None, damping=0.0, push=1.0) -> dj.MatrixSystem:
     """Loads make joints open, stick and slide; areas of the points are not alike.
 
     More dofs than joint unknowns: tractions would not be determined where all stick, rigidly.
@@ -179,7 +168,7 @@ def body(seed, ratio, *, laws=None, damping=0.0, push=1.0) -> MatrixSystem:
     mass, stiffness = a @ a.T + size * np.eye(size), 1e4 * (b @ b.T + np.eye(size))
     arm, rate = rng.normal(size=size), rng.uniform(20.0, 60.0, size)
     law = friction(ratio)
-    system = MatrixSystem.from_arrays(
+    system = dj.MatrixSystem.from_arrays(
         mass=mass,
         stiffness=stiffness,
         damping=damping * stiffness,
@@ -191,7 +180,7 @@ def body(seed, ratio, *, laws=None, damping=0.0, push=1.0) -> MatrixSystem:
     return in_two(system, laws or law)
 
 
-def in_two(system, laws) -> MatrixSystem:
+def in_two(system, laws) -> dj.MatrixSystem:
     """The same with points 0, 1, 2 in joint a and 3, 4, 5 in joint b."""
     from dolfinx_joints.joints.operator import GapOperator
 
@@ -242,7 +231,7 @@ def test_lines_of_the_ledger(ratio, kind):
     """Each line, joint by joint, from the states; friction as what joints took and do not hold."""
     system = body(1, ratio, damping=1e-4)
     law = friction(ratio)
-    run = march(system, EnergyConsistent(), longest_period(system) / 50, 100, kind=kind)
+    run = march(system, dj.EnergyConsistent(), longest_period(system) / 50, 100, kind=kind)
     assert {int(s) for state in run.states for s in state.joints.status} == {0, 1, 2}
     scale = run.ledger.scale
     for name, expected in by_hand(system, run, law).items():
@@ -266,7 +255,7 @@ def test_random_bodies(ratio, kind):
         rng = np.random.default_rng(seed)
         run = march(
             system,
-            EnergyConsistent(),
+            dj.EnergyConsistent(),
             share * longest_period(system),
             40,
             kind=kind,
@@ -283,9 +272,9 @@ def test_random_bodies(ratio, kind):
 def test_keys_and_friction_in_one_body(ratio):
     """Two laws, one for each joint: the keyed joint takes nothing."""
     law = friction(ratio)
-    keys = KeyedJoint(normal_stiffness=2e4 * ratio, shear_stiffness=1e4 * ratio)
+    keys = dj.KeyedJoint(normal_stiffness=2e4 * ratio, shear_stiffness=1e4 * ratio)
     system = body(2, ratio, laws={"a": law, "b": keys})
-    run = march(system, EnergyConsistent(), longest_period(system) / 20, 100)
+    run = march(system, dj.EnergyConsistent(), longest_period(system) / 20, 100)
     assert run.ledger.relative_imbalance <= 1e-11
     assert run.rows[-1].joint_friction[0] > 0.0
     assert run.rows[-1].joint_friction[1] == 0.0
@@ -294,7 +283,7 @@ def test_keys_and_friction_in_one_body(ratio):
 @pytest.mark.parametrize(("ratio", "kind"), [(1.0, "monolithic"), (1e3, "condensed")])
 def test_shear_keys(ratio, kind):
     """Flanks some mm high are met and ridden over in joint a, sheared off in joint b."""
-    strong = ShearKeyJoint(
+    strong = dj.ShearKeyJoint(
         normal_stiffness=1e4 * ratio,
         shear_stiffness=5e3 * ratio,
         friction_angle_deg=30.0,
@@ -307,7 +296,7 @@ def test_shear_keys(ratio, kind):
     )
     laws = {"a": strong, "b": replace(strong, tooth_cohesion=50.0)}
     system = body(4, ratio, laws=laws)
-    run = march(system, EnergyConsistent(), longest_period(system) / 200, 150, kind=kind)
+    run = march(system, dj.EnergyConsistent(), longest_period(system) / 200, 150, kind=kind)
     states = [state.joints for state in run.states]
     assert any(((j.state.gap[:3, 0] > 1e-3) & (j.traction[:3, 0] < 0.0)).any() for j in states)
     broken = states[-1].state.internal[:, 0].reshape(2, 3).sum(axis=1)
@@ -322,9 +311,9 @@ def test_shear_keys(ratio, kind):
 def test_both_solvers_take_the_same_step(ratio):
     """From the states of one run, so that nothing adds up over the steps."""
     system = body(3, ratio)
-    scheme, dt = EnergyConsistent(), longest_period(system) / 40
+    scheme, dt = dj.EnergyConsistent(), longest_period(system) / 40
     run = march(system, scheme, dt, 80, v0=np.arange(SIZE) - 11.5)
-    options = SolverOptions(relative_tolerance=1e-13)
+    options = dj.SolverOptions(relative_tolerance=1e-13)
     solvers = [make_solver(system, options, kind) for kind in SOLVERS]
     largest = max(float(np.abs(s.displacement.array).max()) for s in run.states)
     worst = 0.0
@@ -353,7 +342,7 @@ def test_where_all_stick_it_is_newmark(ratio, kind):
     law = friction(ratio, angle=60.0)
     rest = np.linalg.solve(gap, pressed)
     hold = stiffness @ rest + gap.T @ (1e4 * ratio * pressed)
-    system = MatrixSystem.from_arrays(
+    system = dj.MatrixSystem.from_arrays(
         mass=np.eye(size),
         stiffness=stiffness,
         damping=1e-4 * stiffness,
@@ -364,8 +353,8 @@ def test_where_all_stick_it_is_newmark(ratio, kind):
     start = system.mass.createVecRight()
     start.setArray(rest)
     paths = []
-    for scheme in (EnergyConsistent(), Newmark()):
-        solver = make_solver(system, SolverOptions(relative_tolerance=1e-13), kind)
+    for scheme in (dj.EnergyConsistent(), dj.Newmark()):
+        solver = make_solver(system, dj.SolverOptions(relative_tolerance=1e-13), kind)
         state, path = initial_state(solver, displacement=start), []
         for _ in range(150):
             state, _ = scheme.advance(solver, state, 2e-3)
@@ -410,15 +399,13 @@ def test_wall(wall_file, read, stiffness, kind, dt):
     """Solid, supports and friction: all lines add up, and the works of supports are one of them."""
     from shaken_wall import wall
 
-    from dolfinx_joints import Simulation
-
-    law = FrictionNoTension(
+    law = dj.FrictionNoTension(
         normal_stiffness=stiffness, shear_stiffness=0.4 * stiffness, friction_angle_deg=30.0
     )
     model = wall(read(wall_file(divisions=(6, 2, 3), joints=2)), law)
     lines = Lines()
-    newton = SolverOptions(relative_tolerance=1e-12)
-    simulation = Simulation(model, solver=kind, options=newton, monitors=[lines])
+    newton = dj.SolverOptions(relative_tolerance=1e-12)
+    simulation = dj.Simulation(model, solver=kind, options=newton, monitors=[lines])
     simulation.statics()
     outcome = simulation.dynamics(dt=dt, steps=50, motion=shaking)
     assert outcome.solver == kind

@@ -27,17 +27,7 @@ import ufl
 from boxes import Rows, box
 from dolfinx import fem
 
-from dolfinx_joints import (
-    CheckpointError,
-    Checkpoints,
-    Elastic,
-    Fixed,
-    InitialFields,
-    Model,
-    Simulation,
-    Traction,
-    frictionless,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.mesh.dolfinx_versions import geometry_nodes
 
 pytestmark = [pytest.mark.mpi, pytest.mark.filterwarnings("ignore:A single step errs")]
@@ -49,7 +39,7 @@ ANGLE = 2.0 * math.atan(0.5 * OMEGA * DT)
 SPEED, AMPLITUDE, STIFFNESS = 0.5, 1e-3, 1e11
 
 
-def bar(*, joint: bool = False, **options: Any) -> Model:
+def bar(*, joint: bool = False, **options: Any) -> dj.Model:
     """The bar, its right end free and a joint in its middle if asked for."""
     jointed = box(
         [LENGTH, 1.0],
@@ -57,13 +47,13 @@ def bar(*, joint: bool = False, **options: Any) -> Model:
         joints={"joint_1": (0, LENGTH / 2)} if joint else {},
         groups={"low": (1, 0.0), "high": (1, 1.0), "left": (0, 0.0), "right": (0, LENGTH)},
     )
-    held = [Fixed(group=side, components="y") for side in ("low", "high")]
-    held.append(Fixed(group="left"))
-    return Model(
+    held = [dj.Fixed(group=side, components="y") for side in ("low", "high")]
+    held.append(dj.Fixed(group="left"))
+    return dj.Model(
         jointed,
-        material=Elastic(young=YOUNG, poisson=0.0, density=RHO),
-        joints=frictionless(normal_stiffness=STIFFNESS) if joint else None,
-        supports=held if joint else [*held, Fixed(group="right")],
+        material=dj.Elastic(young=YOUNG, poisson=0.0, density=RHO),
+        joints=dj.frictionless(normal_stiffness=STIFFNESS) if joint else None,
+        supports=held if joint else [*held, dj.Fixed(group="right")],
         **options,
     )
 
@@ -100,9 +90,9 @@ GIVEN = {
 @pytest.mark.parametrize("given", GIVEN.values(), ids=GIVEN)
 def test_first_mode_from_a_velocity_and_from_a_displacement(given):
     model, seen = bar(), kept()
-    run = Simulation(model, monitors=[seen])
+    run = dj.Simulation(model, monitors=[seen])
     expected = mode(model.V.tabulate_dof_coordinates()[: model.V.dofmap.index_map.size_local])
-    run.dynamics(dt=DT, steps=STEPS, start=InitialFields(velocity=given(model, SPEED)))
+    run.dynamics(dt=DT, steps=STEPS, start=dj.InitialFields(velocity=given(model, SPEED)))
     for n, (u, _, _) in enumerate(seen.rows):
         wanted = SPEED / OMEGA * math.sin(n * ANGLE) * expected.ravel()
         assert np.abs(u.array - wanted).max(initial=0.0) < 1e-9 * SPEED / OMEGA
@@ -111,7 +101,7 @@ def test_first_mode_from_a_velocity_and_from_a_displacement(given):
     assert energy.kinetic == pytest.approx(kinetic, rel=1e-12)
     assert energy.strain == 0.0
     assert settings["initial velocity"].startswith("up to 0.5 ")
-    run.dynamics(dt=DT, steps=STEPS, start=InitialFields(displacement=given(model, AMPLITUDE)))
+    run.dynamics(dt=DT, steps=STEPS, start=dj.InitialFields(displacement=given(model, AMPLITUDE)))
     for n, (u, _, _) in enumerate(seen.rows):
         wanted = AMPLITUDE * math.cos(n * ANGLE) * expected.ravel()
         assert np.abs(u.array - wanted).max(initial=0.0) < 1e-9 * AMPLITUDE
@@ -126,9 +116,9 @@ def test_an_initial_displacement_comes_on_top_of_the_static_state():
     # The right half pressed on the left by p: gap -p / k. Moved by -a as a whole, the joint holds
     # k (p / k + a)^2 / 2; all else stays.
     pressure, moved = 1e6, 2e-5
-    push = Traction(group="right", value=(-pressure, 0.0))
+    push = dj.Traction(group="right", value=(-pressure, 0.0))
     model, seen = bar(joint=True, loads=[push]), kept()
-    run = Simulation(model, monitors=[seen])
+    run = dj.Simulation(model, monitors=[seen])
     static = run.statics()
     right = fem.Function(model.V)
     cells = np.arange(model.V.mesh.topology.index_map(2).size_local, dtype=np.int32)
@@ -136,7 +126,7 @@ def test_an_initial_displacement_comes_on_top_of_the_static_state():
     nodes = model.V.dofmap.list[cells[middle > LENGTH / 2]]
     right.x.array.reshape(-1, 2)[nodes.ravel(), 0] = -moved
     right.x.scatter_forward()
-    run.dynamics(dt=1e-7, steps=1, start=InitialFields(displacement=right))
+    run.dynamics(dt=1e-7, steps=1, start=dj.InitialFields(displacement=right))
     stored = 0.5 * STIFFNESS * (pressure / STIFFNESS + moved) ** 2
     apart, energy, _ = seen.rows[0]
     assert energy.joint == pytest.approx(stored, rel=1e-9)
@@ -151,18 +141,18 @@ def test_a_run_with_other_initial_fields_is_not_resumed(new_path):
     model, file = bar(), new_path("run.ckpt")
 
     def run(steps=4, speed=SPEED, *, resume=False):
-        kept = Checkpoints(file, every=3, resume=resume)
-        start = InitialFields(
+        kept = dj.Checkpoints(file, every=3, resume=resume)
+        start = dj.InitialFields(
             velocity=lambda x: speed * mode(x), displacement=lambda x: 1e-3 * mode(x)
         )
-        return Simulation(model).dynamics(dt=DT, steps=steps, start=start, checkpoint=kept)
+        return dj.Simulation(model).dynamics(dt=DT, steps=steps, start=start, checkpoint=kept)
 
     whole = run()
     again = run(resume=True)
     apart = again.state.displacement.copy()
     apart.axpy(-1.0, whole.state.displacement)
     assert apart.norm() < 1e-12 * whole.state.displacement.norm()
-    with pytest.raises(CheckpointError, match="initial velocity: the numbers are not the same"):
+    with pytest.raises(dj.CheckpointError, match="initial velocity: the numbers are not the same"):
         run(speed=0.5 * SPEED, resume=True)
 
 
@@ -179,4 +169,4 @@ def test_a_run_with_other_initial_fields_is_not_resumed(new_path):
 )
 def test_fields_that_do_not_fit_are_refused(fields, text):
     with pytest.raises(ValueError, match=text):
-        Simulation(bar()).dynamics(dt=DT, steps=1, start=InitialFields(**fields))
+        dj.Simulation(bar()).dynamics(dt=DT, steps=1, start=dj.InitialFields(**fields))

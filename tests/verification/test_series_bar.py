@@ -42,17 +42,7 @@ pytest.importorskip("dolfinx")
 import ufl
 from boxes import box, largest
 
-from dolfinx_joints import (
-    Body,
-    Elastic,
-    Fixed,
-    FormLoad,
-    FrictionNoTension,
-    Joints,
-    Model,
-    Prescribed,
-    Simulation,
-)
+import dolfinx_joints as dj
 
 LENGTH, SIDE, YOUNG = 2.0, 0.5, 30e9  # m, m, Pa
 PUSH = 1e-3  # m of shortening at time 1
@@ -118,7 +108,7 @@ def bar(cell):
 
 
 def friction(k_n):
-    return FrictionNoTension(
+    return dj.FrictionNoTension(
         normal_stiffness=k_n, shear_stiffness=0.4 * k_n, friction_angle_deg=30.0
     )
 
@@ -130,19 +120,19 @@ def pushed(cell, degree, rule, plane, *, k_n, held, gap=0.0):
     axis = "xyz"[dim - 1]
     rollers = [("left", "x"), ("front", "y"), ("right", "x"), ("back", "y")]
     rollers = [r for r in rollers[: None if held else 2] if dim == 3 or r[1] == "x"]
-    model = Model(
+    model = dj.Model(
         jointed,
-        material=Elastic(young=YOUNG, poisson=POISSON, density=0.0),
-        joints=Joints(friction(k_n), initial_gaps={"joint_1": gap}, quadrature=rule),
+        material=dj.Elastic(young=YOUNG, poisson=POISSON, density=0.0),
+        joints=dj.Joints(friction(k_n), initial_gaps={"joint_1": gap}, quadrature=rule),
         supports=[
-            Fixed(group="base", components=axis),
-            Prescribed(group="top", component=axis, value=lambda time: -PUSH * time),
-            *(Fixed(group=name, components=normal) for name, normal in rollers),
+            dj.Fixed(group="base", components=axis),
+            dj.Prescribed(group="top", component=axis, value=lambda time: -PUSH * time),
+            *(dj.Fixed(group=name, components=normal) for name, normal in rollers),
         ],
-        body=Body(degree=degree, plane=plane),
+        body=dj.Body(degree=degree, plane=plane),
     )
     size = gap if isinstance(gap, float) else float(gap(np.zeros((1, 3)))[0])
-    return Simulation(model), SeriesBar(modulus(dim, plane, held), k_n, size)
+    return dj.Simulation(model), SeriesBar(modulus(dim, plane, held), k_n, size)
 
 
 def errors(run, state, expected, scale):
@@ -242,15 +232,15 @@ def test_bending_and_a_wedge(cell, rule):
         return -1e-5 - 4e-5 * points[:, 0]
 
     here = ufl.SpatialCoordinate(jointed.mesh)
-    model = Model(
+    model = dj.Model(
         jointed,
-        material=Elastic(young=YOUNG, poisson=0.0, density=0.0),
-        joints=Joints(friction(k_n), initial_gaps={"joint_1": wedge}, quadrature=rule),
-        supports=[Fixed(group="base")],
-        loads=[FormLoad(form=lambda v: stress(here[0]) * v[axis] * jointed.ds("top"))],
-        body=Body(degree=2),
+        material=dj.Elastic(young=YOUNG, poisson=0.0, density=0.0),
+        joints=dj.Joints(friction(k_n), initial_gaps={"joint_1": wedge}, quadrature=rule),
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.FormLoad(form=lambda v: stress(here[0]) * v[axis] * jointed.ds("top"))],
+        body=dj.Body(degree=2),
     )
-    state = Simulation(model).statics()
+    state = dj.Simulation(model).statics()
     x = model.operator.points[:, 0]
     exact = np.column_stack([stress(x), np.zeros((len(x), 2))])
     assert largest(state.joints.traction - exact) < 1e-10 * pressure

@@ -27,27 +27,16 @@ import ufl
 from boxes import box
 from dolfinx import fem
 
-from dolfinx_joints import (
-    Body,
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    MeshError,
-    Model,
-    Results,
-    ResultsMonitor,
-    Simulation,
-    Temperature,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes, SurfaceStress
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 
 pytestmark = pytest.mark.mpi
 
-CONCRETE = Elastic(young=25e9, poisson=0.2, density=2400.0)
+CONCRETE = dj.Elastic(young=25e9, poisson=0.2, density=2400.0)
 ALPHA, LENGTH, K_N = 1e-5, 4.0, 1e10
-LAW = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_N, friction_angle_deg=30.0)
+LAW = dj.FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_N, friction_angle_deg=30.0)
 KINDS = [("hexahedron", "strain"), ("tetrahedron", "strain")]
 KINDS += [("quadrilateral", "strain"), ("triangle", "stress")]
 
@@ -71,14 +60,14 @@ def bar(comm, cell="hexahedron", *, joint=True):
 
 def model_of(jointed, loads, *, plane="strain", **options):
     axes = "xyz"[: jointed.mesh.geometry.dim]
-    supports = [Fixed(group=a, components=a) for a in axes[:-1]]
-    return Model(
+    supports = [dj.Fixed(group=a, components=a) for a in axes[:-1]]
+    return dj.Model(
         jointed,
         material=CONCRETE,
         joints=LAW if jointed.joint_names else None,
-        supports=[*supports, Fixed(group="ends", components=axes[-1])],
+        supports=[*supports, dj.Fixed(group="ends", components=axes[-1])],
         loads=loads,
-        body=Body(plane=plane),
+        body=dj.Body(plane=plane),
         **options,
     )
 
@@ -93,9 +82,9 @@ def free_strain(change, jointed, plane):
 @pytest.mark.parametrize(("cell", "plane"), KINDS)
 def test_joint_opens_as_the_blocks_shrink(comm, cell, plane):
     jointed = bar(comm, cell)
-    cold = Temperature(value=4.0, reference=12.0, expansion=ALPHA)
+    cold = dj.Temperature(value=4.0, reference=12.0, expansion=ALPHA)
     model = model_of(jointed, [cold], plane=plane)
-    state = Simulation(model).statics()
+    state = dj.Simulation(model).statics()
     opening = -free_strain(-8.0, jointed, plane)[0] * LENGTH
     np.testing.assert_allclose(state.joints.state.gap[:, 0], opening, rtol=1e-10)
     np.testing.assert_allclose(state.joints.state.gap[:, 1:], 0.0, atol=1e-10 * opening)
@@ -106,9 +95,9 @@ def test_joint_opens_as_the_blocks_shrink(comm, cell, plane):
 @pytest.mark.parametrize("joint", [False, True])
 def test_warm_bar_between_walls(comm, cell, plane, joint):
     jointed = bar(comm, cell, joint=joint)
-    warm = Temperature(value=lambda x: 20.0 + 0.0 * x[0], reference=12.0, expansion=ALPHA)
+    warm = dj.Temperature(value=lambda x: 20.0 + 0.0 * x[0], reference=12.0, expansion=ALPHA)
     model = model_of(jointed, [warm], plane=plane)
-    state = Simulation(model).statics()
+    state = dj.Simulation(model).statics()
     strain, modulus = free_strain(8.0, jointed, plane)
     stress = -strain / (1.0 / modulus + (1.0 / (K_N * LENGTH) if joint else 0.0))
     if joint:
@@ -126,13 +115,13 @@ def test_warm_bar_between_walls(comm, cell, plane, joint):
 def by_block(jointed):
     """A load for each block."""
     given = {"value": 9.0, "expansion": ALPHA}
-    low = Temperature(reference=12.0, cells="low", **given)
-    return [low, Temperature(reference=16.0, cells="high", **given)]
+    low = dj.Temperature(reference=12.0, cells="low", **given)
+    return [low, dj.Temperature(reference=16.0, cells="high", **given)]
 
 
 def by_references(jointed):
     """One load with a reference for each block."""
-    return [Temperature(value=9.0, reference={"low": 12.0, "high": 16.0}, expansion=ALPHA)]
+    return [dj.Temperature(value=9.0, reference={"low": 12.0, "high": 16.0}, expansion=ALPHA)]
 
 
 def by_field(jointed):
@@ -140,7 +129,7 @@ def by_field(jointed):
     field = fem.Function(fem.functionspace(jointed.mesh, ("DG", 0)))
     field.x.array[:] = 5.0
     field.x.array[jointed.cells("low")] = 9.0
-    return [Temperature(value=field, reference=12.0, expansion=ALPHA)]
+    return [dj.Temperature(value=field, reference=12.0, expansion=ALPHA)]
 
 
 @pytest.mark.parametrize("loads", [by_block, by_references, by_field])
@@ -148,7 +137,7 @@ def test_each_block_has_a_temperature(comm, loads):
     """The lower block, 1.5 m, is cooled by 3 K from its reference, the upper one by 7 K."""
     jointed = bar(comm)
     model = model_of(jointed, loads(jointed))
-    state = Simulation(model).statics()
+    state = dj.Simulation(model).statics()
     # Sideways the blocks shrink differently, which an open joint does not mind.
     opening = ALPHA * (3.0 * 1.5 + 7.0 * 2.5)
     np.testing.assert_allclose(state.joints.state.gap[:, 0], opening, rtol=1e-10)
@@ -161,9 +150,9 @@ def test_each_block_has_a_temperature(comm, loads):
 def test_gradient_through_the_thickness_bends_without_stress(comm, cell):
     """K u = F and no stress, in a body that nothing holds."""
     slope = 6.0  # K/m
-    load = Temperature(value=lambda x: slope * x[0] + 3.0, reference=3.0, expansion=ALPHA)
+    load = dj.Temperature(value=lambda x: slope * x[0] + 3.0, reference=3.0, expansion=ALPHA)
     jointed = bar(comm, cell, joint=False)
-    model = Model(jointed, material=CONCRETE, loads=[load], body=Body(degree=2))
+    model = dj.Model(jointed, material=CONCRETE, loads=[load], body=dj.Body(degree=2))
     u = model.stiffness.createVecRight()
     x, y, z = model.V.tabulate_dof_coordinates()[: u.getLocalSize() // 3].T
     bent = np.stack([(x**2 - y**2 - z**2) / 2.0, x * y, x * z], axis=1)
@@ -180,12 +169,12 @@ def test_gradient_through_the_thickness_bends_without_stress(comm, cell):
 def test_seasons(comm):
     """A mean below the reference and a swing of 10 K: open in winter, pressed in summer."""
     jointed = bar(comm)
-    mean = Temperature(value=11.0, reference=12.0, expansion=ALPHA)
-    swing = Temperature(
+    mean = dj.Temperature(value=11.0, reference=12.0, expansion=ALPHA)
+    swing = dj.Temperature(
         value=10.0, reference=0.0, expansion=ALPHA, factor=lambda t: math.cos(2.0 * math.pi * t)
     )
     model = model_of(jointed, [mean, swing])
-    simulation, envelopes = Simulation(model), StressEnvelopes(model, NodeNumbering(model.V))
+    simulation, envelopes = dj.Simulation(model), StressEnvelopes(model, NodeNumbering(model.V))
     for time in (0.0, 0.5, 1.0):
         state = simulation.quasi_statics([time])
         change = -1.0 + 10.0 * math.cos(2.0 * math.pi * time)
@@ -204,10 +193,10 @@ def test_seasons(comm):
 
 def test_energies_balance_while_the_body_cools(comm):
     """From 8 K above the reference to 8 K below it, in 10 ms; the joint opens."""
-    fall = Temperature(
+    fall = dj.Temperature(
         value=20.0, reference=12.0, expansion=ALPHA, factor=lambda t: 1.0 - t / 0.005
     )
-    simulation = Simulation(model_of(bar(comm), [fall]))
+    simulation = dj.Simulation(model_of(bar(comm), [fall]))
     closed = simulation.statics().joints.state.gap[:, 0]
     outcome = simulation.dynamics(dt=2e-4, steps=50)
     assert outcome.imbalance < 1e-12
@@ -219,15 +208,15 @@ def test_energies_balance_while_the_body_cools(comm):
 @pytest.mark.filterwarnings("ignore:A single step errs")  # relative to a motion of rounding
 def test_envelopes_of_a_run(comm, new_path):
     """Of a warm bar that nothing moves: its static stress, none sideways."""
-    warm = Temperature(value=20.0, reference=12.0, expansion=ALPHA)
+    warm = dj.Temperature(value=20.0, reference=12.0, expansion=ALPHA)
     path = new_path("warm.h5")
-    monitor = ResultsMonitor(path, points={"end": (0, 0, 4)}, envelopes=True)
-    simulation = Simulation(model_of(bar(comm), [warm]), monitors=[monitor])
+    monitor = dj.ResultsMonitor(path, points={"end": (0, 0, 4)}, envelopes=True)
+    simulation = dj.Simulation(model_of(bar(comm), [warm]), monitors=[monitor])
     simulation.statics()
     simulation.dynamics(dt=2e-4, steps=2)
     stress = -8.0 * ALPHA / (1.0 / CONCRETE.young + 1.0 / (K_N * LENGTH))
     if comm.rank == 0:
-        with Results(path) as results:
+        with dj.Results(path) as results:
             for name, expected in (("min", stress), ("max", 0.0)):
                 found = results.series("envelopes", f"principal_{name}", -1)
                 np.testing.assert_allclose(found, expected, rtol=0, atol=-1e-8 * stress)
@@ -245,8 +234,10 @@ def test_refusals(comm):
         ({"reference": {"low": 9.0}}, r"20 cells have no reference or several; its groups, low,"),
     ):
         with pytest.raises(ValueError, match=message):
-            model_of(jointed, [Temperature(**{**good, **wrong})]).system()
-    with pytest.raises(MeshError, match="middle"):
-        model_of(jointed, [Temperature(**good, cells="middle")]).system()
+            model_of(jointed, [dj.Temperature(**{**good, **wrong})]).system()
+    with pytest.raises(dj.MeshError, match="middle"):
+        model_of(jointed, [dj.Temperature(**good, cells="middle")]).system()
     with pytest.raises(ValueError, match=r"A Temperature was given to a stage; give it to Model"):
-        Simulation(model_of(jointed, [])).dynamics(dt=1e-3, steps=1, loads=[Temperature(**good)])
+        dj.Simulation(model_of(jointed, [])).dynamics(
+            dt=1e-3, steps=1, loads=[dj.Temperature(**good)]
+        )

@@ -25,28 +25,7 @@ from mpi4py import MPI
 
 from boxes import Rows
 
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FreeField,
-    FrictionNoTension,
-    Gravity,
-    HydrostaticPressure,
-    Joints,
-    JointWater,
-    Model,
-    MohrCoulombJoint,
-    Prescribed,
-    Rayleigh,
-    ReservoirMass,
-    Simulation,
-    SolverOptions,
-    Spring,
-    Traction,
-    ViscousBoundary,
-    ViscousJoint,
-    mesh_from_arrays,
-)
+import dolfinx_joints as dj
 
 pytestmark = [
     pytest.mark.mpi,
@@ -101,7 +80,7 @@ def mesh(units):
     def edges(row):
         return np.column_stack([row[:-1], row[1:]])
 
-    return mesh_from_arrays(
+    return dj.mesh_from_arrays(
         MPI.COMM_WORLD,
         cell="quadrilateral",
         x=units(np.column_stack([x.ravel(), z.ravel()]), m=1),
@@ -119,7 +98,7 @@ def mesh(units):
 
 def friction(u):
     """Joints that press, slide and open."""
-    return FrictionNoTension(
+    return dj.FrictionNoTension(
         normal_stiffness=u.stiffness(4e9),
         shear_stiffness=u.stiffness(2e9),
         friction_angle_deg=30.0,
@@ -128,7 +107,7 @@ def friction(u):
 
 def bonded(u, **more):
     """Joints with a bond that breaks."""
-    return MohrCoulombJoint(
+    return dj.MohrCoulombJoint(
         normal_stiffness=u.stiffness(4e9),
         shear_stiffness=u.stiffness(2e9),
         friction_angle_deg=30.0,
@@ -141,7 +120,7 @@ def bonded(u, **more):
 def dashpots(u):
     """Joints with a bond and dashpots."""
     viscosity = u(1e6, m=-2, s=-1, kg=1)
-    return ViscousJoint(law=bonded(u), normal_viscosity=viscosity, shear_viscosity=viscosity)
+    return dj.ViscousJoint(law=bonded(u), normal_viscosity=viscosity, shear_viscosity=viscosity)
 
 
 def push(u):
@@ -150,15 +129,15 @@ def push(u):
     def factor(time):
         return float(np.sin(np.pi * min(time / u(0.02, s=1), 1.0)))
 
-    return Traction(group="top", value=u.pressure(np.array([2e5, 1e5])), factor=factor)
+    return dj.Traction(group="top", value=u.pressure(np.array([2e5, 1e5])), factor=factor)
 
 
 def clamped(u):
     """A base at rest, springs beside it."""
     stiffness = u.stiffness(3e8)
     return [
-        Fixed(group="base"),
-        Spring(group="end", normal_stiffness=stiffness, tangential_stiffness=stiffness),
+        dj.Fixed(group="base"),
+        dj.Spring(group="end", normal_stiffness=stiffness, tangential_stiffness=stiffness),
     ]
 
 
@@ -169,16 +148,16 @@ def moved(u):
         return u(1e-3, m=1) * float(np.sin(300.0 * time / u(1.0, s=1)))
 
     return [
-        Prescribed(group="base", component="x", value=shift),
-        Fixed(group="base", components="y"),
+        dj.Prescribed(group="base", component="x", value=shift),
+        dj.Fixed(group="base", components="y"),
     ]
 
 
 def floating(u):
     """A base on dashpots, and springs that hold it in statics."""
     stiffness = u.stiffness(1e9)
-    spring = Spring(group="base", normal_stiffness=stiffness, tangential_stiffness=stiffness)
-    return [ViscousBoundary(group="base"), spring]
+    spring = dj.Spring(group="base", normal_stiffness=stiffness, tangential_stiffness=stiffness)
+    return [dj.ViscousBoundary(group="base"), spring]
 
 
 def still_water(u):
@@ -186,8 +165,8 @@ def still_water(u):
     water = {"level": u(2.8, m=1), "density": u.density(1000.0)}
     water["gravity"] = u.acceleration(9.81)
     return [
-        HydrostaticPressure(group="face", **water),
-        JointWater(joint="joint_1", reached_from="face", aperture=u(1e-6, m=1), **water),
+        dj.HydrostaticPressure(group="face", **water),
+        dj.JointWater(joint="joint_1", reached_from="face", aperture=u(1e-6, m=1), **water),
     ]
 
 
@@ -201,7 +180,7 @@ def wave(u):
     highest = u(100.0, s=-1)
     surface = u(0.1, m=1)
     return [
-        FreeField(groups=["base"], incident=velocity, surface=surface, highest_frequency=highest)
+        dj.FreeField(groups=["base"], incident=velocity, surface=surface, highest_frequency=highest)
     ]
 
 
@@ -234,25 +213,25 @@ def in_si(record, u):
 def run(scene, units):
     """Self weight, then ten steps of 2 ms, shaken; quantities of each step by name."""
     law, supports, loads, options = SCENES[scene]
-    mass = ReservoirMass(
+    mass = dj.ReservoirMass(
         group="face",
         level=units(2.8, m=1),
         density=units.density(1000.0),
         frequency=units(5.0, s=-1),
         sound_speed=units(1440.0, m=1, s=-1),
     )
-    model = Model(
+    model = dj.Model(
         mesh(units),
-        material=Elastic(young=units.pressure(2e9), poisson=0.2, density=units.density(2400.0)),
-        joints=Joints(law(units), initial_gaps={"joint_2": units(2e-6, m=1)}),
+        material=dj.Elastic(young=units.pressure(2e9), poisson=0.2, density=units.density(2400.0)),
+        joints=dj.Joints(law(units), initial_gaps={"joint_2": units(2e-6, m=1)}),
         supports=supports(units),
-        damping=Rayleigh(mass_factor=units(1.0, s=-1), stiffness_factor=units(1e-4, s=1)),
+        damping=dj.Rayleigh(mass_factor=units(1.0, s=-1), stiffness_factor=units(1e-4, s=1)),
         water=[mass] if scene == "water" else [],
-        loads=[Gravity(acceleration=units.acceleration(np.array([0.0, -9.81]))), *loads(units)],
+        loads=[dj.Gravity(acceleration=units.acceleration(np.array([0.0, -9.81]))), *loads(units)],
     )
     seen = Rows(lambda record: in_si(record, units))
-    newton = SolverOptions(relative_tolerance=1e-14)
-    simulation = Simulation(model, options=newton, monitors=[seen], **options)
+    newton = dj.SolverOptions(relative_tolerance=1e-14)
+    simulation = dj.Simulation(model, options=newton, monitors=[seen], **options)
     simulation.statics()
 
     def ground(time):

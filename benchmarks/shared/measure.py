@@ -238,7 +238,7 @@ def march(
         counts; times of steps leave out the first one.
 
         - ``dofs``, constrained ones included, and ``joint_points``;
-        - ``ms``, ``cpu_ms``: median wall and processor time of a step; ``mean_ms``: mean wall time;
+        - ``ms``, ``cpu_ms``: median wall and processor time of a step;
         - ``solve_ms``, ``iteration_ms``: median wall time of a back-substitution, and of the
           iteration on the joints in a step; ``over_solve``: step over back-substitution;
         - ``setup_s``: wall time by phase: ``mesh`` (read and split), ``assembly``, ``statics``,
@@ -278,7 +278,6 @@ def march(
         "joint_points": model.operator.num_points if model.operator else 0,
         "ms": step,
         "cpu_ms": slowest(statistics.median(watch.cpu[1:])),
-        "mean_ms": slowest(statistics.mean(watch.wall[1:])),
         "solve_ms": solve,
         "iteration_ms": slowest(statistics.median(watch.iterating[1:])),
         "over_solve": step / solve,

@@ -322,24 +322,27 @@ def test_a_block_slides_from_an_incline(law, share):
 # Rigid joints of held blocks.
 
 
-@pytest.mark.mpi
-@pytest.mark.parametrize("kind", ["dense", "compressed", "matrix-free"])
-def test_a_bar_pressed_on_a_wall(kind):
-    """Pushed until it touches, beyond, back until it opens, and pulled."""
-    length, gap, push = 4 * HEIGHT, 4e-4, 1e-3
-    model = dj.Model(
-        stack(4, (0.5, 0.5), HEIGHT),
+def pushed_bar(laws: Any, gaps: Any, push: float) -> Any:
+    """Blocks without weight and lateral contraction, pushed from above by ``push`` at time 1."""
+    return dj.Model(
+        stack(len(laws) + 1, (0.5, 0.5), HEIGHT),
         material=dj.Elastic(young=YOUNG, poisson=0.0, density=0.0),
-        joints=dj.Joints(
-            {"joint_1": friction(1e16), "joint_2": RIGID, "joint_3": friction(1e16)},
-            initial_gaps={"joint_2": gap},
-        ),
+        joints=dj.Joints(laws, initial_gaps=gaps),
         supports=[
             dj.Fixed(group="base"),
             dj.Fixed(group="top", components="xy"),
             dj.Prescribed(group="top", component="z", value=lambda time: -push * time),
         ],
     )
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("kind", ["dense", "compressed", "matrix-free"])
+def test_a_bar_pressed_on_a_wall(kind):
+    """Pushed until it touches, beyond, back until it opens, and pulled."""
+    length, gap, push = 4 * HEIGHT, 4e-4, 1e-3
+    laws = {"joint_1": friction(1e16), "joint_2": RIGID, "joint_3": friction(1e16)}
+    model = pushed_bar(laws, {"joint_2": gap}, push)
     middle = model.operator.joint == 1
     run = dj.Simulation(model, solver="condensed", options=dj.SolverOptions(compliance=kind))
     compliance = length / YOUNG + 2.0 / 1e16
@@ -355,16 +358,7 @@ def test_a_bar_pressed_on_a_wall(kind):
 def test_a_rigid_joint_that_closes_and_opens():
     """One joint, half of the bar held by each end: touching is t = 0, and pulling leaves a gap."""
     length, gap, push = 2 * HEIGHT, 4e-4, 1e-3
-    model = dj.Model(
-        stack(2, (0.5, 0.5), HEIGHT),
-        material=dj.Elastic(young=YOUNG, poisson=0.0, density=0.0),
-        joints=dj.Joints(RIGID, initial_gaps={"joint_1": gap}),
-        supports=[
-            dj.Fixed(group="base"),
-            dj.Fixed(group="top", components="xy"),
-            dj.Prescribed(group="top", component="z", value=lambda time: -push * time),
-        ],
-    )
+    model = pushed_bar({"joint_1": RIGID}, {"joint_1": gap}, push)
     run = dj.Simulation(model)
     size = YOUNG * push / length
     for time in (0.3, 0.5, 1.0, 0.7, 0.2, -0.5, 0.8):

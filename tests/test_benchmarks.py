@@ -148,10 +148,6 @@ def test_work_precision(capsys, monkeypatch):
 
 
 def test_reservoir_waves(capsys):
-    # 5 depths of a bottom that absorbs, in the time of six waves along them: 3 % at the most.
-    error, _, imbalance = reservoir_waves.force("stream", 0.75, 5.0, 0.0, "radiating", 1600)
-    assert error < 0.04
-    assert imbalance < 1e-12
     reservoir_waves.main(["--dam", "dam tiny", "--steps", "3"])
     assert "| dry joints | 636 |" in capsys.readouterr().out
 

@@ -198,7 +198,7 @@ def line_contact(cell="quad", order=1, *, quadrature="nodal", cells=9.5, length=
         strip(cell, 1.0 / cells, length),
         material=dict(zip(("lower", "upper"), exact.bodies, strict=True)),
         joints=dj.Joints(
-            frictionless(exact, eps or COMPLIANCE[quadrature]),
+            joint(exact, eps or COMPLIANCE[quadrature]),
             initial_gaps={"joint_1": parabola(False)},
             quadrature=quadrature,
         ),
@@ -216,7 +216,7 @@ def point_contact(quadrature, *, eps, cells=4.5, length=8.0):
         block(1.0 / cells, length),
         material=dict(zip(("lower", "upper"), exact.bodies, strict=True)),
         joints=dj.Joints(
-            frictionless(exact, eps),
+            joint(exact, eps),
             initial_gaps={"joint_1": parabola(True)},
             quadrature=quadrature,
         ),
@@ -230,12 +230,9 @@ def point_contact(quadrature, *, eps, cells=4.5, length=8.0):
     return measure(exact, model, dj.Simulation(model).statics().joints)
 
 
-def frictionless(exact, eps):
+def joint(exact, eps):
     """The joint with E*/(k_n a) = eps."""
-    stiffness = exact.modulus / eps
-    return dj.FrictionNoTension(
-        normal_stiffness=stiffness, shear_stiffness=0.0, friction_angle_deg=0.0
-    )
+    return dj.frictionless(normal_stiffness=exact.modulus / eps)
 
 
 def test_exact_solution():

@@ -16,16 +16,8 @@ from mpi4py import MPI
 import numpy as np
 import ufl
 
+import dolfinx_joints as dj
 from benchmarks.shared.scenes import mesh_of
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FormLoad,
-    FrictionNoTension,
-    Joints,
-    Model,
-    Simulation,
-)
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.geometry.two_blocks import two_blocks
 
@@ -116,21 +108,21 @@ def move_force(
     mean = section.force / h
     ds = jointed.ds("top")
     k_n = section.stiffness
-    model = Model(
+    model = dj.Model(
         jointed,
-        material=Elastic(young=section.rigidity * k_n * h, poisson=0.0, density=0.0),
-        joints=Joints(
-            FrictionNoTension(normal_stiffness=k_n, shear_stiffness=k_n, friction_angle_deg=30),
+        material=dj.Elastic(young=section.rigidity * k_n * h, poisson=0.0, density=0.0),
+        joints=dj.Joints(
+            dj.FrictionNoTension(normal_stiffness=k_n, shear_stiffness=k_n, friction_angle_deg=30),
             quadrature=quadrature,
         ),
-        supports=[Fixed(group="base")],
+        supports=[dj.Fixed(group="base")],
         loads=[
-            FormLoad(form=lambda v: -mean * v[2] * ds),
+            dj.FormLoad(form=lambda v: -mean * v[2] * ds),
             # moment N e; the time stands for the eccentricity
-            FormLoad(form=lambda v: -12.0 * mean / h**2 * x * v[2] * ds, factor=lambda e: e),
+            dj.FormLoad(form=lambda v: -12.0 * mean / h**2 * x * v[2] * ds, factor=lambda e: e),
         ],
     )
-    simulation, operator = Simulation(model), model.contact.operator
+    simulation, operator = dj.Simulation(model), model.contact.operator
     facets = jointed.pairs.count
     points = operator.gather(operator.points[:, :2] - [h / 2, size / 2])
 

@@ -32,15 +32,8 @@ pytest.importorskip("dolfinx")
 from boxes import box
 from dolfinx.mesh import CellType
 
+import dolfinx_joints as dj
 from benchmarks.shared.problems import MIDPOINT, ON_WALL, SCHEMES, Problem, bar, march
-from dolfinx_joints import (
-    Body,
-    Elastic,
-    Fixed,
-    Joints,
-    Model,
-    frictionless,
-)
 
 BAR = ON_WALL
 BEGIN, END = BAR.impact_time, BAR.release_time
@@ -98,14 +91,15 @@ def solid(comm, cells, *, courant, cell=CellType.hexahedron, degree=1, across=1)
     width = across * h
     corners = [[-2.0 * h, 0.0, 0.0], [BAR.length, width, width]]
     counts, back = [cells + 2, across, across], {"back": (0, -2.0 * h)}
-    model = Model(
+    model = dj.Model(
         box(corners, counts, cell, joints={"joint": (0, 0.0)}, groups=back, comm=comm),
-        material=Elastic(young=BAR.young, poisson=0.0, density=BAR.density),
-        joints=Joints(
-            frictionless(normal_stiffness=1e4 * BAR.young / h), initial_gaps={"joint": BAR.height}
+        material=dj.Elastic(young=BAR.young, poisson=0.0, density=BAR.density),
+        joints=dj.Joints(
+            dj.frictionless(normal_stiffness=1e4 * BAR.young / h),
+            initial_gaps={"joint": BAR.height},
         ),
-        supports=[Fixed(group="back"), Fixed(group="joint-")],
-        body=Body(degree=degree, redistribute_mass=True),
+        supports=[dj.Fixed(group="back"), dj.Fixed(group="joint-")],
+        body=dj.Body(degree=degree, redistribute_mass=True),
     )
     x = model.V.tabulate_dof_coordinates()[: model.V.dofmap.index_map.size_local]
     velocity = np.zeros((len(x), 3))

@@ -28,15 +28,7 @@ from boxes import Rows, largest
 from dolfinx.mesh import CellType
 from shaken_wall import Killed, Killer
 
-from dolfinx_joints import (
-    Checkpoints,
-    Elastic,
-    FreeField,
-    Model,
-    ObliqueFreeField,
-    Simulation,
-    ViscousBoundary,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.loads.column import Column
 from tests.verification.test_absorbing import PRESSURE, ROCK, SHEAR, ground, on_dashpots
 
@@ -93,7 +85,9 @@ def march(comm, size, divisions, dt, end, load, material=ROCK, parts=None):
         )
     )
     steps = round(end / dt)
-    outcome = Simulation(model, monitors=[seen]).dynamics(dt=dt, steps=steps, loads=[load(groups)])
+    outcome = dj.Simulation(model, monitors=[seen]).dynamics(
+        dt=dt, steps=steps, loads=[load(groups)]
+    )
     assert outcome.imbalance < 1e-11
     times, velocities, free = (np.array(column) for column in zip(*seen.rows, strict=True))
     x = model.V.tabulate_dof_coordinates()[: velocities.shape[1], :gdim]
@@ -108,7 +102,7 @@ def oblique_error(comm, wave, angle_deg, azimuth_deg, cells):
     way = 1.0 if azimuth_deg == 0.0 else -1.0
 
     def load(groups):
-        return ObliqueFreeField(
+        return dj.ObliqueFreeField(
             groups=groups,
             wave=wave,
             angle_deg=angle_deg,
@@ -146,7 +140,7 @@ def test_an_sh_wave_passes_as_in_the_half_space(comm):
     size, slope, way = [20.0, 10.0, 40.0], math.radians(40.0), math.radians(30.0)
 
     def load(groups):
-        return ObliqueFreeField(
+        return dj.ObliqueFreeField(
             groups=groups, wave="SH", angle_deg=40.0, azimuth_deg=30.0, incident=pulse, surface=40.0
         )
 
@@ -165,23 +159,23 @@ def test_a_wave_that_rises_vertically_is_the_free_field(comm):
 
     def found(make):
         model, groups = on_dashpots(ground(comm, CellType.quadrilateral, [20.0, 20.0], [4, 4]))
-        return Simulation(model).dynamics(dt=2e-3, steps=35, loads=make(groups)).state.velocity
+        return dj.Simulation(model).dynamics(dt=2e-3, steps=35, loads=make(groups)).state.velocity
 
     plain = found(
         lambda groups: [
-            FreeField(groups=groups, incident=lambda t: (pulse(t), pulse(t)), surface=20.0)
+            dj.FreeField(groups=groups, incident=lambda t: (pulse(t), pulse(t)), surface=20.0)
         ]
     )
     both = found(
         lambda groups: [
-            ObliqueFreeField(groups=groups, wave=wave, **oblique) for wave in ("P", "SV")
+            dj.ObliqueFreeField(groups=groups, wave=wave, **oblique) for wave in ("P", "SV")
         ]
     )
     both.axpy(-1.0, plain)
     assert both.norm() < 2e-5 * plain.norm()
 
 
-SOFT = Elastic(young=1.5e9, poisson=0.3, density=2000.0)
+SOFT = dj.Elastic(young=1.5e9, poisson=0.3, density=2000.0)
 DEEP, TOP = 40.0, 60.0  # heights of the layer's bottom and of the surface [m]
 
 
@@ -195,7 +189,7 @@ def layer_error(comm, axis, cells):
 
     def load(groups):
         wave = lambda t: pulse(t) * np.eye(2)[axis]  # noqa: E731
-        return FreeField(groups=groups, incident=wave, surface=TOP)
+        return dj.FreeField(groups=groups, incident=wave, surface=TOP)
 
     x, t, v, free = march(
         comm,
@@ -231,15 +225,15 @@ def test_an_interrupted_run_goes_on(comm, new_path):
     """With waves in layers and an oblique one, to rounding: BLAS sums by where its vectors lie."""
     parts = {"rock": (0.0, 20.0), "soil": (20.0, 30.0)}
     jointed = ground(comm, CellType.quadrilateral, [20.0, 30.0], [4, 6], parts)
-    kept = Checkpoints(new_path("waves.ckpt"), every=4)
+    kept = dj.Checkpoints(new_path("waves.ckpt"), every=4)
 
     def run(*monitors, **options):
         model, groups = on_dashpots(jointed, {"rock": ROCK, "soil": SOFT})
-        rising = FreeField(groups=groups, incident=lambda t: (pulse(t), 0.0), surface=30.0)
-        oblique = ObliqueFreeField(
+        rising = dj.FreeField(groups=groups, incident=lambda t: (pulse(t), 0.0), surface=30.0)
+        oblique = dj.ObliqueFreeField(
             groups=["base"], wave="P", angle_deg=10.0, incident=pulse, surface=30.0
         )
-        simulation = Simulation(model, monitors=monitors)
+        simulation = dj.Simulation(model, monitors=monitors)
         return simulation.dynamics(dt=5e-3, steps=20, loads=[rising, oblique], **options)
 
     whole = run().state
@@ -287,18 +281,18 @@ def test_what_is_no_such_wave(comm):
     ):
         cell = CellType.quadrilateral if dim == 2 else CellType.hexahedron
         jointed = ground(comm, cell, [1.0] * dim, [1] * dim)
-        model = Model(jointed, material=ROCK, supports=[ViscousBoundary(group="base")])
+        model = dj.Model(jointed, material=ROCK, supports=[dj.ViscousBoundary(group="base")])
         given = {"groups": ["base"], "incident": pulse, "surface": 1.0} | options
         with pytest.raises(ValueError, match=message):
-            ObliqueFreeField(**given).patterns(model)
+            dj.ObliqueFreeField(**given).patterns(model)
     parts = {"rock": (0.0, 1.0), "soil": (1.0, 2.0)}
     jointed = ground(comm, CellType.quadrilateral, [1.0, 2.0], [1, 2], parts)
     groups = ["base", "x_min"]
-    model = Model(
+    model = dj.Model(
         jointed,
         material={"rock": ROCK, "soil": SOFT},
-        supports=[ViscousBoundary(group=group) for group in groups],
+        supports=[dj.ViscousBoundary(group=group) for group in groups],
     )
     wave = {"wave": "P", "angle_deg": 10.0, "incident": pulse, "surface": 2.0}
     with pytest.raises(ValueError, match="base, x_min has 2 layers; it must be of one material"):
-        ObliqueFreeField(groups=groups, **wave).patterns(model)
+        dj.ObliqueFreeField(groups=groups, **wave).patterns(model)

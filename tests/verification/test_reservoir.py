@@ -36,28 +36,20 @@ from dolfinx.mesh import (
 )
 from nodal_fields import energy, field
 
-from dolfinx_joints import (
-    Body,
-    Elastic,
-    FrictionNoTension,
-    Model,
-    ReservoirMass,
-    WestergaardMass,
-    split_mesh,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.loads.water import reservoir
 
 pytestmark = pytest.mark.mpi
 
-CONCRETE = Elastic(young=24e9, poisson=0.2, density=2400.0)
-LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
+CONCRETE = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+LAW = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
 RHO, DEPTH, WIDTH = 1000.0, 10.0, 12.0
 WALL = [4.0, 12.0]  # 2 m above the level
 
 
 def model_of(jointed, degree=1):
     laws = LAW if jointed.joint_names else None
-    return Model(jointed, material=CONCRETE, joints=laws, body=Body(degree=degree))
+    return dj.Model(jointed, material=CONCRETE, joints=laws, body=dj.Body(degree=degree))
 
 
 def plane(comm, cells, degree=1, *, joint=None, place=None):
@@ -103,7 +95,7 @@ def test_rigid_vertical_face(comm, degree, length):
     found = []
     for cells in (6, 12, 24):
         model = plane(comm, cells, degree)
-        mass = ReservoirMass(group="up", level=DEPTH, length=length).matrix(model)
+        mass = dj.ReservoirMass(group="up", level=DEPTH, length=length).matrix(model)
         found.append(energy(model, mass, along(0), along(0)))
         # Water does not feel what moves along it.
         assert energy(model, mass, along(1), along(1)) == 0.0
@@ -116,7 +108,7 @@ def test_rigid_vertical_face(comm, degree, length):
 def test_levels_in_cells(comm, level):
     """The mass goes with the square of the depth wherever the level cuts a cell."""
     model = plane(comm, 24, 2)
-    mass = ReservoirMass(group="up", level=level).matrix(model)
+    mass = dj.ReservoirMass(group="up", level=level).matrix(model)
     wet = max(level, 0.0)
     # Near the floor there is less than a cell of water.
     assert energy(model, mass, along(0), along(0)) == pytest.approx(
@@ -127,7 +119,7 @@ def test_levels_in_cells(comm, level):
 def test_waves_share_no_mass(comm):
     """The distribution of the pressure, by each motion's own mass and that between two of them."""
     model = plane(comm, 48)
-    mass = ReservoirMass(group="up", level=DEPTH).matrix(model)
+    mass = dj.ReservoirMass(group="up", level=DEPTH).matrix(model)
     found = [[energy(model, mass, wave(i), wave(j)) for j in (1, 2, 3)] for i in (1, 2, 3)]
     expected = np.diag([RHO * DEPTH / 2.0 / rate(n) for n in (1, 2, 3)])
     np.testing.assert_allclose(found, expected, rtol=0.01, atol=2e-3 * expected[0, 0])
@@ -158,7 +150,7 @@ def error_of_forces(model, k, level=DEPTH):
         slope[:, -1] = -rise * across * np.sin(rise * z) * grows
         return -slope / RHO
 
-    mass = ReservoirMass(group="up", level=level, upstream=-np.eye(gdim)[0]).matrix(model)
+    mass = dj.ReservoirMass(group="up", level=level, upstream=-np.eye(gdim)[0]).matrix(model)
     found = mass.createVecLeft()
     mass.mult(field(model, moves), found)
     x, n = ufl.SpatialCoordinate(model.jointed.mesh), ufl.FacetNormal(model.jointed.mesh)
@@ -206,7 +198,7 @@ def test_quadratic_faces(comm, cell):
 def test_canyon(comm, cell):
     """Without change across the valley the mass of the plane, times the width."""
     model = solid(comm, 12, cell)
-    mass = ReservoirMass(group="up", level=DEPTH).matrix(model)
+    mass = dj.ReservoirMass(group="up", level=DEPTH).matrix(model)
     expected = WIDTH * 0.5428 * RHO * DEPTH**2
     found = energy(model, mass, along(0, gdim=3), along(0, gdim=3))
     assert found == pytest.approx(expected, rel=4e-3)
@@ -217,7 +209,7 @@ def test_canyon(comm, cell):
 def test_symmetric_without_negative_energy(comm):
     """M = Y^T Y; a face that slides along itself meets no water."""
     model = canyon(comm, 6, CellType.hexahedron)
-    mass = ReservoirMass(group="up", level=7.3).matrix(model)
+    mass = dj.ReservoirMass(group="up", level=7.3).matrix(model)
     u, product, other = (mass.createVecRight() for _ in range(3))
     scale = mass.norm()
     rng = np.random.default_rng(1 + comm.rank)
@@ -229,7 +221,7 @@ def test_symmetric_without_negative_energy(comm):
         assert other.norm() < 1e-14 * scale * u.norm()
         assert product.dot(u) > 0.0
     leans = plane(comm, 12, place=lambda x: x + 0.25 * x[:, 1:2] * np.eye(3)[0])
-    mass = ReservoirMass(group="up", level=DEPTH).matrix(leans)
+    mass = dj.ReservoirMass(group="up", level=DEPTH).matrix(leans)
     sliding = energy(leans, mass, *[lambda x: np.array([0.25, 1.0])] * 2)
     assert abs(sliding) < 1e-14 * energy(leans, mass, along(0), along(0))
 
@@ -240,7 +232,7 @@ def test_joints_let_no_water_through(comm):
     The same nodes move, so the two agree to rounding.
     """
     whole, split = (plane(comm, 12, joint=joint) for joint in (None, 5.0))
-    one, other = (ReservoirMass(group="up", level=9.7).matrix(model) for model in (whole, split))
+    one, other = (dj.ReservoirMass(group="up", level=9.7).matrix(model) for model in (whole, split))
     expected = energy(whole, one, along(0), along(0))
     assert energy(split, other, along(0), along(0)) == pytest.approx(expected, rel=1e-12)
     assert energy(split, other, wave(2), wave(1)) == pytest.approx(
@@ -254,7 +246,7 @@ def test_ranks_do_not_matter(comm):
     found = []
     for on in (comm, MPI.COMM_SELF):
         model = canyon(on, 4, CellType.hexahedron)
-        mass = ReservoirMass(group="up", level=8.9).matrix(model)
+        mass = dj.ReservoirMass(group="up", level=8.9).matrix(model)
         found.append(energy(model, mass, profile, profile))
     assert found[0] == pytest.approx(found[1], rel=1e-11)
 
@@ -262,8 +254,8 @@ def test_ranks_do_not_matter(comm):
 def test_part_of_the_model(comm):
     """It has inertia and no weight."""
     bare = plane(comm, 6)
-    added = ReservoirMass(group="up", level=DEPTH)
-    wet = Model(bare.jointed, material=CONCRETE, water=added)
+    added = dj.ReservoirMass(group="up", level=DEPTH)
+    wet = dj.Model(bare.jointed, material=CONCRETE, water=added)
     a = np.array([1.0, 0.0])
     every = field(bare, along(0))
     water = energy(bare, added.matrix(bare), along(0), along(0))
@@ -277,13 +269,13 @@ def test_bad_input(comm, monkeypatch):
 
     def refused(match, **options):
         with pytest.raises(ValueError, match=match):
-            ReservoirMass(**{"group": "up", "level": 5.0, **options}).matrix(model)
+            dj.ReservoirMass(**{"group": "up", "level": 5.0, **options}).matrix(model)
 
     refused("the level is 13 m, but the face ends at 12 m", level=13.0)
     refused("upstream is .*; it must be a horizontal vector", upstream=(1.0, 1.0))
     refused("100 % of the wet face do not look along upstream", upstream=(1.0, 0.0))
     with pytest.raises(ValueError, match="water is 3; it must be a reservoir or an added mass"):
-        Model(model.jointed, material=CONCRETE, water=3)
+        dj.Model(model.jointed, material=CONCRETE, water=3)
     monkeypatch.setattr(reservoir, "available_bytes", lambda comm: 1e3)
     refused("its 3 wet nodes make a full matrix, which may take .* GB")
 
@@ -293,20 +285,20 @@ def skin(comm):
     mesh = create_rectangle(comm, [[0.0, 0.0], WALL], [1, 6], CellType.quadrilateral)
     mesh.topology.create_connectivity(1, 2)
     facets = exterior_facet_indices(mesh.topology)
-    return Model(split_mesh(mesh, groups={"up": facets}), material=CONCRETE)
+    return dj.Model(dj.split_mesh(mesh, groups={"up": facets}), material=CONCRETE)
 
 
 def test_bad_faces(comm):
     """A closed surface has no side that is upstream, a face below a roof no surface of water."""
     with pytest.raises(ValueError, match="no horizontal normal in the mean"):
-        ReservoirMass(group="up", level=5.0).matrix(skin(comm))
+        dj.ReservoirMass(group="up", level=5.0).matrix(skin(comm))
     mesh = create_rectangle(comm, [[0.0, 0.0], WALL], [1, 6], CellType.quadrilateral)
     mesh.topology.create_connectivity(1, 2)
     face = locate_entities_boundary(mesh, 1, lambda x: x[0] < 1e-9)
     middle = locate_entities_boundary(mesh, 1, lambda x: (x[0] < 1e-9) & (abs(x[1] - 5.0) < 1.01))
-    split = split_mesh(mesh, groups={"up": np.setdiff1d(face, middle)})
+    split = dj.split_mesh(mesh, groups={"up": np.setdiff1d(face, middle)})
     with pytest.raises(ValueError, match="1 separate regions of the face do not reach"):
-        ReservoirMass(group="up", level=11.0).matrix(Model(split, material=CONCRETE))
+        dj.ReservoirMass(group="up", level=11.0).matrix(dj.Model(split, material=CONCRETE))
 
 
 @pytest.mark.parametrize("length", [None, 6.0])
@@ -316,19 +308,19 @@ def test_compressible_water(comm, length):
     lowest = 1000.0 / (4.0 * DEPTH)
     for share in (0.5, 0.9):
         water = {"group": "up", "level": DEPTH, "sound_speed": 1000.0, "length": length}
-        mass = ReservoirMass(**water, frequency=share * lowest).matrix(model)
+        mass = dj.ReservoirMass(**water, frequency=share * lowest).matrix(model)
         m = np.sqrt(rate(1) ** 2 - (2.0 * np.pi * share * lowest / 1000.0) ** 2)
         ends = 1.0 if length is None else 1.0 / np.tanh(m * length)
         expected = RHO * DEPTH / 2.0 / m * ends
         assert energy(model, mass, wave(1), wave(1)) == pytest.approx(expected, rel=5e-3)
     with pytest.raises(ValueError, match=r"it must be below the lowest one .*resonates"):
-        ReservoirMass(**water, frequency=1.05 * lowest).matrix(model)
+        dj.ReservoirMass(**water, frequency=1.05 * lowest).matrix(model)
 
 
 def test_not_far_from_westergaard(comm):
     """His parabola has 7/12 rho H^2 of mass where the exact pressure has 0.5428."""
     model = plane(comm, 24)
-    parabola = WestergaardMass(group="up", level=DEPTH).matrix(model)
-    exact = ReservoirMass(group="up", level=DEPTH).matrix(model)
+    parabola = dj.WestergaardMass(group="up", level=DEPTH).matrix(model)
+    exact = dj.ReservoirMass(group="up", level=DEPTH).matrix(model)
     ratio = energy(model, exact, along(0), along(0)) / energy(model, parabola, along(0), along(0))
     assert ratio == pytest.approx(0.5428 * 12.0 / 7.0, rel=1e-3)

@@ -39,20 +39,13 @@ pytest.importorskip("dolfinx")
 
 from boxes import Rows
 
+import dolfinx_joints as dj
 from benchmarks.shared.scenes import mesh_of
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    Model,
-    Simulation,
-)
 from dolfinx_joints.geometry.two_blocks import two_blocks
 
 LENGTH, WIDTH, HEIGHT = 2.0, 1.0, 0.02  # of the block [m]; flat, so that it hardly rocks
 # Without lateral contraction self weight leaves the joint without shear.
-STONE = Elastic(young=30e9, poisson=0.0, density=2400.0)
+STONE = dj.Elastic(young=30e9, poisson=0.0, density=2400.0)
 MASS = STONE.density * LENGTH * WIDTH * HEIGHT
 K_N = 1e10  # Pa/m
 STIFF, SOFT = 1e11, 4e6  # k_s [Pa/m]: sticking at 7000 and at 46 Hz
@@ -298,17 +291,17 @@ def shake(ratio, *, steps=200, k_s=STIFF, cell="hex", direction_deg=0.0):
         The history, slip along and across that direction, and the outcome.
     """
     exact = ShakenBlock(ratio)
-    law = FrictionNoTension(
+    law = dj.FrictionNoTension(
         normal_stiffness=K_N,
         shear_stiffness=k_s,
         friction_angle_deg=math.degrees(math.atan(FRICTION / GRAVITY)),
     )
-    model = Model(
+    model = dj.Model(
         blocks(cell),
         material=STONE,
         joints=law,
-        supports=[Fixed(group="base")],
-        loads=[Gravity(acceleration=(0.0, 0.0, -GRAVITY))],
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity(acceleration=(0.0, 0.0, -GRAVITY))],
     )
     c, s = math.cos(math.radians(direction_deg)), math.sin(math.radians(direction_deg))
 
@@ -326,7 +319,7 @@ def shake(ratio, *, steps=200, k_s=STIFF, cell="hex", direction_deg=0.0):
         return record.time, along, across, record.energy.friction, counts.slip, counts.open
 
     seen = Rows(row)
-    simulation = Simulation(model, monitors=[seen])
+    simulation = dj.Simulation(model, monitors=[seen])
     simulation.statics()
     dt = PERIOD / steps
     outcome = simulation.dynamics(dt=dt, steps=CYCLES * steps, motion=ground)

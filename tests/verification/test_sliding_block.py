@@ -22,15 +22,8 @@ pytest.importorskip("dolfinx")
 
 from boxes import Rows
 
+import dolfinx_joints as dj
 from benchmarks.shared.scenes import mesh_of
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    Model,
-    Simulation,
-)
 from dolfinx_joints.exact import SlidingBlock
 from dolfinx_joints.geometry.two_blocks import two_blocks
 
@@ -41,7 +34,7 @@ pytestmark = [
 ]
 
 LENGTH, WIDTH, HEIGHT = 2.0, 1.0, 0.2  # of the block [m]
-CONCRETE = Elastic(young=30e9, poisson=0.2, density=2400.0)
+CONCRETE = dj.Elastic(young=30e9, poisson=0.2, density=2400.0)
 MASS = CONCRETE.density * LENGTH * WIDTH * HEIGHT
 K_N, K_S = 1e10, 4e9  # Pa/m
 EXACT = SlidingBlock(pulse=4.0, yield_acceleration=2.0, duration=0.5)
@@ -58,16 +51,16 @@ def blocks(cell, scale):
 
 def model(cell, mu, gravity, scale=1.0):
     """The block, all sizes times a scale, under gravity (3,) [m/s^2]."""
-    return Model(
+    return dj.Model(
         blocks(cell, scale),
         material=CONCRETE,
-        joints=FrictionNoTension(
+        joints=dj.FrictionNoTension(
             normal_stiffness=K_N,
             shear_stiffness=K_S,
             friction_angle_deg=math.degrees(math.atan(mu)),
         ),
-        supports=[Fixed(group="base")],
-        loads=[Gravity(acceleration=gravity)],
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity(acceleration=gravity)],
     )
 
 
@@ -97,7 +90,7 @@ def shake(cell, dt, scale=1.0):
     """Self weight, then the pulse."""
     block = model(cell, LEVEL_MU, (0.0, 0.0, -LEVEL_GRAVITY), scale)
     seen = Rows(lambda r: (r.time, *mean_slip(block, r.joints), r.energy.friction))
-    simulation = Simulation(block, monitors=[seen])
+    simulation = dj.Simulation(block, monitors=[seen])
     simulation.statics()
     outcome = simulation.dynamics(dt=dt, steps=round(1.2 / dt), motion=ground)
     return History(*np.array(seen.rows).T), outcome

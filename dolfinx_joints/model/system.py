@@ -195,7 +195,7 @@ class MatrixSystem:
         def make() -> Halves | None:
             return Halves.of(self.mass, self.stiffness)
 
-        return make() if self.shared is None else self.shared.halves(make)
+        return make() if self.shared is None else self.shared.once("halves", make)
 
     def damping_force(self, velocity: PETSc.Vec, out: PETSc.Vec) -> PETSc.Vec:
         """C v written to ``out`` [N] (collective)."""

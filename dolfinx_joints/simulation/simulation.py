@@ -48,8 +48,8 @@ from dolfinx_joints.simulation.statics.unfinished import (
     check_grouted,
     unfinished_stage,
 )
+from dolfinx_joints.solvers.batch import SharedBulk
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
-from dolfinx_joints.solvers.shared_bulk import SharedBulk
 from dolfinx_joints.solvers.step_solver import SolverOptions
 from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.scheme import Scheme

@@ -16,10 +16,10 @@ from petsc4py import PETSc
 from dolfinx_joints.common.memory import factor_fits
 from dolfinx_joints.model.exact_modes import ModalStep, lowest_modes
 from dolfinx_joints.model.system import MatrixSystem
+from dolfinx_joints.solvers.batch import Rounds
 from dolfinx_joints.solvers.direct import DirectSolver, SignedSolver
 from dolfinx_joints.solvers.modal_change import ChangedSolver, ModalChange
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
-from dolfinx_joints.solvers.rounds import Rounds
 
 Floats = NDArray[np.float64]
 LinearSolver = Literal["auto", "direct", "mumps", "iterative"]
@@ -118,9 +118,9 @@ class EffectiveMatrix:
         """That of a system, or what it shares with others (collective)."""
         if system.shared is None:
             return cls(system, effective, linear=linear)
-        key = (effective, linear)
-        made: EffectiveMatrix = system.shared.matrix(
-            key, lambda: cls(system, effective, linear=linear)
+        key = ("matrix", effective, linear)
+        made: EffectiveMatrix = system.shared.once(
+            key, lambda: cls(system, effective, linear=linear), cls._free
         )
         return made
 
@@ -233,8 +233,10 @@ class EffectiveMatrix:
 
     def destroy(self) -> None:
         """Free matrices and factor, unless other runs use them."""
-        if self.rounds is not None:
-            return
+        if self.rounds is None:
+            self._free()
+
+    def _free(self) -> None:
         if self._solver is not None:
             self._solver.destroy()
         self.full.destroy()

@@ -34,7 +34,7 @@ from dolfinx_joints.postprocessing.peaks import crest_points, displacement_peak,
 from dolfinx_joints.results.reader import Results
 from dolfinx_joints.simulation.checkpoint import Checkpoints
 from dolfinx_joints.simulation.simulation import Simulation
-from dolfinx_joints.solvers.shared_bulk import SharedBulk
+from dolfinx_joints.solvers.batch import SharedBulk
 from dolfinx_joints.study.runner import Tally, check_name
 from dolfinx_joints.study.table import Table
 

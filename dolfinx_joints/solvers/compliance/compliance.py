@@ -20,13 +20,13 @@ from petsc4py import PETSc
 from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.solvers import limits
+from dolfinx_joints.solvers.batch import Rounds
 from dolfinx_joints.solvers.compliance.low_rank import LowRankMatrix
 from dolfinx_joints.solvers.compliance.ranked_low_rank import RankedLowRankMatrix
 from dolfinx_joints.solvers.compliance.row_matrix import Parts, RowMatrix
 from dolfinx_joints.solvers.compliance.unit_forces import UnitForces
 from dolfinx_joints.solvers.effective_matrix import EffectiveMatrix
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
-from dolfinx_joints.solvers.rounds import Rounds
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]

@@ -113,9 +113,8 @@ class Condensed:
         shared = self._system.shared
         if shared is None or self.springs is not None:
             return self._made()
-        made: Compliance = shared.compliance(
-            (self._effective, self._options.compliance), self._made
-        )
+        key = ("compliance", self._effective, self._options.compliance)
+        made: Compliance = shared.once(key, self._made, Compliance.destroy)
         return made
 
     def _made(self) -> Compliance:

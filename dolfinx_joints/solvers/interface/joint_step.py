@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +16,12 @@ from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import JointState, Response, Rule
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.interface.condensed import Condensed
+from dolfinx_joints.solvers.interface.springs import JointSprings
 
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Iterate:
+class Iterate(NamedTuple):
     """Scaled forces of the rank's points with what follows from them.
 
     Attributes:
@@ -91,6 +91,7 @@ class JointStep:
         self._scale, self._root = condensed.scale, condensed.root
         passed = np.maximum(np.abs(trial_gap), np.abs(state.gap)).ravel()
         self._passed = passed / condensed.compliance.scale
+        self._largest_passed = float(self._passed.max(initial=0.0))
 
     def at_trial_gap(self, trial_gap: Floats) -> JointStep:
         """Return the same step from another trial gap, shape (n, 3), [m] (collective)."""
@@ -146,7 +147,7 @@ class JointStep:
         residual, scaled, sizes = _residual(
             force, coupled, answers.traction, traction, tangent, self._scale, self._root
         )
-        sizes[5] = self._reach(scaled).max(initial=0.0)
+        sizes[5] = self._largest_passed if springs is None else self._felt(scaled, springs)
         if self._comm.size > 1:
             every = of_ranks(self._comm, sizes)
             sizes = every.max(axis=0)
@@ -166,17 +167,14 @@ class JointStep:
             size=forces + gaps,
         )
 
-    def _reach(self, tangent: Floats) -> Floats:
-        """Return the scaled gaps that forces follow from.
+    def _felt(self, tangent: Floats, springs: JointSprings) -> float:
+        """Return the largest scaled gap that forces follow from.
 
         Soft joints of unsupported blocks may move far, but only a part of it becomes a force.
         """
-        springs = self.condensed.springs
-        if springs is None:
-            return self._passed
         share = np.repeat(springs.stiffness * self.condensed.compliance.own, (1, 2), axis=1)
         felt = np.minimum(np.maximum(np.abs(tangent).max(axis=1), share), 1.0)
-        return felt.ravel() * self._passed
+        return float((felt.ravel() * self._passed).max(initial=0.0))
 
 
 @njit(cache=True)

@@ -1,13 +1,57 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Functions that run side by side and have answered together what they ask alike."""
+"""Runs of one model side by side: they share factors, and solve with them in blocks."""
 
 from __future__ import annotations
 
 import threading
 from collections import deque
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from typing import Any
+from contextlib import ExitStack
+from typing import Any, TypeVar
+
+Made = TypeVar("Made")
+
+
+class SharedBulk:
+    """Keeps what the first of several runs has made for the others.
+
+    A `MatrixSystem` that has one as ``shared`` takes its factors from there, and solves with them
+    in blocks of all runs that wait for a solution. All runs must be of one model.
+
+    Attributes:
+        rounds: Runs them side by side.
+        lowest_modes: Modes by number, see `MatrixSystem.lowest_modes`.
+    """
+
+    def __init__(self) -> None:
+        """Nothing is there yet."""
+        self.rounds = Rounds()
+        self.lowest_modes: dict[int, Any] = {}
+        self._made: dict[Hashable, Any] = {}
+        self._free = ExitStack()
+
+    def once(
+        self, key: Hashable, make: Callable[[], Made], free: Callable[[Made], None] | None = None
+    ) -> Made:
+        """Return the object of a key, made if it is missing (collective).
+
+        Args:
+            key: Name of the object.
+            make: Makes it.
+            free: Frees it when all runs have ended.
+        """
+        if key not in self._made:
+            self._made[key] = made = make()
+            if free is not None:
+                self._free.callback(free, made)
+        found: Made = self._made[key]
+        return found
+
+    def destroy(self) -> None:
+        """Free all of it, the last first."""
+        self._made.clear()
+        self._free.close()
 
 
 class Rounds:

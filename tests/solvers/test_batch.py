@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from dolfinx_joints.solvers.rounds import Rounds
+from dolfinx_joints.solvers.batch import Rounds
 
 
 class Squares:

@@ -122,7 +122,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
 
 def print_series(name: str, found: dict[str, Any]) -> None:
     """Print a column for each case, a row for each number, the growth in the last column."""
-    rows, exponents = found["cases"], found["growth"]
+    rows = found["cases"]
     of = "dofs" if name == "dofs" else "joint points"
     first = next(iter(rows.values()))
     print(
@@ -141,8 +141,9 @@ def print_series(name: str, found: dict[str, Any]) -> None:
         "jointed / linear": "{ratio:.2f}",
         "processor times": "{ratio_cpu:.2f}",
     }
-    exponents = {f"{name} [s]": p for name, p in exponents.items() if name in PHASES} | {
-        f"step: {name} [ms]": p for name, p in exponents.items()
+    exponents = {
+        f"{time} [s]" if time in PHASES else f"step: {time} [ms]": exponent
+        for time, exponent in found["growth"].items()
     }
     print(head(f"| | {' | '.join(rows)} | growth |"))
     for label, form in lines.items():

@@ -27,7 +27,7 @@ from dolfinx_joints.laws.law import Law
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import Record
-from dolfinx_joints.solvers import node_blocks
+from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
 from dolfinx_joints.time_integration.energy import EnergyLedger
@@ -62,11 +62,11 @@ def _logged(names: Sequence[str]) -> list[dict[str, Any]]:
 @contextmanager
 def supernodal_factors_alone() -> Iterator[None]:
     """Steps solve with CHOLMOD's factor even where that in blocks of a node is faster."""
-    before, node_blocks.LARGEST = node_blocks.LARGEST, 0
+    before, limits.NODE_BLOCK_ROWS = limits.NODE_BLOCK_ROWS, 0
     try:
         yield
     finally:
-        node_blocks.LARGEST = before
+        limits.NODE_BLOCK_ROWS = before
 
 
 # Wall time over processor time of a step above which wall times are not to be trusted.

@@ -178,8 +178,10 @@ mutants: ## Do tests notice small faults in laws, joints, schemes, solvers? MUTA
 	$(IN_COPY) -m cosmic_ray.tools.report --surviving-only --show-diff build/session
 	$(IN_COPY) -m cosmic_ray.tools.survival_rate build/session
 
-bench: ## Run a part of each benchmark; all of them with BENCH_ARGS=
-	@for script in $(BENCHMARKS); do echo "== $$script"; $(PYTHON) "$$script" $(BENCH_ARGS); done
+bench: ## Run a part of the benchmarks that have --quick; all of each with BENCH_ARGS=
+	@for script in $(BENCHMARKS); do \
+		case "$(BENCH_ARGS)" in *--quick*) grep -q '"--quick"' "$$script" || continue;; esac; \
+		echo "== $$script"; $(PYTHON) "$$script" $(BENCH_ARGS); done
 
 bench-peers: ## The jointed wall also in OpenSees: motion and time per step side by side
 	@$(call install_tool,$(PEERS_TOOL),$(PEERS_NEEDS))

@@ -18,28 +18,48 @@ the amplitude.
 from __future__ import annotations
 
 import math
-import time as clock
 import warnings
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
+from scipy.linalg import block_diag, eigh
 from scipy.optimize import brentq
 
 import dolfinx_joints as dj
-from benchmarks.shared.problems import Problem, first_state, impact, march
+from benchmarks.shared.measure import Marching
+from benchmarks.shared.problems import (
+    Problem,
+    bar_matrices,
+    first_state,
+    impact,
+    march,
+    oscillator,
+)
 from benchmarks.shared.scenes import DAM_SIZES, DIVISIONS, TIME_STEP, dam, wall
+from benchmarks.shared.tables import table
 from dolfinx_joints.common.command_line import Parser
+from dolfinx_joints.exact import ImpactOscillator
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
-from dolfinx_joints.time_integration.initial_state import initial_state
 
 Floats = NDArray[np.float64]
 
 CELLS = 40
 # Of the bar: stiffness of its stop over its own, end of the march [s], and times that are compared.
 STOP, END, SHOWN = 10.0, 16.0, 50
+
+
+RODS = (
+    "| stiffness | steps | error, plain | jump | 4 modes exact | jump | ledger |\n"
+    "| {stiffness:.0e} | {steps} | {plain[0]:.4f} | {plain[1]:.0e} | {exact[0]:.4f} |"
+    " {exact[1]:.0e} | {exact[2]:.0e} |"
+)
+COST = (
+    "| exact | step [ms] | over plain | first step [ms] |\n"
+    "| {exact} | {step:.1f} | {ratio:.3f} | {first:.0f} |"
+)
 
 
 def scheme(modes: int) -> dj.EnergyConsistent:
@@ -49,14 +69,8 @@ def scheme(modes: int) -> dj.EnergyConsistent:
 
 def bars(*stiffnesses: float) -> tuple[Floats, Floats]:
     """M and K of bars of unit length and density, not tied to each other."""
-    h, n = 1.0 / CELLS, CELLS + 1
-    mass, stiffness = np.zeros((2, len(stiffnesses) * n, len(stiffnesses) * n))
-    for bar, young in enumerate(stiffnesses):
-        for i in range(bar * n, bar * n + CELLS):
-            part = slice(i, i + 2)
-            mass[part, part] += h / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
-            stiffness[part, part] += young / h * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    return mass, stiffness
+    parts = [bar_matrices(CELLS, young=young) for young in stiffnesses]
+    return tuple(block_diag(*each) for each in zip(*parts, strict=True))
 
 
 # ---------------------------------------------------------------- closed joints
@@ -92,23 +106,22 @@ def tied(joint_stiffness: float, steps: int, modes: int) -> tuple[float, float, 
 
 def closed_joints() -> None:
     """Table of the rods."""
-    print("Closed joint      steps   plain error    jump    4 modes exact    jump   ledger")
-    for joint_stiffness in (1.0, 1e2, 1e6):
-        for steps in (20, 80):
-            plain, exact = (tied(joint_stiffness, steps, modes) for modes in (0, 4))
-            print(
-                f"k_j = {joint_stiffness:6.0e} {steps:10d} {plain[0]:13.4f} {plain[1]:7.0e} "
-                f"{exact[0]:16.4f} {exact[1]:7.0e}  {exact[2]:7.0e}"
-            )
+    rows = []
+    for stiffness, steps in product((1.0, 1e2, 1e6), (20, 80)):
+        plain, exact = (tied(stiffness, steps, modes) for modes in (0, 4))
+        rows.append({"stiffness": stiffness, "steps": steps, "plain": plain, "exact": exact})
+    print(f"Closed joint\n{table(RODS, rows)}")
 
 
 # ---------------------------------------------------------------- impacts
 
 
-def struck(problem: Problem, modes: int, away: float, near: float) -> tuple[int, float]:
+def struck(
+    problem: Problem, exact: ImpactOscillator, modes: int, away: float, near: float
+) -> tuple[int, float]:
     """Steps and error of the mass: long steps where the stop is open before and after."""
     solver, ledger = make_solver(problem.system), EnergyLedger(problem.system)
-    state, exact = first_state(problem, solver), problem.motion.exact
+    state = first_state(problem, solver)
     ledger.start(state)
     steps, squares, before = 0, 0.0, 0.0
     while state.time < problem.end:
@@ -131,12 +144,11 @@ def impacts() -> None:
         (a, n) for a in (8, 12, 16, 40, 160, 320) for n in (160, 320, 480, 800, 1200, 3000) if n > a
     ]
     for gap in (0.0, 0.03):
-        free = impact(100.0, gap=gap)
-        periods = 2.0 * free.motion.exact.period / free.period
-        problem = impact(100.0, gap=gap, periods=periods)
+        exact = oscillator(100.0, gap)
+        problem = impact(100.0, gap=gap, periods=2.0 * exact.period / exact.free_period)
         for modes in (0, 1):
-            _, paper = struck(problem, modes, 20, 1500)
-            found = [struck(problem, modes, *each) for each in grid]
+            _, paper = struck(problem, exact, modes, 20, 1500)
+            found = [struck(problem, exact, modes, *each) for each in grid]
             fewest = [min((n for n, e in found if e <= t), default=0) for t in (1e-2, 1e-3, 1e-4)]
             text = " ".join(f"{n:5d}" if n else " more" for n in fewest)
             print(f"gap {gap:4.2f} m, {modes} exact {paper:16.2e}             {text}")
@@ -239,23 +251,21 @@ def cost(name: str, counts: list[int], steps: int) -> None:
         model = scene.model(scene.read(path), scene.law())
     static = dj.Simulation(model).statics(steps=scene.load_steps)
     motion = dj.BaseMotion(acceleration=scene.strong_shaking(steps * dt))
-    runs, taken = [], []
-    for each in (0, *counts):
-        solver = make_solver(model.system([motion]))
-        state = initial_state(solver, dt=dt, displacement=static.displacement, joints=static.joints)
-        runs.append([scheme(each), solver, state])
+    runs = [Marching(model.system([motion]), dt, static, scheme(n)) for n in (0, *counts)]
     for _ in range(steps):
-        times = []
         for run in runs:
-            began = clock.process_time()
-            run[2], _ = run[0].advance(run[1], run[2], dt)
-            times.append(1e3 * (clock.process_time() - began))
-        taken.append(times)
+            run.step()
+    rows = [
+        {
+            "exact": exact,
+            "step": np.median(run.ms[1:]),
+            "ratio": np.median(np.divide(run.ms, runs[0].ms)[1:]),
+            "first": run.ms[0],
+        }
+        for exact, run in zip((0, *counts), runs, strict=True)
+    ]
     print(f"{name}, {model.num_dofs} dofs, {dt * 1e3:.2f} ms: processor time per step")
-    print("exact  step [ms]  over plain  first step [ms]")
-    ratios = np.median([np.divide(times, times[0]) for times in taken[1:]], axis=0)
-    for row in zip((0, *counts), np.median(taken[1:], axis=0), ratios, taken[0], strict=True):
-        print("{:5d} {:10.1f} {:11.3f} {:16.0f}".format(*row))
+    print(table(COST, rows))
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -19,7 +19,8 @@ import argparse
 import json
 import os
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, get_args
 
 from mpi4py import MPI
@@ -28,184 +29,169 @@ import numpy as np
 
 import dolfinx_joints as dj
 from benchmarks.shared.measure import (
-    March,
-    disturbance,
-    load_average,
     march,
+    median_of,
     print_disturbance,
     supernodal_factors_alone,
 )
 from benchmarks.shared.scenes import DAM_STEPS, DIVISIONS, TIED_STEPS, Scene, dam, wall
+from benchmarks.shared.tables import table
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.solvers.choice import SolverKind
 
 Row = dict[str, Any]
 
+DAMS = {
+    "dam": "also the dam of demo 03, 8k dofs",
+    "dam middle": "also a finer one, 15k dofs",
+    "dam fine": "also the finest, 43k dofs",
+}
+
+# Of `march`: medians over the repeats, for the linear and the jointed runs.
+TIMES = ("ms", "cpu_ms", "solve_ms", "iteration_ms", "over_solve")
+TIMES += ("total_s", "total_cpu_s", "setup_s", "peaks_mb", "peak_mb")
+FACTS = ("dofs", "joint_points", "solver", "newton_mean", "newton_max", "accepted", "cut")
+FACTS += ("ledger", "energy_error")
+
 
 def measure(
-    scene: Scene, steps: int, solver: str = "auto", repeat: int = 1, supernodal: bool = False
+    scene: Scene,
+    steps: int,
+    *,
+    solver: str = "auto",
+    options: dj.SolverOptions | None = None,
+    repeat: int = 1,
+    supernodal: bool = False,
 ) -> Row:
-    """Both runs of a scene, ``repeat`` times in turn (collective).
+    """Return the row of both runs of a scene, ``repeat`` times in turn (collective).
 
     With ``supernodal`` also by CHOLMOD's factor alone.
     """
+
+    def both(mesh: Path) -> tuple[Row, Row]:
+        linear = march(scene, mesh, steps, law=None, options=options)
+        return linear, march(scene, mesh, steps, law=scene.law(), solver=solver, options=options)
+
     pairs, others = [], []
     with scene.mesh_file() as mesh:
         for _ in range(repeat):
-            linear = march(scene, mesh, steps, law=None)
-            joints = march(scene, mesh, steps, law=scene.law(), solver=solver)
+            pairs.append(both(mesh))
             if scene.tied_peaks_mm is not None and steps == TIED_STEPS:
-                np.testing.assert_allclose(linear.peaks_mm, scene.tied_peaks_mm, rtol=1e-4)
-            pairs.append((linear, joints))
+                peaks = pairs[-1][0]["peaks_mm"]
+                np.testing.assert_allclose(peaks, scene.tied_peaks_mm, rtol=1e-4)
             if supernodal:
                 with supernodal_factors_alone():
-                    linear = march(scene, mesh, steps, law=None)
-                    joints = march(scene, mesh, steps, law=scene.law(), solver=solver)
-                    others.append((linear, joints))
-    row = summary(*zip(*pairs, strict=True), steps)
+                    others.append(both(mesh))
+    row = summary(pairs, steps)
     for name, runs in zip(("linear", "joints"), zip(*others, strict=True), strict=False):
-        row[f"{name}_supernodal_ms"] = median_of(runs, lambda run: run.step_ms)
-        row[f"{name}_supernodal_solve_ms"] = median_of(runs, lambda run: run.solve_ms)
+        row |= {f"{name}_supernodal_{key}": median_of(runs, key) for key in ("ms", "solve_ms")}
     return row
 
 
-def summary(linear: Sequence[March], joints: Sequence[March], steps: int) -> Row:
-    """One row of JSON: medians over the repeats, facts of the last jointed run."""
-    last = joints[-1]
-    ratios = [b.step_ms / a.step_ms for a, b in zip(linear, joints, strict=True)]
+def summary(pairs: Sequence[tuple[Row, Row]], steps: int) -> Row:
+    """Return a row of JSON: medians over the repeats, facts of the last jointed run."""
+    linear, last = pairs[-1]
+    ratios = [jointed["ms"] / tied["ms"] for tied, jointed in pairs]
     row = {
-        "dofs": last.dofs,
-        "dofs_tied": linear[-1].dofs,
-        "joint_points": last.points,
+        "dofs_tied": linear["dofs"],
         "steps": steps,
         "ranks": MPI.COMM_WORLD.size,
-        "repeats": len(joints),
-        "load_average": load_average(),
+        "repeats": len(pairs),
+        "load_average": os.getloadavg()[0],
         "ratio": statistics.median(ratios),
         "ratio_range": [min(ratios), max(ratios)],
-        "newton_mean": last.facts["iterations"] / last.facts["accepted"],
-        "newton_max": max(last.watch.iterations),
-        **last.facts,
-        **dict(zip(("open", "stick", "slip"), np.mean(last.watch.shares, axis=0), strict=True)),
-        "tied_peaks_mm": linear[-1].peaks_mm,
-        "joint_peaks_mm": last.peaks_mm,
-        "peak_mb": median_of(joints, lambda run: run.peak_mb),
+        **{name: last[name] for name in FACTS},
+        **dict(zip(("open", "stick", "slip"), last["shares"], strict=True)),
+        "tied_peaks_mm": linear["peaks_mm"],
+        "joint_peaks_mm": last["peaks_mm"],
     }
-    for name, runs in (("linear", linear), ("joints", joints)):
-        row |= {
-            f"{name}_ms": median_of(runs, lambda run: run.step_ms),
-            f"{name}_cpu_ms": median_of(runs, lambda run: run.step_cpu_ms),
-            f"{name}_mean_ms": median_of(runs, lambda run: run.mean_ms),
-            f"{name}_solve_ms": median_of(runs, lambda run: run.solve_ms),
-            f"{name}_over_solve": median_of(runs, lambda run: run.step_ms / run.solve_ms),
-            f"{name}_total_s": median_of(runs, lambda run: run.total),
-            f"{name}_total_cpu_s": median_of(runs, lambda run: run.total_cpu),
-            f"{name}_setup_s": by_name(runs, lambda run: run.seconds),
-            f"{name}_peaks_mb": by_name(runs, lambda run: run.peaks_mb),
-        }
-    iteration = median_of(joints, lambda run: run.iteration_ms)
-    row["joints_iteration_ms"] = iteration
-    row["ratio_least"] = 1.0 + (row["joints_solve_ms"] + iteration) / row["linear_ms"]
-    row["wall_over_cpu"] = disturbance(row)
-    for kind in ("cpu", "mean"):
-        row[f"ratio_{kind}"] = row[f"joints_{kind}_ms"] / row[f"linear_{kind}_ms"]
+    for name, runs in zip(("linear", "joints"), zip(*pairs, strict=True), strict=True):
+        row |= {f"{name}_{key}": median_of(runs, key) for key in TIMES}
+    row["ratio_least"] = (
+        1.0 + (row["joints_solve_ms"] + row["joints_iteration_ms"]) / row["linear_ms"]
+    )
+    row["wall_over_cpu"] = max(row[f"{n}_ms"] / row[f"{n}_cpu_ms"] for n in ("linear", "joints"))
+    row["ratio_cpu"] = row["joints_cpu_ms"] / row["linear_cpu_ms"]
     return row
 
 
-def median_of(runs: Sequence[March], value: Callable[[March], float]) -> float:
-    """Median of a number over runs."""
-    return statistics.median(value(run) for run in runs)
+STEPS = (
+    "| scene | dofs | points | steps | linear | cpu | over solve | jointed | cpu | over solve |"
+    " ratio (range) | of cpu | least | iteration | solver |\n"
+    "| {name} | {dofs} | {joint_points} | {steps} | {linear_ms:.2f} | {linear_cpu_ms:.2f} |"
+    " {linear_over_solve:.2f} | {joints_ms:.2f} | {joints_cpu_ms:.2f} | {joints_over_solve:.2f} |"
+    " {ratio:.2f} ({ratio_range[0]:.2f} to {ratio_range[1]:.2f}) | {ratio_cpu:.2f} |"
+    " {ratio_least:.2f} | {joints_iteration_ms:.2f} | {solver} |"
+)
+JOINTS = (
+    "| scene | Newton mean | most | open | stick | slip | cut | ledger | tied peaks x, y, z |"
+    " jointed |\n"
+    "| {name} | {newton_mean:.2f} | {newton_max} | {open:.0%} | {stick:.0%} | {slip:.0%} | {cut} |"
+    " {ledger:.1e} | {tied_peaks_mm[0]:.4g}, {tied_peaks_mm[1]:.4g}, {tied_peaks_mm[2]:.4g} |"
+    " {joint_peaks_mm[0]:.4g}, {joint_peaks_mm[1]:.4g}, {joint_peaks_mm[2]:.4g} |"
+)
+PHASES = ("mesh", "assembly", "statics", "factor", "compliance")
+SETUP = (
+    "| scene | run | mesh | assembly | statics | factor | compliance | whole run | cpu |"
+    " MiB: model | MiB: statics | MiB: steps |\n"
+    "| {name} | {run} | {setup_s[mesh]:.2f} | {setup_s[assembly]:.2f} | {setup_s[statics]:.2f} |"
+    " {setup_s[factor]:.2f} | {setup_s[compliance]:.2f} | {total_s:.2f} | {total_cpu_s:.2f} |"
+    " {peaks_mb[model]:.0f} | {peaks_mb[statics]:.0f} | {peaks_mb[steps]:.0f} |"
+)
+SUPERNODAL = (
+    "| scene | run | step | solve | step over solve | step above over solve |\n"
+    "| {name} | {run} | {supernodal_ms:.2f} | {supernodal_solve_ms:.2f} | {over:.2f} |"
+    " {above_over:.2f} |"
+)
 
 
-def by_name(runs: Sequence[March], values: Callable[[March], dict[str, float]]) -> dict[str, float]:
-    """Medians of several numbers over runs."""
-    return {name: statistics.median(values(run)[name] for run in runs) for name in values(runs[0])}
+def runs_of(rows: dict[str, Row]) -> list[Row]:
+    """Return a row for the linear and one for the jointed runs of each scene."""
+    found = []
+    for name, row in rows.items():
+        for kind, label in (("linear_", "linear"), ("joints_", "jointed")):
+            own = {key.removeprefix(kind): row[key] for key in row if key.startswith(kind)}
+            if "supernodal_ms" in own:
+                solve = own["supernodal_solve_ms"]
+                own |= {"over": own["supernodal_ms"] / solve, "above_over": own["ms"] / solve}
+            found.append({"name": name, "run": label, **own})
+    return found
 
 
-def print_tables(rows: dict[str, Row]) -> None:
-    """Three tables: steps, joints, and set-up with memory."""
-    width = max(len(name) for name in rows)
-    first = next(iter(rows.values()))
+def print_tables(rows: dict[str, Row], *, supernodal: bool) -> None:
+    """Print the tables: steps, joints, set-up with memory, and steps by CHOLMOD's factor alone."""
+    named = [{"name": name, **row} for name, row in rows.items()]
+    first = named[0]
     print(
         f"{first['ranks']} rank(s), {first['repeats']} repeat(s), load average "
         f"{first['load_average']:.1f} on {os.cpu_count()} processors.\n\n"
         "Milliseconds per step, medians, the first step left out. Ratios are jointed over\n"
         "linear: of wall times, with their range over the repeats; of processor times, which\n"
-        "others on the machine disturb less; of mean wall times, which rare expensive steps\n"
-        "enter; least: were a jointed step the linear one, a second back-substitution and its\n"
-        "iteration on the joints [ms] alone. solves: a step over one back-substitution of the\n"
-        "same run, median wall times; 1 is the limit of a linear step, 2 of a jointed one.\n"
+        "others on the machine disturb less; least: were a jointed step the linear one, a second\n"
+        "back-substitution and its iteration on the joints [ms] alone. Over solve: a step over\n"
+        "one back-substitution of the same run, median wall times; 1 is the limit of a linear\n"
+        "step, 2 of a jointed one.\n"
     )
-    print(
-        f"{'':{width}}                      linear ms              jointed ms             ratios\n"
-        f"{'scene':{width}}    dofs points steps     wall    cpu  solves     wall    cpu  solves"
-        "   wall (range)         cpu  means  least  iteration  solver"
-    )
-    for name, row in rows.items():
-        low, high = row["ratio_range"]
-        print(
-            f"{name:{width}} {row['dofs']:7d} {row['joint_points']:6d} {row['steps']:5d}"
-            f" {row['linear_ms']:8.2f} {row['linear_cpu_ms']:6.2f} {row['linear_over_solve']:7.2f}"
-            f" {row['joints_ms']:8.2f} {row['joints_cpu_ms']:6.2f} {row['joints_over_solve']:7.2f}"
-            f" {row['ratio']:6.2f} {f'({low:.2f} to {high:.2f})':16}"
-            f" {row['ratio_cpu']:4.2f} {row['ratio_mean']:6.2f}"
-            f" {row['ratio_least']:6.2f} {row['joints_iteration_ms']:10.2f}  {row['solver']}"
-        )
-    print_disturbance(rows.values())
+    print(table(STEPS, named))
+    print_disturbance(named)
     print(
         "\nNewton iterations per step; mean share of the joint points by state; rejected\n"
         "attempts; ledger: what all energy lines leave unexplained, over the largest energy;\n"
-        "crest peaks.\n"
+        "peaks of the crest [mm].\n"
     )
-    print(
-        f"{'scene':{width}}  Newton mean  max   open  stick   slip   cut   ledger"
-        "   crest peaks x, y, z [mm], tied -> jointed"
-    )
-    for name, row in rows.items():
-        tied, jointed = (
-            ", ".join(f"{p:.4g}" for p in row[key]) for key in ("tied_peaks_mm", "joint_peaks_mm")
-        )
-        shares = " ".join(f"{100 * row[key]:4.0f} %" for key in ("open", "stick", "slip"))
-        print(
-            f"{name:{width}} {row['newton_mean']:12.2f} {row['newton_max']:4d} {shares}"
-            f" {row['cut']:5d}  {row['ledger']:.1e}   {tied} -> {jointed}"
-        )
+    print(table(JOINTS, named))
     print(
         "\nSeconds of the set-up and of the whole run, from reading the mesh to the last step;\n"
         "compliance is what the first step takes besides the factor. Peak memory [MiB] by phase,\n"
         "with what earlier phases still hold.\n"
     )
-    print(
-        f"{'scene':{width}} {'run':8}   mesh assembly statics factor compliance   whole run    cpu"
-        "   MiB: model statics steps"
-    )
-    for name, row in rows.items():
-        for run, label in (("linear", "linear"), ("joints", "jointed")):
-            s, mb = row[f"{run}_setup_s"], row[f"{run}_peaks_mb"]
-            print(
-                f"{name:{width}} {label:8} {s['mesh']:6.2f} {s['assembly']:8.2f} "
-                f"{s['statics']:7.2f} {s['factor']:6.2f} {s['compliance']:10.2f} "
-                f"{row[f'{run}_total_s']:11.2f} {row[f'{run}_total_cpu_s']:6.2f} "
-                f"{mb['model']:12.0f} {mb['statics']:7.0f} "
-                f"{mb['steps']:5.0f}"
-            )
-
-
-def print_supernodal(rows: dict[str, Row]) -> None:
-    """A table of steps beside those by CHOLMOD's factor alone."""
-    width = max(len(name) for name in rows)
-    print(
-        "\nThe same runs by CHOLMOD's factor alone, in turn: steps and back-substitutions [ms];\n"
-        "these steps and those above over one of these back-substitutions.\n"
-    )
-    print(f"{'scene':{width}} {'run':8}     step    solve   its step   step above")
-    for name, row in rows.items():
-        for run, label in (("linear", "linear"), ("joints", "jointed")):
-            step, solve = (row[f"{run}_supernodal_{kind}"] for kind in ("ms", "solve_ms"))
-            print(
-                f"{name:{width}} {label:8} {step:8.2f} {solve:8.2f}"
-                f" {step / solve:10.2f} {row[f'{run}_ms'] / solve:12.2f}"
-            )
+    print(table(SETUP, runs_of(rows)))
+    if supernodal:
+        print(
+            "\nThe same runs by CHOLMOD's factor alone, in turn: steps and back-substitutions\n"
+            "[ms]; these steps and those above over one of these back-substitutions.\n"
+        )
+        print(table(SUPERNODAL, runs_of(rows)))
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
@@ -220,9 +206,8 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         metavar="MPA",
         help="run the walls with these pressures on their end faces as well",
     )
-    parser.add_argument("--dam", action="store_true", help="also the dam of demo 03, 8k dofs")
-    parser.add_argument("--dam-middle", action="store_true", help="also a finer one, 15k dofs")
-    parser.add_argument("--dam-fine", action="store_true", help="also the finest, 43k dofs")
+    for name, text in DAMS.items():
+        parser.add_argument(f"--{name.replace(' ', '-')}", action="store_true", help=text)
     parser.add_argument(
         "--steps",
         type=at_least(1),
@@ -244,34 +229,22 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def scenes(options: argparse.Namespace) -> list[Scene]:
-    """What is to be run."""
+    """Return the scenes to run."""
     if options.quick:
         return [wall("tiny")]
-    chosen = [wall(m, pressure=p) for m in options.mesh for p in (0.0, *options.pressure)]
-    return [
-        *chosen,
-        *([dam("dam")] if options.dam else []),
-        *([dam("dam middle")] if options.dam_middle else []),
-        *([dam("dam fine")] if options.dam_fine else []),
-    ]
+    walls = [wall(m, pressure=p) for m in options.mesh for p in (0.0, *options.pressure)]
+    return walls + [dam(name) for name in DAMS if getattr(options, name.replace(" ", "_"))]
 
 
-def main(arguments: list[str] | None = None) -> dict[str, Row]:
+def main(arguments: list[str] | None = None) -> None:
     """Print tables, or one JSON object as the last line."""
     options = parse_arguments(arguments)
-    rows = {
-        scene.name: measure(
-            scene, options.steps, options.solver, options.repeat, options.supernodal
-        )
-        for scene in scenes(options)
-    }
+    given = {"solver": options.solver, "repeat": options.repeat, "supernodal": options.supernodal}
+    rows = {scene.name: measure(scene, options.steps, **given) for scene in scenes(options)}
     if MPI.COMM_WORLD.rank == 0:
-        print_tables(rows)
-        if options.supernodal:
-            print_supernodal(rows)
+        print_tables(rows, supernodal=options.supernodal)
         if options.json:
             print(json.dumps(rows))
-    return rows
 
 
 if __name__ == "__main__":

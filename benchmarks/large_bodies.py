@@ -24,6 +24,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
+import os
 import statistics
 import sys
 import warnings
@@ -35,21 +36,21 @@ from typing import Any
 from mpi4py import MPI
 
 import dolfinx_joints as dj
-from benchmarks.shared.measure import (
-    Phases,
-    StepWatch,
-    free_memory,
-    load_average,
-    slowest,
-)
-from benchmarks.shared.scenes import TIME_STEP, wall, wall_file
+from benchmarks.shared.measure import Phases, StepWatch, free_memory, slowest
+from benchmarks.shared.scenes import TIME_STEP, Wall, wall, wall_file
+from benchmarks.shared.tables import head, line
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.simulation.record import Record
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
 from dolfinx_joints.solvers.multigrid.tangent import TangentMultigrid
 
-# Cells along x, y, z and number of joints.
-Wall = tuple[tuple[int, int, int], int]
+COLUMNS = (
+    "| wall | run | dofs | points | solver | first: s | cpu | its | others: s | cpu | its |"
+    " solves | Newton | open | ledger | set-up | peak MiB |\n"
+    "| {name} | {kind} | {dofs} | {joint_points} | {solver} | {first_s:.1f} | {first_cpu_s:.1f} |"
+    " {first_iterations} | {step_s:.2f} | {step_cpu_s:.2f} | {iterations:.0f} | {solves:.1f} |"
+    " {newton[0]}, {newton[1]:.1f} | {opened:.2f} | {ledger:.0e} | {setup_s:.1f} | {peak_mb:.0f} |"
+)
 BODIES: dict[str, Wall] = {
     "1e5": ((54, 10, 54), 1),
     "3e5": ((78, 15, 80), 1),
@@ -152,18 +153,6 @@ def measure(kind: str, body: Wall, mesh: Path, options: argparse.Namespace) -> d
     }
 
 
-def print_row(name: str, row: dict[str, Any]) -> None:
-    """A line of the table."""
-    print(
-        f"{name:10} {row['kind']:7} {row['dofs']:8d} {row['joint_points']:7d} {row['solver']:11}"
-        f" {row['first_s']:7.1f} {row['first_cpu_s']:7.1f} {row['first_iterations']:6d}"
-        f" {row['step_s']:7.2f} {row['step_cpu_s']:7.2f} {row['iterations']:6.0f}"
-        f" {row['solves']:6.1f} {row['newton'][0]:4d} {row['newton'][1]:5.1f} {row['opened']:5.2f}"
-        f" {row['ledger']:8.0e} {row['setup_s']:7.1f} {row['peak_mb']:7.0f}",
-        flush=True,
-    )
-
-
 def passed(rows: list[dict[str, Any]]) -> bool:
     """Whether energies balance, joints open, and iterations hardly grow in walls of one shape."""
     sound = all(
@@ -194,19 +183,16 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(sys.argv[1:] if arguments is None else arguments)
     comm, rows = MPI.COMM_WORLD, []
     if comm.rank == 0:
-        print(
-            f"{comm.size} rank(s), load average {load_average():.1f}\n\n"
-            f"{'':45}first: s     cpu    its others: s  cpu    its solves  Newton  open   ledger"
-            "  set-up peak MiB"
-        )
+        print(f"{comm.size} rank(s), load average {os.getloadavg()[0]:.1f}\n\n{head(COLUMNS)}")
     every = BODIES | POINTS
     sizes = QUICK if options.quick else {name: every[name] for name in options.sizes}
     for name, body in sizes.items():
-        with wall_file(*body) as mesh:
+        with wall_file(body) as mesh:
             for kind in options.kinds:
-                rows.append({"joints": body[1], **measure(kind, body, mesh, options)})
+                row = {"name": name, "joints": body[1], **measure(kind, body, mesh, options)}
+                rows.append(row)
                 if comm.rank == 0:
-                    print_row(name, rows[-1])
+                    print(line(COLUMNS, row), flush=True)
     if options.json and comm.rank == 0:
         print(json.dumps(rows))
     return int(not passed(rows))

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import statistics
 import subprocess
 import sys
@@ -34,13 +35,22 @@ from mpi4py import MPI
 import numpy as np
 
 import dolfinx_joints as dj
-from benchmarks.shared.measure import March, StepWatch, load_average, march
+from benchmarks.shared.measure import StepWatch, march, median_of
 from benchmarks.shared.scenes import DIVISIONS, GRAVITY, TIME_STEP, Scene, wall
+from benchmarks.shared.tables import table
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.simulation.record import Record
 
 Row = dict[str, Any]
 
+COLUMNS = (
+    "| run | here [ms] | OpenSees [ms] | factor | iterations here | OpenSees |"
+    " difference: static | crest | crest at the end here [um] | OpenSees [um] |\n"
+    "| {kind} | {ours_cpu_ms:.2f} | {opensees_cpu_ms:.1f} | {factor:.0f} | {ours_iterations:.1f} |"
+    " {opensees_iterations:.1f} | {static_difference:.0e} | {crest_difference:.0e} |"
+    " {ours_crest_um[0]:.2f}, {ours_crest_um[1]:.2f}, {ours_crest_um[2]:.2f} |"
+    " {opensees_crest_um[0]:.2f}, {opensees_crest_um[1]:.2f}, {opensees_crest_um[2]:.2f} |"
+)
 KINDS = ("linear", "jointed", "extrapolated")
 BOUNDS = {"linear": 1e-6, "jointed": 1e-2, "extrapolated": np.inf}
 TO_BRICK = [0, 1, 3, 2, 4, 5, 7, 6]  # corners in tensor order to two rounds, below and above
@@ -147,31 +157,32 @@ def opensees(kind: str, scene: Path) -> dict[str, np.ndarray]:
 
 def compare(scene: Scene, steps: int, repeat: int) -> list[Row]:
     """A row for each kind of run."""
-    ours: dict[str, list[March]] = {"linear": [], "jointed": []}
+    ours: dict[str, list[Row]] = {"linear": [], "jointed": []}
     theirs: dict[str, list[dict[str, np.ndarray]]] = {kind: [] for kind in KINDS}
     with TemporaryDirectory() as name, scene.mesh_file() as mesh:
         for _ in range(repeat):
             for kind, runs in ours.items():
                 law = scene.law() if kind == "jointed" else None
                 path = Path(name) / f"{kind}.npz"
-                runs.append(march(scene, mesh, steps, law=law, watch=SceneFile(scene, path, steps)))
+                watch = SceneFile(scene, path, steps)
+                runs.append(march(scene, mesh, steps, law=law, watch=watch) | {"watch": watch})
                 theirs[kind].append(opensees(kind, path))
             theirs["extrapolated"].append(opensees("extrapolated", path))
     same = {"linear": "linear", "jointed": "jointed", "extrapolated": "jointed"}
     return [row(kind, ours[same[kind]], theirs[kind], steps) for kind in KINDS]
 
 
-def row(kind: str, ours: list[March], theirs: list[dict[str, np.ndarray]], steps: int) -> Row:
+def row(kind: str, ours: list[Row], theirs: list[dict[str, np.ndarray]], steps: int) -> Row:
     """Times, iterations and displacements of one kind of run."""
-    watch: Any = ours[-1].watch
+    watch = ours[-1]["watch"]
     last, crest = theirs[-1], watch.top
     off = {name: last[name] - getattr(watch, name) for name in ("static", "last")}
-    fast = statistics.median(run.step_cpu_ms for run in ours)
+    fast = median_of(ours, "cpu_ms")
     slow = statistics.median(float(np.median(run["cpu_ms"][1:])) for run in theirs)
     return {
         "kind": kind,
-        "dofs": ours[-1].dofs,
-        "joint_points": ours[-1].points,
+        "dofs": ours[-1]["dofs"],
+        "joint_points": ours[-1]["joint_points"],
         "steps": steps,
         "ours_cpu_ms": fast,
         "opensees_cpu_ms": slow,
@@ -214,22 +225,8 @@ def main(arguments: list[str] | None = None) -> int:
     print(
         f"{options.mesh} wall, {rows[0]['dofs']} dofs tied, {rows[1]['dofs']} with "
         f"{rows[1]['joint_points']} joint points, {options.steps} steps, {options.repeat} "
-        f"repeat(s), load average {load_average():.1f}\n\n"
-        "               ms per step            factor  iterations      difference of\n"
-        "                  ours   OpenSees              ours OpenSees   static   crest"
-        "    crest at the end, ours | OpenSees [um]"
+        f"repeat(s), load average {os.getloadavg()[0]:.1f}\n\n{table(COLUMNS, rows)}"
     )
-    for each in rows:
-        places = " | ".join(
-            ", ".join(f"{value:.2f}" for value in each[f"{code}_crest_um"])
-            for code in ("ours", "opensees")
-        )
-        print(
-            f"{each['kind']:13} {each['ours_cpu_ms']:8.2f} {each['opensees_cpu_ms']:10.1f} "
-            f"{each['factor']:9.0f} {each['ours_iterations']:9.1f} "
-            f"{each['opensees_iterations']:8.1f} {each['static_difference']:8.0e} "
-            f"{each['crest_difference']:7.0e}    {places}"
-        )
     if options.json:
         print(json.dumps(rows))
     return int(any(each["crest_difference"] > BOUNDS[each["kind"]] for each in rows))

@@ -24,6 +24,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+from benchmarks.shared.tables import table
 from dolfinx_joints import JointsError
 from dolfinx_joints.common.command_line import Parser
 from tests.verification.inclined_crack import CrackResult, InclinedCrack, solve_crack
@@ -57,9 +58,7 @@ def crack_rows(*, quick: bool) -> tuple[list[Row], dict[tuple[str, int, str], Cr
         rules = (*CRACK_RULES[order], *["auto"] * ((cell, order) == OWN_DEFAULT))
         for rule, ratio in product(rules, ratios):
             stiffness = ratio * CRACK.young / size
-            found = solve_crack(
-                CRACK, MPI.COMM_WORLD, quadrature=rule, normal_stiffness=stiffness, **mesh
-            )
+            found = solve_crack(CRACK, quadrature=rule, normal_stiffness=stiffness, **mesh)
             traction, slip = CRACK.elastic(found.x, stiffness, stiffness)
             rows.append(
                 {
@@ -93,7 +92,6 @@ def section_rows(*, quick: bool) -> list[Row]:
         for rule in (*SECTION_RULES[cell], *["auto"] * ((cell, order) == OWN_DEFAULT)):
             force = move_force(
                 SECTION,
-                MPI.COMM_WORLD,
                 eccentricities,
                 cells=cells,
                 cell=cell,
@@ -138,46 +136,41 @@ def section_errors(states: list[SectionState], eccentricities: list[float], coun
     return {**means, "edge_case": last}
 
 
+RULE = (
+    "| cell | order | rule | points per facet |",
+    "| {cell} | {order} | {rule} | {points_per_facet:.2f} |",
+)
+SECTION_ERRORS = (
+    f" edge stress | contact length | rotation | at {EDGE_CASE} |",
+    " {edge_stress:.3%} | {contact_length:.3%} | {rotation:.3%} | {edge_case} |",
+)
+
+
 def print_crack(rows: list[Row]) -> None:
-    """One line per rule, its stiffnesses side by side."""
+    """Print a line per rule, its stiffnesses side by side."""
     ratios = sorted({row["stiffness"] for row in rows})
-    print(
-        "Inclined crack: largest deviation / oscillation of the normal traction [%], |x| <= 0.9 b"
-    )
-    heads = "".join(f"{f'k_n h/E = {r:.0e}':>20}" for r in ratios)
-    print(
-        f"{'cell':>5} {'order':>5} {'rule':>6} {'points/facet':>13}{heads} {'slip error [%]':>15}"
-    )
-    for row in rows:
-        if row["stiffness"] != ratios[0]:
-            continue
-        same = [r for r in rows if all(r[k] == row[k] for k in ("cell", "order", "rule"))]
-        pairs = [(100 * r["deviation"], 100 * r["oscillation"]) for r in same]
-        values = "".join(f"{f'{most:.2f} / {rough:.2f}':>20}" for most, rough in pairs)
-        print(
-            f"{row['cell']:>5} {row['order']:>5} {row['rule']:>6} {row['points_per_facet']:>13.2f}"
-            f"{values} {100 * same[-1]['slip_error']:>15.2f}"
-        )
+    # Rows of a rule follow each other, the softest joint first.
+    groups = [rows[i : i + len(ratios)] for i in range(0, len(rows), len(ratios))]
+    heads, cells = RULE
+    for k, ratio in enumerate(ratios):
+        heads += f" k_n h/E = {ratio:.0e} |"
+        cells += f" {{at[{k}][deviation]:.2%}} / {{at[{k}][oscillation]:.2%}} |"
+    form = f"{heads} slip error |\n{cells} {{at[{len(ratios) - 1}][slip_error]:.2%}} |"
+    print("Inclined crack: largest deviation / oscillation of the normal traction, |x| <= 0.9 b")
+    print(table(form, [{**group[0], "at": group} for group in groups]))
 
 
 def print_section(rows: list[Row]) -> None:
-    """One line per rule."""
+    """Print a line per rule."""
     print(
-        "Section without tension: errors [%], root mean squares over e/h = 0.20 to 0.42, and that\n"
-        f"of the edge stress at e/h = {EDGE_CASE} (none: no equilibrium, the force is beyond the "
-        "last point)"
+        "Section without tension: errors, root mean squares over e/h = 0.20 to 0.42, and that of\n"
+        f"the edge stress at e/h = {EDGE_CASE} (none: no equilibrium, the force is beyond the last "
+        "point)"
     )
-    print(
-        f"{'cell':>5} {'order':>5} {'rule':>6} {'points/facet':>13} {'edge stress':>12} "
-        f"{'contact length':>15} {'rotation':>9} {f'at {EDGE_CASE}':>8}"
-    )
-    for row in rows:
-        edge = "none" if row["edge_case"] is None else f"{100 * row['edge_case']:+.1f}"
-        print(
-            f"{row['cell']:>5} {row['order']:>5} {row['rule']:>6} {row['points_per_facet']:>13.2f} "
-            f"{100 * row['edge_stress']:>12.3f} {100 * row['contact_length']:>15.3f} "
-            f"{100 * row['rotation']:>9.3f} {edge:>8}"
-        )
+    last = [f"{r['edge_case']:+.1%}" if r["edge_case"] is not None else "none" for r in rows]
+    shown = [row | {"edge_case": each} for row, each in zip(rows, last, strict=True)]
+    form = "\n".join(map("".join, zip(RULE, SECTION_ERRORS, strict=True)))
+    print(table(form, shown))
 
 
 def draw(path: Path, cracks: dict[tuple[str, int, str], CrackResult], sections: list[Row]) -> None:

@@ -4,18 +4,17 @@
 """What `ReservoirWaves` computes and costs: forces on a rigid face, a jointed dam, time per step.
 
 - Force on a rigid vertical face 100 m high, in 16 elements, under a pulse of the ground in time,
-  over 0 to 3 times the reservoir's first frequency, against the closed forms of
-  `tests/verification/test_reservoir_waves.py`. Errors are the largest over the largest exact force;
-  without absorption at the bottom they leave out 3 % around the poles, and the last four fifths of
-  the force, which dies away for ever, are faded out.
+  over 0 to 3 times the reservoir's first frequency, against closed forms (`exact`). Errors are the
+  largest over the largest exact force; without absorption at the bottom they leave out 3 % around
+  the poles, and the last four fifths of the force, which dies away for ever, are faded out.
 - A jointed dam: its energy ledger, and processor time per step with joints and without (tied), in
   water and dry, in turn.
 """
 
 from __future__ import annotations
 
-import time as clock
 import warnings
+from itertools import product
 from typing import Any
 
 from mpi4py import MPI
@@ -25,14 +24,13 @@ from dolfinx.mesh import CellType, create_rectangle, locate_entities_boundary
 from numpy.typing import NDArray
 
 import dolfinx_joints as dj
+from benchmarks.shared.measure import Marching
 from benchmarks.shared.scenes import DAM_SIZES, TIME_STEP, dam
+from benchmarks.shared.tables import head, line, table
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.loads.ground_motion import velocity_of
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record
-from dolfinx_joints.solvers.choice import make_solver
-from dolfinx_joints.time_integration.energy import EnergyLedger
-from dolfinx_joints.time_integration.initial_state import initial_state
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -76,7 +74,18 @@ class _Forces(Monitor):
 
 
 def exact(direction: str, frequency: Floats, alpha: float, length: float = np.inf) -> Complex:
-    """Force per unit acceleration along x [N s^2/m per m], after Chopra 1967.
+    r"""Return the force per unit acceleration along x [N s^2/m per m].
+
+    A rigid vertical face of depth H accelerates by a e^{i w t} before an endless reservoir with an
+    absorbing floor (Fenves and Chopra 1984; Chopra 1967 without absorption). With q = (1 - alpha) /
+    ((1 + alpha) c) and p_m = sin l_m (H - z), l_m cos l_m H + i w q sin l_m H = 0,
+
+        F = -rho a sum I_m^2 / (N_m k_m),  k_m^2 = l_m^2 - (w / c)^2,  I_m = int p_m dz
+        = (1 - cos l_m H) / l_m,  N_m = int p_m^2 dz = H / 2 - sin(2 l_m H) / (4 l_m).
+
+    A floor that accelerates upwards under such water, all alike along the reservoir, makes
+
+        p = rho a sin k (H - z) / (k cos k H + i w q sin k H),  k = w / c.
 
     Args:
         direction: ``stream`` or ``upwards``.
@@ -175,64 +184,72 @@ def force(
     return float(errors.max()), float(ratio[errors.argmax()]), imbalance
 
 
+FACE = (
+    "| direction | alpha | length / height | absorbing | far end | steps | error | at f/f1 |"
+    " imbalance |\n"
+    "| {direction} | {alpha} | {length:.0f} | {absorbing:.0f} | {far_end} | {steps} |"
+    " {error:.2%} | {at:.2f} | {imbalance:.0e} |"
+)
+DAM = (
+    "|  | unknowns | step [ms] | over tied | iterations | imbalance | first step [ms] |\n"
+    "| {water} {joints} | {unknowns} | {step:.2f} | {over:.2f} | {iterations:.2f} |"
+    " {imbalance:.0e} | {first:.0f} |"
+)
+
+
 def face(steps: int | None) -> None:
-    """Forces on the rigid face."""
-    print("Force on a rigid face; L: length over height, a: absorbing part of it")
-    print("direction  alpha     L     a   far end    steps  error   at f/f1  imbalance")
-    for direction, alpha, length, absorbing, far_end, most in CASES:
-        count = most if steps is None else steps
-        found = force(direction, alpha, length, absorbing, far_end, count)
-        row = (direction, alpha, length, absorbing, far_end, count, 100.0 * found[0], *found[1:])
-        print("{:9s} {:6.2f} {:5.0f} {:5.0f}   {:9s} {:6d} {:5.2f} % {:7.2f} {:10.0e}".format(*row))
+    """Print the errors of the forces on the rigid face."""
+    print(head(FACE))
+    for case in CASES:
+        row = dict(
+            zip(("direction", "alpha", "length", "absorbing", "far_end"), case, strict=False)
+        )
+        row["steps"] = case[-1] if steps is None else steps
+        row |= dict(zip(("error", "at", "imbalance"), force(**row), strict=True))
+        print(line(FACE, row), flush=True)
 
 
 def cost(name: str, steps: int) -> None:
-    """Time per step of a dam, wet and dry, with joints and tied, in turn; its ledger."""
+    """Print the time per step of a dam, wet and dry, with joints and tied, in turn; its ledger."""
     scene, dt = dam(name), TIME_STEP
     level = float(scene.crest[2]) - 3.0
     shaking = scene.strong_shaking(steps * dt)
     motion = dj.BaseMotion(acceleration=shaking, velocity=velocity_of(shaking, dt))
-    runs: dict[tuple[bool, bool], list[Any]] = {}
+    runs: dict[tuple[bool, bool], tuple[int, Marching]] = {}
     with scene.mesh_file() as path:
-        for wet in (False, True):
+        for wet, tied in product((False, True), (True, False)):
             water = dj.ReservoirWaves(
                 group="upstream", level=level, length=3.0 * level, bottom_reflection=0.8
             )
-            for tied in (True, False):
-                model = scene.model(
-                    scene.read(path, tied=tied),
-                    None if tied else scene.law(),
-                    water=water if wet else None,
-                )
-                static = dj.Simulation(model).statics(steps=scene.load_steps)
-                system = model.system([motion], waves=dt if wet else None)
-                solver = make_solver(system)
-                state = initial_state(
-                    solver, dt=dt, displacement=static.displacement, joints=static.joints
-                )
-                ledger = EnergyLedger(system)
-                ledger.start(state)
-                runs[wet, tied] = [solver, state, ledger, [], 0]
-                if not tied:
-                    unknowns = system.stiffness.getSize()[0]
-                    print(f"{name}, {'water' if wet else 'dry'}: {unknowns} unknowns")
-    scheme = dj.EnergyConsistent()
+            model = scene.model(
+                scene.read(path, tied=tied),
+                None if tied else scene.law(),
+                water=water if wet else None,
+            )
+            static = dj.Simulation(model).statics(steps=scene.load_steps)
+            system = model.system([motion], waves=dt if wet else None)
+            run = Marching(system, dt, static, dj.EnergyConsistent())
+            runs[wet, tied] = system.stiffness.getSize()[0], run
     for _ in range(steps):
-        for run in runs.values():
-            began = clock.process_time()
-            state, report = scheme.advance(run[0], run[1], dt)
-            run[3].append(1e3 * (clock.process_time() - began))
-            run[2].record(run[2].after(state, report))
-            run[1], run[4] = state, run[4] + report.solve.iterations
-    print("              step [ms]  over tied  iterations  imbalance  first step [ms]")
-    for (wet, tied), (_, _, ledger, taken, iterations) in runs.items():
-        over = np.median(np.divide(taken, runs[wet, True][3])[1:])
-        print(
-            f"{'water' if wet else 'dry':5s} {'tied' if tied else 'joints':7s}"
-            f"{np.median(taken[1:]):10.2f} {over:10.2f} {iterations / steps:11.2f}"
-            f"{ledger.relative_imbalance:11.0e} {taken[0]:16.0f}"
+        for _, run in runs.values():
+            run.step()
+    rows = []
+    for (wet, tied), (unknowns, run) in runs.items():
+        imbalance = run.ledger.relative_imbalance
+        assert imbalance < 1e-10
+        rows.append(
+            {
+                "water": "water" if wet else "dry",
+                "joints": "tied" if tied else "joints",
+                "unknowns": unknowns,
+                "step": np.median(run.ms[1:]),
+                "over": np.median(np.divide(run.ms, runs[wet, True][1].ms)[1:]),
+                "iterations": run.iterations / steps,
+                "imbalance": imbalance,
+                "first": run.ms[0],
+            }
         )
-        assert ledger.relative_imbalance < 1e-10
+    print(f"{name}: processor time per step\n{table(DAM, rows)}")
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -23,7 +23,6 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, get_args
 
 from mpi4py import MPI
@@ -31,120 +30,71 @@ from mpi4py import MPI
 import numpy as np
 
 import dolfinx_joints as dj
-from benchmarks.shared.measure import bandwidth, load_average, march, print_disturbance
-from benchmarks.shared.scenes import Scene, wall
+from benchmarks.jointed_wall import PHASES, measure
+from benchmarks.shared.measure import bandwidth, print_disturbance
+from benchmarks.shared.scenes import Wall, wall
+from benchmarks.shared.tables import head
 from dolfinx_joints.common.command_line import Parser, at_least
 from dolfinx_joints.solvers.effective_matrix import LinearSolver
 from dolfinx_joints.solvers.step_solver import ComplianceKind
 
-SETUP = ("mesh", "assembly", "statics", "factor", "compliance")
 STEPS = {
     "linear": "linear_ms",
     "jointed": "joints_ms",
     "linear, processor": "linear_cpu_ms",
     "jointed, processor": "joints_cpu_ms",
-    "one back-substitution": "solve_ms",
-    "iteration on the joints": "iteration_ms",
+    "one back-substitution": "joints_solve_ms",
+    "iteration on the joints": "joints_iteration_ms",
 }
-
-
-@dataclass(frozen=True, kw_only=True)
-class Case:
-    """A wall: cells along x, y, z and the number of joints."""
-
-    divisions: tuple[int, int, int]
-    joints: int
-
-    def scene(self, name: str) -> Scene:
-        """The scene."""
-        return wall(name, divisions=self.divisions, joints=self.joints)
-
-
-Series = dict[str, dict[str, Case]]
+Series = dict[str, dict[str, Wall]]
 
 SERIES: Series = {
     "dofs": {
-        "7k dofs": Case(divisions=(20, 4, 20), joints=9),
-        "50k dofs": Case(divisions=(40, 8, 40), joints=3),
-        "250k dofs": Case(divisions=(72, 14, 72), joints=1),
+        "7k dofs": ((20, 4, 20), 9),
+        "50k dofs": ((40, 8, 40), 3),
+        "250k dofs": ((72, 14, 72), 1),
     },
     "points": {
-        "0.4k points": Case(divisions=(56, 8, 40), joints=1),
-        "1k points": Case(divisions=(56, 8, 40), joints=3),
-        "3k points": Case(divisions=(56, 8, 40), joints=7),
+        "0.4k points": ((56, 8, 40), 1),
+        "1k points": ((56, 8, 40), 3),
+        "3k points": ((56, 8, 40), 7),
     },
 }
 LARGE: Series = {
-    "dofs": {"1M dofs": Case(divisions=(116, 23, 116), joints=1)},
-    "points": {
-        "7k points": Case(divisions=(40, 8, 40), joints=19),
-        "10k points": Case(divisions=(56, 8, 40), joints=27),
-    },
+    "dofs": {"1M dofs": ((116, 23, 116), 1)},
+    "points": {"7k points": ((40, 8, 40), 19), "10k points": ((56, 8, 40), 27)},
 }
 QUICK: Series = {
-    "dofs": {
-        "1k dofs": Case(divisions=(8, 2, 8), joints=3),
-        "3k dofs": Case(divisions=(12, 3, 12), joints=2),
-    },
-    "points": {
-        "27 points": Case(divisions=(8, 2, 8), joints=1),
-        "81 points": Case(divisions=(8, 2, 8), joints=3),
-    },
+    "dofs": {"1k dofs": ((8, 2, 8), 3), "3k dofs": ((12, 3, 12), 2)},
+    "points": {"27 points": ((8, 2, 8), 1), "81 points": ((8, 2, 8), 3)},
 }
-CASES = [name for table in (SERIES, LARGE, QUICK) for cases in table.values() for name in cases]
+CASES = [name for series in (SERIES, LARGE, QUICK) for cases in series.values() for name in cases]
 
 
 # ---------------------------------------------------------------- cases
 
 
-def measure(name: str, case: Case, options: argparse.Namespace) -> dict[str, Any]:
-    """A case, tied and with joints (collective)."""
-    scene, steps = case.scene(name), options.steps
+def measure_case(name: str, case: Wall, options: argparse.Namespace) -> dict[str, Any]:
+    """Return the row of a wall, tied and with joints (collective)."""
+    divisions, joints = case
+    scene = wall(name, divisions=divisions, joints=joints)
     given = dj.SolverOptions(linear=options.linear, compliance=options.compliance)
-    with scene.mesh_file() as mesh:
-        linear = march(scene, mesh, steps, law=None, options=given)
-        joints = march(scene, mesh, steps, law=scene.law(), options=given)
-    return {
-        "dofs": joints.dofs,
-        "joint_points": joints.points,
-        "steps": steps,
-        "ranks": MPI.COMM_WORLD.size,
-        "load_average": load_average(),
-        "bandwidth": bandwidth(),
-        "solver": joints.facts["solver"],
-        "newton_mean": joints.facts["iterations"] / joints.facts["accepted"],
-        "ledger": joints.facts["ledger"],
-        "linear_ms": linear.step_ms,
-        "joints_ms": joints.step_ms,
-        "ratio": joints.step_ms / linear.step_ms,
-        "ratio_cpu": joints.step_cpu_ms / linear.step_cpu_ms,
-        "linear_cpu_ms": linear.step_cpu_ms,
-        "joints_cpu_ms": joints.step_cpu_ms,
-        "solve_ms": joints.solve_ms,
-        "iteration_ms": joints.iteration_ms,
-        "setup_s": joints.seconds,
-        "linear_setup_s": linear.seconds,
-        "peak_mb": joints.peak_mb,
-        "linear_peak_mb": linear.peak_mb,
-    }
+    return measure(scene, options.steps, options=given) | {"bandwidth_gb_s": bandwidth() / 1e9}
 
 
-def numbers(row: dict[str, Any]) -> dict[str, float]:
-    """All times of a row under the names of the table."""
-    return {
-        **row["setup_s"],
-        **{name: row[key] for name, key in STEPS.items()},
-    }
+def times(row: dict[str, Any]) -> dict[str, float]:
+    """Return the times of a row under the names of the table."""
+    return row["joints_setup_s"] | {name: row[key] for name, key in STEPS.items()}
 
 
 def growth(rows: Sequence[dict[str, Any]], over: str) -> dict[str, float]:
     """Exponents p of time ~ n^p for every time above 0, n the dofs or the joint points."""
     size = np.log([row[over] for row in rows])
     found = {}
-    for name in numbers(rows[0]):
-        times = np.array([numbers(row)[name] for row in rows])
-        if len(rows) > 1 and np.all(times > 0.0):
-            found[name] = float(np.polyfit(size, np.log(times), 1)[0])
+    for name in times(rows[0]):
+        values = np.array([times(row)[name] for row in rows])
+        if len(rows) > 1 and np.all(values > 0.0):
+            found[name] = float(np.polyfit(size, np.log(values), 1)[0])
     return found
 
 
@@ -157,7 +107,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         if options.large:
             cases |= LARGE[series]
         rows = {
-            name: measure(name, case, options)
+            name: measure_case(name, case, options)
             for name, case in cases.items()
             if options.cases is None or name in options.cases
         }
@@ -171,35 +121,35 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def print_series(name: str, found: dict[str, Any]) -> None:
-    """A column for each case, a row for each time, the growth at the end."""
-    rows, exponents = found["cases"], found["growth"]
+    """Print a column for each case, a row for each number, the growth in the last column."""
+    rows = found["cases"]
     of = "dofs" if name == "dofs" else "joint points"
     first = next(iter(rows.values()))
     print(
         f"\nGrowth with the {of}; {first['ranks']} rank(s), {first['steps']} steps, load average "
         f"{first['load_average']:.1f} on {os.cpu_count()} processors\n"
     )
-
-    def line(label: str, values: Sequence[str], last: str = "") -> None:
-        print(f"{label:24}" + "".join(f"{value:>14}" for value in values) + f"{last:>10}")
-
-    line("", list(rows), "growth")
-    for label, key in (("dofs", "dofs"), ("joint points", "joint_points"), ("solver", "solver")):
-        line(label, [str(row[key]) for row in rows.values()])
-    line("Newton per step", [f"{row['newton_mean']:.2f}" for row in rows.values()])
-    line("peak memory [MiB]", [f"{row['peak_mb']:.0f}" for row in rows.values()])
-    line("triad, all ranks [GB/s]", [f"{row['bandwidth'] / 1e9:.1f}" for row in rows.values()])
-    for title, labels in (
-        ("set-up [s]", SETUP),
-        ("step, median [ms]", tuple(STEPS)),
-    ):
-        print(title)
-        for label in labels:
-            values = [f"{numbers(row)[label]:.3g}" for row in rows.values()]
-            exponent = f"n^{exponents[label]:.2f}" if label in exponents else "-"
-            line(f"  {label}", values, exponent)
-    for label, key in (("jointed / linear", "ratio"), ("  processor times", "ratio_cpu")):
-        line(label, [f"{row[key]:.2f}" for row in rows.values()])
+    lines = {
+        "dofs": "{dofs}",
+        "joint points": "{joint_points}",
+        "solver": "{solver}",
+        "Newton per step": "{newton_mean:.2f}",
+        "peak memory [MiB]": "{joints_peak_mb:.0f}",
+        "triad, all ranks [GB/s]": "{bandwidth_gb_s:.1f}",
+        **{f"{phase} [s]": f"{{joints_setup_s[{phase}]:.3g}}" for phase in PHASES},
+        **{f"step: {label} [ms]": f"{{{key}:.3g}}" for label, key in STEPS.items()},
+        "jointed / linear": "{ratio:.2f}",
+        "processor times": "{ratio_cpu:.2f}",
+    }
+    exponents = {
+        f"{time} [s]" if time in PHASES else f"step: {time} [ms]": exponent
+        for time, exponent in found["growth"].items()
+    }
+    print(head(f"| | {' | '.join(rows)} | growth |"))
+    for label, form in lines.items():
+        cells = " | ".join(form.format_map(row) for row in rows.values())
+        growth = f"n^{exponents[label]:.2f}" if label in exponents else "-"
+        print(f"| {label} | {cells} | {growth} |")
     print_disturbance(rows.values())
 
 

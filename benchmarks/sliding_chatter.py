@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 import dolfinx_joints as dj
-from benchmarks.shared.problems import Problem, _mesh, march
+from benchmarks.shared.problems import Problem, march, of_model
+from benchmarks.shared.scenes import mesh_of
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.geometry.two_blocks import two_blocks
 from dolfinx_joints.laws.law import CondensedLaw
@@ -62,31 +63,23 @@ def slide(
 
 def _block(law: CondensedLaw, damping: float) -> Problem:
     """The block after self weight, at its speed."""
-    jointed = _mesh(
-        lambda path: two_blocks(
-            path, length=1.0, width=SIZE, size=SIZE, cell="hex", lower_height=0.2, upper_height=0.5
-        )
-    )
+    sizes = {"length": 1.0, "width": SIZE, "size": SIZE, "lower_height": 0.2, "upper_height": 0.5}
     model = dj.Model(
-        jointed,
+        mesh_of(two_blocks, cell="hex", **sizes),
         material=CONCRETE,
         joints=law,
         supports=[dj.Fixed(group="base")],
         loads=[dj.Gravity(acceleration=(0.0, 0.0, -10.0))],
         damping=dj.Rayleigh(stiffness_factor=damping * TRANSIT),
     )
-    static = dj.Simulation(model).statics()
-    velocity = np.zeros(model.num_dofs)
-    upper = np.unique([model.V.dofmap.cell_dofs(c) for c in jointed.cells("upper")])
-    velocity.reshape(-1, 3)[upper] = (SPEED, 0.0, 0.0)
     drive = np.array([-10.0 * FRICTION, 0.0, 0.0])
-    return Problem(
-        system=model.system([dj.BaseMotion(acceleration=lambda _: drive)]),
+    return of_model(
+        model,
         period=END,
         end=END,
-        displacement=static.displacement.array.copy(),
-        velocity=velocity,
-        joints=static.joints,
+        static=dj.Simulation(model).statics(),
+        upper=(SPEED, 0.0, 0.0),
+        motion=lambda _: drive,
         component=1,
     )
 

@@ -33,14 +33,16 @@ from typing import Any
 import numpy as np
 
 import dolfinx_joints as dj
-from benchmarks.shared.problems import Problem, Run, impact, march
+from benchmarks.shared.problems import Problem, Run, impact, march, of_model
 from benchmarks.shared.scenes import GRAVITY, TIME_STEP, Scene, dam, wall
+from benchmarks.shared.tables import table
 from dolfinx_joints.common.command_line import Parser
 from dolfinx_joints.geometry.two_blocks import two_blocks
 from dolfinx_joints.time_integration.scheme import Scheme
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 MARKS = "<!-- table of benchmarks/stability.py -->\n", "<!-- end of the table -->\n"
+COLUMNS = "| case | runs | failed | largest imbalance |\n| {row} | {runs} | {failed} | {shown} |"
 RIGID = math.inf
 SCHEMES: dict[str, Scheme] = {
     "energy-consistent scheme": dj.EnergyConsistent(),
@@ -179,21 +181,14 @@ def problem(case: Case) -> Problem:
     gaps = {"joint_1": -5.0 * case.dt * thrown[2]} if case.gap else {}
     joints = dj.Joints(scene.law(case.stiffness, case.angle), initial_gaps=gaps)
     model = scene.model(jointed, joints, **options)
-    displacement, velocity, joints = np.zeros(model.num_dofs), np.zeros(model.num_dofs), None
-    if not case.gap:
-        static = dj.Simulation(model).statics(steps=scene.load_steps)
-        displacement, joints = static.displacement.array.copy(), static.joints
-    if case.scene == "blocks":
-        upper = np.unique([model.V.dofmap.cell_dofs(c) for c in jointed.cells("upper")])
-        velocity.reshape(-1, 3)[upper] = thrown
     end = case.steps * case.dt
-    return Problem(
-        system=model.system([dj.BaseMotion(acceleration=scene.strong_shaking(end))]),
+    return of_model(
+        model,
         period=case.dt,
         end=end,
-        displacement=displacement,
-        velocity=velocity,
-        joints=joints,
+        static=None if case.gap else dj.Simulation(model).statics(steps=scene.load_steps),
+        upper=thrown if case.scene == "blocks" else None,
+        motion=scene.strong_shaking(end),
     )
 
 
@@ -217,16 +212,9 @@ def measure(name: str, chosen: list[Case]) -> dict[str, Any]:
         if end is not None and end.ledger is not None:
             ledgers.append(end.ledger)
     imbalance = max(ledgers, default=None)
-    return {"row": name, "runs": len(chosen), "failed": failed, "imbalance": imbalance}
-
-
-def table(lines: Sequence[dict[str, Any]]) -> str:
-    """Return the table of the page."""
-    text = "| case | runs | failed | largest imbalance |\n|---|---|---|---|"
-    for line in lines:
-        size = "-" if line["imbalance"] is None else f"{line['imbalance']:.0e}"
-        text += f"\n| {line['row']} | {line['runs']} | {line['failed']} | {size} |"
-    return text
+    shown = "-" if imbalance is None else f"{imbalance:.0e}"
+    runs = {"row": name, "runs": len(chosen), "failed": failed}
+    return runs | {"imbalance": imbalance, "shown": shown}
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -244,12 +232,13 @@ def main(arguments: list[str] | None = None) -> None:
     for name, chosen in ROWS.items():
         part = [replace(case, steps=min(case.steps, 100)) for case in chosen[::7]]
         lines.append(measure(name, part if options.quick else chosen))
-    print(table(lines))
+    text = table(COLUMNS, lines)
+    print(text)
     if options.page:
         page, (start, end) = DOCS / "stability.md", MARKS
-        text = page.read_text(encoding="utf-8")
-        before, after = text.split(start)[0], text.split(end)[1]
-        page.write_text(f"{before}{start}\n{table(lines)}\n\n{end}{after}", encoding="utf-8")
+        before, after = page.read_text(encoding="utf-8").split(start)
+        after = after.split(end)[1]
+        page.write_text(f"{before}{start}\n{text}\n\n{end}{after}", encoding="utf-8")
     if options.json:
         print(json.dumps(lines))
 

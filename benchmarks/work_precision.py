@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +32,12 @@ from benchmarks.shared.problems import (
     errors,
     impact,
     march,
+    of_model,
     sliding,
-    wall,
     with_fine_motion,
 )
+from benchmarks.shared.scenes import wall
+from benchmarks.shared.tables import head, line
 from dolfinx_joints import JointsError
 from dolfinx_joints.common.command_line import Parser
 
@@ -126,7 +128,9 @@ def cases(*, quick: bool) -> dict[str, Case]:
     refinement = 16 if quick else 64
     found["jointed_wall"] = Case(
         title="jointed wall, shaken",
-        problem=lambda: with_fine_motion(_wall(quick=quick), WALL_STEP / refinement, WALL_STEP),
+        problem=lambda: with_fine_motion(
+            shaken_wall(quick=quick), WALL_STEP / refinement, WALL_STEP
+        ),
         steps=(1, 4) if quick else (1, 2, 4, 8),
     )
     return found
@@ -139,8 +143,14 @@ def ground(time: float) -> np.ndarray:
     return onset * np.array([2.0, 2.0, 1.0]) * np.sin(phases)
 
 
-def _wall(*, quick: bool) -> Problem:
-    return wall(ground, end=0.2 if quick else 0.4, divisions=(4, 1, 4) if quick else (8, 2, 8))
+def shaken_wall(*, quick: bool) -> Problem:
+    """A free-standing wall in four blocks, after self weight, on a shaken base."""
+    scene = replace(wall(divisions=(4, 1, 4) if quick else (8, 2, 8)), loads=[dj.Gravity()])
+    with scene.mesh_file() as path:
+        model = scene.model(scene.read(path), scene.law())
+    static = dj.Simulation(model).statics()
+    end = 0.2 if quick else 0.4
+    return of_model(model, period=WALL_STEP, end=end, static=static, motion=ground)
 
 
 # ---------------------------------------------------------------- runs
@@ -150,15 +160,14 @@ def take(
     problem: Problem, name: str, steps: float, control: tuple[float, int] | None = None
 ) -> Row:
     """One run as a row; errors are null where it failed."""
+    tolerance, halvings = control or (None, None)
     row: Row = {
         "scheme": name,
-        "tolerance": control[0] if control else None,
-        "max_halvings": control[1] if control else None,
+        "tolerance": tolerance,
+        "max_halvings": halvings,
         "dt_max": problem.period / steps,
     }
-    asked = None
-    if control:
-        asked = dj.StepControl(tolerance=control[0], max_halvings=control[1])
+    asked = dj.StepControl(tolerance=tolerance, max_halvings=halvings) if control else None
     try:
         run = march(problem, SCHEMES[name], problem.period / steps, asked)
     except JointsError as failure:
@@ -189,52 +198,33 @@ def rows_of(case: Case) -> Iterator[Row]:
 # ---------------------------------------------------------------- output
 
 
-def line(name: str, row: Row) -> str:
-    """A row of the table."""
-    control = "" if row["tolerance"] is None else f"{row['tolerance']:.0e}/{row['max_halvings']}"
-    start = f"{name:24s} {row['scheme']:18s} {row['dt_max']:9.2e} {control:8s}"
+COLUMNS = (
+    "| problem | scheme | dt [s] | tolerance / halvings | steps | solves | Newton | s |"
+    " displacement | velocity | force | energy | ledger |\n"
+    "| {problem} | {scheme} | {dt_max:.2e} | {adaptive} | {steps} | {solves} | {iterations} |"
+    " {seconds:.2f} | {error_displacement:.2e} | {error_velocity:.2e} | {error_force:.2e} |"
+    " {error_energy:.2e} | {ledger} |"
+)
+
+
+def shown(problem: str, row: Row) -> str:
+    """Return the line of a run."""
+    adaptive = "" if row["tolerance"] is None else f"{row['tolerance']:.0e} / {row['max_halvings']}"
     if "failure" in row:
-        return f"{start} {row['failure']}"
-    ledger = "" if row["ledger"] is None else f"{row['ledger']:.1e}"
-    return (
-        f"{start} {row['steps']:6d} {row['solves']:6d} {row['iterations']:6d} "
-        f"{row['seconds']:7.2f} {row['error_displacement']:9.2e} {row['error_velocity']:9.2e} "
-        f"{row['error_force']:9.2e} {row['error_energy']:9.2e} {ledger:>8s}"
-    )
+        return (
+            f"| {problem} | {row['scheme']} | {row['dt_max']:.2e} | {adaptive} {row['failure']} |"
+        )
+    return line(COLUMNS, row | {"problem": problem, "adaptive": adaptive})
 
 
-def header() -> str:
-    """Heads of the columns."""
-    return (
-        f"{'problem':24s} {'scheme':18s} {'dt [s]':>9s} {'adaptive':8s} {'steps':>6s} "
-        f"{'solves':>6s} {'Newton':>6s} {'s':>7s} {'displ.':>9s} {'velocity':>9s} {'force':>9s} "
-        f"{'energy':>9s} {'ledger':>8s}"
-    )
-
-
-MARKERS = {
-    "ec": "o",
-    "ec_exact": "s",
-    "implicit": "v",
-    "newmark": "x",
-    "hht": "+",
-    "generalized_alpha": "^",
-}
-COLOURS = {
-    "ec": "tab:blue",
-    "ec_exact": "black",
-    "implicit": "tab:green",
-    "newmark": "tab:red",
-    "hht": "tab:orange",
-    "generalized_alpha": "tab:purple",
-}
-LABELS = {
-    "ec": "energy-consistent",
-    "ec_exact": "the same, 10 modes exact",
-    "implicit": "implicit contact",
-    "newmark": "Newmark",
-    "hht": "HHT, $\\alpha = 0.1$",
-    "generalized_alpha": "generalized-$\\alpha$, 0.8",
+# Marker, colour and label of a scheme in figures.
+STYLES = {
+    "ec": ("o", "tab:blue", "energy-consistent"),
+    "ec_exact": ("s", "black", "the same, 10 modes exact"),
+    "implicit": ("v", "tab:green", "implicit contact"),
+    "newmark": ("x", "tab:red", "Newmark"),
+    "hht": ("+", "tab:orange", "HHT, $\\alpha = 0.1$"),
+    "generalized_alpha": ("^", "tab:purple", "generalized-$\\alpha$, 0.8"),
 }
 # Name of the figure: error, its label and range.
 FIGURES = {
@@ -283,7 +273,7 @@ def draw_panel(axis: Any, rows: list[Row], error: str, limits: tuple[float, floa
     from matplotlib.ticker import LogLocator, NullFormatter
 
     for adaptive in (False, True):
-        for scheme, colour in COLOURS.items():
+        for scheme, (marker, colour, label) in STYLES.items():
             kept = [
                 row
                 for row in rows
@@ -297,12 +287,12 @@ def draw_panel(axis: Any, rows: list[Row], error: str, limits: tuple[float, floa
                     [row["solves"] for row in kept],
                     np.clip([row[error] for row in kept], *limits),
                     linestyle="--" if adaptive else "-",
-                    marker=MARKERS[scheme],
+                    marker=marker,
                     color=colour,
                     markersize=5,
                     linewidth=1.2,
                     markerfacecolor="none" if adaptive else colour,
-                    label=LABELS[scheme] + (", adaptive" if adaptive else ""),
+                    label=label + ", adaptive" * adaptive,
                 )
     axis.set(xscale="log", yscale="log", ylim=(0.6 * limits[0], 1.6 * limits[1]))
     axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
@@ -324,13 +314,13 @@ def main() -> None:
         for name, case in cases(quick=options.quick).items()
         if not options.only or name.startswith(tuple(options.only))
     }
-    print(header())
+    print(head(COLUMNS))
     problems: dict[str, list[Row]] = {}
     for name, case in chosen.items():
         problems[name] = []
         for row in rows_of(case):
             problems[name].append(row)
-            print(line(name, row), flush=True)
+            print(shown(name, row), flush=True)
     ec = [row for rows in problems.values() for row in rows if row["scheme"] in CONSISTENT]
     ledger = max((row["ledger"] for row in ec if "failure" not in row), default=None)
     failed = sum("failure" in row for row in ec)

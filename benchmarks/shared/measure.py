@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import ctypes
 import gc
-import os
 import statistics
 import sys
 import time as clock
@@ -26,17 +25,16 @@ from benchmarks.shared.scenes import TIME_STEP, Scene
 from dolfinx_joints.common.mpi import free_petsc_garbage
 from dolfinx_joints.laws.law import Law
 from dolfinx_joints.simulation.monitor import Monitor
-from dolfinx_joints.simulation.outcome import Outcome
+from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import Record
-from dolfinx_joints.solvers import node_blocks
+from dolfinx_joints.solvers import limits
+from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.solvers.interface.solver import InterfaceSolver
+from dolfinx_joints.time_integration.energy import EnergyLedger
+from dolfinx_joints.time_integration.initial_state import initial_state
 
-FACTOR = (
-    *("MatCholFctrSym", "MatCholFctrNum"),
-    *("MatLUFactorSym", "MatLUFactorNum"),
-)
+FACTOR = ("MatCholFctrSym", "MatCholFctrNum", "MatLUFactorSym", "MatLUFactorNum")
 SINGLE = ("MatSolve", "MatForwardSolve", "MatBackwardSolve")
-BACK_SUBSTITUTION = (*SINGLE, "MatMatSolve")
 ITERATION = "JointIteration"
 InterfaceSolver._iterate = PETSc.Log.EventDecorator(ITERATION)(  # type: ignore[method-assign]
     InterfaceSolver._iterate
@@ -64,27 +62,21 @@ def _logged(names: Sequence[str]) -> list[dict[str, Any]]:
 @contextmanager
 def supernodal_factors_alone() -> Iterator[None]:
     """Steps solve with CHOLMOD's factor even where that in blocks of a node is faster."""
-    before, node_blocks.LARGEST = node_blocks.LARGEST, 0
+    before, limits.NODE_BLOCK_ROWS = limits.NODE_BLOCK_ROWS, 0
     try:
         yield
     finally:
-        node_blocks.LARGEST = before
+        limits.NODE_BLOCK_ROWS = before
 
 
 # Wall time over processor time of a step above which wall times are not to be trusted.
 DISTURBED = 1.1
 
 
-def disturbance(row: dict[str, Any]) -> float:
-    """Wall time over processor time of a step in a row of JSON, the larger of both runs."""
-    return max(row[f"{run}_ms"] / row[f"{run}_cpu_ms"] for run in ("linear", "joints"))
-
-
 def print_disturbance(rows: Iterable[dict[str, Any]]) -> None:
     """Say so if others used the processors; of several ranks, which wait busily, nothing."""
-    rows = list(rows)
-    busy = max(disturbance(row) for row in rows)
-    if rows[0]["ranks"] == 1 and busy > DISTURBED:
+    busy = max(row["wall_over_cpu"] for row in rows)
+    if MPI.COMM_WORLD.size == 1 and busy > DISTURBED:
         print(
             f"\nOthers used the machine: wall times are up to {busy:.2f} times the processor times."
             "\nGo by the latter, or measure again."
@@ -95,11 +87,6 @@ def progress(text: str) -> None:
     """Say on rank 0, on the error stream, what is done."""
     if MPI.COMM_WORLD.rank == 0:
         print(text, file=sys.stderr, flush=True)
-
-
-def load_average() -> float:
-    """Processes that wanted a processor in the last minute, on average, this one included."""
-    return os.getloadavg()[0]
 
 
 def free_memory() -> None:
@@ -233,54 +220,6 @@ class StepWatch(Monitor):
         del self._probe
 
 
-@dataclass(frozen=True, kw_only=True)
-class March:
-    """A finished run of a scene.
-
-    Attributes:
-        dofs: Displacement dofs, constrained ones included.
-        points: Joint points.
-        step_ms: Median wall time of a step but the first, slowest rank [ms].
-        step_cpu_ms: The same in processor time [ms].
-        mean_ms: Mean wall time of a step but the first, slowest rank [ms].
-        solve_ms: Median wall time of a back-substitution in these steps, slowest rank [ms].
-        iteration_ms: Median wall time of the iteration on the joints in these, likewise [ms].
-        seconds: Wall time by phase of the set-up [s]: ``mesh`` (read and split), ``assembly``,
-            ``statics``, ``factor`` of the bulk, and ``compliance``: what else the first step takes
-            more than the median.
-        total: Wall time from reading the mesh to the last step [s].
-        total_cpu: The same in processor time [s].
-        peaks_mb: Peak memory of ``model`` (mesh and assembly), ``statics`` and ``steps`` [MiB].
-        watch: What each step took on this rank.
-        facts: ``solver``, ``iterations``, ``accepted`` and ``cut`` steps, ``ledger``,
-            ``energy_error``; numbers alone, so that the next run finds the memory free.
-    """
-
-    dofs: int
-    points: int
-    step_ms: float
-    step_cpu_ms: float
-    mean_ms: float
-    solve_ms: float
-    iteration_ms: float
-    seconds: dict[str, float]
-    total: float
-    total_cpu: float
-    peaks_mb: dict[str, float]
-    watch: StepWatch
-    facts: dict[str, Any]
-
-    @property
-    def peak_mb(self) -> float:
-        """Largest memory of all phases [MiB]."""
-        return max(self.peaks_mb.values())
-
-    @property
-    def peaks_mm(self) -> list[float]:
-        """Largest displacement of the crest from the static state along each axis [mm]."""
-        return list(1e3 * np.abs(self.watch.crest).max(axis=0))
-
-
 def march(
     scene: Scene,
     mesh: Path,
@@ -291,8 +230,25 @@ def march(
     options: dj.SolverOptions | None = None,
     watch: StepWatch | None = None,
     dt: float = TIME_STEP,
-) -> March:
-    """Static loads, then the motion, with a law for the joints or without joints (collective).
+) -> dict[str, Any]:
+    """Take static loads, then the motion, with a law for the joints or without joints (collective).
+
+    Returns:
+        Numbers alone, so that the next run finds the memory free. Of several ranks the slowest
+        counts; times of steps leave out the first one.
+
+        - ``dofs``, constrained ones included, and ``joint_points``;
+        - ``ms``, ``cpu_ms``: median wall and processor time of a step;
+        - ``solve_ms``, ``iteration_ms``: median wall time of a back-substitution, and of the
+          iteration on the joints in a step; ``over_solve``: step over back-substitution;
+        - ``setup_s``: wall time by phase: ``mesh`` (read and split), ``assembly``, ``statics``,
+          ``factor`` of the bulk, and ``compliance``, what else the first step takes more than the
+          median; ``total_s``, ``total_cpu_s``: from reading the mesh to the last step;
+        - ``peaks_mb``: peak memory of ``model`` (mesh and assembly), ``statics`` and ``steps``;
+          ``peak_mb``: the largest;
+        - ``peaks_mm``: largest displacement of the crest from the static state along each axis;
+        - ``solver``, ``newton_mean``, ``newton_max``, ``accepted`` and ``cut`` steps, ``ledger``,
+          ``energy_error``; with joints ``shares`` of the points open, sticking and sliding.
 
     Raises:
         ValueError: There are fewer than 2 steps.
@@ -315,38 +271,81 @@ def march(
     progress(f"{scene.name}, {kind}: {steps} steps in {phases.seconds['steps']:.1f} s")
     median = statistics.median(watch.wall[1:])
     once = max(watch.wall[0] - median, 0.0) / 1e3
+    step, solve = slowest(median), slowest(statistics.median(watch.solves[1:]))
     peaks = phases.peaks_mb
-    return March(
-        dofs=model.num_dofs,
-        points=model.operator.num_points if model.operator else 0,
-        step_ms=slowest(median),
-        step_cpu_ms=slowest(statistics.median(watch.cpu[1:])),
-        mean_ms=slowest(statistics.mean(watch.wall[1:])),
-        solve_ms=slowest(statistics.median(watch.solves[1:])),
-        iteration_ms=slowest(statistics.median(watch.iterating[1:])),
-        seconds={
+    return {
+        "dofs": model.num_dofs,
+        "joint_points": model.operator.num_points if model.operator else 0,
+        "ms": step,
+        "cpu_ms": slowest(statistics.median(watch.cpu[1:])),
+        "solve_ms": solve,
+        "iteration_ms": slowest(statistics.median(watch.iterating[1:])),
+        "over_solve": step / solve,
+        "setup_s": {
             **{name: phases.seconds[name] for name in ("mesh", "assembly", "statics")},
             "factor": slowest(watch.factor),
             "compliance": slowest(max(once - watch.factor, 0.0)) if law else 0.0,
         },
-        total=slowest(clock.perf_counter() - began[0]),
-        total_cpu=slowest(clock.process_time() - began[1]),
-        peaks_mb={
+        "total_s": slowest(clock.perf_counter() - began[0]),
+        "total_cpu_s": slowest(clock.process_time() - began[1]),
+        "peaks_mb": {
             "model": max(peaks["mesh"], peaks["assembly"]),
             "statics": peaks["statics"],
             "steps": peaks["steps"],
         },
-        watch=watch,
-        facts=_facts(outcome),
-    )
-
-
-def _facts(outcome: Outcome) -> dict[str, Any]:
-    return {
+        "peak_mb": max(peaks.values()),
+        "peaks_mm": list(1e3 * np.abs(watch.crest).max(axis=0)),
         "solver": outcome.solver,
-        "iterations": outcome.iterations,
+        "newton_mean": outcome.iterations / outcome.counts.accepted,
+        "newton_max": max(watch.iterations),
         "accepted": outcome.counts.accepted,
         "cut": outcome.counts.rejected,
         "ledger": outcome.imbalance,
         "energy_error": outcome.energy_error,
+        "shares": list(np.mean(watch.shares, axis=0)) if watch.shares else None,
     }
+
+
+def median_of(runs: Sequence[dict[str, Any]], name: str) -> Any:
+    """Return the median over runs of a number of `march`, or of each number by name."""
+    values = [run[name] for run in runs]
+    if isinstance(values[0], dict):
+        return {key: statistics.median(value[key] for value in values) for key in values[0]}
+    return statistics.median(values)
+
+
+class Marching:
+    """A run in small steps, each timed, so that several runs can take theirs in turn.
+
+    Args:
+        system: The system.
+        dt: Time step [s].
+        static: State to start from.
+        scheme: The time scheme.
+
+    Attributes:
+        ms: Processor time of each step [ms].
+        iterations: Newton iterations of all steps.
+        ledger: The energies.
+    """
+
+    def __init__(
+        self, system: dj.MatrixSystem, dt: float, static: StaticState, scheme: dj.EnergyConsistent
+    ) -> None:
+        """Start from the static state."""
+        self._solver, self._dt, self._scheme = make_solver(system), dt, scheme
+        self._state = initial_state(
+            self._solver, dt=dt, displacement=static.displacement, joints=static.joints
+        )
+        self.ledger = EnergyLedger(system)
+        self.ledger.start(self._state)
+        self.ms: list[float] = []
+        self.iterations = 0
+
+    def step(self) -> None:
+        """Take a step."""
+        began = clock.process_time()
+        self._state, report = self._scheme.advance(self._solver, self._state, self._dt)
+        self.ms.append(1e3 * (clock.process_time() - began))
+        self.ledger.record(self.ledger.after(self._state, report))
+        self.iterations += report.solve.iterations

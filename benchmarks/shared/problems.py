@@ -8,24 +8,20 @@ import math
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Protocol
-
-from mpi4py import MPI
+from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import dolfinx_joints as dj
-from dolfinx_joints.common.mpi import on_root
+from benchmarks.shared.scenes import Acceleration, mesh_of
 from dolfinx_joints.exact import CoulombOscillator, ImpactOscillator, SlidingBlock
-from dolfinx_joints.geometry.jointed_wall import jointed_wall
 from dolfinx_joints.geometry.two_blocks import two_blocks
 from dolfinx_joints.laws.law import CondensedLaw, JointState, Law, Response
 from dolfinx_joints.laws.rigid import RigidJoint
 from dolfinx_joints.model.mass_redistribution import redistribute
+from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.time_integration.initial_state import initial_state
@@ -34,6 +30,7 @@ from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import Stepper
 
 Floats = NDArray[np.float64]
+History = Callable[[ArrayLike], Floats]
 
 SCHEMES: dict[str, Scheme] = {
     "ec": dj.EnergyConsistent(),
@@ -48,17 +45,28 @@ SCHEMES: dict[str, Scheme] = {
 MIDPOINT = ("ec", "ec_exact", "implicit")
 
 
-class Motion(Protocol):
-    """What a motion should be; ``n`` dofs are compared."""
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """Motion to compare with: functions of times (t,) [s] for the n dofs that are compared.
 
-    def displacement(self, time: ArrayLike) -> Floats:
-        """At times (t,) [s], shape (t, n), [m]."""
+    Attributes:
+        displacement: Shape (t, n), [m].
+        velocity: Shape (t, n), [m/s].
+        force: Joint force, shape (t,), [N].
+    """
 
-    def velocity(self, time: ArrayLike) -> Floats:
-        """At times (t,) [s], shape (t, n), [m/s]."""
+    displacement: History
+    velocity: History
+    force: History
 
-    def force(self, time: ArrayLike) -> Floats:
-        """Joint force at times (t,) [s], shape (t,), [N]."""
+
+def one_dof(displacement: History, velocity: History, force: History) -> Motion:
+    """Return the motion of one dof from functions of shape (t,)."""
+    return Motion(
+        displacement=lambda time: displacement(time)[:, None],
+        velocity=lambda time: velocity(time)[:, None],
+        force=force,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,7 +154,7 @@ def march(
     Raises:
         JointsError: A step did not converge or lost energy, however often it was cut.
     """
-    operator = problem.system.contact.operator
+    contact = problem.system.contact
     began = clock.process_time()
     stepper_solver = make_solver(problem.system)
     state = first_state(problem, stepper_solver)
@@ -161,7 +169,7 @@ def march(
             iterations += report.solve.iterations
             given = max(given, first + abs(row.input))
             growth = max(growth, row.stored / given) if given else growth
-            force = float(operator.areas @ state.joints.traction[:, problem.component])
+            force = contact.integral(state.joints.traction[:, problem.component])
             u, v = state.displacement.array, state.velocity.array
             compared = problem.compared
             rows.append((state.time, report.dt, u[compared].copy(), v[compared].copy(), force))
@@ -223,27 +231,16 @@ def lumped_mass(system: dj.MatrixSystem) -> Floats:
 # ---------------------------------------------------------------- a mass on a spring and a stop
 
 
-@dataclass(frozen=True)
-class _Impact:
-    """Motion of the impact oscillator as one dof."""
-
-    exact: ImpactOscillator
-
-    def displacement(self, time: ArrayLike) -> Floats:
-        return self.exact.displacement(time)[:, None]
-
-    def velocity(self, time: ArrayLike) -> Floats:
-        return self.exact.velocity(time)[:, None]
-
-    def force(self, time: ArrayLike) -> Floats:
-        return -self.exact.force(time)
+def oscillator(ratio: float, gap: float = 0.0) -> ImpactOscillator:
+    """Return a mass on a spring before a stop ``ratio`` times as stiff."""
+    return ImpactOscillator(
+        mass=100.0, stiffness=1e4, stop_stiffness=1e4 * ratio, initial_velocity=1.0, gap=gap
+    )
 
 
 def impact(ratio: float, *, gap: float = 0.0, periods: float = 2.0) -> Problem:
-    """A mass on a spring against a stop ``ratio`` times as stiff, over periods of the free mass."""
-    exact = ImpactOscillator(
-        mass=100.0, stiffness=1e4, stop_stiffness=1e4 * ratio, initial_velocity=1.0, gap=gap
-    )
+    """The mass of `oscillator` over periods of the free mass."""
+    exact = oscillator(ratio, gap)
     system = dj.MatrixSystem.from_arrays(
         mass=exact.mass,
         stiffness=exact.stiffness,
@@ -257,7 +254,7 @@ def impact(ratio: float, *, gap: float = 0.0, periods: float = 2.0) -> Problem:
         end=periods * exact.free_period,
         displacement=np.zeros(1),
         velocity=np.array([exact.initial_velocity]),
-        motion=_Impact(exact),
+        motion=one_dof(exact.displacement, exact.velocity, lambda time: -exact.force(time)),
     )
 
 
@@ -408,31 +405,16 @@ BOUNCING = BouncingBar(length=10.0, young=900.0, density=1.0, height=5.0, gravit
 ON_WALL = BouncingBar(length=0.2, young=2e11, density=8000.0, height=2e-3, speed=100.0)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Bar:
-    """Motion of the nodes of a bar."""
-
-    exact: BouncingBar
-    nodes: Floats
-
-    def displacement(self, time: ArrayLike) -> Floats:
-        return self.exact.displacement(time, self.nodes)
-
-    def velocity(self, time: ArrayLike) -> Floats:
-        return self.exact.velocity(time, self.nodes)
-
-    def force(self, time: ArrayLike) -> Floats:
-        return -self.exact.force(time)
-
-
-def bar_matrices(exact: BouncingBar, elements: int) -> tuple[Floats, Floats]:
-    """Consistent mass [kg] and stiffness [N/m] of equal linear elements."""
-    size = exact.length / elements
-    mass, stiffness = (np.zeros((elements + 1, elements + 1)) for _ in range(2))
+def bar_matrices(
+    elements: int, *, length: float = 1.0, young: float = 1.0, density: float = 1.0
+) -> tuple[Floats, Floats]:
+    """Return consistent mass [kg] and stiffness [N/m] of equal linear elements, of unit section."""
+    size = length / elements
+    mass, stiffness = np.zeros((2, elements + 1, elements + 1))
     for e in range(elements):
-        here = np.ix_((e, e + 1), (e, e + 1))
-        mass[here] += exact.density * size / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
-        stiffness[here] += exact.young / size * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        here = slice(e, e + 2)
+        mass[here, here] += density * size / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
+        stiffness[here, here] += young / size * np.array([[1.0, -1.0], [-1.0, 1.0]])
     return mass, stiffness
 
 
@@ -453,7 +435,9 @@ def bar(
         stiffness_ratio: k_n h / E of the contact, h being the element size.
         massless: Take the mass from the struck node.
     """
-    mass, stiffness = bar_matrices(exact, elements)
+    mass, stiffness = bar_matrices(
+        elements, length=exact.length, young=exact.young, density=exact.density
+    )
     nodes = np.linspace(0.0, exact.length, elements + 1)
     rows = np.zeros((3, elements + 1))
     rows[0, 0] = 1.0
@@ -476,44 +460,71 @@ def bar(
         end=end,
         displacement=start,
         velocity=np.full(elements + 1, -exact.speed),
-        motion=_Bar(exact=exact, nodes=nodes),
+        motion=Motion(
+            displacement=lambda time: exact.displacement(time, nodes),
+            velocity=lambda time: exact.velocity(time, nodes),
+            force=lambda time: -exact.force(time),
+        ),
     )
 
 
 # ---------------------------------------------------------------- friction
 
 
-@dataclass(frozen=True)
-class _DryFriction:
-    """Motion of the Coulomb oscillator as one dof."""
+def dry_friction(exact: CoulombOscillator) -> Motion:
+    """Return the motion of the Coulomb oscillator."""
+    turns, last = exact.turning_points, len(exact.turning_points) - 1
+    omega = math.sqrt(exact.stiffness / exact.mass)
 
-    exact: CoulombOscillator
+    def half(time: ArrayLike) -> tuple[Floats, NDArray[np.int64], Floats]:
+        """Return times in half cycles, their number, and the sense of the motion, 0 at rest."""
+        t = np.asarray(time, dtype=np.float64) / exact.half_period
+        number = np.clip(np.floor(t), 0, last).astype(np.int64)
+        return t, number, np.where(number == last, 0.0, np.sign(turns[number]))
 
-    @cached_property
-    def _omega(self) -> float:
-        return math.sqrt(self.exact.stiffness / self.exact.mass)
+    def velocity(time: ArrayLike) -> Floats:
+        t, number, sense = half(time)
+        swing = np.abs(sense) * turns[number] - sense * exact.friction / exact.stiffness
+        return -omega * swing * np.sin(math.pi * (t - number))
 
-    def _half(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        """Sense of the half cycles, their swings [m] and angles; swing zero at rest."""
-        turns, last = self.exact.turning_points, len(self.exact.turning_points) - 1
-        t = np.asarray(time, dtype=np.float64) / self.exact.half_period
-        half = np.clip(np.floor(t), 0, last).astype(np.int64)
-        sense = np.where(half == last, 0.0, np.sign(turns[half]))
-        swing = turns[half] - sense * self.exact.friction / self.exact.stiffness
-        return sense, np.where(half == last, 0.0, swing), math.pi * (t - half)
+    def force(time: ArrayLike) -> Floats:
+        """Return the force of the mass on the ground: that of the spring where it rests."""
+        sense = half(time)[2]
+        return np.where(sense == 0.0, -exact.stiffness * turns[-1], -sense * exact.friction)
 
-    def displacement(self, time: ArrayLike) -> Floats:
-        return self.exact.displacement(time)[:, None]
+    return one_dof(exact.displacement, velocity, force)
 
-    def velocity(self, time: ArrayLike) -> Floats:
-        _, swing, angle = self._half(time)
-        return (-self._omega * swing * np.sin(angle))[:, None]
 
-    def force(self, time: ArrayLike) -> Floats:
-        """Of the mass on the ground: against its motion, and that of the spring at rest."""
-        sense, _, _ = self._half(time)
-        held = -self.exact.stiffness * self.exact.turning_points[-1]
-        return np.where(sense == 0.0, held, -sense * self.exact.friction)
+class Phase(NamedTuple):
+    """Sliding or sticking: x = origin + centre + cosine cos(W t) + sine sin(W t) from its begin.
+
+    Attributes:
+        begin: Time [s].
+        origin: Place where it sticks, 0 where it slides [m].
+        centre: Place about which it swings, from the origin [m].
+        cosine: Of the swing [m].
+        sine: Of the swing [m].
+        frequency: W [rad/s].
+        way: Direction of sliding, 1 or -1; 0 where it sticks.
+        elastic_slip: e at the begin [m].
+    """
+
+    begin: float
+    origin: float
+    centre: float
+    cosine: float
+    sine: float
+    frequency: float
+    way: float
+    elastic_slip: float
+
+    def at(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        """Return x [m], x' [m/s] and e [m] at times (t,) [s]; attributes may be arrays (t,)."""
+        angle = self.frequency * (np.asarray(time) - self.begin)
+        moved = self.centre + self.cosine * np.cos(angle) + self.sine * np.sin(angle)
+        rate = self.frequency * (self.sine * np.cos(angle) - self.cosine * np.sin(angle))
+        e = self.elastic_slip + np.where(self.way == 0.0, moved, 0.0)
+        return self.origin + moved, rate, e
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -533,73 +544,47 @@ class ElasticFriction:
     rigid: CoulombOscillator
     shear_stiffness: float
 
-    @cached_property
-    def _phases(self) -> Floats:
-        """Rows (begin, origin, centre, cosine, sine, frequency, w or 0, e at the begin).
+    @property
+    def limit(self) -> float:
+        """Largest elastic slip r [m]."""
+        return self.rigid.friction / self.shear_stiffness
 
-        x = origin + centre + cosine cos(frequency s) + sine sin(frequency s), s after the begin.
-        """
-        m, k, limit = self.rigid.mass, self.rigid.stiffness, self.rigid.friction
-        omega, r = math.sqrt(k / m), limit / self.shear_stiffness
+    @cached_property
+    def phases(self) -> list[Phase]:
+        """Sliding and sticking in turns; the last phase has no end."""
+        m, k, force, r = self.rigid.mass, self.rigid.stiffness, self.rigid.friction, self.limit
         both = k + self.shear_stiffness
-        fast = math.sqrt(both / m)
-        rows, begin, x, v, way = [], 0.0, self.rigid.start, 0.0, -1.0
+        omega, fast = math.sqrt(k / m), math.sqrt(both / m)
+        phases, begin, x, v, way = [], 0.0, self.rigid.start, 0.0, -1.0
         while True:
-            centre = -way * limit / k
+            centre = -way * force / k
             cosine, sine = x - centre, v / omega
-            rows.append((begin, 0.0, centre, cosine, sine, omega, way, way * r))
+            phases.append(Phase(begin, 0.0, centre, cosine, sine, omega, way, way * r))
             angle = math.atan2(abs(sine), way * cosine)
             begin += angle / omega
             x = centre + cosine * math.cos(angle) + sine * math.sin(angle)
-            centre = -(k * x + way * limit) / both
-            rows.append((begin, x, centre, -centre, 0.0, fast, 0.0, way * r))
+            centre = -(k * x + way * force) / both
+            phases.append(Phase(begin, x, centre, -centre, 0.0, fast, 0.0, way * r))
             reached = 1.0 + 2.0 * way * r / centre  # the cosine of the angle at which e = -w r
             if abs(reached) > 1.0:
-                return np.array(rows)
+                return phases
             angle = math.acos(reached)
             begin += angle / fast
             x, v = x + centre * (1.0 - reached), centre * fast * math.sin(angle)
             way = -way
 
-    def _at(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        """X, x' and e at times (t,)."""
-        t = np.asarray(time, dtype=np.float64)
-        row = np.searchsorted(self._phases[:, 0], t, side="right") - 1
-        begin, origin, centre, cosine, sine, frequency, way, slip = self._phases[row].T
-        angle = frequency * (t - begin)
-        moved = centre + cosine * np.cos(angle) + sine * np.sin(angle)
-        rate = frequency * (sine * np.cos(angle) - cosine * np.sin(angle))
-        return origin + moved, rate, slip + np.where(way == 0.0, moved, 0.0)
+    def at(self, time: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        """Return x [m], x' [m/s] and e [m] at times (t,) [s]."""
+        t, table = np.asarray(time, dtype=np.float64), np.array(self.phases)
+        return Phase(*table[np.searchsorted(table[:, 0], t, side="right") - 1].T).at(t)
 
-    def displacement(self, time: ArrayLike) -> Floats:
-        """See `Motion`."""
-        return self._at(time)[0][:, None]
-
-    def velocity(self, time: ArrayLike) -> Floats:
-        """See `Motion`."""
-        return self._at(time)[1][:, None]
-
-    def force(self, time: ArrayLike) -> Floats:
-        """See `Motion`."""
-        return self.shear_stiffness * self._at(time)[2]
-
-
-@dataclass(frozen=True)
-class _Slide:
-    """Motion of Newmark's block relative to its base, as one dof."""
-
-    exact: SlidingBlock
-    friction: float
-
-    def displacement(self, time: ArrayLike) -> Floats:
-        return self.exact.slip(time)[:, None]
-
-    def velocity(self, time: ArrayLike) -> Floats:
-        return self.exact.velocity(time)[:, None]
-
-    def force(self, time: ArrayLike) -> Floats:
-        t = np.asarray(time)
-        return np.where(t < self.exact.stop_time, self.friction, 0.0)
+    def motion(self) -> Motion:
+        """Return the motion to compare with."""
+        return one_dof(
+            lambda time: self.at(time)[0],
+            lambda time: self.at(time)[1],
+            lambda time: self.shear_stiffness * self.at(time)[2],
+        )
 
 
 def on_ground(
@@ -644,9 +629,9 @@ def coulomb(ratio: float) -> Problem:
         push=lambda _: 0.0,
     )
     joints: JointState | None = None
-    motion: Motion = _DryFriction(exact)
+    motion = dry_friction(exact)
     if depth:
-        motion = ElasticFriction(rigid=exact, shear_stiffness=ratio * exact.stiffness)
+        motion = ElasticFriction(rigid=exact, shear_stiffness=ratio * exact.stiffness).motion()
         slip = -(1.0 - 1e-12) * exact.friction / (ratio * exact.stiffness)
         gap = np.array([[-depth, exact.start, 0.0]])
         joints = JointState(gap=gap, elastic_slip=np.array([[slip, 0.0]]))
@@ -680,7 +665,11 @@ def sliding(shear_stiffness: float = math.inf) -> Problem:
         end=1.5,
         displacement=np.array([0.0, -depth, 0.0]),
         velocity=np.zeros(3),
-        motion=_Slide(exact, 2.0),
+        motion=one_dof(
+            exact.slip,
+            exact.velocity,
+            lambda time: np.where(np.asarray(time) < exact.stop_time, 2.0, 0.0),
+        ),
         component=1,
         compared=slice(0, 1),
     )
@@ -689,45 +678,67 @@ def sliding(shear_stiffness: float = math.inf) -> Problem:
 # ---------------------------------------------------------------- solids
 
 
-@dataclass(frozen=True, kw_only=True)
-class Sampled:
-    """The motion that a fine run gave."""
-
-    run: Run
-    sampling: float
-
-    def _rows(self, time: ArrayLike) -> NDArray[np.int64]:
-        wanted = np.asarray(time)
-        rows = np.searchsorted(self.run.time, wanted - 1e-6 * self.sampling)
-        if np.abs(self.run.time[rows] - wanted).max() > 1e-6 * self.sampling:
-            raise ValueError("The fine run has no step that ends at a time asked for.")
-        return rows
-
-    def displacement(self, time: ArrayLike) -> Floats:
-        """See `Motion`; at ends of its steps only."""
-        return self.run.displacement[self._rows(time)]
-
-    def velocity(self, time: ArrayLike) -> Floats:
-        """See `Motion`; at ends of its steps only."""
-        return self.run.velocity[self._rows(time)]
-
-    def force(self, time: ArrayLike) -> Floats:
-        """See `Motion`; between the middles of its steps along straight lines."""
-        return np.interp(time, self.run.time - 0.5 * self.run.dt, self.run.force)
-
-
 def with_fine_motion(problem: Problem, dt: float, sampling: float) -> Problem:
-    """The problem to be compared with its own energy-consistent run in steps of dt [s]."""
+    """Return the problem to be compared with its own energy-consistent run in steps of dt [s].
+
+    Displacements and velocities are known at the ends of these steps only; forces are interpolated
+    between their middles.
+    """
     run = march(problem, dj.EnergyConsistent(), dt)
-    return replace(problem, motion=Sampled(run=run, sampling=sampling), sampling=sampling)
+
+    def at_ends(values: Floats, time: ArrayLike) -> Floats:
+        wanted = np.asarray(time)
+        rows = np.searchsorted(run.time, wanted - 1e-6 * sampling)
+        if np.abs(run.time[rows] - wanted).max() > 1e-6 * sampling:
+            raise ValueError("The fine run has no step that ends at a time asked for.")
+        return values[rows]
+
+    motion = Motion(
+        displacement=partial(at_ends, run.displacement),
+        velocity=partial(at_ends, run.velocity),
+        force=lambda time: np.interp(time, run.time - 0.5 * run.dt, run.force),
+    )
+    return replace(problem, motion=motion, sampling=sampling)
 
 
-def _mesh(write: Callable[[Path], object]) -> dj.JointedMesh:
-    comm = MPI.COMM_WORLD
-    with TemporaryDirectory() as folder:
-        path = Path(comm.bcast(folder)) / "mesh.msh"
-        on_root(comm, lambda: write(path))
-        return dj.read_msh(path, comm)
+def of_model(
+    model: dj.Model,
+    *,
+    period: float,
+    end: float,
+    static: StaticState | None = None,
+    upper: ArrayLike | None = None,
+    motion: Acceleration | None = None,
+    component: int = 0,
+) -> Problem:
+    """Return the problem of a model.
+
+    Args:
+        model: The model.
+        period: See `Problem`.
+        end: See `Problem`.
+        static: State to start from; undeformed unless given.
+        upper: Velocity at the start of the cell group ``upper``, shape (3,), [m/s]; else at rest.
+        motion: Acceleration of the base [m/s^2].
+        component: See `Problem`.
+    """
+    displacement, velocity = np.zeros((2, model.num_dofs))
+    if static is not None:
+        displacement = static.displacement.array.copy()
+    if upper is not None:
+        cells = model.jointed.cells("upper")
+        nodes = np.unique([model.V.dofmap.cell_dofs(cell) for cell in cells])
+        velocity.reshape(-1, 3)[nodes] = upper
+    loads = [] if motion is None else [dj.BaseMotion(acceleration=motion)]
+    return Problem(
+        system=model.system(loads),
+        period=period,
+        end=end,
+        displacement=displacement,
+        velocity=velocity,
+        joints=static.joints if static is not None else None,
+        component=component,
+    )
 
 
 STIFF = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=20.0)
@@ -739,51 +750,12 @@ def blocks(*, end: float = 3e-3, law: CondensedLaw = STIFF, massless: bool = Fal
     Hexahedra of half a metre, 9 joint points, a gap of 0.1 mm: the upper block strikes, slides
     and rebounds within 3 ms. The nodes of a joint may be without mass.
     """
-    jointed = _mesh(lambda path: two_blocks(path, size=0.5))
     model = dj.Model(
-        jointed,
+        mesh_of(two_blocks, size=0.5),
         material=dj.Elastic(young=30e9, poisson=0.2, density=2400.0),
         joints=dj.Joints(law, initial_gaps={"joint_1": 1e-4}),
         supports=[dj.Fixed(group="base")],
         damping=dj.stiffness_proportional(ratio=0.05, frequency=800.0),
         body=dj.Body(redistribute_mass=massless),
     )
-    velocity = np.zeros(model.num_dofs)
-    upper = np.unique([model.V.dofmap.cell_dofs(c) for c in jointed.cells("upper")])
-    velocity.reshape(-1, 3)[upper] = (0.15, 0.05, -0.2)
-    return Problem(
-        system=model.system(),
-        period=1e-3,
-        end=end,
-        displacement=np.zeros(model.num_dofs),
-        velocity=velocity,
-    )
-
-
-def wall(
-    acceleration: Callable[[float], Floats],
-    *,
-    end: float,
-    divisions: tuple[int, int, int] = (8, 2, 8),
-) -> Problem:
-    """A free-standing wall in four blocks, after self weight, on a shaken base."""
-    jointed = _mesh(lambda path: jointed_wall(path, divisions=divisions))
-    model = dj.Model(
-        jointed,
-        material=dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
-        joints=dj.FrictionNoTension(
-            normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0
-        ),
-        supports=[dj.Fixed(group="base")],
-        loads=[dj.Gravity()],
-        damping=dj.stiffness_proportional(ratio=0.02, frequency=5.0),
-    )
-    static = dj.Simulation(model).statics()
-    return Problem(
-        system=model.system([dj.BaseMotion(acceleration=acceleration)]),
-        period=0.005,
-        end=end,
-        displacement=static.displacement.array.copy(),
-        velocity=np.zeros(model.num_dofs),
-        joints=static.joints,
-    )
+    return of_model(model, period=1e-3, end=end, upper=(0.15, 0.05, -0.2))

@@ -8,9 +8,8 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -42,6 +41,26 @@ DAM_SIZES: dict[str, dict[str, Any]] = {
 DAM_STEPS = 2288
 # Where the motion of the dam is strong: where runs of fewer steps begin [s].
 STRONG_START = 3.0
+
+
+Wall = tuple[tuple[int, int, int], int]  # cells along x, y, z; number of joints
+
+
+@contextmanager
+def mesh_file(write: Callable[[Path], object]) -> Iterator[Path]:
+    """Write a mesh file that exists as long as the context lasts (collective)."""
+    comm = MPI.COMM_WORLD
+    with TemporaryDirectory() as folder:
+        path = Path(comm.bcast(folder)) / "scene.msh"
+        on_root(comm, lambda: write(path))
+        yield path
+        comm.barrier()
+
+
+def mesh_of(write: Callable[..., object], **options: Any) -> dj.JointedMesh:
+    """Return the mesh that ``write(path, **options)`` writes to a file (collective)."""
+    with mesh_file(lambda path: write(path, **options)) as path:
+        return dj.read_msh(path, MPI.COMM_WORLD)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,15 +95,9 @@ class Scene:
     onset: float = 0.0
     tied_peaks_mm: Sequence[float] | None = None
 
-    @contextmanager
-    def mesh_file(self) -> Iterator[Path]:
-        """The mesh file, there as long as the context lasts (collective)."""
-        comm = MPI.COMM_WORLD
-        with TemporaryDirectory() as folder:
-            path = Path(comm.bcast(folder)) / "scene.msh"
-            on_root(comm, lambda: self.write(path))
-            yield path
-            comm.barrier()
+    def mesh_file(self) -> AbstractContextManager[Path]:
+        """Return a context in which the mesh file exists (collective)."""
+        return mesh_file(self.write)
 
     def strong_shaking(self, length: float) -> Acceleration:
         """Ground acceleration that is strong from the first step on, for ``length`` [s]."""
@@ -182,21 +195,18 @@ def wall(
     )
 
 
-@contextmanager
-def wall_file(divisions: Sequence[int], joints: int) -> Iterator[Path]:
-    """The mesh file of a wall, written by a process of its own: Gmsh would keep its memory.
+def wall_file(wall: Wall) -> AbstractContextManager[Path]:
+    """Return a context with the mesh file of a wall (collective).
 
-    (Collective.)
+    Gmsh would keep its memory, so a process of its own writes the file.
     """
-    root, comm = Path(__file__).resolve().parents[2], MPI.COMM_WORLD
-    command = [sys.executable, str(root / "geometry/jointed_wall.py"), "--joints", str(joints)]
+    divisions, joints = wall
+    program = Path(__file__).resolve().parents[2] / "geometry/jointed_wall.py"
+    command = [sys.executable, str(program), "--joints", str(joints)]
     command += ["--divisions", *map(str, divisions), "--out"]
-    with TemporaryDirectory() as folder:
-        path = Path(comm.bcast(folder)) / "wall.msh"
-        command.append(str(path))
-        on_root(comm, partial(subprocess.run, command, check=True, stdout=subprocess.DEVNULL))
-        yield path
-        comm.barrier()
+    return mesh_file(
+        lambda path: subprocess.run([*command, str(path)], check=True, stdout=subprocess.DEVNULL)
+    )
 
 
 # ---------------------------------------------------------------- arch dam

@@ -16,9 +16,9 @@ from mpi4py import MPI
 
 import ufl
 from dolfinx import fem
+from grids import CASES, SHAPES, distorted, name_of
 from petsc4py import PETSc
 
-from benchmarks.shared.grids import CASES, SHAPES, distorted, name_of
 from dolfinx_joints.joints.form_operator import FormOperator
 from dolfinx_joints.joints.operator import JointOperator
 

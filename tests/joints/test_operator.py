@@ -25,10 +25,10 @@ from dolfinx.mesh import (
     locate_entities,
     meshtags,
 )
+from grids import CASES, SHAPES, case, name_of
 from petsc4py import PETSc
 from whole_vectors import whole_layout
 
-from benchmarks.shared.grids import CASES, SHAPES, case, name_of
 from dolfinx_joints import (
     Elastic,
     Fixed,

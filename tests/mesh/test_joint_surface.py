@@ -10,9 +10,9 @@ pytest.importorskip("dolfinx")
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
+from grids import SHAPES, case, facets_on, grid, name_of
 from petsc4py import PETSc
 
-from benchmarks.shared.grids import SHAPES, case, facets_on, grid, name_of
 from dolfinx_joints import MeshError, mesh_from_arrays
 
 pytestmark = pytest.mark.mpi

@@ -11,10 +11,10 @@ import basix.ufl
 from dolfinx import fem
 from dolfinx.io import XDMFFile
 from dolfinx.mesh import locate_entities, locate_entities_boundary, meshtags
+from grids import SHAPES, name_of
 from rings import INSIDE, JOINT, quarter_ring
 from whole_vectors import whole_layout
 
-from benchmarks.shared.grids import SHAPES, name_of
 from dolfinx_joints import mesh_from_arrays, read_xdmf, split_mesh
 from dolfinx_joints.joints.points import joint_points
 from dolfinx_joints.mesh.distribution.shares import share_of

@@ -11,8 +11,7 @@ import pytest
 pytest.importorskip("basix")
 
 import basix
-
-from benchmarks.shared.grids import (
+from grids import (
     CASES,
     SHAPES,
     already_split,
@@ -22,6 +21,7 @@ from benchmarks.shared.grids import (
     name_of,
     through,
 )
+
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.splitting import pair_coincident, split_cells

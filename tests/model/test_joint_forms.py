@@ -21,10 +21,10 @@ from mpi4py import MPI
 
 import ufl
 from dolfinx import fem
+from grids import case
 from shaken_wall import swaying
 
 import dolfinx_joints as dj
-from benchmarks.shared.grids import case
 from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.modes import modes

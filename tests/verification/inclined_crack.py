@@ -8,25 +8,16 @@ Used by its test and by ``benchmarks/quadrature_rules.py``.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
+
+from mpi4py import MPI
 
 import numpy as np
 import ufl
 from numpy.typing import NDArray
 
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FormLoad,
-    FrictionNoTension,
-    Joints,
-    Model,
-    Simulation,
-    Spring,
-    read_msh,
-)
+import dolfinx_joints as dj
+from benchmarks.shared.scenes import mesh_of
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.geometry.inclined_crack import crack_axes, inclined_crack
 
@@ -191,7 +182,6 @@ class CrackResult:
 
 def solve_crack(
     crack: InclinedCrack,
-    comm: Any,
     *,
     quadrature: str | int = "auto",
     normal_stiffness: float,
@@ -205,7 +195,6 @@ def solve_crack(
 
     Args:
         crack: The problem.
-        comm: MPI communicator.
         quadrature: Rule on the joint.
         normal_stiffness: k_n [Pa/m].
         shear_stiffness: k_s, that of the normal direction unless given [Pa/m].
@@ -213,18 +202,15 @@ def solve_crack(
     """
     shear = normal_stiffness if shear_stiffness is None else shear_stiffness
     mesh = {"half_length": crack.half_length, "angle": crack.angle_deg, **mesh}
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "crack.msh"
-        on_root(comm, lambda: inclined_crack(path, **mesh))
-        jointed = read_msh(path, comm)
+    jointed = mesh_of(inclined_crack, **mesh)
     n = ufl.FacetNormal(jointed.mesh)
     hold = 1e-7 * crack.young / crack.half_length
     solid = jointed.mesh.geometry.dim == 3
-    model = Model(
+    model = dj.Model(
         jointed,
-        material=Elastic(young=crack.young, poisson=crack.poisson, density=0.0),
-        joints=Joints(
-            FrictionNoTension(
+        material=dj.Elastic(young=crack.young, poisson=crack.poisson, density=0.0),
+        joints=dj.Joints(
+            dj.FrictionNoTension(
                 normal_stiffness=normal_stiffness,
                 shear_stiffness=shear,
                 friction_angle_deg=crack.friction_angle_deg,
@@ -232,12 +218,12 @@ def solve_crack(
             quadrature=quadrature,
         ),
         supports=[
-            Spring(group="outer", normal_stiffness=hold, tangential_stiffness=hold),
-            *([Fixed(group="faces", components="z")] if solid else []),
+            dj.Spring(group="outer", normal_stiffness=hold, tangential_stiffness=hold),
+            *([dj.Fixed(group="faces", components="z")] if solid else []),
         ],
-        loads=[FormLoad(form=lambda v: -crack.stress * n[1] * v[1] * jointed.ds("outer"))],
+        loads=[dj.FormLoad(form=lambda v: -crack.stress * n[1] * v[1] * jointed.ds("outer"))],
     )
-    static = Simulation(model).statics()
+    static = dj.Simulation(model).statics()
     operator, state = model.contact.operator, static.joints.state
     along, normal = (np.append(axis, 0.0) for axis in crack_axes(crack.angle_deg))
     jump = np.einsum("pk,pki->pi", state.gap, operator.frames)
@@ -266,4 +252,4 @@ def solve_crack(
             iterations=static.reports[-1].iterations,
         )
 
-    return on_root(comm, sort)
+    return on_root(MPI.COMM_WORLD, sort)

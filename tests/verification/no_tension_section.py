@@ -9,23 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
+
+from mpi4py import MPI
 
 import numpy as np
 import ufl
 
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FormLoad,
-    FrictionNoTension,
-    Joints,
-    Model,
-    Simulation,
-    read_msh,
-)
+import dolfinx_joints as dj
+from benchmarks.shared.scenes import mesh_of
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.geometry.two_blocks import two_blocks
 
@@ -89,7 +81,6 @@ class NoTensionSection:
 
 def move_force(
     section: NoTensionSection,
-    comm: Any,
     eccentricities: Sequence[float],
     *,
     cells: int = 16,
@@ -104,7 +95,6 @@ def move_force(
 
     Args:
         section: The problem.
-        comm: MPI communicator.
         eccentricities: e [m].
         cells: Number of cells along the section; there is one across its width.
         cell: "hex" or "tet".
@@ -112,30 +102,27 @@ def move_force(
         quadrature: Rule on the joint.
     """
     h, size = section.height, section.height / cells
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "section.msh"
-        sizes = {"length": h, "width": size, "size": size, "cell": cell, "order": order}
-        on_root(comm, lambda: two_blocks(path, **sizes, lower_height=h / 4, upper_height=h / 4))
-        jointed = read_msh(path, comm)
+    sizes = {"length": h, "width": size, "size": size, "cell": cell, "order": order}
+    jointed = mesh_of(two_blocks, lower_height=h / 4, upper_height=h / 4, **sizes)
     x = ufl.SpatialCoordinate(jointed.mesh)[0] - h / 2
     mean = section.force / h
     ds = jointed.ds("top")
     k_n = section.stiffness
-    model = Model(
+    model = dj.Model(
         jointed,
-        material=Elastic(young=section.rigidity * k_n * h, poisson=0.0, density=0.0),
-        joints=Joints(
-            FrictionNoTension(normal_stiffness=k_n, shear_stiffness=k_n, friction_angle_deg=30),
+        material=dj.Elastic(young=section.rigidity * k_n * h, poisson=0.0, density=0.0),
+        joints=dj.Joints(
+            dj.FrictionNoTension(normal_stiffness=k_n, shear_stiffness=k_n, friction_angle_deg=30),
             quadrature=quadrature,
         ),
-        supports=[Fixed(group="base")],
+        supports=[dj.Fixed(group="base")],
         loads=[
-            FormLoad(form=lambda v: -mean * v[2] * ds),
+            dj.FormLoad(form=lambda v: -mean * v[2] * ds),
             # moment N e; the time stands for the eccentricity
-            FormLoad(form=lambda v: -12.0 * mean / h**2 * x * v[2] * ds, factor=lambda e: e),
+            dj.FormLoad(form=lambda v: -12.0 * mean / h**2 * x * v[2] * ds, factor=lambda e: e),
         ],
     )
-    simulation, operator = Simulation(model), model.contact.operator
+    simulation, operator = dj.Simulation(model), model.contact.operator
     facets = jointed.pairs.count
     points = operator.gather(operator.points[:, :2] - [h / 2, size / 2])
 
@@ -155,4 +142,4 @@ def move_force(
     for eccentricity in eccentricities:
         state = simulation.quasi_statics([eccentricity]).joints.state
         gap = operator.gather(state.gap[:, 0])
-        yield on_root(comm, lambda gap=gap: fit(gap))
+        yield on_root(MPI.COMM_WORLD, lambda gap=gap: fit(gap))

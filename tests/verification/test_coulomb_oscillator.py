@@ -16,14 +16,14 @@ force is that of an initial gap of -N / k_n. Sticking is elastic: friction rever
 2 mu N / k_s, which takes sqrt(4 mu N / (k_s a)) from rest at an acceleration a of some m/s^2. So
 k_s must be large: 1e11 N/m makes some 1e-6 s of it, 1e9 N/m some 1e-5 s.
 
-`ElasticFriction` is the exact motion for any k_s; it is what the law itself is followed along, and
-what Newmark's method tends to at a k_s whose sticking it resolves.
+`benchmarks.shared.problems.ElasticFriction` is the exact motion for any k_s; it is what the law
+itself is followed along, and what Newmark's method tends to at a k_s whose sticking it resolves.
 """
 
 import math
 from collections import namedtuple
-from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -31,6 +31,7 @@ from scipy.integrate import solve_ivp
 
 pytest.importorskip("petsc4py")
 
+from benchmarks.shared.problems import ElasticFriction
 from dolfinx_joints import FrictionNoTension, MatrixSystem, Newmark, SolverOptions
 from dolfinx_joints.exact import CoulombOscillator
 from dolfinx_joints.laws.law import JointState
@@ -44,117 +45,31 @@ EXACT = CoulombOscillator(mass=1.0, stiffness=1e4, friction=MU * NORMAL_FORCE, s
 PERIOD = 2.0 * EXACT.half_period
 END = EXACT.rest_time + 0.3 * PERIOD
 
-Phase = namedtuple("Phase", "begin end origin elastic_slip centre cosine sine frequency way")
+
+def elastic(k_s):
+    """The oscillator with elastic sticking of a stiffness [N/m]."""
+    return ElasticFriction(rigid=EXACT, shear_stiffness=k_s)
 
 
-@dataclass(frozen=True)
-class ElasticFriction:
-    """The mass released at rest from x0 > 0 where friction, k_s e = -F, is about to give way.
+def slidings(exact):
+    """Slidings of the exact motion with the times at which they end."""
+    phases = exact.phases
+    return [(p, q.begin) for p, q in pairwise(phases) if p.way]
 
-    Sliding in the direction w (1 or -1), e = w r with r = F / k_s, and m x'' + k x + w F = 0, until
-    it turns. Sticking from a turning point x_t on, where e = e_t, with y = x - x_t,
-    m y'' + (k + k_s) y + k x_t + k_s e_t = 0, until e = e_t + y reaches the opposite limit. If it
-    does not, it sticks for good and trembles about y_c. A phase is
 
-        x = origin + centre + cosine cos(W t) + sine sin(W t), t since its begin,
+def turning_points(exact):
+    """Displacements at rest between slidings, the start included, [m]."""
+    return np.array([EXACT.start, *(float(phase.at(end)[0]) for phase, end in slidings(exact))])
 
-    with origin = x_t and centre = y_c where it sticks, origin = 0 and centre = -w F/k where it
-    slides; ``way`` is w, or 0 where it sticks; ``elastic_slip`` is e at the begin.
 
-    Attributes:
-        shear_stiffness: k_s [N/m].
-        mass: m [kg].
-        stiffness: k [N/m].
-        friction: F [N].
-        start: x0 [m].
-    """
-
-    shear_stiffness: float
-    mass: float = 1.0
-    stiffness: float = 1e4
-    friction: float = MU * NORMAL_FORCE
-    start: float = 0.85e-3
-
-    @property
-    def r(self):
-        """Largest elastic slip [m]."""
-        return self.friction / self.shear_stiffness
-
-    @cached_property
-    def phases(self):
-        """Sliding and sticking in turns; the last one has no end."""
-        phases = [self._slide(0.0, self.start, 0.0, -1)]
-        while math.isfinite(phases[-1].end):
-            last = phases[-1]
-            x, v = (float(value) for value in self._motion(last, last.end))
-            if last.way:
-                phases.append(self._stick(last.end, x, last.way))
-            else:
-                phases.append(self._slide(last.end, x, v, -phases[-2].way))
-        return phases
-
-    def _slide(self, begin, x, v, way):
-        frequency, centre = (
-            math.sqrt(self.stiffness / self.mass),
-            -way * self.friction / self.stiffness,
-        )
-        cosine, sine = x - centre, v / frequency
-        end = begin + math.atan2(abs(sine), way * cosine) / frequency  # where x' = 0
-        return Phase(begin, end, 0.0, way * self.r, centre, cosine, sine, frequency, way)
-
-    def _stick(self, begin, x, way):
-        stiffness = self.stiffness + self.shear_stiffness
-        frequency = math.sqrt(stiffness / self.mass)
-        centre = -(self.stiffness * x + way * self.friction) / stiffness
-        reached = 1.0 + 2.0 * way * self.r / centre  # cos of the angle at which e = -way r
-        end = begin + math.acos(reached) / frequency if abs(reached) <= 1.0 else math.inf
-        return Phase(begin, end, x, way * self.r, centre, -centre, 0.0, frequency, 0)
-
-    @staticmethod
-    def _motion(phase, time):
-        angle = phase.frequency * (np.asarray(time) - phase.begin)
-        swing = phase.cosine * np.cos(angle) + phase.sine * np.sin(angle)
-        rate = phase.sine * np.cos(angle) - phase.cosine * np.sin(angle)
-        return phase.origin + phase.centre + swing, phase.frequency * rate
-
-    def _at(self, time):
-        """Phases at times, and x, x' and e there, shape (4, n)."""
-        time = np.asarray(time, dtype=float)
-        number = np.searchsorted([p.begin for p in self.phases], time, side="right") - 1
-        values = np.empty((3, *time.shape))
-        for index, phase in enumerate(self.phases):
-            here = number == index
-            x, v = self._motion(phase, time[here])
-            moved = np.zeros_like(x) if phase.way else x - phase.origin
-            values[:, here] = x, v, phase.elastic_slip + moved
-        return number, *values
-
-    def displacement(self, time):
-        """X at times [s], [m]."""
-        return self._at(time)[1]
-
-    def velocity(self, time):
-        """X' at times [s], [m/s]."""
-        return self._at(time)[2]
-
-    def traction(self, time):
-        """K_s e at times [s], [N]."""
-        return self.shear_stiffness * self._at(time)[3]
-
-    @property
-    def turning_points(self):
-        """Displacements at rest between its slidings, x0 included, [m]."""
-        ends = [float(self._motion(p, p.end)[0]) for p in self.phases if p.way]
-        return np.array([self.start, *ends])
-
-    def friction_work(self, time):
-        """F times the way slid up to a time [s], [J]."""
-        slid = [
-            abs(float(self._motion(p, min(p.end, time))[0] - self._motion(p, p.begin)[0]))
-            for p in self.phases
-            if p.way and p.begin < time
-        ]
-        return self.friction * sum(slid)
+def friction_work(exact, time):
+    """F times the way slid up to a time [s], [J]."""
+    slid = [
+        abs(float(phase.at(min(end, time))[0] - phase.at(phase.begin)[0]))
+        for phase, end in slidings(exact)
+        if phase.begin < time
+    ]
+    return EXACT.friction * sum(slid)
 
 
 Run = namedtuple("Run", "time displacement friction_work path energy_error")
@@ -282,7 +197,7 @@ def test_friction_work_is_force_times_path():
 # ---------------------------------------------------------------- with the elastic slip
 
 
-SOFT = ElasticFriction(1e6)
+SOFT = elastic(1e6)
 
 
 def test_elastic_solution_solves_its_equation():
@@ -290,10 +205,11 @@ def test_elastic_solution_solves_its_equation():
     h, t = 1e-5, np.linspace(0.0005, 0.14, 2000)
     begins = np.array([phase.begin for phase in SOFT.phases])
     t = t[np.abs(t[:, None] - begins).min(axis=1) > 2 * h]
-    before, x, after = (SOFT.displacement(t + shift * h) for shift in (-1, 0, 1))
-    residual = (after - 2.0 * x + before) / h**2 + 1e4 * x + SOFT.traction(t)
+    before, after = (SOFT.at(t + shift * h)[0] for shift in (-1, 1))
+    x, v, e = SOFT.at(t)
+    residual = (after - 2.0 * x + before) / h**2 + 1e4 * x + SOFT.shear_stiffness * e
     assert np.abs(residual).max() < 1e-4
-    assert (after - before) / (2.0 * h) == pytest.approx(SOFT.velocity(t), abs=1e-6)
+    assert (after - before) / (2.0 * h) == pytest.approx(v, abs=1e-6)
 
 
 @pytest.mark.parametrize("k_s", [1e6, 1e8, 1e12])
@@ -302,22 +218,22 @@ def test_elastic_solution_is_continuous_and_admissible(k_s):
 
     The energy at release is k x0^2 / 2 and that of e = -r.
     """
-    exact = ElasticFriction(k_s)
+    exact = elastic(k_s)
     times = np.linspace(0.0, 0.15, 5001)
-    number, x, v, e = exact._at(times)
+    x, v, e = exact.at(times)
+    number = np.searchsorted([phase.begin for phase in exact.phases], times, side="right") - 1
     slides = np.array([phase.way for phase in exact.phases])[number]
-    assert np.abs(e).max() <= exact.r * (1.0 + 1e-9)
-    assert (e[slides != 0] == slides[slides != 0] * exact.r).all()
+    assert np.abs(e).max() <= exact.limit * (1.0 + 1e-9)
+    assert (e[slides != 0] == slides[slides != 0] * exact.limit).all()
     assert (v * slides >= 0.0).all()
-    for last, after in zip(exact.phases[:-1], exact.phases[1:], strict=True):
-        ends, begins = exact._motion(last, last.end), exact._motion(after, after.begin)
+    for last, after in pairwise(exact.phases):
+        ends, begins = last.at(after.begin), after.at(after.begin)
         assert ends[0] == pytest.approx(begins[0], rel=1e-14)
         assert ends[1] == pytest.approx(begins[1], abs=1e-15)
-        kept = 0.0 if last.way else ends[0] - last.origin
-        assert last.elastic_slip + kept == pytest.approx(after.elastic_slip, abs=1e-18)
+        assert ends[2] == pytest.approx(begins[2], abs=1e-18)
     stored = 0.5 * v**2 + 0.5e4 * x**2 + 0.5 * k_s * e**2
-    lost = np.array([exact.friction_work(t) for t in times])
-    released = 0.5e4 * exact.start**2 + 0.5 * k_s * exact.r**2
+    lost = np.array([friction_work(exact, t) for t in times])
+    released = 0.5e4 * EXACT.start**2 + 0.5 * k_s * exact.limit**2
     assert stored + lost == pytest.approx(np.full(len(times), released), rel=1e-12)
 
 
@@ -389,17 +305,17 @@ def test_law_in_exact_motion(k_s, angle):
     The integrator keeps a relative 1e-13 per step. At 1e12 N/m, 1e8 k, e is a difference of
     displacements 1e9 times larger: rounding blurs it by 1e-7 of r, but not the turning points.
     """
-    exact, run, turns = ElasticFriction(k_s), LawInMotion(k_s, angle), [EXACT.start]
-    for phase in exact.phases[:-1]:
+    exact, run, turns = elastic(k_s), LawInMotion(k_s, angle), [EXACT.start]
+    for phase, after in pairwise(exact.phases):
         if phase.way:
             end = run.turn(phase.way)
             turns.append(end @ run.towards)
             assert abs(end @ [-run.towards[1], run.towards[0]]) < 1e-10 * EXACT.start
         else:
             run.stick()
-        assert run.time == pytest.approx(phase.end, abs=2e-11)
+        assert run.time == pytest.approx(after.begin, abs=2e-11)
     assert len(turns) == 6
-    assert np.abs(np.array(turns) - exact.turning_points).max() < 1e-11 * EXACT.start
+    assert np.abs(np.array(turns) - turning_points(exact)).max() < 1e-11 * EXACT.start
 
 
 @pytest.mark.parametrize(
@@ -412,9 +328,9 @@ def test_newmark_tends_to_the_elastic_solution(k_s):
     Sticking, half a period of k + k_s at most, takes 3 ms at 1e6 N/m and is resolved: T/1000 is
     0.06 ms. The stiff solution, which knows no elastic slip, is missed by far more.
     """
-    exact, steps = ElasticFriction(k_s), (250, 500, 1000, 2000)
+    exact, steps = elastic(k_s), (250, 500, 1000, 2000)
     runs = [march(17.0, steps_per_period=n, k_s=k_s) for n in steps]
-    differences = [run.displacement - exact.displacement(run.time) for run in runs]
+    differences = [run.displacement - exact.at(run.time)[0] for run in runs]
     errors = np.array([np.abs(difference).max() for difference in differences])
     order = -np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert 1.8 < order < 2.5

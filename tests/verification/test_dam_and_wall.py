@@ -68,7 +68,7 @@ def test_both_solvers_on_the_dam(tmp_path):
 
 def test_the_jointed_wall_completes_on_both_paths():
     # `measure` compares the tied peaks with those of independent programs itself.
-    rows = [measure(wall("coarse"), 200, solver) for solver in ("condensed", "monolithic")]
+    rows = [measure(wall("coarse"), 200, solver=solver) for solver in ("condensed", "monolithic")]
     assert [row["accepted"] for row in rows] == [200, 200]
     np.testing.assert_allclose(rows[0]["joint_peaks_mm"], rows[1]["joint_peaks_mm"], rtol=1e-6)
     assert max(row["energy_error"] for row in rows) < 0.04

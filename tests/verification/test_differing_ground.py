@@ -24,49 +24,17 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 import ufl
-from dolfinx.mesh import CellType, create_rectangle, locate_entities
+from boxes import Rows, box, largest
 from shaken_wall import DT, POINTS, STEPS, Killed, Killer, shaking, wall
 
-from dolfinx_joints import (
-    Body,
-    Checkpoints,
-    DifferingMotion,
-    Elastic,
-    EnergyConsistent,
-    Fixed,
-    FrictionNoTension,
-    GeneralizedAlpha,
-    Gravity,
-    HilberHughesTaylor,
-    MeshError,
-    ModalRatios,
-    Model,
-    Motion,
-    Newmark,
-    Passage,
-    Prescribed,
-    Rayleigh,
-    Results,
-    ResultsMonitor,
-    RigidJoint,
-    Simulation,
-    Spring,
-    frictionless,
-    mass_proportional,
-    motion_from_displacement,
-    rayleigh,
-    split_mesh,
-    stiffness_proportional,
-    synthetic_motion,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.common.errors import PlausibilityWarning
 from dolfinx_joints.motions.courses import displacement_of
-from dolfinx_joints.simulation.monitor import Monitor
 
 LENGTH, SPEED, TAU = 100.0, 1000.0, 0.05  # m, m/s, s
-ROCK = Elastic(young=2.4e9, poisson=0.0, density=2400.0)
+ROCK = dj.Elastic(young=2.4e9, poisson=0.0, density=2400.0)
 PULSE, SIZE, END = 0.1, 0.01, 0.3  # of f: s, m; of the run: s
-CLOSED = FrictionNoTension(normal_stiffness=1e10, shear_stiffness=1e10, friction_angle_deg=30.0)
+CLOSED = dj.FrictionNoTension(normal_stiffness=1e10, shear_stiffness=1e10, friction_angle_deg=30.0)
 
 
 def moved(time):
@@ -81,7 +49,7 @@ def record(dt):
     s, c = np.sin(w * time), np.cos(w * time)
     a = np.zeros((len(time), 3))
     a[:, 0] = SIZE * w**2 * (12.0 * s**2 * c**2 - 4.0 * s**4)
-    return Motion(acceleration=a, dt=dt, name="pulse")
+    return dj.Motion(acceleration=a, dt=dt, name="pulse")
 
 
 def exact(x, t):
@@ -97,58 +65,40 @@ def exact(x, t):
 
 def rod(comm, cells, joints=None, **options):
     """A rod between the groups left and right, with a joint in the middle if it has a law."""
-    corners = [np.zeros(2), np.array([LENGTH, 2.0])]
-    mesh = create_rectangle(comm, corners, [cells, 1], CellType.quadrilateral)
-    places = {"left": 0.0, "right": LENGTH} | ({"middle": LENGTH / 2} if joints else {})
-    groups = {
-        name: locate_entities(mesh, 1, lambda x, at=at: np.isclose(x[0], at))
-        for name, at in places.items()
-    }
-    split = {"middle": groups.pop("middle")} if joints else {}
-    return Model(
-        split_mesh(mesh, joints=split, groups=groups),
+    split = {"middle": (0, LENGTH / 2)} if joints else {}
+    ends = {"left": (0, 0.0), "right": (0, LENGTH)}
+    return dj.Model(
+        box([LENGTH, 2.0], [cells, 1], joints=split, groups=ends, comm=comm),
         material=ROCK,
         joints=joints,
-        **{"supports": [Fixed(group="left"), Fixed(group="right")], "body": Body(degree=2)}
+        **{"supports": [dj.Fixed(group="left"), dj.Fixed(group="right")], "body": dj.Body(degree=2)}
         | options,
     )
 
 
-class Axial(Monitor):
-    """Displacements along the rod at all steps, and their static parts."""
-
-    def start(self, model, stage, steps, first):
-        self.x = model.V.tabulate_dof_coordinates()
-        self.times, self.total, self.static = [], [], []
-        self.record(first)
-
-    def record(self, record):
-        def along(u):
-            return u.array.reshape(-1, 2)[:, 0].copy()
-
-        self.times.append(record.time)
-        self.total.append(along(record.displacement))
-        if record.static_part is not None:
-            self.static.append(along(record.static_part(record.time)))
-
-
 def march(model, motion, steps, end=END, **options):
-    """What `Axial` saw, as arrays, and the outcome."""
-    seen = Axial()
-    outcome = Simulation(model, monitors=[seen]).dynamics(
+    """Nodes, times, displacements along the rod at all steps, static parts, and the outcome."""
+
+    def along(u):
+        return u.array.reshape(-1, 2)[:, 0].copy()
+
+    def row(record):
+        static = record.static_part
+        still = along(static(record.time)) if static is not None else ()
+        return record.time, along(record.displacement), still
+
+    seen = Rows(row)
+    outcome = dj.Simulation(model, monitors=[seen]).dynamics(
         dt=end / steps, steps=steps, motion=motion, **options
     )
-    x = seen.x[: len(seen.total[0]), 0]
-    return x, np.array(seen.times), np.array(seen.total), np.array(seen.static), outcome
-
-
-def largest(comm, values):
-    return comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX)
+    times, total, static = (np.array(column) for column in zip(*seen.rows, strict=True))
+    x = model.V.tabulate_dof_coordinates()[: total.shape[1], 0]
+    return x, times, total, static, outcome
 
 
 def passing(dt):
-    return DifferingMotion(
-        motions=record(dt), passage=Passage(speed=LENGTH / TAU, direction=(3.0, 0.0))
+    return dj.DifferingMotion(
+        motions=record(dt), passage=dj.Passage(speed=LENGTH / TAU, direction=(3.0, 0.0))
     )
 
 
@@ -159,10 +109,10 @@ def test_a_rod_between_abutments_that_a_wave_reaches_in_turn(comm):
         dt = END / steps
         x, t, total, static, outcome = march(rod(comm, cells), passing(dt / 4), steps)
         ground, late = moved(t)[:, None], moved(t - TAU)[:, None]
-        errors.append(largest(comm, total + ground - exact(x, t[:, None])) / SIZE)
+        errors.append(largest(total + ground - exact(x, t[:, None])) / SIZE)
         line = ground + (late - ground) * x / LENGTH
         # Of f the record knows the accelerations at every quarter of a step, linear in between.
-        assert largest(comm, static + ground - line) < 2e-4 * SIZE
+        assert largest(static + ground - line) < 2e-4 * SIZE
         assert outcome.imbalance < 1e-11
         assert outcome.energy_error < 1e-11
     assert 1.8 < np.log2(errors[0] / errors[1]) < 2.2
@@ -180,35 +130,37 @@ def test_a_long_dam_above_a_wave_that_passes(comm):
         crest = np.isclose(found.z, long_dam.HEIGHT)
         still = np.array([long_dam.static(found.x[crest], t) for t in found.times])
         apart = found.whole[alone] - exact[alone], found.static[:, crest] - still
-        errors.append([largest(comm, each) for each in apart])
+        errors.append([largest(each) for each in apart])
     orders = np.log2(np.divide(*errors))
     assert 1.7 < orders[0] < 2.3
     assert orders[1] > 2.8
     np.testing.assert_array_less(errors[1], [0.03, 2e-5])
 
 
-@pytest.mark.parametrize("scheme", [EnergyConsistent(), Newmark(), HilberHughesTaylor(alpha=0.1)])
+@pytest.mark.parametrize(
+    "scheme", [dj.EnergyConsistent(), dj.Newmark(), dj.HilberHughesTaylor(alpha=0.1)]
+)
 def test_equal_motions_are_a_uniform_one(comm, scheme):
     """To rounding, and without any static part: groups, stations and a wave that meets all."""
     motion = record(END / 240)
     plain = march(rod(comm, 8, CLOSED), motion, 60, scheme=scheme)[2]
     places = {"one": (0.0, 0.0), "two": (LENGTH, 1.0)}
     for differing in (
-        DifferingMotion(motions={"left": motion, "right": motion}),
-        DifferingMotion(motions=dict.fromkeys(places, motion), positions=places),
-        DifferingMotion(motions=motion, passage=Passage(speed=1e30, direction=(1.0, 0.0))),
+        dj.DifferingMotion(motions={"left": motion, "right": motion}),
+        dj.DifferingMotion(motions=dict.fromkeys(places, motion), positions=places),
+        dj.DifferingMotion(motions=motion, passage=dj.Passage(speed=1e30, direction=(1.0, 0.0))),
     ):
         _, _, total, static, _ = march(rod(comm, 8, CLOSED), differing, 60, scheme=scheme)
-        assert largest(comm, total - plain) < 1e-12 * largest(comm, plain)
-        assert largest(comm, static) < 1e-12 * SIZE
+        assert largest(total - plain) < 1e-12 * largest(plain)
+        assert largest(static) < 1e-12 * SIZE
 
 
 def absolute(motion):
     """Ground that moves everywhere alike, seen from ground that rests."""
-    rest = Motion(acceleration=np.zeros_like(motion.acceleration), dt=motion.dt, name="rest")
+    rest = dj.Motion(acceleration=np.zeros_like(motion.acceleration), dt=motion.dt, name="rest")
     places = {"rest": (-LENGTH, 0.0), "start": (0.0, 0.0), "end": (LENGTH, 0.0)}
     motions = {"rest": rest, "start": motion, "end": motion}
-    return DifferingMotion(motions=motions, positions=places)
+    return dj.DifferingMotion(motions=motions, positions=places)
 
 
 def drag(u, v):
@@ -219,21 +171,21 @@ def drag(u, v):
 # Every kind of damping that a model takes, some 5 to 15 % of the lowest modes.
 DAMPINGS = {
     "none": {},
-    "stiffness": {"damping": stiffness_proportional(ratio=0.05, frequency=5.0)},
-    "mass": {"damping": mass_proportional(ratio=0.1, frequency=3.0)},
-    "Rayleigh": {"damping": rayleigh(ratio=0.05, frequencies=(2.0, 10.0))},
-    "modes": {"damping": ModalRatios(ratio=0.1, modes=3)},
+    "stiffness": {"damping": dj.stiffness_proportional(ratio=0.05, frequency=5.0)},
+    "mass": {"damping": dj.mass_proportional(ratio=0.1, frequency=3.0)},
+    "Rayleigh": {"damping": dj.rayleigh(ratio=0.05, frequencies=(2.0, 10.0))},
+    "modes": {"damping": dj.ModalRatios(ratio=0.1, modes=3)},
     "modes and mass": {
-        "damping": ModalRatios(ratio=0.15, modes=2, beyond=Rayleigh(mass_factor=0.3))
+        "damping": dj.ModalRatios(ratio=0.15, modes=2, beyond=dj.Rayleigh(mass_factor=0.3))
     },
-    "form": {"body": Body(degree=2, extra_damping=drag)},
+    "form": {"body": dj.Body(degree=2, extra_damping=drag)},
 }
 
 
 LAWS = {
     "closed": CLOSED,
-    "rigid": RigidJoint(friction_angle_deg=30.0),
-    "frictionless": frictionless(normal_stiffness=1e10),
+    "rigid": dj.RigidJoint(friction_angle_deg=30.0),
+    "frictionless": dj.frictionless(normal_stiffness=1e10),
 }
 
 
@@ -248,31 +200,27 @@ def test_absolute_displacements_are_those_relative_to_the_ground_and_its_own(com
 
     Under any other to the order of the steps, 2: loads take an acceleration at their ends.
     """
-    constant = Motion(acceleration=np.tile([2.0, 0.0, 0.0], (2, 1)), dt=END)
+    constant = dj.Motion(acceleration=np.tile([2.0, 0.0, 0.0], (2, 1)), dt=END)
     model = rod(comm, 8, LAWS[law], **DAMPINGS[damping])
     _, t, relative, _, _ = march(model, constant, 60)
     total, static = march(model, absolute(constant), 60)[2:4]
     ground = t[:, None] ** 2  # 2 t^2 / 2
-    assert largest(comm, total - ground - relative) < 1e-12 * largest(comm, ground)
-    assert largest(comm, static - ground) < 1e-9 * largest(comm, ground)  # K of 1e10 N/m solved
+    assert largest(total - ground - relative) < 1e-12 * largest(ground)
+    assert largest(static - ground) < 1e-9 * largest(ground)  # K of 1e10 N/m solved
     apart = []
     for steps in (60, 120):
         motion = record(END / steps)
         _, t, relative, _, _ = march(model, motion, steps)
         total = march(model, absolute(motion), steps)[2]
-        apart.append(largest(comm, total - moved(t)[:, None] - relative))
+        apart.append(largest(total - moved(t)[:, None] - relative))
     assert 1.8 < np.log2(apart[0] / apart[1]) < 2.2
 
 
 def leaning(comm, **options):
     """A plane wall, 60 m long and 40 m high, on a base."""
-    mesh = create_rectangle(
-        comm, [np.zeros(2), np.array([60.0, 40.0])], [6, 4], CellType.quadrilateral
-    )
-    base = locate_entities(mesh, 1, lambda x: np.isclose(x[1], 0.0))
-    soft = Elastic(young=5e8, poisson=0.2, density=2400.0)
-    jointed = split_mesh(mesh, joints={}, groups={"base": base})
-    return Model(jointed, material=soft, supports=[Fixed(group="base")], **options)
+    jointed = box([60.0, 40.0], [6, 4], groups={"base": (1, 0.0)}, comm=comm)
+    soft = dj.Elastic(young=5e8, poisson=0.2, density=2400.0)
+    return dj.Model(jointed, material=soft, supports=[dj.Fixed(group="base")], **options)
 
 
 def moved_ground(reference, dt, share):
@@ -284,50 +232,40 @@ def moved_ground(reference, dt, share):
     path = np.zeros((len(time), 3))
     path[:, 0] = 0.05 * np.sin(np.pi * time / 0.6) ** 4
     path[:, 2] = 0.5 * path[:, 0]
-    return DifferingMotion(
+    return dj.DifferingMotion(
         motions={
-            "rest": motion_from_displacement(0.0 * path, dt=dt),
-            "left": motion_from_displacement(path, dt=dt),
-            "right": motion_from_displacement(share * path, dt=dt),
+            "rest": dj.motion_from_displacement(0.0 * path, dt=dt),
+            "left": dj.motion_from_displacement(path, dt=dt),
+            "right": dj.motion_from_displacement(share * path, dt=dt),
         },
         positions={"rest": (-500.0, 0.0), "left": (0.0, 0.0), "right": (60.0, 0.0)},
         reference=reference,
     )
 
 
-class Absolute(Monitor):
-    """Displacements of all nodes along x and y at all steps with those of the reference added."""
-
-    def __init__(self, motion):
-        self.reference = displacement_of(motion)
-
-    def start(self, model, stage, steps, first):
-        self.seen = []
-        self.record(first)
-
-    def record(self, record):
-        ground = self.reference(np.array([record.time]))[0, [0, 2]]
-        self.seen.append(record.displacement.array.reshape(-1, 2) + ground)
-
-
 def shaken_wall(model, motion, reference, steps, scheme=None):
-    """Absolute displacements of the wall on its ground, shape (steps + 1, nodes, 2)."""
-    seen = Absolute(reference)
-    outcome = Simulation(model, monitors=[seen]).dynamics(
+    """Displacements of the wall's nodes with those of the reference, (steps + 1, nodes, 2)."""
+    ground = displacement_of(reference)
+    seen = Rows(
+        lambda record: (
+            record.displacement.array.reshape(-1, 2) + ground(np.array([record.time]))[0, [0, 2]]
+        )
+    )
+    outcome = dj.Simulation(model, monitors=[seen]).dynamics(
         dt=1.2 / steps, steps=steps, motion=motion, scheme=scheme
     )
     if outcome.imbalance is not None:
         assert outcome.imbalance < 1e-11
         assert outcome.energy_error < 1e-11
-    return np.array(seen.seen)
+    return np.array(seen.rows)
 
 
 SCHEMES = [
-    EnergyConsistent(),
-    EnergyConsistent(exact_modes=4),
-    Newmark(),
-    HilberHughesTaylor(alpha=0.3),
-    GeneralizedAlpha(spectral_radius=0.5),
+    dj.EnergyConsistent(),
+    dj.EnergyConsistent(exact_modes=4),
+    dj.Newmark(),
+    dj.HilberHughesTaylor(alpha=0.3),
+    dj.GeneralizedAlpha(spectral_radius=0.5),
 ]
 RUNS = [(d, SCHEMES[0]) for d in DAMPINGS] + [("modes and mass", s) for s in SCHEMES[1:]]
 
@@ -353,21 +291,21 @@ def test_the_response_does_not_depend_on_the_reference(comm, damping, scheme):
             }
             if share == 1.0:
                 plain = shaken_wall(model, own["left"], own["left"], steps, scheme)
-                scale = largest(comm, plain)
+                scale = largest(plain)
                 # Relative to a ground that moves alike nothing is left but rounding.
-                assert largest(comm, seen["left"] - plain) < 1e-11 * scale
-                assert largest(comm, seen["right"] - plain) < 1e-11 * scale
+                assert largest(seen["left"] - plain) < 1e-11 * scale
+                assert largest(seen["right"] - plain) < 1e-11 * scale
             pairs = [("left", "rest")] if share == 1.0 else [("left", "right"), ("left", "rest")]
             apart.append(
                 [
-                    [largest(comm, (seen[one] - seen[other])[:, :, axis]) for axis in range(2)]
+                    [largest((seen[one] - seen[other])[:, :, axis]) for axis in range(2)]
                     for one, other in pairs
                 ]
             )
         orders = np.log2(np.divide(*apart))
         assert (orders > 1.8).all(), orders
         assert (orders < 2.2).all(), orders
-        assert np.max(apart[1]) < 0.01 * largest(comm, seen["left"])
+        assert np.max(apart[1]) < 0.01 * largest(seen["left"])
 
 
 def apart(distance, dt, end):
@@ -375,19 +313,21 @@ def apart(distance, dt, end):
     share = np.linspace(0.0, 1.0, round(end / dt) + 1)
     path = np.zeros((len(share), 3))
     path[:, 0] = distance * (share - np.sin(2.0 * np.pi * share) / (2.0 * np.pi))
-    right = motion_from_displacement(path, dt=dt)
-    left = Motion(acceleration=np.zeros((2, 3)), dt=dt)
-    return DifferingMotion(motions={"left": left, "right": right})
+    right = dj.motion_from_displacement(path, dt=dt)
+    left = dj.Motion(acceleration=np.zeros((2, 3)), dt=dt)
+    return dj.DifferingMotion(motions={"left": left, "right": right})
 
 
 @pytest.mark.mpi
 def test_abutments_open_a_joint_and_close_it(comm):
     """Apart by 1 cm slowly: the joint opens by that. Together: a bar and a joint in series."""
-    damping = stiffness_proportional(ratio=0.3, frequency=5.0)
+    damping = dj.stiffness_proportional(ratio=0.3, frequency=5.0)
     for distance in (0.01, -0.01):
         model = rod(comm, 8, CLOSED, damping=damping)
         # Not slower: K u of halves that move 1 cm is rounding, to be small beside their energy.
-        outcome = Simulation(model).dynamics(dt=0.02, steps=80, motion=apart(distance, 0.02, 1.6))
+        outcome = dj.Simulation(model).dynamics(
+            dt=0.02, steps=80, motion=apart(distance, 0.02, 1.6)
+        )
         joints = outcome.state.joints
         opening = np.full(len(joints.state.gap), max(distance, 0.0))
         stiffness = 1.0 / (LENGTH / ROCK.young + 1.0 / CLOSED.normal_stiffness)
@@ -395,8 +335,8 @@ def test_abutments_open_a_joint_and_close_it(comm):
         if distance < 0.0:
             opening += traction / CLOSED.normal_stiffness
         # The halves, with periods of 0.2 s, follow what takes 1.6 s but for some (0.2/1.6)^3.
-        assert largest(comm, joints.state.gap[:, 0] - opening) < 1e-3 * abs(distance)
-        assert largest(comm, joints.traction[:, 0] - traction) < 1e-3 * stiffness * abs(distance)
+        assert largest(joints.state.gap[:, 0] - opening) < 1e-3 * abs(distance)
+        assert largest(joints.traction[:, 0] - traction) < 1e-3 * stiffness * abs(distance)
         assert outcome.imbalance < 1e-11
 
 
@@ -404,23 +344,23 @@ def stations():
     """Two stations below the ends of the wall, and a wave that passes it obliquely."""
     time = DT / 2 * np.arange(2 * STEPS + 1)
     sampled = np.array([shaking(t) for t in time])
-    return DifferingMotion(
+    return dj.DifferingMotion(
         motions={
-            "left": Motion(acceleration=sampled, dt=DT / 2),
-            "right": Motion(acceleration=0.6 * sampled, dt=DT / 2),
+            "left": dj.Motion(acceleration=sampled, dt=DT / 2),
+            "right": dj.Motion(acceleration=0.6 * sampled, dt=DT / 2),
         },
         positions={"left": (0.0, 0.0, 0.0), "right": (20.0, 0.0, 0.0)},
-        passage=Passage(speed=800.0, direction=(1.0, 0.5, 0.0)),
+        passage=dj.Passage(speed=800.0, direction=(1.0, 0.5, 0.0)),
         reference="right",
     )
 
 
 def shaken(jointed, path, *, kill=None, checkpoint=None):
     """A wall on a base that stations and a wave move, its joints opening and sliding."""
-    monitors = [ResultsMonitor(path, points=POINTS, every=3, static_part=True), Killer(kill)]
-    beyond = rayleigh(ratio=0.02, frequencies=(5.0, 40.0))
-    model = wall(jointed, damping=ModalRatios(ratio=0.05, modes=2, beyond=beyond))
-    simulation = Simulation(model, monitors=monitors)
+    monitors = [dj.ResultsMonitor(path, points=POINTS, every=3, static_part=True), Killer(kill)]
+    beyond = dj.rayleigh(ratio=0.02, frequencies=(5.0, 40.0))
+    model = wall(jointed, damping=dj.ModalRatios(ratio=0.05, modes=2, beyond=beyond))
+    simulation = dj.Simulation(model, monitors=monitors)
     if checkpoint is None or not checkpoint.resume:
         simulation.statics()
     return simulation.dynamics(dt=DT, steps=STEPS, motion=stations(), checkpoint=checkpoint)
@@ -430,7 +370,7 @@ NAMES = ("displacement", "static_displacement", "acceleration", "joint_slip", "r
 
 
 def histories(path):
-    with Results(path) as results:
+    with dj.Results(path) as results:
         return [results.series("histories", name) for name in NAMES]
 
 
@@ -450,7 +390,7 @@ def test_a_jointed_wall_on_any_number_of_ranks(comm, wall_file, read, new_path):
     assert outcome.imbalance < 1e-11
     assert outcome.energy_error < 1e-11
     assert outcome.energy.joint_friction.sum() > 0.0
-    kept = Checkpoints(path / "run.ckpt", every=4)
+    kept = dj.Checkpoints(path / "run.ckpt", every=4)
     with pytest.raises(Killed):
         shaken(read(file), path / "resumed.h5", kill=7, checkpoint=kept)
     shaken(read(file), path / "resumed.h5", checkpoint=replace(kept, resume=True))
@@ -472,22 +412,16 @@ def test_a_jointed_wall_on_any_number_of_ranks(comm, wall_file, read, new_path):
 @pytest.mark.parametrize("rebounds", [True, False])
 def test_a_rigid_joint_down_to_ground_that_differs(wall_file, read, rebounds):
     """Where the ground holds both faces, its rounding is no force: nothing can give way there."""
-    law = RigidJoint(friction_angle_deg=30.0, restitution=int(rebounds))
-    model = Model(
-        read(wall_file(divisions=(4, 1, 2), joints=1)),
-        material=Elastic(young=24e9, poisson=0.2, density=2400.0),
-        joints=law,
-        supports=[Fixed(group="base")],
-        loads=[Gravity()],
-        damping=rayleigh(ratio=0.02, frequencies=(5.0, 40.0)),
-    )
-    record = synthetic_motion(duration=2.0)
-    ground = DifferingMotion(
+    law = dj.RigidJoint(friction_angle_deg=30.0, restitution=int(rebounds))
+    damping = dj.rayleigh(ratio=0.02, frequencies=(5.0, 40.0))
+    model = wall(read(wall_file(divisions=(4, 1, 2), joints=1)), law, damping=damping)
+    record = dj.synthetic_motion(duration=2.0)
+    ground = dj.DifferingMotion(
         motions={"left": record, "right": record.scaled(0.9)},
         positions={"left": (0.0, 0.0, 0.0), "right": (20.0, 0.0, 0.0)},
         reference="left",
     )
-    simulation = Simulation(model)
+    simulation = dj.Simulation(model)
     simulation.statics()
     outcome = simulation.dynamics(dt=0.01, steps=40, motion=ground)
     assert outcome.counts.rejected == 0
@@ -501,9 +435,9 @@ def test_what_cannot_move_is_an_error(comm):
         ({"left": motion, "rihgt": motion}, "rihgt"),
         ({"left": motion}, r"nodes with supports are in none of them, such as that at \(100, "),
     ):
-        with pytest.raises(MeshError, match=message):
-            march(rod(comm, 4), DifferingMotion(motions=motions), 1)
-    stood = [Fixed(group="left"), Spring(group="right", normal_stiffness=1e9)]
+        with pytest.raises(dj.MeshError, match=message):
+            march(rod(comm, 4), dj.DifferingMotion(motions=motions), 1)
+    stood = [dj.Fixed(group="left"), dj.Spring(group="right", normal_stiffness=1e9)]
     with pytest.raises(ValueError, match="also rests on springs or viscous boundaries"):
         march(rod(comm, 4, supports=stood), passing(0.01), 1)
 
@@ -511,12 +445,12 @@ def test_what_cannot_move_is_an_error(comm):
 def test_a_run_goes_on_where_its_ground_is(comm):
     """In two stages as in one; not on other ground, where the supports would jump."""
     dt, motion = END / 60, passing(END / 240)
-    simulation = Simulation(rod(comm, 8))
+    simulation = dj.Simulation(rod(comm, 8))
     whole = simulation.dynamics(dt=dt, steps=30, motion=motion).state.displacement
     half = simulation.dynamics(dt=dt, steps=10, motion=motion).state
     rest = simulation.dynamics(dt=dt, steps=20, motion=motion, start=half).state.displacement
     # The first velocities of supports are differences once more: 1e-4 found, of second order.
-    assert largest(comm, rest.array - whole.array) < 1e-3 * largest(comm, whole.array)
+    assert largest(rest.array - whole.array) < 1e-3 * largest(whole.array)
     with pytest.raises(ValueError, match="The displacements of the supports at t = 0.05 differ"):
         simulation.dynamics(dt=dt, steps=1, start=half)
 
@@ -524,22 +458,22 @@ def test_a_run_goes_on_where_its_ground_is(comm):
 def test_prescribed_displacements_are_relative_to_their_ground(comm):
     """A rod pulled by its right end while the ground passes: the sum of both answers."""
     pulled = [
-        Fixed(group="left"),
-        Prescribed(group="right", component="x", value=moved),
-        Fixed(group="right", components="y"),
+        dj.Fixed(group="left"),
+        dj.Prescribed(group="right", component="x", value=moved),
+        dj.Fixed(group="right", components="y"),
     ]
     model = rod(comm, 8, supports=pulled)
     alone = march(model, None, 60)[2]
     ground = march(rod(comm, 8), passing(END / 240), 60)[2]
     both = march(model, passing(END / 240), 60)[2]
-    assert largest(comm, both - alone - ground) < 1e-11 * SIZE
+    assert largest(both - alone - ground) < 1e-11 * SIZE
 
 
 def test_ground_that_drifts_apart_is_warned_of():
     with pytest.warns(PlausibilityWarning, match=r"differ by up to 2 m/s, .* correct their base"):
-        DifferingMotion(
+        dj.DifferingMotion(
             motions={
-                "left": Motion(acceleration=np.zeros((2, 3)), dt=1.0),
-                "right": Motion(acceleration=np.tile([2.0, 0.0, 0.0], (2, 1)), dt=1.0),
+                "left": dj.Motion(acceleration=np.zeros((2, 3)), dt=1.0),
+                "right": dj.Motion(acceleration=np.tile([2.0, 0.0, 0.0], (2, 1)), dt=1.0),
             }
         )

@@ -17,17 +17,7 @@ pytest.importorskip("matplotlib")
 
 from dolfinx.mesh import CellType
 
-from dolfinx_joints import (
-    Body,
-    FreeField,
-    Model,
-    Results,
-    ResultsMonitor,
-    Simulation,
-    Spring,
-    ViscousBoundary,
-    stiffness_proportional,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.export.tables import tables_of
 from dolfinx_joints.motions.spectra import response_spectrum, significant_duration
 from dolfinx_joints.postprocessing import measures, plots
@@ -78,16 +68,18 @@ def incident(time):
 
 def march(comm, path, *, steps=540, supports=(), damping=None, **dynamics):
     jointed = ground(comm, CellType.quadrilateral, [WIDTH, HEIGHT], [1, 20])
-    supports = [ViscousBoundary(group="base"), *one_way(jointed, 0), *supports]
-    model = Model(jointed, material=ROCK, supports=supports, body=Body(degree=2), damping=damping)
-    monitor = ResultsMonitor(path, points=POINTS, every=100)
-    Simulation(model, monitors=[monitor]).dynamics(dt=DT, steps=steps, **dynamics)
+    supports = [dj.ViscousBoundary(group="base"), *one_way(jointed, 0), *supports]
+    model = dj.Model(
+        jointed, material=ROCK, supports=supports, body=dj.Body(degree=2), damping=damping
+    )
+    monitor = dj.ResultsMonitor(path, points=POINTS, every=100)
+    dj.Simulation(model, monitors=[monitor]).dynamics(dt=DT, steps=steps, **dynamics)
 
 
 @pytest.fixture(scope="module")
 def path(comm, new_path):
     made = new_path("waves.h5")
-    march(comm, made, loads=[FreeField(groups=["base"], incident=incident, surface=HEIGHT)])
+    march(comm, made, loads=[dj.FreeField(groups=["base"], incident=incident, surface=HEIGHT)])
     return made
 
 
@@ -96,7 +88,7 @@ def results(comm, path):
     """The file, which is read on one rank."""
     if comm.rank:
         pytest.skip("rank 0 reads the file")
-    return Results(path)
+    return dj.Results(path)
 
 
 @pytest.mark.mpi
@@ -166,13 +158,13 @@ def test_what_boundaries_absorb_is_that_of_their_dashpots_alone(comm, new_path):
         comm,
         path,
         steps=150,
-        supports=[Spring(group="top", normal_stiffness=0.0, tangential_stiffness=1e6)],
-        damping=stiffness_proportional(ratio=0.05, frequency=10.0),
-        loads=[FreeField(groups=["base"], incident=incident, surface=HEIGHT)],
+        supports=[dj.Spring(group="top", normal_stiffness=0.0, tangential_stiffness=1e6)],
+        damping=dj.stiffness_proportional(ratio=0.05, frequency=10.0),
+        loads=[dj.FreeField(groups=["base"], incident=incident, surface=HEIGHT)],
     )
     if comm.rank:
         return
-    with Results(path) as results:
+    with dj.Results(path) as results:
         moved = np.diff(results.series("histories", "displacement")[:, 0, 0])
         expected = WIDTH * ROCK.density * SHEAR * np.cumsum(moved**2) / DT
         found = results.series("energy", "absorbed")[1:]
@@ -228,7 +220,7 @@ def test_the_same_as_a_motion_of_the_outcrop(comm, new_path, path):
     march(comm, other, motion=outcrop)
     if comm.rank:
         return
-    with Results(other) as moved, Results(path) as waves:
+    with dj.Results(other) as moved, dj.Results(path) as waves:
         assert moved.relative
         for name in POINTS:
             _, expected = measures.displacement_history(moved, name, "x", relative_to="base")

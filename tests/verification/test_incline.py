@@ -27,8 +27,6 @@ import itertools
 import math
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -36,25 +34,13 @@ import ufl
 
 pytest.importorskip("dolfinx")
 
-from mpi4py import MPI
 
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FormLoad,
-    FrictionNoTension,
-    Gravity,
-    Joints,
-    Model,
-    Simulation,
-    Spring,
-    Traction,
-    read_msh,
-)
-from dolfinx_joints.common.mpi import on_root
+from boxes import COMM, largest
+
+import dolfinx_joints as dj
+from benchmarks.shared.scenes import mesh_of
 from dolfinx_joints.geometry.two_blocks import two_blocks
 
-COMM = MPI.COMM_WORLD
 LENGTH, WIDTH = 2.0, 1.0  # of the pad [m]
 MU = math.tan(math.radians(30.0))
 
@@ -161,13 +147,9 @@ def holding(incline, *, slip):
 
 @cache
 def blocks(cell, order):
-    """The mesh; rank 0 alone writes and reads the file."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "blocks.msh"
-        sizes = {"length": LENGTH, "width": WIDTH, "size": 0.5, "cell": cell, "order": order}
-        heights = {"lower_height": Incline.slab, "upper_height": Incline.pad}
-        on_root(COMM, lambda: two_blocks(path, **sizes, **heights))
-        return read_msh(path, COMM)
+    """The mesh."""
+    sizes = {"length": LENGTH, "width": WIDTH, "size": 0.5, "cell": cell, "order": order}
+    return mesh_of(two_blocks, lower_height=Incline.slab, upper_height=Incline.pad, **sizes)
 
 
 def side_shear(jointed, down, tau, factor=lambda _: 1.0):
@@ -179,12 +161,12 @@ def side_shear(jointed, down, tau, factor=lambda _: 1.0):
         outwards = down[0] * n[0] + down[1] * n[1]
         return tau(z) * outwards * v[2] * jointed.ds("sides")
 
-    return FormLoad(form=form, factor=factor)
+    return dj.FormLoad(form=form, factor=factor)
 
 
 def friction(incline):
     """The law of the joint."""
-    return FrictionNoTension(
+    return dj.FrictionNoTension(
         normal_stiffness=1e10,
         shear_stiffness=incline.shear_stiffness,
         friction_angle_deg=30.0,
@@ -194,15 +176,15 @@ def friction(incline):
 def simulation(incline, loads, *, cell="hex", order=1, rule="auto", law=None):
     """Slab, joint, pad and springs, under loads that are made from the mesh."""
     jointed = blocks(cell, order)
-    springs = Spring(group="top", normal_stiffness=0.0, tangential_stiffness=incline.spring)
-    model = Model(
+    springs = dj.Spring(group="top", normal_stiffness=0.0, tangential_stiffness=incline.spring)
+    model = dj.Model(
         jointed,
-        material=Elastic(young=incline.young, poisson=0.0, density=incline.density),
-        joints=Joints(law or friction(incline), quadrature=rule),
-        supports=[Fixed(group="base"), springs],
+        material=dj.Elastic(young=incline.young, poisson=0.0, density=incline.density),
+        joints=dj.Joints(law or friction(incline), quadrature=rule),
+        supports=[dj.Fixed(group="base"), springs],
         loads=[load(jointed) for load in loads],
     )
-    return Simulation(model)
+    return dj.Simulation(model)
 
 
 def axes_of(direction_deg):
@@ -216,18 +198,13 @@ def settle(incline, direction_deg=0.0, **options):
     axes = axes_of(direction_deg)
     pull = np.array([*(math.sin(incline.theta) * axes[0]), -math.cos(incline.theta)])
     loads = [
-        lambda _: Gravity(acceleration=incline.gravity * pull),
-        lambda _: Traction(group="top", value=incline.dead_load * pull),
+        lambda _: dj.Gravity(acceleration=incline.gravity * pull),
+        lambda _: dj.Traction(group="top", value=incline.dead_load * pull),
         lambda jointed: side_shear(jointed, axes[0], incline.shear),
     ]
     run = simulation(incline, loads, **options)
     joints = run.statics().joints
     return joints.state.gap[:, 1:] @ axes.T, run.model.contact.counts(joints.status)
-
-
-def largest(values):
-    """Largest absolute value on all ranks."""
-    return COMM.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX)
 
 
 def mean_of_all(values):
@@ -328,8 +305,8 @@ def test_load_taken_away_and_reversed():
         return share * load - incline.spring * tops[share]
 
     loads = [
-        lambda _: Traction(group="top", value=(0.0, 0.0, -incline.pressure)),
-        lambda _: Traction(group="top", value=(*(load * axes[0]), 0.0), factor=lambda t: t),
+        lambda _: dj.Traction(group="top", value=(0.0, 0.0, -incline.pressure)),
+        lambda _: dj.Traction(group="top", value=(*(load * axes[0]), 0.0), factor=lambda t: t),
         lambda jointed: side_shear(jointed, axes[0], lambda _: 1.0, along_sides),
     ]
     run = simulation(incline, loads)
@@ -345,7 +322,7 @@ def test_load_taken_away_and_reversed():
 class HardeningFriction:
     """Friction whose strength grows with the slip, to see what that would do."""
 
-    friction: FrictionNoTension
+    friction: dj.FrictionNoTension
     hardening: float  # Pa/m
 
     def backward_euler(self, gap, state):

@@ -29,11 +29,8 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from mpi4py import MPI
-
 from tests.verification.inclined_crack import InclinedCrack, solve_crack
 
-COMM = MPI.COMM_WORLD
 CRACK = InclinedCrack()
 REACH = 0.9 * CRACK.half_length  # the tips are left out
 
@@ -42,7 +39,7 @@ def solve(ratio=1e6, crack=CRACK, **options):
     """The crack with k_n h/E = ratio, cells of 0.2 b by default."""
     options = {"size": 0.2, "cell": "quad", **options}
     stiffness = ratio * crack.young / options["size"]
-    return solve_crack(crack, COMM, normal_stiffness=stiffness, **options)
+    return solve_crack(crack, normal_stiffness=stiffness, **options)
 
 
 def test_exact_solution_by_hand():

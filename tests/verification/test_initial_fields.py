@@ -22,24 +22,12 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from mpi4py import MPI
 
 import ufl
+from boxes import Rows, box
 from dolfinx import fem
 
-from dolfinx_joints import (
-    CheckpointError,
-    Checkpoints,
-    Elastic,
-    Fixed,
-    InitialFields,
-    Model,
-    Monitor,
-    Simulation,
-    Traction,
-    frictionless,
-    mesh_from_arrays,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.mesh.dolfinx_versions import geometry_nodes
 
 pytestmark = [pytest.mark.mpi, pytest.mark.filterwarnings("ignore:A single step errs")]
@@ -51,42 +39,28 @@ ANGLE = 2.0 * math.atan(0.5 * OMEGA * DT)
 SPEED, AMPLITUDE, STIFFNESS = 0.5, 1e-3, 1e11
 
 
-def bar(*, joint: bool = False, **options: Any) -> Model:
+def bar(*, joint: bool = False, **options: Any) -> dj.Model:
     """The bar, its right end free and a joint in its middle if asked for."""
-    x = np.linspace(0.0, LENGTH, N + 1)
-    nodes = np.vstack([np.column_stack([x, np.full(N + 1, y)]) for y in (0.0, 1.0)])
-    i = np.arange(N)
-    low, high = (np.column_stack([i, i + 1]) + k for k in (0, N + 1))
-    groups = {"sides": np.vstack([low, high]), "left": [[0, N + 1]], "right": [[N, 2 * N + 1]]}
-    if joint:
-        groups["joint_1"] = [[N // 2, N // 2 + N + 1]]
-    jointed = mesh_from_arrays(
-        MPI.COMM_WORLD,
-        cell="quadrilateral",
-        x=nodes,
-        cells=np.hstack([low, high]),
-        facet_groups={name: np.array(facets) for name, facets in groups.items()},
+    jointed = box(
+        [LENGTH, 1.0],
+        [N, 1],
+        joints={"joint_1": (0, LENGTH / 2)} if joint else {},
+        groups={"low": (1, 0.0), "high": (1, 1.0), "left": (0, 0.0), "right": (0, LENGTH)},
     )
-    held = [Fixed(group="sides", components="y"), Fixed(group="left")]
-    return Model(
+    held = [dj.Fixed(group=side, components="y") for side in ("low", "high")]
+    held.append(dj.Fixed(group="left"))
+    return dj.Model(
         jointed,
-        material=Elastic(young=YOUNG, poisson=0.0, density=RHO),
-        joints=frictionless(normal_stiffness=STIFFNESS) if joint else None,
-        supports=held if joint else [*held, Fixed(group="right")],
+        material=dj.Elastic(young=YOUNG, poisson=0.0, density=RHO),
+        joints=dj.frictionless(normal_stiffness=STIFFNESS) if joint else None,
+        supports=held if joint else [*held, dj.Fixed(group="right")],
         **options,
     )
 
 
-class Seen(Monitor):
-    """Energies of the first record, and the displacements of all."""
-
-    def start(self, model, stage, steps, first):
-        self.settings = first.settings
-        self.energy = first.energy
-        self.rows = [first.displacement.copy()]
-
-    def record(self, record):
-        self.rows.append(record.displacement.copy())
+def kept():
+    """A monitor of displacements, energies and settings."""
+    return Rows(lambda record: (record.displacement.copy(), record.energy, record.settings))
 
 
 def mode(x):
@@ -115,34 +89,36 @@ GIVEN = {
 
 @pytest.mark.parametrize("given", GIVEN.values(), ids=GIVEN)
 def test_first_mode_from_a_velocity_and_from_a_displacement(given):
-    model, seen = bar(), Seen()
-    run = Simulation(model, monitors=[seen])
+    model, seen = bar(), kept()
+    run = dj.Simulation(model, monitors=[seen])
     expected = mode(model.V.tabulate_dof_coordinates()[: model.V.dofmap.index_map.size_local])
-    run.dynamics(dt=DT, steps=STEPS, start=InitialFields(velocity=given(model, SPEED)))
-    for n, u in enumerate(seen.rows):
+    run.dynamics(dt=DT, steps=STEPS, start=dj.InitialFields(velocity=given(model, SPEED)))
+    for n, (u, _, _) in enumerate(seen.rows):
         wanted = SPEED / OMEGA * math.sin(n * ANGLE) * expected.ravel()
         assert np.abs(u.array - wanted).max(initial=0.0) < 1e-9 * SPEED / OMEGA
     kinetic = RHO * LENGTH * SPEED**2 * (2.0 + math.cos(K * H)) / 12.0
-    assert seen.energy.kinetic == pytest.approx(kinetic, rel=1e-12)
-    assert seen.energy.strain == 0.0
-    assert seen.settings["initial velocity"].startswith("up to 0.5 ")
-    run.dynamics(dt=DT, steps=STEPS, start=InitialFields(displacement=given(model, AMPLITUDE)))
-    for n, u in enumerate(seen.rows):
+    _, energy, settings = seen.rows[0]
+    assert energy.kinetic == pytest.approx(kinetic, rel=1e-12)
+    assert energy.strain == 0.0
+    assert settings["initial velocity"].startswith("up to 0.5 ")
+    run.dynamics(dt=DT, steps=STEPS, start=dj.InitialFields(displacement=given(model, AMPLITUDE)))
+    for n, (u, _, _) in enumerate(seen.rows):
         wanted = AMPLITUDE * math.cos(n * ANGLE) * expected.ravel()
         assert np.abs(u.array - wanted).max(initial=0.0) < 1e-9 * AMPLITUDE
     # omega^2 / 2 a^2 times what the kinetic energy has v^2 times.
     strain = kinetic * (OMEGA * AMPLITUDE / SPEED) ** 2
-    assert seen.energy.strain == pytest.approx(strain, rel=1e-12)
-    assert seen.energy.kinetic == 0.0
+    energy = seen.rows[0][1]
+    assert energy.strain == pytest.approx(strain, rel=1e-12)
+    assert energy.kinetic == 0.0
 
 
 def test_an_initial_displacement_comes_on_top_of_the_static_state():
     # The right half pressed on the left by p: gap -p / k. Moved by -a as a whole, the joint holds
     # k (p / k + a)^2 / 2; all else stays.
     pressure, moved = 1e6, 2e-5
-    push = Traction(group="right", value=(-pressure, 0.0))
-    model, seen = bar(joint=True, loads=[push]), Seen()
-    run = Simulation(model, monitors=[seen])
+    push = dj.Traction(group="right", value=(-pressure, 0.0))
+    model, seen = bar(joint=True, loads=[push]), kept()
+    run = dj.Simulation(model, monitors=[seen])
     static = run.statics()
     right = fem.Function(model.V)
     cells = np.arange(model.V.mesh.topology.index_map(2).size_local, dtype=np.int32)
@@ -150,12 +126,12 @@ def test_an_initial_displacement_comes_on_top_of_the_static_state():
     nodes = model.V.dofmap.list[cells[middle > LENGTH / 2]]
     right.x.array.reshape(-1, 2)[nodes.ravel(), 0] = -moved
     right.x.scatter_forward()
-    run.dynamics(dt=1e-7, steps=1, start=InitialFields(displacement=right))
+    run.dynamics(dt=1e-7, steps=1, start=dj.InitialFields(displacement=right))
     stored = 0.5 * STIFFNESS * (pressure / STIFFNESS + moved) ** 2
-    assert seen.energy.joint == pytest.approx(stored, rel=1e-9)
+    apart, energy, _ = seen.rows[0]
+    assert energy.joint == pytest.approx(stored, rel=1e-9)
     strain = 0.5 * pressure**2 / YOUNG * LENGTH
-    assert seen.energy.strain == pytest.approx(strain, rel=1e-9)
-    apart = seen.rows[0].copy()
+    assert energy.strain == pytest.approx(strain, rel=1e-9)
     apart.axpy(-1.0, static.displacement)
     # N / 2 + 1 pairs of nodes moved.
     assert apart.norm() == pytest.approx(math.sqrt(N + 2) * moved, rel=1e-9)
@@ -165,18 +141,18 @@ def test_a_run_with_other_initial_fields_is_not_resumed(new_path):
     model, file = bar(), new_path("run.ckpt")
 
     def run(steps=4, speed=SPEED, *, resume=False):
-        kept = Checkpoints(file, every=3, resume=resume)
-        start = InitialFields(
+        kept = dj.Checkpoints(file, every=3, resume=resume)
+        start = dj.InitialFields(
             velocity=lambda x: speed * mode(x), displacement=lambda x: 1e-3 * mode(x)
         )
-        return Simulation(model).dynamics(dt=DT, steps=steps, start=start, checkpoint=kept)
+        return dj.Simulation(model).dynamics(dt=DT, steps=steps, start=start, checkpoint=kept)
 
     whole = run()
     again = run(resume=True)
     apart = again.state.displacement.copy()
     apart.axpy(-1.0, whole.state.displacement)
     assert apart.norm() < 1e-12 * whole.state.displacement.norm()
-    with pytest.raises(CheckpointError, match="initial velocity: the numbers are not the same"):
+    with pytest.raises(dj.CheckpointError, match="initial velocity: the numbers are not the same"):
         run(speed=0.5 * SPEED, resume=True)
 
 
@@ -193,4 +169,4 @@ def test_a_run_with_other_initial_fields_is_not_resumed(new_path):
 )
 def test_fields_that_do_not_fit_are_refused(fields, text):
     with pytest.raises(ValueError, match=text):
-        Simulation(bar()).dynamics(dt=DT, steps=1, start=InitialFields(**fields))
+        dj.Simulation(bar()).dynamics(dt=DT, steps=1, start=dj.InitialFields(**fields))

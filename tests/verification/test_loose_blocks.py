@@ -31,26 +31,10 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from dolfinx.mesh import CellType, create_box, locate_entities
+from boxes import box, difference, largest
 from shaken_wall import swaying
 
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    Joints,
-    JointsError,
-    KeyedJoint,
-    Model,
-    Prescribed,
-    Pressure,
-    RigidJoint,
-    Simulation,
-    SolverOptions,
-    Traction,
-    split_mesh,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.solvers.interface import condensed
 from dolfinx_joints.solvers.interface.springs import JointSprings
 
@@ -59,12 +43,12 @@ YOUNG, DENSITY, G = 30e9, 2400.0, 9.80665  # Pa, kg/m^3, m/s^2
 HEIGHT = 0.5  # of a block of the column [m]
 MU = math.tan(math.radians(30.0))
 
-RIGID = RigidJoint(friction_angle_deg=30.0)
-RIGID_SMOOTH = RigidJoint(friction_angle_deg=0.0)
+RIGID = dj.RigidJoint(friction_angle_deg=30.0)
+RIGID_SMOOTH = dj.RigidJoint(friction_angle_deg=0.0)
 
 
-def friction(k_n: float = 1e11, angle: float = 30.0) -> FrictionNoTension:
-    return FrictionNoTension(
+def friction(k_n: float = 1e11, angle: float = 30.0) -> dj.FrictionNoTension:
+    return dj.FrictionNoTension(
         normal_stiffness=k_n, shear_stiffness=0.4 * k_n, friction_angle_deg=angle
     )
 
@@ -73,17 +57,12 @@ def friction(k_n: float = 1e11, angle: float = 30.0) -> FrictionNoTension:
 def stack(blocks: int, size: tuple[float, float], height: float, cells: int = 2) -> Any:
     """Blocks of a length, width and height [m], one on the other, with a group for base and top."""
     top = blocks * height
-    mesh = create_box(
-        COMM, [[0, 0, 0], [*size, top]], [2 * cells, cells, 2 * blocks], CellType.hexahedron
+    return box(
+        [*size, top],
+        [2 * cells, cells, 2 * blocks],
+        joints={f"joint_{i}": (2, i * height) for i in range(1, blocks)},
+        groups={"base": (2, 0.0), "top": (2, top)},
     )
-    levels = {f"joint_{i}": i * height for i in range(1, blocks)} | {"base": 0.0, "top": top}
-    mesh.topology.create_connectivity(2, 3)
-    found = {
-        name: locate_entities(mesh, 2, lambda x, level=level: np.isclose(x[2], level))
-        for name, level in levels.items()
-    }
-    groups = {name: found.pop(name) for name in ("base", "top")}
-    return split_mesh(mesh, joints=found, groups=groups)
 
 
 def column(
@@ -95,29 +74,17 @@ def column(
     young: float = YOUNG,
 ) -> Any:
     """A column under its own weight; only the lowest block is held."""
-    return Model(
+    return dj.Model(
         stack(blocks, (0.5, 0.5), HEIGHT),
-        material=Elastic(young=young, poisson=poisson, density=DENSITY),
+        material=dj.Elastic(young=young, poisson=poisson, density=DENSITY),
         joints=law,
-        supports=[Fixed(group="base")],
-        loads=[Gravity(), *loads],
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity(), *loads],
     )
 
 
-def largest(values: Any) -> float:
-    """Largest absolute value on all ranks."""
-    return COMM.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX)
-
-
 def statics(model: Any, solver: str = "condensed", **options: Any) -> Any:
-    return Simulation(model, solver=solver, options=SolverOptions(**options)).statics()
-
-
-def difference(one: Any, two: Any) -> float:
-    """Of two displacements, relative to the largest."""
-    change = one.copy()
-    change.axpy(-1.0, two)
-    return float(change.norm(3) / two.norm(3))
+    return dj.Simulation(model, solver=solver, options=dj.SolverOptions(**options)).statics()
 
 
 LAWS = {
@@ -125,7 +92,7 @@ LAWS = {
     "medium": friction(1e11),
     "stiff": friction(1e14),
     "smooth": friction(1e11, 0.0),
-    "keyed": KeyedJoint(normal_stiffness=1e11, shear_stiffness=1e11),
+    "keyed": dj.KeyedJoint(normal_stiffness=1e11, shear_stiffness=1e11),
     "rigid": RIGID,
     "rigid and smooth": RIGID_SMOOTH,
 }
@@ -163,7 +130,7 @@ def test_loose_blocks_as_the_monolithic_solver_finds_them(name):
 
     The stiff joint is k_n h/E = 1e3 times stiffer than its cells: rounding of monolithic tractions.
     """
-    push = Traction(group="top", value=(5e3, 2e3, -2e3))
+    push = dj.Traction(group="top", value=(5e3, 2e3, -2e3))
     model = column(LAWS[name], blocks=3, loads=(push,), poisson=0.2)
     one, two = statics(model), statics(model, "monolithic")
     assert difference(one.displacement, two.displacement) <= 1e-9
@@ -178,7 +145,7 @@ def test_loose_blocks_as_the_monolithic_solver_finds_them(name):
 @pytest.mark.parametrize("kind", ["dense", "compressed", "matrix-free"])
 @pytest.mark.parametrize("linear", ["direct", "iterative"])
 def test_loose_blocks_with_every_compliance(kind, linear):
-    push = Traction(group="top", value=(5e3, 2e3, -2e3))
+    push = dj.Traction(group="top", value=(5e3, 2e3, -2e3))
     for law in (LAWS["medium"], RIGID):
         model = column(law, blocks=3, loads=(push,), poisson=0.2)
         reference = statics(model, compliance="dense", linear="direct")
@@ -217,7 +184,7 @@ def test_the_springs_leave_no_trace(name, factor, monkeypatch):
         springs.largest_compliance = springs.largest_compliance / factor
         return springs
 
-    push = Traction(group="top", value=(5e3, 2e3, -2e3))
+    push = dj.Traction(group="top", value=(5e3, 2e3, -2e3))
     model = column(LAWS[name], blocks=3, loads=(push,), poisson=0.2)
     reference = statics(model)
     monkeypatch.setattr(condensed, "JointSprings", other)
@@ -231,15 +198,15 @@ def test_the_springs_leave_no_trace(name, factor, monkeypatch):
 @pytest.mark.parametrize("steps", [1, 5])
 def test_held_blocks(wall_file, read, solver, steps):
     """A wall whose blocks all stand on the base, pressed at its ends: both solvers, any steps."""
-    model = Model(
+    model = dj.Model(
         read(wall_file(divisions=(8, 2, 3))),
-        material=Elastic(young=24e9, poisson=0.2, density=DENSITY),
+        material=dj.Elastic(young=24e9, poisson=0.2, density=DENSITY),
         joints=friction(),
-        supports=[Fixed(group="base")],
-        loads=[Gravity(), Pressure(group="crest", value=3e5)],
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity(), dj.Pressure(group="crest", value=3e5)],
     )
-    one = Simulation(model, solver="condensed").statics(steps=steps)
-    two = Simulation(model, solver=solver).statics(steps=steps)
+    one = dj.Simulation(model, solver="condensed").statics(steps=steps)
+    two = dj.Simulation(model, solver=solver).statics(steps=steps)
     assert difference(one.displacement, two.displacement) <= 1e-9
     counts = model.contact.counts(two.joints.status)
     assert min(counts.open, counts.slip) > 0
@@ -256,16 +223,16 @@ def test_held_blocks(wall_file, read, solver, steps):
 )
 def test_a_mechanism_is_not_returned(name, pull):
     # Lifted; pushed over and away; lifted by one per cent more than the weight of the upper block.
-    model = column(LAWS[name], blocks=2, loads=(Traction(group="top", value=pull),))
-    with pytest.raises(JointsError):
+    model = column(LAWS[name], blocks=2, loads=(dj.Traction(group="top", value=pull),))
+    with pytest.raises(dj.JointsError):
         statics(model)
 
 
 @pytest.mark.parametrize("name", ["smooth", "rigid and smooth"])
 def test_nothing_holds_a_smooth_block_sideways(name):
     # 1 N/m^2 of shear, 1e-5 of its weight, and no friction.
-    model = column(LAWS[name], blocks=2, loads=(Traction(group="top", value=(1.0, 0.0, 0.0)),))
-    with pytest.raises(JointsError):
+    model = column(LAWS[name], blocks=2, loads=(dj.Traction(group="top", value=(1.0, 0.0, 0.0)),))
+    with pytest.raises(dj.JointsError):
         statics(model)
 
 
@@ -286,12 +253,12 @@ def test_rounding_holds_no_block(young, solver, linear):
     0.001 N/m^2, 1e-7 of the weight: without friction nothing holds it. With friction it stands,
     under its weight, however stiff it is and however much rounding is left then.
     """
-    push = Traction(group="top", value=(1e-3, 0.0, 0.0))
+    push = dj.Traction(group="top", value=(1e-3, 0.0, 0.0))
     smooth, rough = (
         column(friction(1e9, angle), blocks=2, loads=(push,), poisson=0.2, young=young)
         for angle in (0.0, 30.0)
     )
-    with pytest.raises(JointsError):
+    with pytest.raises(dj.JointsError):
         statics(smooth, solver, linear=linear)
     found = statics(rough, solver, linear=linear)
     total = COMM.allreduce(rough.operator.areas @ found.joints.traction)
@@ -313,12 +280,12 @@ def slope(law: Any, share: float) -> Any:
     """A flat slab on another, gravity turned by tan(theta) = share mu along a diagonal."""
     theta, c = math.atan(share * MU), math.sqrt(0.5)
     down = G * math.sin(theta)
-    return Model(
+    return dj.Model(
         stack(2, (2.0, 2.0), 0.2, cells=4),
-        material=Elastic(young=YOUNG, poisson=0.2, density=DENSITY),
+        material=dj.Elastic(young=YOUNG, poisson=0.2, density=DENSITY),
         joints=law,
-        supports=[Fixed(group="base")],
-        loads=[Gravity(acceleration=(c * down, c * down, -G * math.cos(theta)))],
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity(acceleration=(c * down, c * down, -G * math.cos(theta)))],
     )
 
 
@@ -348,11 +315,25 @@ def test_a_block_stands_on_an_incline(law, share):
 @pytest.mark.parametrize("share", [1.001, 1.01, 1.5])
 @pytest.mark.parametrize("law", [RIGID, friction()], ids=["rigid", "elastic"])
 def test_a_block_slides_from_an_incline(law, share):
-    with pytest.raises(JointsError):
+    with pytest.raises(dj.JointsError):
         statics(slope(law, share))
 
 
 # Rigid joints of held blocks.
+
+
+def pushed_bar(laws: Any, gaps: Any, push: float) -> Any:
+    """Blocks without weight and lateral contraction, pushed from above by ``push`` at time 1."""
+    return dj.Model(
+        stack(len(laws) + 1, (0.5, 0.5), HEIGHT),
+        material=dj.Elastic(young=YOUNG, poisson=0.0, density=0.0),
+        joints=dj.Joints(laws, initial_gaps=gaps),
+        supports=[
+            dj.Fixed(group="base"),
+            dj.Fixed(group="top", components="xy"),
+            dj.Prescribed(group="top", component="z", value=lambda time: -push * time),
+        ],
+    )
 
 
 @pytest.mark.mpi
@@ -360,21 +341,10 @@ def test_a_block_slides_from_an_incline(law, share):
 def test_a_bar_pressed_on_a_wall(kind):
     """Pushed until it touches, beyond, back until it opens, and pulled."""
     length, gap, push = 4 * HEIGHT, 4e-4, 1e-3
-    model = Model(
-        stack(4, (0.5, 0.5), HEIGHT),
-        material=Elastic(young=YOUNG, poisson=0.0, density=0.0),
-        joints=Joints(
-            {"joint_1": friction(1e16), "joint_2": RIGID, "joint_3": friction(1e16)},
-            initial_gaps={"joint_2": gap},
-        ),
-        supports=[
-            Fixed(group="base"),
-            Fixed(group="top", components="xy"),
-            Prescribed(group="top", component="z", value=lambda time: -push * time),
-        ],
-    )
+    laws = {"joint_1": friction(1e16), "joint_2": RIGID, "joint_3": friction(1e16)}
+    model = pushed_bar(laws, {"joint_2": gap}, push)
     middle = model.operator.joint == 1
-    run = Simulation(model, solver="condensed", options=SolverOptions(compliance=kind))
+    run = dj.Simulation(model, solver="condensed", options=dj.SolverOptions(compliance=kind))
     compliance = length / YOUNG + 2.0 / 1e16
     for time in (1.0, 0.6, 0.9):
         found = run.quasi_statics([time])
@@ -388,17 +358,8 @@ def test_a_bar_pressed_on_a_wall(kind):
 def test_a_rigid_joint_that_closes_and_opens():
     """One joint, half of the bar held by each end: touching is t = 0, and pulling leaves a gap."""
     length, gap, push = 2 * HEIGHT, 4e-4, 1e-3
-    model = Model(
-        stack(2, (0.5, 0.5), HEIGHT),
-        material=Elastic(young=YOUNG, poisson=0.0, density=0.0),
-        joints=Joints(RIGID, initial_gaps={"joint_1": gap}),
-        supports=[
-            Fixed(group="base"),
-            Fixed(group="top", components="xy"),
-            Prescribed(group="top", component="z", value=lambda time: -push * time),
-        ],
-    )
-    run = Simulation(model)
+    model = pushed_bar({"joint_1": RIGID}, {"joint_1": gap}, push)
+    run = dj.Simulation(model)
     size = YOUNG * push / length
     for time in (0.3, 0.5, 1.0, 0.7, 0.2, -0.5, 0.8):
         found = run.quasi_statics([time])
@@ -412,11 +373,13 @@ def test_a_rigid_joint_that_closes_and_opens():
 
 def test_a_rigid_joint_is_the_limit_of_stiff_ones():
     """The difference falls with 1/k_n: of the order of E/(k_n h), h the cell size."""
-    push = Traction(group="top", value=(5e3, 2e3, -2e3))
+    push = dj.Traction(group="top", value=(5e3, 2e3, -2e3))
     rigid = statics(column(RIGID, blocks=3, loads=(push,), poisson=0.2))
     errors = []
     for k_n in (1e13, 1e14, 1e15):
-        law = FrictionNoTension(normal_stiffness=k_n, shear_stiffness=k_n, friction_angle_deg=30.0)
+        law = dj.FrictionNoTension(
+            normal_stiffness=k_n, shear_stiffness=k_n, friction_angle_deg=30.0
+        )
         stiff = statics(column(law, blocks=3, loads=(push,), poisson=0.2))
         errors.append(difference(stiff.displacement, rigid.displacement))
     assert errors[1] == pytest.approx(0.1 * errors[0], rel=0.1)
@@ -430,7 +393,9 @@ def test_a_rigid_joint_is_the_limit_of_stiff_ones():
 def test_dynamics_from_a_static_state(name):
     """At rest nothing moves; shaken, the lines of the ledger add up."""
     model = column(LAWS[name], blocks=3, poisson=0.2)
-    run = Simulation(model, solver="condensed", options=SolverOptions(relative_tolerance=1e-12))
+    run = dj.Simulation(
+        model, solver="condensed", options=dj.SolverOptions(relative_tolerance=1e-12)
+    )
     static = run.statics()
     still = run.dynamics(dt=0.002, steps=10)
     assert difference(still.state.displacement, static.displacement) <= 1e-9
@@ -443,20 +408,16 @@ def test_dynamics_from_a_static_state(name):
 
 def wall_on_a_wall(law: Any) -> Any:
     """Two blocks side by side on a third: three joints' ends meet in a line, of which two tie."""
-    mesh = create_box(COMM, [[0, 0, 0], [1, 1, 1]], [4, 2, 4], CellType.hexahedron)
-    mesh.topology.create_connectivity(2, 3)
     joints = {
         "upright": lambda x: np.isclose(x[0], 0.5) & (x[2] > 0.5 - 1e-9),
-        "level": lambda x: np.isclose(x[2], 0.5),
+        "level": (2, 0.5),
     }
-    base = locate_entities(mesh, 2, lambda x: np.isclose(x[2], 0.0))
-    found = {name: locate_entities(mesh, 2, where) for name, where in joints.items()}
-    return Model(
-        split_mesh(mesh, joints=found, groups={"base": base}),
-        material=Elastic(young=YOUNG, poisson=0.2, density=DENSITY),
+    return dj.Model(
+        box([1.0, 1.0, 1.0], [4, 2, 4], joints=joints, groups={"base": (2, 0.0)}),
+        material=dj.Elastic(young=YOUNG, poisson=0.2, density=DENSITY),
         joints=law,
-        supports=[Fixed(group="base")],
-        loads=[Gravity()],
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity()],
     )
 
 
@@ -467,8 +428,8 @@ def test_stiff_joints_that_meet_take_no_more_iterations(k_n):
     """With W than without: it is another way to solve the same system."""
     taken = {}
     for kind in ("matrix-free", "dense", "compressed"):
-        options = SolverOptions(compliance=kind)
-        run = Simulation(wall_on_a_wall(friction(k_n)), solver="condensed", options=options)
+        options = dj.SolverOptions(compliance=kind)
+        run = dj.Simulation(wall_on_a_wall(friction(k_n)), solver="condensed", options=options)
         run.statics()
         taken[kind] = run.dynamics(dt=0.002, steps=40, motion=lambda time: 3.0 * swaying(time))
     for outcome in taken.values():
@@ -484,13 +445,13 @@ def test_rigid_joints_that_meet(kind):
 
     At rest no step is cut, and nothing moves; shaken, the lines of the ledger add up.
     """
-    options = SolverOptions(compliance=kind)
-    run = Simulation(wall_on_a_wall(RIGID), options=options)
+    options = dj.SolverOptions(compliance=kind)
+    run = dj.Simulation(wall_on_a_wall(RIGID), options=options)
     static = run.statics()
     still = run.dynamics(dt=0.002, steps=30)
     assert still.counts.rejected == 0
     assert difference(still.state.displacement, static.displacement) <= 1e-8
-    run = Simulation(wall_on_a_wall(RigidJoint(friction_angle_deg=80.0)), options=options)
+    run = dj.Simulation(wall_on_a_wall(dj.RigidJoint(friction_angle_deg=80.0)), options=options)
     run.statics()
     shaken = run.dynamics(dt=0.002, steps=30, motion=swaying)
     assert shaken.energy.friction > 0.0
@@ -499,7 +460,7 @@ def test_rigid_joints_that_meet(kind):
 
 def test_load_steps_of_a_rigid_joint():
     # Nothing slides at half of the limit: all loads are in proportion and the path is a line.
-    one, four = (Simulation(slope(RIGID, 0.5)).statics(steps=steps) for steps in (1, 4))
+    one, four = (dj.Simulation(slope(RIGID, 0.5)).statics(steps=steps) for steps in (1, 4))
     assert difference(four.displacement, one.displacement) <= 1e-9
     size = largest(one.joints.traction)
     assert largest(four.joints.traction - one.joints.traction) <= 1e-9 * size

@@ -30,12 +30,9 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from mpi4py import MPI
-
 from dolfinx_joints import JointsError
 from tests.verification.no_tension_section import NoTensionSection, move_force
 
-COMM = MPI.COMM_WORLD
 SECTION = NoTensionSection()
 HEIGHT = SECTION.height
 PLANE = 2e-5  # what is left of the bending of the blocks
@@ -44,7 +41,7 @@ PLANE = 2e-5  # what is left of the bending of the blocks
 def solve(shares, **options):
     """Pairs of found and exact states for eccentricities over the height."""
     eccentricities = [share * HEIGHT for share in shares]
-    found = move_force(SECTION, COMM, eccentricities, **options)
+    found = move_force(SECTION, eccentricities, **options)
     return [(a, SECTION.exact(e)) for a, e in zip(found, eccentricities, strict=True)]
 
 

@@ -31,25 +31,12 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
+from boxes import Rows
 from whole_vectors import whole_layout
 
-from dolfinx_joints import (
-    Body,
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    Joints,
-    Model,
-    Simulation,
-    SolverOptions,
-    Spring,
-    Traction,
-    mesh_from_arrays,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.laws.law import Status
 from dolfinx_joints.mesh.cells import CellShape
-from dolfinx_joints.simulation.monitor import Monitor
 
 pytestmark = [
     pytest.mark.mpi,
@@ -58,7 +45,7 @@ pytestmark = [
 
 COMM = MPI.COMM_WORLD
 TOLERANCE = 1e-11
-NEWTON = SolverOptions(relative_tolerance=1e-14)
+NEWTON = dj.SolverOptions(relative_tolerance=1e-14)
 RISE = np.tan(np.radians(15.0))
 BLOCKS = ("lower", "left", "right")
 # Normals in the model's own axes, from - to + as the plain model has them.
@@ -181,23 +168,23 @@ class Scene:
     def __init__(self, case, view, comm, *, friction=30.0):
         self.view, self.dim = view, case.dim
         self.turn = np.eye(case.dim) if view.turn is None else view.turn
-        jointed = mesh_from_arrays(comm, **blocks(case.cell, view))
-        self.model = Model(
+        jointed = dj.mesh_from_arrays(comm, **blocks(case.cell, view))
+        self.model = dj.Model(
             jointed,
-            material=Elastic(young=2e9, poisson=0.2, density=2400.0),
-            joints=Joints(
-                FrictionNoTension(
+            material=dj.Elastic(young=2e9, poisson=0.2, density=2400.0),
+            joints=dj.Joints(
+                dj.FrictionNoTension(
                     normal_stiffness=4e9, shear_stiffness=2e9, friction_angle_deg=friction
                 ),
                 initial_gaps={"joint_2": 2e-6},
                 quadrature=case.rule,
             ),
             supports=[
-                Fixed(group="base"),
-                Spring(group="top", normal_stiffness=3e8, tangential_stiffness=3e8),
+                dj.Fixed(group="base"),
+                dj.Spring(group="top", normal_stiffness=3e8, tangential_stiffness=3e8),
             ],
             loads=self._loads(),
-            body=Body(degree=case.degree),
+            body=dj.Body(degree=case.degree),
         )
         self.snapshots = []
 
@@ -212,9 +199,9 @@ class Scene:
             "end": [((-1, 0.1, 0.05), SIDE)],
         }
         return [
-            Gravity(acceleration=self.vector(0.3, 0.2, -9.81)),
+            dj.Gravity(acceleration=self.vector(0.3, 0.2, -9.81)),
             *(
-                Traction(group=group, value=1e5 * self.vector(*value), factor=path)
+                dj.Traction(group=group, value=1e5 * self.vector(*value), factor=path)
                 for group, loads in paths.items()
                 for value, path in loads
             ),
@@ -285,35 +272,23 @@ SIDE = path(0.0, 2.0, 0.3, -1.0, 1.5, 2.5)
 def pushed(case, view, comm, friction=30.0):
     """The quasi-static scene, two steps per unit of time."""
     scene = Scene(case, view, comm, friction=friction)
-    run = Simulation(scene.model, options=NEWTON)
+    run = dj.Simulation(scene.model, options=NEWTON)
     for time in np.arange(1, 11) / 2:
         state = run.quasi_statics([time])
         scene.take(state.displacement, state.joints)
     return scene.snapshots
 
 
-@dataclass
-class Watch(Monitor):
-    """Takes every step of a dynamic run."""
-
-    scene: Scene
-
-    def start(self, model, stage, steps, first):
-        self.record(first)
-
-    def record(self, record):
-        e = record.energy
-        energies = (e.kinetic, e.strain, e.joint, e.input, e.viscous, e.friction)
-        self.scene.take(record.displacement, record.joints, energies)
-
-    def finish(self, status, summary):
-        assert status == "complete"
-
-
 def shaken(case, view, comm, solver="auto"):
     """Self weight, then 20 steps in which the blocks are thrown up and strike."""
     scene = Scene(case, view, comm)
-    run = Simulation(scene.model, options=NEWTON, monitors=[Watch(scene)], solver=solver)
+
+    def take(record):
+        e = record.energy
+        energies = (e.kinetic, e.strain, e.joint, e.input, e.viscous, e.friction)
+        scene.take(record.displacement, record.joints, energies)
+
+    run = dj.Simulation(scene.model, options=NEWTON, monitors=[Rows(take)], solver=solver)
     run.statics()
 
     def ground(time):

@@ -24,22 +24,13 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
+from boxes import Rows, largest
 from dolfinx.mesh import CellType
 from shaken_wall import Killed, Killer
 
-from dolfinx_joints import (
-    Body,
-    Checkpoints,
-    Elastic,
-    FreeField,
-    Model,
-    ObliqueFreeField,
-    Simulation,
-    ViscousBoundary,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.loads.column import Column
-from dolfinx_joints.simulation.monitor import Monitor
-from tests.verification.test_absorbing import PRESSURE, ROCK, SHEAR, ground, sides_of
+from tests.verification.test_absorbing import PRESSURE, ROCK, SHEAR, ground, on_dashpots
 
 LENGTH, SIZE = 0.1, 0.2  # of the pulse [s], [m/s]
 # What ranks can change is the same for all meshes and waves.
@@ -81,36 +72,26 @@ def plane_waves(wave, angle, way):
     return [(d * turned, s * turned) for d, s in found]
 
 
-class Velocities(Monitor):
-    """Velocities of all nodes at all steps."""
-
-    def start(self, model, stage, steps, first):
-        self.gdim, self.times, self.v, self.free = model.gdim, [], [], []
-        self.record(first)
-
-    def record(self, record):
-        self.times.append(record.time)
-        self.v.append(record.velocity.array.reshape(-1, self.gdim).copy())
-        self.free.append(record.free_surface(record.time))
-
-
 def march(comm, size, divisions, dt, end, load, material=ROCK, parts=None):
-    """Nodes, and what `Velocities` saw, on dashpots all around."""
+    """Nodes, times, velocities of the nodes and the free surface, on dashpots all around."""
     cell = CellType.quadrilateral if len(size) == 2 else CellType.hexahedron
-    jointed = ground(comm, cell, size, divisions, parts)
-    groups = ["base", *sides_of(jointed)]
-    supports = [ViscousBoundary(group=group) for group in groups]
-    model = Model(jointed, material=material, supports=supports, body=Body(degree=2))
-    seen = Velocities()
+    model, groups = on_dashpots(ground(comm, cell, size, divisions, parts), material)
+    gdim = model.gdim
+    seen = Rows(
+        lambda record: (
+            record.time,
+            record.velocity.array.reshape(-1, gdim).copy(),
+            record.free_surface(record.time),
+        )
+    )
     steps = round(end / dt)
-    outcome = Simulation(model, monitors=[seen]).dynamics(dt=dt, steps=steps, loads=[load(groups)])
+    outcome = dj.Simulation(model, monitors=[seen]).dynamics(
+        dt=dt, steps=steps, loads=[load(groups)]
+    )
     assert outcome.imbalance < 1e-11
-    x = model.V.tabulate_dof_coordinates()[: len(seen.v[0]), : model.gdim]
-    return x, np.array(seen.times), np.array(seen.v), np.array(seen.free)
-
-
-def largest(comm, values):
-    return comm.allreduce(float(np.abs(values).max(initial=0.0)), op=MPI.MAX)
+    times, velocities, free = (np.array(column) for column in zip(*seen.rows, strict=True))
+    x = model.V.tabulate_dof_coordinates()[: velocities.shape[1], :gdim]
+    return x, times, velocities, free
 
 
 WIDTH, HEIGHT = 60.0, 60.0
@@ -121,7 +102,7 @@ def oblique_error(comm, wave, angle_deg, azimuth_deg, cells):
     way = 1.0 if azimuth_deg == 0.0 else -1.0
 
     def load(groups):
-        return ObliqueFreeField(
+        return dj.ObliqueFreeField(
             groups=groups,
             wave=wave,
             angle_deg=angle_deg,
@@ -141,7 +122,7 @@ def oblique_error(comm, wave, angle_deg, azimuth_deg, cells):
         exact += pulse(t[:, None] - x @ s + start)[..., None] * d
         above += pulse(t - (s @ np.array([WIDTH / 2, HEIGHT]) - start))[:, None] * d
     np.testing.assert_allclose(free[:, :2], above, atol=1e-12)
-    return largest(comm, v - exact) / SIZE
+    return largest(v - exact) / SIZE
 
 
 @pytest.mark.parametrize(
@@ -159,7 +140,7 @@ def test_an_sh_wave_passes_as_in_the_half_space(comm):
     size, slope, way = [20.0, 10.0, 40.0], math.radians(40.0), math.radians(30.0)
 
     def load(groups):
-        return ObliqueFreeField(
+        return dj.ObliqueFreeField(
             groups=groups, wave="SH", angle_deg=40.0, azimuth_deg=30.0, incident=pulse, surface=40.0
         )
 
@@ -168,7 +149,7 @@ def test_an_sh_wave_passes_as_in_the_half_space(comm):
     late, up = t[:, None] - x[:, :2] @ ahead, math.cos(slope) / SHEAR
     speed = pulse(late - x[:, 2] * up) + pulse(late - (2.0 * size[2] - x[:, 2]) * up)
     exact = speed[..., None] * np.array([-math.sin(way), math.cos(way), 0.0])
-    assert largest(comm, v - exact) < 0.01 * SIZE
+    assert largest(v - exact) < 0.01 * SIZE
 
 
 @pytest.mark.mpi
@@ -177,27 +158,24 @@ def test_a_wave_that_rises_vertically_is_the_free_field(comm):
     oblique = {"angle_deg": 0.0, "incident": pulse, "surface": 20.0}
 
     def found(make):
-        jointed = ground(comm, CellType.quadrilateral, [20.0, 20.0], [4, 4])
-        groups = ["base", *sides_of(jointed)]
-        supports = [ViscousBoundary(group=group) for group in groups]
-        model = Model(jointed, material=ROCK, supports=supports, body=Body(degree=2))
-        return Simulation(model).dynamics(dt=2e-3, steps=35, loads=make(groups)).state.velocity
+        model, groups = on_dashpots(ground(comm, CellType.quadrilateral, [20.0, 20.0], [4, 4]))
+        return dj.Simulation(model).dynamics(dt=2e-3, steps=35, loads=make(groups)).state.velocity
 
     plain = found(
         lambda groups: [
-            FreeField(groups=groups, incident=lambda t: (pulse(t), pulse(t)), surface=20.0)
+            dj.FreeField(groups=groups, incident=lambda t: (pulse(t), pulse(t)), surface=20.0)
         ]
     )
     both = found(
         lambda groups: [
-            ObliqueFreeField(groups=groups, wave=wave, **oblique) for wave in ("P", "SV")
+            dj.ObliqueFreeField(groups=groups, wave=wave, **oblique) for wave in ("P", "SV")
         ]
     )
     both.axpy(-1.0, plain)
     assert both.norm() < 2e-5 * plain.norm()
 
 
-SOFT = Elastic(young=1.5e9, poisson=0.3, density=2000.0)
+SOFT = dj.Elastic(young=1.5e9, poisson=0.3, density=2000.0)
 DEEP, TOP = 40.0, 60.0  # heights of the layer's bottom and of the surface [m]
 
 
@@ -211,7 +189,7 @@ def layer_error(comm, axis, cells):
 
     def load(groups):
         wave = lambda t: pulse(t) * np.eye(2)[axis]  # noqa: E731
-        return FreeField(groups=groups, incident=wave, surface=TOP)
+        return dj.FreeField(groups=groups, incident=wave, surface=TOP)
 
     x, t, v, free = march(
         comm,
@@ -230,7 +208,7 @@ def layer_error(comm, axis, cells):
     exact = sum(2.0 * through * back**n * pulse(t - late - n * echo) for n in range(12))
     np.testing.assert_allclose(free[:, axis], exact, atol=1e-5 * SIZE)
     surface = v[:, np.isclose(x[:, 1], TOP)]
-    return largest(comm, surface - exact[:, None, None] * np.eye(2)[axis]) / (2.0 * SIZE)
+    return largest(surface - exact[:, None, None] * np.eye(2)[axis]) / (2.0 * SIZE)
 
 
 @pytest.mark.mpi
@@ -247,18 +225,15 @@ def test_an_interrupted_run_goes_on(comm, new_path):
     """With waves in layers and an oblique one, to rounding: BLAS sums by where its vectors lie."""
     parts = {"rock": (0.0, 20.0), "soil": (20.0, 30.0)}
     jointed = ground(comm, CellType.quadrilateral, [20.0, 30.0], [4, 6], parts)
-    kept = Checkpoints(new_path("waves.ckpt"), every=4)
+    kept = dj.Checkpoints(new_path("waves.ckpt"), every=4)
 
     def run(*monitors, **options):
-        groups = ["base", *sides_of(jointed)]
-        supports = [ViscousBoundary(group=group) for group in groups]
-        solids = {"rock": ROCK, "soil": SOFT}
-        model = Model(jointed, material=solids, supports=supports, body=Body(degree=2))
-        rising = FreeField(groups=groups, incident=lambda t: (pulse(t), 0.0), surface=30.0)
-        oblique = ObliqueFreeField(
+        model, groups = on_dashpots(jointed, {"rock": ROCK, "soil": SOFT})
+        rising = dj.FreeField(groups=groups, incident=lambda t: (pulse(t), 0.0), surface=30.0)
+        oblique = dj.ObliqueFreeField(
             groups=["base"], wave="P", angle_deg=10.0, incident=pulse, surface=30.0
         )
-        simulation = Simulation(model, monitors=monitors)
+        simulation = dj.Simulation(model, monitors=monitors)
         return simulation.dynamics(dt=5e-3, steps=20, loads=[rising, oblique], **options)
 
     whole = run().state
@@ -306,18 +281,18 @@ def test_what_is_no_such_wave(comm):
     ):
         cell = CellType.quadrilateral if dim == 2 else CellType.hexahedron
         jointed = ground(comm, cell, [1.0] * dim, [1] * dim)
-        model = Model(jointed, material=ROCK, supports=[ViscousBoundary(group="base")])
+        model = dj.Model(jointed, material=ROCK, supports=[dj.ViscousBoundary(group="base")])
         given = {"groups": ["base"], "incident": pulse, "surface": 1.0} | options
         with pytest.raises(ValueError, match=message):
-            ObliqueFreeField(**given).patterns(model)
+            dj.ObliqueFreeField(**given).patterns(model)
     parts = {"rock": (0.0, 1.0), "soil": (1.0, 2.0)}
     jointed = ground(comm, CellType.quadrilateral, [1.0, 2.0], [1, 2], parts)
     groups = ["base", "x_min"]
-    model = Model(
+    model = dj.Model(
         jointed,
         material={"rock": ROCK, "soil": SOFT},
-        supports=[ViscousBoundary(group=group) for group in groups],
+        supports=[dj.ViscousBoundary(group=group) for group in groups],
     )
     wave = {"wave": "P", "angle_deg": 10.0, "incident": pulse, "surface": 2.0}
     with pytest.raises(ValueError, match="base, x_min has 2 layers; it must be of one material"):
-        ObliqueFreeField(groups=groups, **wave).patterns(model)
+        dj.ObliqueFreeField(groups=groups, **wave).patterns(model)

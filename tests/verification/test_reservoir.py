@@ -16,6 +16,8 @@ whatever the face is, and M u are its nodal forces.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -23,74 +25,49 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
+import nodal_fields
 import ufl
+from boxes import box
 from dolfinx.mesh import (
     CellType,
-    create_box,
     create_rectangle,
     exterior_facet_indices,
-    locate_entities,
     locate_entities_boundary,
 )
+from nodal_fields import energy, field
 
-from dolfinx_joints import (
-    Body,
-    Elastic,
-    FrictionNoTension,
-    Model,
-    ReservoirMass,
-    WestergaardMass,
-    split_mesh,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.loads.water import reservoir
 
 pytestmark = pytest.mark.mpi
 
-CONCRETE = Elastic(young=24e9, poisson=0.2, density=2400.0)
-LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
+CONCRETE = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+LAW = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
 RHO, DEPTH, WIDTH = 1000.0, 10.0, 12.0
-WALL = ([0.0, 0.0], [4.0, 12.0])  # 2 m above the level
+WALL = [4.0, 12.0]  # 2 m above the level
 
 
-def tagged(mesh, degree=1, *, joint=None, place=None):
-    """A model whose face x = 0 is ``up``; a plane mesh may have a joint at a height."""
-    fdim = mesh.topology.dim - 1
-    mesh.topology.create_connectivity(fdim, fdim + 1)
-    face = locate_entities_boundary(mesh, fdim, lambda x: np.abs(x[0]) < 1e-9)
-    joints = {}
-    if joint is not None:
-        joints["joint"] = locate_entities(mesh, fdim, lambda x: np.abs(x[1] - joint) < 1e-9)
-    if place is not None:
-        mesh.geometry.x[:] = place(mesh.geometry.x)
-    split = split_mesh(mesh, joints=joints, groups={"up": face})
-    return Model(split, material=CONCRETE, joints=LAW if joints else None, body=Body(degree=degree))
+def model_of(jointed, degree=1):
+    laws = LAW if jointed.joint_names else None
+    return dj.Model(jointed, material=CONCRETE, joints=laws, body=dj.Body(degree=degree))
 
 
-def plane(comm, cells, degree=1, cell=CellType.quadrilateral, **options):
-    return tagged(create_rectangle(comm, WALL, [1, cells], cell), degree, **options)
+def plane(comm, cells, degree=1, *, joint=None, place=None):
+    """A model whose face x = 0 is ``up``, with a joint at a height if given."""
+    joints, groups = {} if joint is None else {"joint": (1, joint)}, {"up": (0, 0.0)}
+    jointed = box(WALL, [1, cells], joints=joints, groups=groups, place=place, comm=comm)
+    return model_of(jointed, degree)
 
 
-def solid(comm, cells, cell, degree=1, **options):
-    corners = [[0.0, 0.0, 0.0], [4.0, WIDTH, 12.0]]
-    return tagged(create_box(comm, corners, [1, cells, cells], cell), degree, **options)
+def solid(comm, cells, cell, degree=1, place=None):
+    """The same in space."""
+    size, counts = [4.0, WIDTH, 12.0], [1, cells, cells]
+    return model_of(
+        box(size, counts, cell, groups={"up": (0, 0.0)}, place=place, comm=comm), degree
+    )
 
 
-def field(model, values):
-    """Nodal vector of ``values(x)``, shape (n, gdim), at the owned nodes x (n, 3)."""
-    u = model.mass.createVecRight()
-    x = model.V.tabulate_dof_coordinates()[: u.getLocalSize() // model.gdim]
-    u.setArray(np.broadcast_to(values(x), (len(x), model.gdim)).ravel())
-    return u
-
-
-def along(axis, profile=lambda x: np.ones(len(x)), gdim=2):
-    return lambda x: profile(x)[:, None] * np.eye(gdim)[axis]
-
-
-def energy(model, matrix, one, other):
-    product = matrix.createVecLeft()
-    matrix.mult(field(model, other), product)
-    return product.dot(field(model, one))
+along = partial(nodal_fields.along, gdim=2)
 
 
 def rate(n):
@@ -118,7 +95,7 @@ def test_rigid_vertical_face(comm, degree, length):
     found = []
     for cells in (6, 12, 24):
         model = plane(comm, cells, degree)
-        mass = ReservoirMass(group="up", level=DEPTH, length=length).matrix(model)
+        mass = dj.ReservoirMass(group="up", level=DEPTH, length=length).matrix(model)
         found.append(energy(model, mass, along(0), along(0)))
         # Water does not feel what moves along it.
         assert energy(model, mass, along(1), along(1)) == 0.0
@@ -131,7 +108,7 @@ def test_rigid_vertical_face(comm, degree, length):
 def test_levels_in_cells(comm, level):
     """The mass goes with the square of the depth wherever the level cuts a cell."""
     model = plane(comm, 24, 2)
-    mass = ReservoirMass(group="up", level=level).matrix(model)
+    mass = dj.ReservoirMass(group="up", level=level).matrix(model)
     wet = max(level, 0.0)
     # Near the floor there is less than a cell of water.
     assert energy(model, mass, along(0), along(0)) == pytest.approx(
@@ -142,7 +119,7 @@ def test_levels_in_cells(comm, level):
 def test_waves_share_no_mass(comm):
     """The distribution of the pressure, by each motion's own mass and that between two of them."""
     model = plane(comm, 48)
-    mass = ReservoirMass(group="up", level=DEPTH).matrix(model)
+    mass = dj.ReservoirMass(group="up", level=DEPTH).matrix(model)
     found = [[energy(model, mass, wave(i), wave(j)) for j in (1, 2, 3)] for i in (1, 2, 3)]
     expected = np.diag([RHO * DEPTH / 2.0 / rate(n) for n in (1, 2, 3)])
     np.testing.assert_allclose(found, expected, rtol=0.01, atol=2e-3 * expected[0, 0])
@@ -173,7 +150,7 @@ def error_of_forces(model, k, level=DEPTH):
         slope[:, -1] = -rise * across * np.sin(rise * z) * grows
         return -slope / RHO
 
-    mass = ReservoirMass(group="up", level=level, upstream=-np.eye(gdim)[0]).matrix(model)
+    mass = dj.ReservoirMass(group="up", level=level, upstream=-np.eye(gdim)[0]).matrix(model)
     found = mass.createVecLeft()
     mass.mult(field(model, moves), found)
     x, n = ufl.SpatialCoordinate(model.jointed.mesh), ufl.FacetNormal(model.jointed.mesh)
@@ -221,7 +198,7 @@ def test_quadratic_faces(comm, cell):
 def test_canyon(comm, cell):
     """Without change across the valley the mass of the plane, times the width."""
     model = solid(comm, 12, cell)
-    mass = ReservoirMass(group="up", level=DEPTH).matrix(model)
+    mass = dj.ReservoirMass(group="up", level=DEPTH).matrix(model)
     expected = WIDTH * 0.5428 * RHO * DEPTH**2
     found = energy(model, mass, along(0, gdim=3), along(0, gdim=3))
     assert found == pytest.approx(expected, rel=4e-3)
@@ -232,7 +209,7 @@ def test_canyon(comm, cell):
 def test_symmetric_without_negative_energy(comm):
     """M = Y^T Y; a face that slides along itself meets no water."""
     model = canyon(comm, 6, CellType.hexahedron)
-    mass = ReservoirMass(group="up", level=7.3).matrix(model)
+    mass = dj.ReservoirMass(group="up", level=7.3).matrix(model)
     u, product, other = (mass.createVecRight() for _ in range(3))
     scale = mass.norm()
     rng = np.random.default_rng(1 + comm.rank)
@@ -244,7 +221,7 @@ def test_symmetric_without_negative_energy(comm):
         assert other.norm() < 1e-14 * scale * u.norm()
         assert product.dot(u) > 0.0
     leans = plane(comm, 12, place=lambda x: x + 0.25 * x[:, 1:2] * np.eye(3)[0])
-    mass = ReservoirMass(group="up", level=DEPTH).matrix(leans)
+    mass = dj.ReservoirMass(group="up", level=DEPTH).matrix(leans)
     sliding = energy(leans, mass, *[lambda x: np.array([0.25, 1.0])] * 2)
     assert abs(sliding) < 1e-14 * energy(leans, mass, along(0), along(0))
 
@@ -255,7 +232,7 @@ def test_joints_let_no_water_through(comm):
     The same nodes move, so the two agree to rounding.
     """
     whole, split = (plane(comm, 12, joint=joint) for joint in (None, 5.0))
-    one, other = (ReservoirMass(group="up", level=9.7).matrix(model) for model in (whole, split))
+    one, other = (dj.ReservoirMass(group="up", level=9.7).matrix(model) for model in (whole, split))
     expected = energy(whole, one, along(0), along(0))
     assert energy(split, other, along(0), along(0)) == pytest.approx(expected, rel=1e-12)
     assert energy(split, other, wave(2), wave(1)) == pytest.approx(
@@ -269,7 +246,7 @@ def test_ranks_do_not_matter(comm):
     found = []
     for on in (comm, MPI.COMM_SELF):
         model = canyon(on, 4, CellType.hexahedron)
-        mass = ReservoirMass(group="up", level=8.9).matrix(model)
+        mass = dj.ReservoirMass(group="up", level=8.9).matrix(model)
         found.append(energy(model, mass, profile, profile))
     assert found[0] == pytest.approx(found[1], rel=1e-11)
 
@@ -277,8 +254,8 @@ def test_ranks_do_not_matter(comm):
 def test_part_of_the_model(comm):
     """It has inertia and no weight."""
     bare = plane(comm, 6)
-    added = ReservoirMass(group="up", level=DEPTH)
-    wet = Model(bare.jointed, material=CONCRETE, water=added)
+    added = dj.ReservoirMass(group="up", level=DEPTH)
+    wet = dj.Model(bare.jointed, material=CONCRETE, water=added)
     a = np.array([1.0, 0.0])
     every = field(bare, along(0))
     water = energy(bare, added.matrix(bare), along(0), along(0))
@@ -292,40 +269,36 @@ def test_bad_input(comm, monkeypatch):
 
     def refused(match, **options):
         with pytest.raises(ValueError, match=match):
-            ReservoirMass(**{"group": "up", "level": 5.0, **options}).matrix(model)
+            dj.ReservoirMass(**{"group": "up", "level": 5.0, **options}).matrix(model)
 
     refused("the level is 13 m, but the face ends at 12 m", level=13.0)
     refused("upstream is .*; it must be a horizontal vector", upstream=(1.0, 1.0))
     refused("100 % of the wet face do not look along upstream", upstream=(1.0, 0.0))
     with pytest.raises(ValueError, match="water is 3; it must be a reservoir or an added mass"):
-        Model(model.jointed, material=CONCRETE, water=3)
+        dj.Model(model.jointed, material=CONCRETE, water=3)
     monkeypatch.setattr(reservoir, "available_bytes", lambda comm: 1e3)
     refused("its 3 wet nodes make a full matrix, which may take .* GB")
 
 
 def skin(comm):
     """A model whose whole boundary is the group ``up``."""
-    mesh = create_rectangle(comm, WALL, [1, 6], CellType.quadrilateral)
+    mesh = create_rectangle(comm, [[0.0, 0.0], WALL], [1, 6], CellType.quadrilateral)
     mesh.topology.create_connectivity(1, 2)
     facets = exterior_facet_indices(mesh.topology)
-    return Model(split_mesh(mesh, groups={"up": facets}), material=CONCRETE)
+    return dj.Model(dj.split_mesh(mesh, groups={"up": facets}), material=CONCRETE)
 
 
 def test_bad_faces(comm):
     """A closed surface has no side that is upstream, a face below a roof no surface of water."""
     with pytest.raises(ValueError, match="no horizontal normal in the mean"):
-        ReservoirMass(group="up", level=5.0).matrix(skin(comm))
-    holed = create_rectangle(comm, WALL, [1, 6], CellType.quadrilateral)
-    holed.topology.create_connectivity(1, 2)
-    facets = locate_entities_boundary(
-        holed, 1, lambda x: (x[0] < 1e-9) & (np.abs(x[1] - 5.0) > 0.99)
-    )
-    middle = locate_entities_boundary(
-        holed, 1, lambda x: (x[0] < 1e-9) & (x[1] > 3.99) & (x[1] < 6.01)
-    )
-    split = split_mesh(holed, groups={"up": np.setdiff1d(facets, middle)})
+        dj.ReservoirMass(group="up", level=5.0).matrix(skin(comm))
+    mesh = create_rectangle(comm, [[0.0, 0.0], WALL], [1, 6], CellType.quadrilateral)
+    mesh.topology.create_connectivity(1, 2)
+    face = locate_entities_boundary(mesh, 1, lambda x: x[0] < 1e-9)
+    middle = locate_entities_boundary(mesh, 1, lambda x: (x[0] < 1e-9) & (abs(x[1] - 5.0) < 1.01))
+    split = dj.split_mesh(mesh, groups={"up": np.setdiff1d(face, middle)})
     with pytest.raises(ValueError, match="1 separate regions of the face do not reach"):
-        ReservoirMass(group="up", level=11.0).matrix(Model(split, material=CONCRETE))
+        dj.ReservoirMass(group="up", level=11.0).matrix(dj.Model(split, material=CONCRETE))
 
 
 @pytest.mark.parametrize("length", [None, 6.0])
@@ -335,19 +308,19 @@ def test_compressible_water(comm, length):
     lowest = 1000.0 / (4.0 * DEPTH)
     for share in (0.5, 0.9):
         water = {"group": "up", "level": DEPTH, "sound_speed": 1000.0, "length": length}
-        mass = ReservoirMass(**water, frequency=share * lowest).matrix(model)
+        mass = dj.ReservoirMass(**water, frequency=share * lowest).matrix(model)
         m = np.sqrt(rate(1) ** 2 - (2.0 * np.pi * share * lowest / 1000.0) ** 2)
         ends = 1.0 if length is None else 1.0 / np.tanh(m * length)
         expected = RHO * DEPTH / 2.0 / m * ends
         assert energy(model, mass, wave(1), wave(1)) == pytest.approx(expected, rel=5e-3)
     with pytest.raises(ValueError, match=r"it must be below the lowest one .*resonates"):
-        ReservoirMass(**water, frequency=1.05 * lowest).matrix(model)
+        dj.ReservoirMass(**water, frequency=1.05 * lowest).matrix(model)
 
 
 def test_not_far_from_westergaard(comm):
     """His parabola has 7/12 rho H^2 of mass where the exact pressure has 0.5428."""
     model = plane(comm, 24)
-    parabola = WestergaardMass(group="up", level=DEPTH).matrix(model)
-    exact = ReservoirMass(group="up", level=DEPTH).matrix(model)
+    parabola = dj.WestergaardMass(group="up", level=DEPTH).matrix(model)
+    exact = dj.ReservoirMass(group="up", level=DEPTH).matrix(model)
     ratio = energy(model, exact, along(0), along(0)) / energy(model, parabola, along(0), along(0))
     assert ratio == pytest.approx(0.5428 * 12.0 / 7.0, rel=1e-3)

@@ -2,16 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 r"""Waves in a reservoir against exact solutions, and their energy beside that of a jointed dam.
 
-A rigid vertical face of depth H accelerates by a e^{i w t} before an endless reservoir with an
-absorbing floor (Fenves and Chopra 1984; Chopra 1967 without absorption). With q = (1 - alpha) /
-((1 + alpha) c) and p_m = sin l_m (H - z), l_m cos l_m H + i w q sin l_m H = 0,
-
-    F = -rho a sum I_m^2 / (N_m k_m),  k_m^2 = l_m^2 - (w / c)^2,
-    I_m = int p_m dz = (1 - cos l_m H) / l_m,  N_m = int p_m^2 dz = H / 2 - sin(2 l_m H) / (4 l_m).
-
-A floor that accelerates upwards under such water, all alike along the reservoir, makes
-
-    p = rho a sin k (H - z) / (k cos k H + i w q sin k H),  k = w / c.
+Forces on a rigid vertical face, before endless water or up to a wall, and of a floor that
+accelerates upwards are those of `benchmarks.reservoir_waves.exact`.
 
 On a surface that moves, p = rho g times its height: waves of a rigid basin have
 
@@ -42,12 +34,14 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from dolfinx.mesh import CellType, create_box, create_rectangle, locate_entities_boundary
+from boxes import Rows, box
+from dolfinx.mesh import CellType
 from scipy.optimize import brentq
 from scipy.sparse.linalg import eigsh
 from shaken_wall import CONCRETE, shaking, wall
 
 import dolfinx_joints as dj
+from benchmarks.reservoir_waves import exact, spectrum
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.loads.water.far_field import FarField
 from dolfinx_joints.postprocessing.energy_lines import energy_lines
@@ -59,21 +53,12 @@ TETRAHEDRON = CellType.tetrahedron
 H, RHO, C = 100.0, 1000.0, 1440.0
 FIRST = C / (4.0 * H)
 RIGID = dj.Elastic(young=1e17, poisson=0.2, density=2400.0)
+UP = {"up": (0, 0.0)}
 
 
-class Kept(Monitor):
-    """Times, forces of the water and energies."""
-
-    def __init__(self):
-        self.times, self.forces, self.energies = [], [], []
-
-    def start(self, model, stage, steps, first):
-        self.record(first)
-
-    def record(self, record):
-        self.times.append(record.time)
-        self.forces.append(record.reservoir_force)
-        self.energies.append(record.energy)
+def forces_kept():
+    """A monitor that keeps times and forces of the water."""
+    return Rows(lambda record: (record.time, record.reservoir_force))
 
 
 class Crest(Monitor):
@@ -89,98 +74,35 @@ class Crest(Monitor):
         self.values.append(np.concatenate(self._comm.allgather(mine))[0])
 
 
-def tagged(mesh, groups, place=None):
-    """The mesh with groups of facets, each found by a function of its points."""
-    fdim = mesh.topology.dim - 1
-    found = {name: locate_entities_boundary(mesh, fdim, where) for name, where in groups.items()}
-    if place is not None:
-        mesh.geometry.x[:] = place(mesh.geometry.x)
-    return dj.split_mesh(mesh, groups=found)
-
-
 def rigid_dam(comm, waves, cells=16):
-    mesh = create_rectangle(comm, [[0.0, 0.0], [20.0, H]], [1, cells], CellType.quadrilateral)
-    jointed = tagged(mesh, {"up": lambda x: x[0] < 1e-9, "down": lambda x: x[0] > 20.0 - 1e-9})
+    jointed = box([20.0, H], [1, cells], groups=UP | {"down": (0, 20.0)}, comm=comm)
     return dj.Model(jointed, material=RIGID, supports=[dj.Fixed(group="down")], water=waves)
 
 
-def response(model, axis, frequencies, steps, per_period=40):
-    """Force of the water over a pulse of the ground's acceleration, in the frequency domain."""
-    kept = Kept()
-    dt = 1.0 / (3.0 * FIRST * per_period)
-    pulse = lambda t: np.exp(-(((t - 0.3) / 0.05) ** 2)) * np.eye(3)[axis]  # noqa: E731
-    outcome = dj.Simulation(model, monitors=[kept]).dynamics(dt=dt, steps=steps, motion=pulse)
-    assert outcome.energy_error < 1e-10
-    times = np.array(kept.times)
-    waves = np.exp(-2j * np.pi * np.outer(frequencies, times))
-    return (waves @ np.array(kept.forces)[:, 0]) / (waves @ [pulse(t)[axis] for t in times])
+def error_of_force(*case, **options):
+    """Largest error of `spectrum` over the largest force, over 0 to 3 times the first frequency."""
+    _, found, exact, imbalance = spectrum(*case, **options)
+    assert imbalance < 1e-10
+    return np.abs(found - exact).max() / np.abs(exact).max()
 
 
-def exact_force(frequency, alpha, modes=60, length=np.inf):
-    """Force on the face, endless or up to a wall that moves with it: between them p is odd."""
-    omega = 2.0 * np.pi * frequency
-    damped = 1j * omega * (1.0 - alpha) / ((1.0 + alpha) * C)
-    rates = (2.0 * np.arange(1, modes) - 1.0) * np.pi / (2.0 * H) + 0j
-    for _ in range(50):  # Newton's method
-        sine, cosine = np.sin(rates * H), np.cos(rates * H)
-        slope = cosine - rates * H * sine + damped * H * cosine
-        rates -= (rates * cosine + damped * sine) / slope
-    decay = np.sqrt(rates**2 - (omega / C) ** 2)
-    decay = np.where(decay.real < 0.0, -decay, decay)
-    moment = (1.0 - np.cos(rates * H)) / rates
-    size = H / 2.0 - np.sin(2.0 * rates * H) / (4.0 * rates)
-    ended = 1.0 if np.isinf(length) else np.tanh(decay * length / 2.0)
-    return -RHO * np.sum(moment**2 / size / decay * ended)
-
-
-def test_force_on_a_rigid_face(comm):
-    """Over 0 to 3 times the reservoir's first frequency, within 1 % of the largest force."""
-    frequencies = np.linspace(0.02, 3.0, 150) * FIRST
-    exact = np.array([exact_force(f, 0.75) for f in frequencies])
+def test_force_on_a_rigid_face():
     # Below all frequencies it is Westergaard's incompressible water.
-    assert abs(exact[0]) == pytest.approx(0.543 * RHO * H**2, rel=2e-3)
-    errors = []
-    for length in (5.0, 10.0):
-        waves = dj.ReservoirWaves(
-            group="up", level=H, length=length * H, bottom_reflection=0.75, sound_speed=C
-        )
-        found = response(rigid_dam(comm, waves), 0, frequencies, 2000)
-        errors.append(np.abs(found - exact).max() / np.abs(exact).max())
+    slow = abs(exact("stream", np.array([0.02 * FIRST]), 0.75)[0])
+    assert slow == pytest.approx(0.543 * RHO * H**2, rel=2e-3)
+    errors = [error_of_force("stream", 0.75, n, 0.0, "radiating", 2000) for n in (5.0, 10.0)]
     assert errors[1] < 0.01
     assert errors[1] < errors[0] / 4.0
 
 
-def test_a_wall_at_the_far_end_moves_with_the_ground(comm):
-    """Over 0 to 3 times the first frequency, within 2 % of the largest force."""
-    frequencies = np.linspace(0.02, 3.0, 150) * FIRST
-    exact = np.array([exact_force(f, 0.75, length=2.0 * H) for f in frequencies])
-    waves = dj.ReservoirWaves(
-        group="up",
-        level=H,
-        length=2.0 * H,
-        bottom_reflection=0.75,
-        sound_speed=C,
-        far_end="rigid",
-        layers=48,
-    )
-    found = response(rigid_dam(comm, waves), 0, frequencies, 2000)
-    assert np.abs(found - exact).max() < 0.02 * np.abs(exact).max()
+def test_a_wall_at_the_far_end_moves_with_the_ground():
+    assert error_of_force("stream", 0.75, 2.0, 0.0, "rigid", 2000, layers=48) < 0.02
 
 
 @pytest.mark.parametrize("far_end", ["rigid", "radiating"])
-def test_floor_that_shakes_upwards(comm, far_end):
+def test_floor_that_shakes_upwards(far_end):
     """However near the far end is: it takes nothing of the wave of the cross-section."""
-    frequencies = np.linspace(0.1, 3.0, 60) * FIRST
-    omega = 2.0 * np.pi * frequencies
-    k, damped = omega / C, 1j * omega * 0.25 / (1.75 * C)
-    top = (1.0 - np.cos(k * H)) / k
-    # The face is pushed away from the water, along x.
-    exact = RHO * top / (k * np.cos(k * H) + damped * np.sin(k * H))
-    waves = dj.ReservoirWaves(
-        group="up", level=H, length=50.0, bottom_reflection=0.75, far_end=far_end, layers=4
-    )
-    found = response(rigid_dam(comm, waves), 2, frequencies, 2500)
-    assert np.abs(found - exact).max() < 0.01 * np.abs(exact).max()
+    assert error_of_force("upwards", 0.75, 0.5, 0.0, far_end, 2500, layers=4) < 0.01
 
 
 @mpi
@@ -201,20 +123,17 @@ def test_frequency_response_before_a_rigid_dam(comm, alpha, length, absorbing, e
         absorbing_length=absorbing * H,
     )
     model, points = rigid_dam(comm, waves), {"crest": (0.0, H)}
-    exact = np.array([exact_force(f, alpha) for f in frequencies])
-    found = dj.frequency_response(model, frequencies, points=points)
-    assert np.abs(found.reservoir_force[:, 0] - exact).max() < error * np.abs(exact).max()
-    np.testing.assert_allclose(found.acceleration("crest")[:, 0], 1.0, atol=1e-6)
-    k, q = 2.0 * np.pi * frequencies / C, (1.0 - alpha) / (1.0 + alpha)
-    exact = RHO * (1.0 - np.cos(k * H)) / k / (k * (np.cos(k * H) + 1j * q * np.sin(k * H)))
-    found = dj.frequency_response(model, frequencies, points=points, direction=(0.0, 1.0))
-    assert np.abs(found.reservoir_force[:, 0] - exact).max() < error * np.abs(exact).max()
+    for direction, axes in (("stream", (1.0, 0.0)), ("upwards", (0.0, 1.0))):
+        right = exact(direction, frequencies, alpha)
+        found = dj.frequency_response(model, frequencies, points=points, direction=axes)
+        assert np.abs(found.reservoir_force[:, 0] - right).max() < error * np.abs(right).max()
+        if direction == "stream":
+            np.testing.assert_allclose(found.acceleration("crest")[:, 0], 1.0, atol=1e-6)
 
 
 def test_frequency_response_of_a_dam_that_bends_is_that_of_a_run_in_time(comm):
     """By the Fourier transform of crest and force under a pulse, at the rule's own frequency."""
-    mesh = create_rectangle(comm, [[0.0, 0.0], [30.0, H]], [2, 8], CellType.quadrilateral)
-    jointed = tagged(mesh, {"up": lambda x: x[0] < 1e-9, "base": lambda x: x[1] < 1e-9})
+    jointed = box([30.0, H], [2, 8], groups=UP | {"base": (1, 0.0)}, comm=comm)
     waves = dj.ReservoirWaves(group="up", level=H, length=3.0 * H, bottom_reflection=0.3)
     model = dj.Model(
         jointed,
@@ -225,15 +144,15 @@ def test_frequency_response_of_a_dam_that_bends_is_that_of_a_run_in_time(comm):
     )
     dt, frequencies = 2.0**-7, np.array([0.7, 1.6, 2.5])
     pulse = lambda t: np.exp(-(((t - 0.3) / 0.05) ** 2)) * np.array([1.0, 0.0, 0.5])  # noqa: E731
-    crest, kept = Crest(model), Kept()
+    crest, kept = Crest(model), forces_kept()
     dj.Simulation(model, monitors=[crest, kept]).dynamics(dt=dt, steps=768, motion=pulse)
-    times = np.array(kept.times)
+    times, forces = (np.array(column) for column in zip(*kept.rows, strict=True))
     waves = np.exp(-2j * np.pi * np.outer(frequencies, times))
     ground = (waves @ [pulse(t) for t in times])[:, :1] * np.hypot(1.0, 0.5)
     turned = np.tan(np.pi * frequencies * dt) / (np.pi * dt)
     found = dj.frequency_response(model, turned, points={"crest": (0.0, H)}, direction=(1.0, 0.5))
     moved = (waves @ np.append(0.0, crest.values)) / ground[:, 0]
-    force = (waves @ np.array(kept.forces))[:, 0] / ground[:, 0]
+    force = (waves @ forces)[:, 0] / ground[:, 0]
     for one, other in (
         (moved, found.displacement["crest"][:, 0]),
         (force, found.reservoir_force[:, 0]),
@@ -252,8 +171,7 @@ def leaning(x):
 @mpi
 @pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
 def test_a_linear_field_flows_through_face_and_floor(comm, cell):
-    mesh = create_box(comm, [[0.0, 0.0, 0.0], [4.0, 12.0, 12.0]], [1, 5, 6], cell)
-    jointed = tagged(mesh, {"up": lambda x: x[0] < 1e-9}, leaning)
+    jointed = box([4.0, 12.0, 12.0], [1, 5, 6], cell, groups=UP, place=leaning, comm=comm)
     level, length = 9.7, 20.0
     waves = dj.ReservoirWaves(
         group="up", level=level, length=length, bottom_reflection=0.0, layers=3, upstream=(-1, 0, 0)
@@ -300,8 +218,7 @@ def test_far_field_is_of_second_order_at_its_steps_and_between_them(comm):
 
 def test_energies_of_a_box_of_water(comm):
     """y = H - z: rho y^2 / 2 over the water, rho c y^2 over floor, banks and the far end."""
-    mesh = create_box(comm, [[0.0, 0.0, 0.0], [4.0, 12.0, 12.0]], [1, 4, 5], CellType.hexahedron)
-    jointed = tagged(mesh, {"up": lambda x: x[0] < 1e-9})
+    jointed = box([4.0, 12.0, 12.0], [1, 4, 5], groups=UP, comm=comm)
     waves = dj.ReservoirWaves(group="up", level=10.0, length=20.0, bottom_reflection=0.0)
     water = waves.water(dj.Model(jointed, material=CONCRETE))
     rows, y = water.rows(0, water.size), 10.0 - water.places[:, 2]
@@ -318,31 +235,26 @@ def test_energies_of_a_box_of_water(comm):
     np.testing.assert_allclose(water.driven[:, 2].sum(), 0.0, atol=1e-9)  # a closed box
 
 
-def meshed(mesh, groups, place=None, **options):
+def meshed(corners, cells, groups, cell=None, place=None, **options):
+    """Water with a mesh of its own; groups are planes."""
     bottom = [name for name in groups if name == "floor" or "bank" in name]
-    jointed = tagged(mesh, groups, place)
+    jointed = box(corners, cells, cell, groups=groups, place=place, comm=MPI.COMM_SELF)
     return dj.MeshedReservoir(group="up", mesh=jointed, face="face", bottom=bottom, **options)
 
 
 def test_meshed_water_is_the_moved_face_where_both_have_the_same_elements(comm):
     """Bilinear squares in a mesh of their own, in an order of their own."""
-    mesh = create_rectangle(
-        MPI.COMM_SELF, [[-2.0 * H, 0.0], [0.0, H]], [32, 16], CellType.quadrilateral
-    )
-    groups = {
-        "face": lambda x: x[0] > -1e-9,
-        "floor": lambda x: x[1] < 1e-9,
-        "far": lambda x: x[0] < 1e-9 - 2.0 * H,
-    }
-    water = meshed(mesh, groups, far_end="far", bottom_reflection=0.5)
+    groups = {"face": (0, 0.0), "floor": (1, 0.0), "far": (0, -2.0 * H)}
+    extent = [[-2.0 * H, 0.0], [0.0, H]], [32, 16]
+    water = meshed(*extent, groups, far_end="far", bottom_reflection=0.5)
     moved = dj.ReservoirWaves(group="up", level=H, length=2.0 * H, bottom_reflection=0.5, layers=32)
     forces = []
     for waves in (water, moved):
-        kept = Kept()
+        kept = forces_kept()
         dj.Simulation(rigid_dam(comm, waves), monitors=[kept]).dynamics(
             dt=2e-3, steps=50, motion=lambda t: np.array([np.sin(9.0 * t), 0.0, np.sin(7.0 * t)])
         )
-        forces.append(np.array(kept.forces))
+        forces.append(np.array([force for _, force in kept.rows]))
     np.testing.assert_allclose(forces[0], forces[1], atol=1e-9 * np.abs(forces[1]).max())
 
 
@@ -357,20 +269,13 @@ def rising(x):
 @mpi
 def test_a_linear_field_flows_through_a_floor_of_any_shape(comm):
     """Before a dam with other nodes on its face."""
-    mesh = create_box(
-        MPI.COMM_SELF, [[-20.0, 0.0, 0.0], [0.0, 12.0, 10.0]], [4, 3, 3], CellType.tetrahedron
-    )
-    groups = {
-        "face": lambda x: x[0] > -1e-9,
-        "floor": lambda x: x[2] < 1e-9,
-        "left bank": lambda x: x[1] < 1e-9,
-        "right bank": lambda x: x[1] > 12.0 - 1e-9,
-        "far": lambda x: x[0] < 1e-9 - 20.0,
-    }
-    waves = meshed(mesh, groups, rising, far_end="far")
-    body = create_box(comm, [[0.0, 0.0, 0.0], [4.0, 12.0, 10.0]], [1, 3, 3], TETRAHEDRON)
+    groups = {"face": (0, 0.0), "floor": (2, 0.0), "far": (0, -20.0)}
+    groups |= {"left bank": (1, 0.0), "right bank": (1, 12.0)}
+    extent = [[-20.0, 0.0, 0.0], [0.0, 12.0, 10.0]], [4, 3, 3]
+    waves = meshed(*extent, groups, TETRAHEDRON, rising, far_end="far")
     bent = lambda x: rising(x * [0.0, 1.0, 1.0]) + x * [1.0, 0.0, 0.0]  # noqa: E731
-    model = dj.Model(tagged(body, {"up": lambda x: x[0] < 1e-9}, bent), material=CONCRETE)
+    body = box([4.0, 12.0, 10.0], [1, 3, 3], TETRAHEDRON, groups=UP, place=bent, comm=comm)
+    model = dj.Model(body, material=CONCRETE)
     water = waves.water(model)
     rows = water.rows(0, water.size)
     flux = rows.stiffness @ (water.places[:, 2] - 10.0)
@@ -382,15 +287,9 @@ def test_a_linear_field_flows_through_a_floor_of_any_shape(comm):
 
 def basin(height, length, cells, **options):
     """Closed water with a mesh of its own, twice as long as high or so."""
-    mesh = create_rectangle(
-        MPI.COMM_SELF, [[-length, 0.0], [0.0, height]], [2 * cells, cells], CellType.quadrilateral
-    )
-    groups = {
-        "face": lambda x: x[0] > -1e-9,
-        "floor": lambda x: x[1] < 1e-9,
-        "far bank": lambda x: x[0] < 1e-9 - length,
-    }
-    return meshed(mesh, groups, gravity_waves=True, **options)
+    groups = {"face": (0, 0.0), "floor": (1, 0.0), "far bank": (0, -length)}
+    extent = [[-length, 0.0], [0.0, height]], [2 * cells, cells]
+    return meshed(*extent, groups, gravity_waves=True, **options)
 
 
 def moved(height, length, cells, far_end="rigid", **options):
@@ -417,11 +316,11 @@ def test_waves_on_the_surface_of_a_basin(comm, make, gdim):
     errors = []
     for cells in (6, 12):
         if gdim == 3:
-            top = [4.0, width, 12.0]  # the level cuts its cells
-            body = create_box(comm, [[0.0, 0.0, 0.0], top], [1, cells, cells], TETRAHEDRON)
+            size, counts, cell = [4.0, width, 12.0], [1, cells, cells], TETRAHEDRON
         else:
-            body = create_rectangle(comm, [[0.0, 0.0], [4.0, 12.0]], [1, cells], CellType.triangle)
-        dam = dj.Model(tagged(body, {"up": lambda x: x[0] < 1e-9}), material=CONCRETE)
+            size, counts, cell = [4.0, 12.0], [1, cells], CellType.triangle
+        # The level cuts cells of the body.
+        dam = dj.Model(box(size, counts, cell, groups=UP, comm=comm), material=CONCRETE)
         water = make(depth, length, cells, sound_speed=sound).water(dam)
         rows = water.rows(0, water.size)
         found = eigsh(rows.stiffness, 5, rows.mass, sigma=-0.1, return_eigenvectors=False)
@@ -481,8 +380,7 @@ def jointed_dam(wall_file, read):
 @pytest.mark.filterwarnings("ignore:.*sound_speed")
 def test_fast_sound_is_the_added_mass(comm):
     """A dam that bends, before water that hardly compresses, against `ReservoirMass`."""
-    mesh = create_rectangle(comm, [[0.0, 0.0], [30.0, H]], [3, 12], CellType.quadrilateral)
-    jointed = tagged(mesh, {"up": lambda x: x[0] < 1e-9, "base": lambda x: x[1] < 1e-9})
+    jointed = box([30.0, H], [3, 12], groups=UP | {"base": (1, 0.0)}, comm=comm)
     # The wall at the far end moves with the ground here and rests there: two thousandths of it.
     water = {"group": "up", "level": H, "length": 4.0 * H}
     waves = dj.ReservoirWaves(**water, sound_speed=1e5, far_end="rigid", layers=96)
@@ -525,11 +423,12 @@ def test_jointed_dam_balances_its_energy(comm, jointed_dam, solver, gravity_wave
 @pytest.mark.parametrize("gravity_waves", [False, True])
 def test_results_do_not_depend_on_the_ranks(comm, jointed_dam, gravity_waves):
     def run(on):
-        kept = Kept()
+        kept = forces_kept()
         simulation = dj.Simulation(jointed_dam(on, gravity_waves), monitors=[kept])
         simulation.statics()
         outcome = simulation.dynamics(dt=4e-3, steps=30, motion=shaking)
-        return np.array(kept.forces), outcome.state.displacement.norm(), outcome.energy.water
+        forces = np.array([force for _, force in kept.rows])
+        return forces, outcome.state.displacement.norm(), outcome.energy.water
 
     for found, expected in zip(run(comm), run(MPI.COMM_SELF), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
@@ -537,7 +436,7 @@ def test_results_do_not_depend_on_the_ranks(comm, jointed_dam, gravity_waves):
 
 def test_results_hold_force_and_energies(comm, jointed_dam, tmp_path):
     """The force is that of the pressures on the face."""
-    path, kept = tmp_path / "waves.h5", Kept()
+    path, kept = tmp_path / "waves.h5", forces_kept()
     monitor = dj.ResultsMonitor(path, points={"crest": (10.0, 0.0, 20.0)})
     model = jointed_dam()
     simulation = dj.Simulation(model, monitors=[monitor, kept])
@@ -545,7 +444,7 @@ def test_results_hold_force_and_energies(comm, jointed_dam, tmp_path):
     outcome = simulation.dynamics(dt=4e-3, steps=20, motion=shaking)
     with dj.Results(path) as results:
         forces = results.series("histories", "reservoir_force")
-        np.testing.assert_array_equal(forces, kept.forces)
+        np.testing.assert_array_equal(forces, [force for _, force in kept.rows])
         lines = energy_lines(results)
         assert lines["water"][-1] == outcome.energy.water
         assert "bottom_reflection=0.8" in results.metadata["manifest"]["reservoir"]
@@ -583,10 +482,8 @@ def test_errors(comm, wall_file, read, given, message):
 
 @mpi
 def test_water_that_is_not_before_the_dam(comm):
-    mesh = create_rectangle(
-        MPI.COMM_SELF, [[-50.0, 0.0], [-2.0, H]], [4, 4], CellType.quadrilateral
-    )
-    water = meshed(mesh, {"face": lambda x: x[0] > -2.1, "floor": lambda x: x[1] < 1e-9})
+    groups = {"face": (0, -2.0), "floor": (1, 0.0)}
+    water = meshed([[-50.0, 0.0], [-2.0, H]], [4, 4], groups)
     with pytest.raises(dj.MeshError, match=r"wet face at \(.*\) m is 2 m away from the water"):
         rigid_dam(comm, water)
 

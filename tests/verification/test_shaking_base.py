@@ -29,8 +29,6 @@ import math
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import pairwise
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
@@ -39,25 +37,15 @@ from scipy.optimize import brentq
 
 pytest.importorskip("dolfinx")
 
-from mpi4py import MPI
+from boxes import Rows
 
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    Model,
-    Simulation,
-    read_msh,
-)
-from dolfinx_joints.common.mpi import on_root
+import dolfinx_joints as dj
+from benchmarks.shared.scenes import mesh_of
 from dolfinx_joints.geometry.two_blocks import two_blocks
-from dolfinx_joints.simulation.monitor import Monitor
 
-COMM = MPI.COMM_WORLD
 LENGTH, WIDTH, HEIGHT = 2.0, 1.0, 0.02  # of the block [m]; flat, so that it hardly rocks
 # Without lateral contraction self weight leaves the joint without shear.
-STONE = Elastic(young=30e9, poisson=0.0, density=2400.0)
+STONE = dj.Elastic(young=30e9, poisson=0.0, density=2400.0)
 MASS = STONE.density * LENGTH * WIDTH * HEIGHT
 K_N = 1e10  # Pa/m
 STIFF, SOFT = 1e11, 4e6  # k_s [Pa/m]: sticking at 7000 and at 46 Hz
@@ -272,32 +260,20 @@ class BlockOnSprings:
 
 @cache
 def blocks(cell):
-    """The mesh; rank 0 alone writes and reads the file."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "blocks.msh"
-        sizes = {"length": LENGTH, "width": WIDTH, "size": 0.5, "cell": cell}
-        on_root(COMM, lambda: two_blocks(path, **sizes, lower_height=0.1, upper_height=HEIGHT))
-        return read_msh(path, COMM)
+    """The mesh."""
+    sizes = {"length": LENGTH, "width": WIDTH, "size": 0.5, "cell": cell}
+    return mesh_of(two_blocks, lower_height=0.1, upper_height=HEIGHT, **sizes)
 
 
-class History(Monitor):
-    """Collects time [s], mean slip along x and y [m], friction work [J] and sliding points."""
+class History(NamedTuple):
+    """At all steps: time [s], mean slips [m], friction work [J], numbers of points."""
 
-    def start(self, model, stage, steps, first):
-        self.contact, self.rows = model.contact, []
-        self.area = self.contact.integral(np.ones(len(first.joints.status)))
-        self.record(first)
-
-    def record(self, record):
-        slip = record.joints.state.gap[:, 1:]
-        mean = [self.contact.integral(slip[:, axis]) / self.area for axis in (0, 1)]
-        counts = self.contact.counts(record.joints.status)
-        self.rows.append((record.time, *mean, record.energy.friction, counts.slip, counts.open))
-
-    def finish(self, status, summary):
-        self.time, self.slip, self.across, self.friction, self.sliding, self.open = np.array(
-            self.rows
-        ).T
+    time: np.ndarray
+    slip: np.ndarray
+    across: np.ndarray
+    friction: np.ndarray
+    sliding: np.ndarray
+    open: np.ndarray
 
 
 @cache
@@ -314,18 +290,18 @@ def shake(ratio, *, steps=200, k_s=STIFF, cell="hex", direction_deg=0.0):
     Returns:
         The history, slip along and across that direction, and the outcome.
     """
-    exact, history = ShakenBlock(ratio), History()
-    law = FrictionNoTension(
+    exact = ShakenBlock(ratio)
+    law = dj.FrictionNoTension(
         normal_stiffness=K_N,
         shear_stiffness=k_s,
         friction_angle_deg=math.degrees(math.atan(FRICTION / GRAVITY)),
     )
-    model = Model(
+    model = dj.Model(
         blocks(cell),
         material=STONE,
         joints=law,
-        supports=[Fixed(group="base")],
-        loads=[Gravity(acceleration=(0.0, 0.0, -GRAVITY))],
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity(acceleration=(0.0, 0.0, -GRAVITY))],
     )
     c, s = math.cos(math.radians(direction_deg)), math.sin(math.radians(direction_deg))
 
@@ -333,15 +309,21 @@ def shake(ratio, *, steps=200, k_s=STIFF, cell="hex", direction_deg=0.0):
         a = exact.amplitude * math.sin(exact.frequency * time)
         return a * c, a * s, 0.0
 
-    simulation = Simulation(model, monitors=[history])
+    contact = model.contact
+    area = contact.integral(np.ones(len(contact.operator.areas)))
+
+    def row(record):
+        x, y = (contact.integral(record.joints.state.gap[:, axis]) / area for axis in (1, 2))
+        counts = contact.counts(record.joints.status)
+        along, across = c * x + s * y, c * y - s * x
+        return record.time, along, across, record.energy.friction, counts.slip, counts.open
+
+    seen = Rows(row)
+    simulation = dj.Simulation(model, monitors=[seen])
     simulation.statics()
     dt = PERIOD / steps
     outcome = simulation.dynamics(dt=dt, steps=CYCLES * steps, motion=ground)
-    history.slip, history.across = (
-        c * history.slip + s * history.across,
-        c * history.across - s * history.slip,
-    )
-    return history, outcome
+    return History(*np.array(seen.rows).T), outcome
 
 
 def exact_time(count=4001):

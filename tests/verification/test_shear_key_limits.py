@@ -19,24 +19,13 @@ pytest.importorskip("dolfinx")
 
 from shaken_wall import DT, shaking, wall
 
-from dolfinx_joints import (
-    ConvergenceError,
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    Model,
-    Prescribed,
-    Pressure,
-    ShearKeyJoint,
-    Simulation,
-)
+import dolfinx_joints as dj
 
 pytestmark = pytest.mark.mpi
 
 PHI, ALPHA = 15.0, 10.0
 STIFF = {"normal_stiffness": 1e10, "shear_stiffness": 1e10, "friction_angle_deg": PHI}
-KEYS = ShearKeyJoint(
+KEYS = dj.ShearKeyJoint(
     **STIFF,
     depth=0.05,
     flank_angle_deg=ALPHA,
@@ -57,14 +46,14 @@ def pushed(jointed, law, ratio, solver, axis=0):
     dim = jointed.mesh.geometry.dim
     force = np.zeros(dim)
     force[axis], force[-1] = 9.81 * ratio, -9.81
-    model = Model(
+    model = dj.Model(
         jointed,
-        material=Elastic(young=30e9, poisson=0.2, density=2400.0),
+        material=dj.Elastic(young=30e9, poisson=0.2, density=2400.0),
         joints=law,
-        supports=[Fixed(group="base")],
-        loads=[Gravity(acceleration=tuple(force))],
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity(acceleration=tuple(force))],
     )
-    state = Simulation(model, solver=solver).statics(steps=4)
+    state = dj.Simulation(model, solver=solver).statics(steps=4)
     sums = [model.contact.integral(each) for each in state.joints.traction.T]
     return math.hypot(*sums[1:]) / -sums[0]
 
@@ -77,9 +66,9 @@ def test_keys_hold_what_friction_cannot(meshes, dim, solver, play):
     limit = math.tan(math.radians(ALPHA + PHI))
     held = pushed(meshes(dim), keys, 0.97 * limit, solver)
     assert held == pytest.approx(0.97 * limit, rel=1e-6)
-    with pytest.raises(ConvergenceError):
-        pushed(meshes(dim), FrictionNoTension(**STIFF), 0.97 * limit, solver)
-    with pytest.raises(ConvergenceError):
+    with pytest.raises(dj.ConvergenceError):
+        pushed(meshes(dim), dj.FrictionNoTension(**STIFF), 0.97 * limit, solver)
+    with pytest.raises(dj.ConvergenceError):
         pushed(meshes(dim), keys, 1.03 * limit, solver)
 
 
@@ -88,7 +77,7 @@ def test_keys_do_not_hold_along_themselves(meshes):
     keys = replace(KEYS, forward_play=1e-4, backward_play=1e-4)
     held = pushed(meshes(3), keys, 0.97 * limit, "condensed", axis=1)
     assert held == pytest.approx(0.97 * limit, rel=1e-6)
-    with pytest.raises(ConvergenceError):
+    with pytest.raises(dj.ConvergenceError):
         pushed(meshes(3), keys, 1.03 * limit, "condensed", axis=1)
 
 
@@ -102,17 +91,17 @@ def test_teeth_that_can_stay_stay(meshes, solver, step):
     """
     pressure, shears = 2e5, []
     for cohesion in (2e5, 1e4):
-        model = Model(
+        model = dj.Model(
             meshes(2),
-            material=Elastic(young=30e9, poisson=0.0, density=2400.0),
+            material=dj.Elastic(young=30e9, poisson=0.0, density=2400.0),
             joints=replace(KEYS, forward_play=5e-5, backward_play=5e-5, tooth_cohesion=cohesion),
             supports=[
-                Fixed(group="base"),
-                Prescribed(group="joint_1+", component="x", value=lambda time: time),
+                dj.Fixed(group="base"),
+                dj.Prescribed(group="joint_1+", component="x", value=lambda time: time),
             ],
-            loads=[Pressure(group="top", value=pressure)],
+            loads=[dj.Pressure(group="top", value=pressure)],
         )
-        simulation = Simulation(model, solver=solver)
+        simulation = dj.Simulation(model, solver=solver)
         simulation.statics()
         for time in np.arange(1, round(1e-3 / step) + 1) * step:
             state = simulation.quasi_statics([time])
@@ -131,10 +120,10 @@ def test_a_wall_that_slides_on_shear_keys_by_both_solvers(wall_file, read):
     """
     stiff = {"normal_stiffness": 1e11, "shear_stiffness": 1e11, "friction_angle_deg": 30.0}
     teeth = {"depth": 0.2, "flank_angle_deg": 45.0, "spacing": 1.0, "tooth_cohesion": 2e5}
-    keys = ShearKeyJoint(**stiff, **teeth)
+    keys = dj.ShearKeyJoint(**stiff, **teeth)
     found = []
     for solver in ("condensed", "monolithic"):
-        simulation = Simulation(wall(read(wall_file()), keys), solver=solver)
+        simulation = dj.Simulation(wall(read(wall_file()), keys), solver=solver)
         simulation.statics()
         outcome = simulation.dynamics(dt=DT, steps=6, motion=shaking)
         assert outcome.counts.rejected == 0

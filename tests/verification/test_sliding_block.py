@@ -13,29 +13,19 @@ it stops at 1 s.
 """
 
 import math
-from pathlib import Path
-from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
 
-from mpi4py import MPI
+from boxes import Rows
 
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    Model,
-    Simulation,
-    read_msh,
-)
-from dolfinx_joints.common.mpi import on_root
+import dolfinx_joints as dj
+from benchmarks.shared.scenes import mesh_of
 from dolfinx_joints.exact import SlidingBlock
 from dolfinx_joints.geometry.two_blocks import two_blocks
-from dolfinx_joints.simulation.monitor import Monitor
 
 # Slips of half a metre are those of the problem; that they are not small is said on purpose.
 pytestmark = [
@@ -43,9 +33,8 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:Joint 'joint_1'. slip or opening reached"),
 ]
 
-COMM = MPI.COMM_WORLD
 LENGTH, WIDTH, HEIGHT = 2.0, 1.0, 0.2  # of the block [m]
-CONCRETE = Elastic(young=30e9, poisson=0.2, density=2400.0)
+CONCRETE = dj.Elastic(young=30e9, poisson=0.2, density=2400.0)
 MASS = CONCRETE.density * LENGTH * WIDTH * HEIGHT
 K_N, K_S = 1e10, 4e9  # Pa/m
 EXACT = SlidingBlock(pulse=4.0, yield_acceleration=2.0, duration=0.5)
@@ -54,28 +43,24 @@ LEVEL_MU = EXACT.yield_acceleration / LEVEL_GRAVITY
 
 
 def blocks(cell, scale):
-    """The mesh; rank 0 alone writes and reads the file."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "blocks.msh"
-        sizes = {"length": LENGTH, "width": WIDTH, "size": 0.5}
-        sizes |= {"lower_height": 0.1, "upper_height": HEIGHT}
-        sizes = {name: scale * size for name, size in sizes.items()}
-        on_root(COMM, lambda: two_blocks(path, **sizes, cell=cell))
-        return read_msh(path, COMM)
+    """The mesh."""
+    sizes = {"length": LENGTH, "width": WIDTH, "size": 0.5}
+    sizes |= {"lower_height": 0.1, "upper_height": HEIGHT}
+    return mesh_of(two_blocks, cell=cell, **{name: scale * size for name, size in sizes.items()})
 
 
 def model(cell, mu, gravity, scale=1.0):
     """The block, all sizes times a scale, under gravity (3,) [m/s^2]."""
-    return Model(
+    return dj.Model(
         blocks(cell, scale),
         material=CONCRETE,
-        joints=FrictionNoTension(
+        joints=dj.FrictionNoTension(
             normal_stiffness=K_N,
             shear_stiffness=K_S,
             friction_angle_deg=math.degrees(math.atan(mu)),
         ),
-        supports=[Fixed(group="base")],
-        loads=[Gravity(acceleration=gravity)],
+        supports=[dj.Fixed(group="base")],
+        loads=[dj.Gravity(acceleration=gravity)],
     )
 
 
@@ -86,19 +71,13 @@ def mean_slip(block, joints):
     return np.array([block.contact.integral(slip[:, axis]) for axis in (0, 1)]) / area
 
 
-class History(Monitor):
-    """Collects time [s], mean slip [m] and friction work [J]."""
+class History(NamedTuple):
+    """At all steps: time [s], mean slips [m] and friction work [J]."""
 
-    def start(self, model, stage, steps, first):
-        self.model, self.rows = model, []
-        self.record(first)
-
-    def record(self, record):
-        slip = mean_slip(self.model, record.joints)
-        self.rows.append((record.time, *slip, record.energy.friction))
-
-    def finish(self, status, summary):
-        self.time, self.slip, self.across, self.friction = np.array(self.rows).T
+    time: np.ndarray
+    slip: np.ndarray
+    across: np.ndarray
+    friction: np.ndarray
 
 
 def ground(time):
@@ -109,11 +88,12 @@ def ground(time):
 
 def shake(cell, dt, scale=1.0):
     """Self weight, then the pulse."""
-    history = History()
     block = model(cell, LEVEL_MU, (0.0, 0.0, -LEVEL_GRAVITY), scale)
-    simulation = Simulation(block, monitors=[history])
+    seen = Rows(lambda r: (r.time, *mean_slip(block, r.joints), r.energy.friction))
+    simulation = dj.Simulation(block, monitors=[seen])
     simulation.statics()
-    return history, simulation.dynamics(dt=dt, steps=round(1.2 / dt), motion=ground)
+    outcome = simulation.dynamics(dt=dt, steps=round(1.2 / dt), motion=ground)
+    return History(*np.array(seen.rows).T), outcome
 
 
 def expected_error(dt):

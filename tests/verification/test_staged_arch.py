@@ -9,17 +9,7 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    HydrostaticPressure,
-    JointForces,
-    Model,
-    MohrCoulombJoint,
-    Simulation,
-)
+import dolfinx_joints as dj
 
 pytestmark = pytest.mark.mpi
 
@@ -51,22 +41,22 @@ def test_weight_without_arches_then_water_with_them(mesh_file, read):
     jointed = read(mesh_file(symmetric_dam))
     contraction = [name for name in jointed.joint_names if name != "joint_perimetral"]
     assert len(contraction) == 5
-    weight, water = Gravity(), HydrostaticPressure(group="upstream", level=236.0)
-    rock = Elastic(young=20e9, poisson=0.2, density=0.0)
-    concrete = Elastic(young=25e9, poisson=0.2, density=2400.0)
-    model = Model(
+    weight, water = dj.Gravity(), dj.HydrostaticPressure(group="upstream", level=236.0)
+    rock = dj.Elastic(young=20e9, poisson=0.2, density=0.0)
+    concrete = dj.Elastic(young=25e9, poisson=0.2, density=2400.0)
+    model = dj.Model(
         jointed,
         material={"foundation": rock, "concrete": concrete},
         joints={
-            **dict.fromkeys(contraction, FrictionNoTension(**STIFFNESS)),
-            "joint_perimetral": MohrCoulombJoint(**STIFFNESS, **BOND),
+            **dict.fromkeys(contraction, dj.FrictionNoTension(**STIFFNESS)),
+            "joint_perimetral": dj.MohrCoulombJoint(**STIFFNESS, **BOND),
         },
-        supports=[Fixed(group="foundation_outer")],
+        supports=[dj.Fixed(group="foundation_outer")],
         loads=[weight, water],
     )
-    run = Simulation(model)
+    run = dj.Simulation(model)
     run.statics(joints=["joint_perimetral"], loads=[weight])
-    forces = JointForces(model)(run.static.joints)
+    forces = dj.JointForces(model)(run.static.joints)
     ((pattern, _),) = weight.patterns(model)
     total = -pattern.sum()  # the rock has none
     np.testing.assert_allclose(
@@ -75,7 +65,7 @@ def test_weight_without_arches_then_water_with_them(mesh_file, read):
     assert all(forces[name].normal_force == 0.0 for name in contraction)
     run.grout()
     run.statics(steps=2)
-    forces = JointForces(model)(run.static.joints)
+    forces = dj.JointForces(model)(run.static.joints)
     normal = np.array([forces[name].normal_force for name in contraction])
     np.testing.assert_allclose(normal, normal[::-1], rtol=1e-6)  # as the dam is symmetric
     # Rings alone would bear p R over the 36 m of water, 457 MN; cantilevers take some to the rock.

@@ -19,13 +19,11 @@ import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
-from mpi4py import MPI
 
-from dolfinx.mesh import CellType, create_box, create_rectangle, locate_entities
+from boxes import box, largest
 
 import dolfinx_joints as dj
 
-COMM = MPI.COMM_WORLD
 G = 9.80665  # [m/s^2]
 CONCRETE = dj.Elastic(young=20e9, poisson=0.2, density=2400.0)
 ANGLE, LEAN = np.radians(35.0), np.radians(10.0)  # of friction, and of the wedge's flanks
@@ -50,28 +48,23 @@ def friction(ratio, normal=1e10):
     )
 
 
-def rectangle(corners, cells):
-    mesh = create_rectangle(COMM, corners, cells, CellType.quadrilateral)
-    mesh.topology.create_connectivity(1, 2)
-    return mesh
-
-
-def at(mesh, axis, value, among=lambda x: np.abs(x[0]) >= 0.0):
-    """Facets at a coordinate, those whose vertices are all among others."""
-    return locate_entities(mesh, 1, lambda x: np.isclose(x[axis], value) & among(x))
-
-
 @cache
 def wedge_mesh():
-    mesh = rectangle([[-3.0, 0.0], [3.0, HEIGHT]], [12, 8])
-    joints = {"left_joint": at(mesh, 0, -1.0), "right_joint": at(mesh, 0, 1.0)}
-    groups = {"left": at(mesh, 0, -3.0), "right": at(mesh, 0, 3.0)}
-    groups["bottom"] = at(mesh, 1, 0.0, lambda x: np.abs(x[0]) < 1.0 + 1e-9)
-    x = mesh.geometry.x
-    half, size = 1.0 + (HEIGHT - x[:, 1]) * np.tan(LEAN), np.abs(x[:, 0])
-    leaning = np.where(size <= 1.0, size * half, half + (size - 1.0) / 2.0 * (3.0 - half))
-    x[:, 0] = np.sign(x[:, 0]) * leaning
-    return dj.split_mesh(mesh, joints=joints, groups=groups)
+    def leaning(x):
+        half, size = 1.0 + (HEIGHT - x[:, 1]) * np.tan(LEAN), np.abs(x[:, 0])
+        places = np.where(size <= 1.0, size * half, half + (size - 1.0) / 2.0 * (3.0 - half))
+        return np.column_stack([np.sign(x[:, 0]) * places, x[:, 1:]])
+
+    def bottom(x):
+        return np.isclose(x[1], 0.0) & (np.abs(x[0]) < 1.0 + 1e-9)
+
+    return box(
+        [[-3.0, 0.0], [3.0, HEIGHT]],
+        [12, 8],
+        joints={"left_joint": (0, -1.0), "right_joint": (0, 1.0)},
+        groups={"left": (0, -3.0), "right": (0, 3.0), "bottom": bottom},
+        place=leaning,
+    )
 
 
 def wedge(law, young, spring=0.0):
@@ -179,39 +172,36 @@ def test_a_wedge_without_a_spring_has_no_equilibrium_beyond_its_limit(solver):
 
 def block(ratio):
     """A block on a level joint, pushed by 0.9 of what friction takes at t = 1 s."""
-    mesh = rectangle([[0.0, 0.0], [4.0, 3.0]], [8, 6])
     push = 0.9 * np.tan(ANGLE) * CONCRETE.density * G
-    split = dj.split_mesh(
-        mesh,
-        joints={"joint": at(mesh, 1, 2.0)},
-        groups={"base": at(mesh, 1, 0.0), "top": at(mesh, 1, 3.0)},
-    )
+    ends = {"base": (1, 0.0), "top": (1, 3.0)}
+    split = box([4.0, 3.0], [8, 6], joints={"joint": (1, 2.0)}, groups=ends)
     load = dj.Traction(group="top", value=(push, 0.0), factor=lambda t: t)
     return model_of(split, ratio, ["base"], [dj.Gravity(), load])
 
 
 def arch(ratio, voussoirs=5):
     """A fixed arch of voussoirs under its weight and a growing pressure from above."""
-    mesh = rectangle([[0.0, 0.0], [1.0, 1.0]], [4 * voussoirs, 3])
-    joints = {f"joint_{i}": at(mesh, 0, i / voussoirs) for i in range(1, voussoirs)}
-    groups = {"left": at(mesh, 0, 0.0), "right": at(mesh, 0, 1.0), "top": at(mesh, 1, 1.0)}
-    x = mesh.geometry.x
-    angle, radius = np.pi * (0.95 - 0.9 * x[:, 0]), 4.0 + x[:, 1]
-    x[:, 0], x[:, 1] = radius * np.cos(angle), radius * np.sin(angle)
-    split = dj.split_mesh(mesh, joints=joints, groups=groups)
+
+    def bent(x):
+        angle, radius = np.pi * (0.95 - 0.9 * x[:, 0]), 4.0 + x[:, 1]
+        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), x[:, 2]])
+
+    split = box(
+        [1.0, 1.0],
+        [4 * voussoirs, 3],
+        joints={f"joint_{i}": (0, i / voussoirs) for i in range(1, voussoirs)},
+        groups={"left": (0, 0.0), "right": (0, 1.0), "top": (1, 1.0)},
+        place=bent,
+    )
     load = dj.Traction(group="top", value=(0.0, -3e5), factor=lambda t: t)
     return model_of(split, ratio, ["left", "right"], [dj.Gravity(), load])
 
 
 def crossing(ratio, whole):
     """Joints that meet in an X (``whole``) or a T, the top pressed and pushed."""
-    mesh = rectangle([[0.0, 0.0], [4.0, 4.0]], [8, 8])
-    upright = at(mesh, 0, 2.0) if whole else at(mesh, 0, 2.0, lambda x: x[1] > 2.0 - 1e-9)
-    split = dj.split_mesh(
-        mesh,
-        joints={"upright": upright, "level": at(mesh, 1, 2.0)},
-        groups={"base": at(mesh, 1, 0.0), "top": at(mesh, 1, 4.0)},
-    )
+    lowest = 0.0 if whole else 2.0 - 1e-9
+    joints = {"upright": lambda x: np.isclose(x[0], 2.0) & (x[1] >= lowest), "level": (1, 2.0)}
+    split = box([4.0, 4.0], [8, 8], joints=joints, groups={"base": (1, 0.0), "top": (1, 4.0)})
     load = dj.Traction(group="top", value=(0.9e5, -3e5), factor=lambda t: t)
     return model_of(split, ratio, ["base"], [dj.Gravity(), load], normal=1e11)
 
@@ -230,10 +220,6 @@ SCENES = {
     "X": lambda ratio: crossing(ratio, whole=True),
 }
 LARGEST_LOAD = {"wedge": 0.6e6}  # of the time of the load, 1 s unless given
-
-
-def largest(values):
-    return COMM.allreduce(float(np.abs(values).max(initial=0.0)), MPI.MAX)
 
 
 def difference(one, two):
@@ -270,12 +256,8 @@ def test_increments_do_not_matter_while_slip_keeps_its_direction(scene):
 @pytest.mark.mpi
 def test_increments_converge_with_first_order_where_slip_turns():
     """A block pushed to 0.8 of its friction along x, then along y as well, to 0.9 in all."""
-    mesh = create_box(COMM, [[0, 0, 0], [4, 4, 2]], [4, 4, 4], CellType.hexahedron)
-    mesh.topology.create_connectivity(2, 3)
-    level = {z: locate_entities(mesh, 2, lambda x, z=z: np.isclose(x[2], z)) for z in range(3)}
-    split = dj.split_mesh(
-        mesh, joints={"joint": level[1]}, groups={"base": level[0], "top": level[2]}
-    )
+    ends = {"base": (2, 0.0), "top": (2, 2.0)}
+    split = box([4.0, 4.0, 2.0], [4, 4, 4], joints={"joint": (2, 1.0)}, groups=ends)
     push = np.tan(ANGLE) * CONCRETE.density * G
     loads = [
         dj.Gravity(),
@@ -316,11 +298,9 @@ def test_a_block_without_friction_does_not_drift(kind, solver, gap):
     Poisson's ratio is zero, so that gravity alone strains nothing across. With a gap the block
     falls at once: its loads grow from zero, so that it releases nothing.
     """
-    mesh = create_box(COMM, [[0, 0, 0], [1, 1, 2]], [3, 3, 4], CellType.hexahedron)
-    mesh.topology.create_connectivity(2, 3)
-    level = {z: locate_entities(mesh, 2, lambda x, z=z: np.isclose(x[2], z)) for z in range(3)}
+    joints, base = {"joint": (2, 1.0)}, {"base": (2, 0.0)}
     model = dj.Model(
-        dj.split_mesh(mesh, joints={"joint": level[1]}, groups={"base": level[0]}),
+        box([1.0, 1.0, 2.0], [3, 3, 4], joints=joints, groups=base),
         material=dj.Elastic(young=30e9, poisson=0.0, density=2400.0),
         joints=dj.Joints(SMOOTH[kind], initial_gaps={"joint": gap}),
         supports=[dj.Fixed(group="base")],

@@ -24,76 +24,50 @@ import pytest
 pytest.importorskip("dolfinx")
 
 import ufl
+from boxes import box
 from dolfinx import fem
-from dolfinx.mesh import (
-    CellType,
-    create_box,
-    create_rectangle,
-    locate_entities,
-    locate_entities_boundary,
-)
 
-from dolfinx_joints import (
-    Body,
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    MeshError,
-    Model,
-    Results,
-    ResultsMonitor,
-    Simulation,
-    Temperature,
-    split_mesh,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes, SurfaceStress
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES
 
 pytestmark = pytest.mark.mpi
 
-CONCRETE = Elastic(young=25e9, poisson=0.2, density=2400.0)
+CONCRETE = dj.Elastic(young=25e9, poisson=0.2, density=2400.0)
 ALPHA, LENGTH, K_N = 1e-5, 4.0, 1e10
-LAW = FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_N, friction_angle_deg=30.0)
+LAW = dj.FrictionNoTension(normal_stiffness=K_N, shear_stiffness=K_N, friction_angle_deg=30.0)
 KINDS = [("hexahedron", "strain"), ("tetrahedron", "strain")]
 KINDS += [("quadrilateral", "strain"), ("triangle", "stress")]
 
 
 def bar(comm, cell="hexahedron", *, joint=True):
     """1 m thick, cut at 1.5 m; cell groups ``low`` and ``high``; facets ``x``, ``y``, ``ends``."""
-    kind = getattr(CellType, cell)
-    if cell in ("hexahedron", "tetrahedron"):
-        mesh = create_box(comm, [[0, 0, 0], [1, 1, LENGTH]], [2, 2, 8], kind)
-    else:
-        mesh = create_rectangle(comm, [[0, 0], [1, LENGTH]], [2, 8], kind)
-    dim, along = mesh.topology.dim, mesh.topology.dim - 1
-    mesh.topology.create_connectivity(dim - 1, dim)
-    planes = {"x": lambda x: np.isclose(x[0], 0.0)}
-    if dim == 3:
-        planes["y"] = lambda x: np.isclose(x[1], 0.0)
-    planes["ends"] = lambda x: np.isclose(x[along] * (LENGTH - x[along]), 0.0)
-    cut = locate_entities(mesh, dim - 1, lambda x: np.isclose(x[along], 1.5))
-    return split_mesh(
-        mesh,
-        joints={"joint": cut} if joint else {},
-        groups={n: locate_entities_boundary(mesh, dim - 1, at) for n, at in planes.items()},
-        cell_groups={
-            "low": locate_entities(mesh, dim, lambda x: x[along] <= 1.5 + 1e-9),
-            "high": locate_entities(mesh, dim, lambda x: x[along] >= 1.5 - 1e-9),
-        },
+    size = [1.0, 1.0, LENGTH] if cell in ("hexahedron", "tetrahedron") else [1.0, LENGTH]
+    along = len(size) - 1
+    groups = {"xy"[axis]: (axis, 0.0) for axis in range(along)}
+    groups["ends"] = lambda x: np.isclose(x[along] * (LENGTH - x[along]), 0.0)
+    return box(
+        size,
+        [2] * along + [8],
+        cell,
+        joints={"joint": (along, 1.5)} if joint else {},
+        groups=groups,
+        cells={"low": (0.0, 1.5), "high": (1.5, LENGTH)},
+        comm=comm,
     )
 
 
 def model_of(jointed, loads, *, plane="strain", **options):
     axes = "xyz"[: jointed.mesh.geometry.dim]
-    supports = [Fixed(group=a, components=a) for a in axes[:-1]]
-    return Model(
+    supports = [dj.Fixed(group=a, components=a) for a in axes[:-1]]
+    return dj.Model(
         jointed,
         material=CONCRETE,
         joints=LAW if jointed.joint_names else None,
-        supports=[*supports, Fixed(group="ends", components=axes[-1])],
+        supports=[*supports, dj.Fixed(group="ends", components=axes[-1])],
         loads=loads,
-        body=Body(plane=plane),
+        body=dj.Body(plane=plane),
         **options,
     )
 
@@ -108,9 +82,9 @@ def free_strain(change, jointed, plane):
 @pytest.mark.parametrize(("cell", "plane"), KINDS)
 def test_joint_opens_as_the_blocks_shrink(comm, cell, plane):
     jointed = bar(comm, cell)
-    cold = Temperature(value=4.0, reference=12.0, expansion=ALPHA)
+    cold = dj.Temperature(value=4.0, reference=12.0, expansion=ALPHA)
     model = model_of(jointed, [cold], plane=plane)
-    state = Simulation(model).statics()
+    state = dj.Simulation(model).statics()
     opening = -free_strain(-8.0, jointed, plane)[0] * LENGTH
     np.testing.assert_allclose(state.joints.state.gap[:, 0], opening, rtol=1e-10)
     np.testing.assert_allclose(state.joints.state.gap[:, 1:], 0.0, atol=1e-10 * opening)
@@ -121,9 +95,9 @@ def test_joint_opens_as_the_blocks_shrink(comm, cell, plane):
 @pytest.mark.parametrize("joint", [False, True])
 def test_warm_bar_between_walls(comm, cell, plane, joint):
     jointed = bar(comm, cell, joint=joint)
-    warm = Temperature(value=lambda x: 20.0 + 0.0 * x[0], reference=12.0, expansion=ALPHA)
+    warm = dj.Temperature(value=lambda x: 20.0 + 0.0 * x[0], reference=12.0, expansion=ALPHA)
     model = model_of(jointed, [warm], plane=plane)
-    state = Simulation(model).statics()
+    state = dj.Simulation(model).statics()
     strain, modulus = free_strain(8.0, jointed, plane)
     stress = -strain / (1.0 / modulus + (1.0 / (K_N * LENGTH) if joint else 0.0))
     if joint:
@@ -138,13 +112,32 @@ def test_warm_bar_between_walls(comm, cell, plane, joint):
     assert 0.5 * comm.allreduce(force) == pytest.approx(-stress, rel=1e-9)
 
 
-def test_each_block_has_a_reference(comm):
+def by_block(jointed):
+    """A load for each block."""
+    given = {"value": 9.0, "expansion": ALPHA}
+    low = dj.Temperature(reference=12.0, cells="low", **given)
+    return [low, dj.Temperature(reference=16.0, cells="high", **given)]
+
+
+def by_references(jointed):
+    """One load with a reference for each block."""
+    return [dj.Temperature(value=9.0, reference={"low": 12.0, "high": 16.0}, expansion=ALPHA)]
+
+
+def by_field(jointed):
+    """A DOLFINx function of degree 0 on the mesh."""
+    field = fem.Function(fem.functionspace(jointed.mesh, ("DG", 0)))
+    field.x.array[:] = 5.0
+    field.x.array[jointed.cells("low")] = 9.0
+    return [dj.Temperature(value=field, reference=12.0, expansion=ALPHA)]
+
+
+@pytest.mark.parametrize("loads", [by_block, by_references, by_field])
+def test_each_block_has_a_temperature(comm, loads):
     """The lower block, 1.5 m, is cooled by 3 K from its reference, the upper one by 7 K."""
     jointed = bar(comm)
-    low = Temperature(value=9.0, reference=12.0, expansion=ALPHA, cells="low")
-    high = Temperature(value=9.0, reference=16.0, expansion=ALPHA, cells="high")
-    model = model_of(jointed, [low, high])
-    state = Simulation(model).statics()
+    model = model_of(jointed, loads(jointed))
+    state = dj.Simulation(model).statics()
     # Sideways the blocks shrink differently, which an open joint does not mind.
     opening = ALPHA * (3.0 * 1.5 + 7.0 * 2.5)
     np.testing.assert_allclose(state.joints.state.gap[:, 0], opening, rtol=1e-10)
@@ -153,36 +146,13 @@ def test_each_block_has_a_reference(comm):
     assert np.abs(found).max(initial=0.0) < 1e-9 * CONCRETE.young * ALPHA * 7.0
 
 
-def test_one_load_with_a_reference_per_block(comm):
-    """The same openings as with a load for each block."""
-    load = Temperature(value=9.0, reference={"low": 12.0, "high": 16.0}, expansion=ALPHA)
-    model = model_of(bar(comm), [load])
-    state = Simulation(model).statics()
-    opening = ALPHA * (3.0 * 1.5 + 7.0 * 2.5)
-    np.testing.assert_allclose(state.joints.state.gap[:, 0], opening, rtol=1e-10)
-    found = SurfaceStress(model, NodeNumbering(model.V))(state.displacement, 0.0)
-    assert np.abs(found).max(initial=0.0) < 1e-9 * CONCRETE.young * ALPHA * 7.0
-
-
-def test_field_on_the_mesh(comm):
-    """A DOLFINx function of degree 0: the openings of the block-wise temperatures above."""
-    jointed = bar(comm)
-    field = fem.Function(fem.functionspace(jointed.mesh, ("DG", 0)))
-    field.x.array[:] = 5.0
-    field.x.array[jointed.cells("low")] = 9.0
-    load = Temperature(value=field, reference=12.0, expansion=ALPHA)
-    state = Simulation(model_of(jointed, [load])).statics()
-    opening = ALPHA * (3.0 * 1.5 + 7.0 * 2.5)
-    np.testing.assert_allclose(state.joints.state.gap[:, 0], opening, rtol=1e-10)
-
-
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_gradient_through_the_thickness_bends_without_stress(comm, cell):
     """K u = F and no stress, in a body that nothing holds."""
     slope = 6.0  # K/m
-    load = Temperature(value=lambda x: slope * x[0] + 3.0, reference=3.0, expansion=ALPHA)
+    load = dj.Temperature(value=lambda x: slope * x[0] + 3.0, reference=3.0, expansion=ALPHA)
     jointed = bar(comm, cell, joint=False)
-    model = Model(jointed, material=CONCRETE, loads=[load], body=Body(degree=2))
+    model = dj.Model(jointed, material=CONCRETE, loads=[load], body=dj.Body(degree=2))
     u = model.stiffness.createVecRight()
     x, y, z = model.V.tabulate_dof_coordinates()[: u.getLocalSize() // 3].T
     bent = np.stack([(x**2 - y**2 - z**2) / 2.0, x * y, x * z], axis=1)
@@ -199,12 +169,12 @@ def test_gradient_through_the_thickness_bends_without_stress(comm, cell):
 def test_seasons(comm):
     """A mean below the reference and a swing of 10 K: open in winter, pressed in summer."""
     jointed = bar(comm)
-    mean = Temperature(value=11.0, reference=12.0, expansion=ALPHA)
-    swing = Temperature(
+    mean = dj.Temperature(value=11.0, reference=12.0, expansion=ALPHA)
+    swing = dj.Temperature(
         value=10.0, reference=0.0, expansion=ALPHA, factor=lambda t: math.cos(2.0 * math.pi * t)
     )
     model = model_of(jointed, [mean, swing])
-    simulation, envelopes = Simulation(model), StressEnvelopes(model, NodeNumbering(model.V))
+    simulation, envelopes = dj.Simulation(model), StressEnvelopes(model, NodeNumbering(model.V))
     for time in (0.0, 0.5, 1.0):
         state = simulation.quasi_statics([time])
         change = -1.0 + 10.0 * math.cos(2.0 * math.pi * time)
@@ -223,10 +193,10 @@ def test_seasons(comm):
 
 def test_energies_balance_while_the_body_cools(comm):
     """From 8 K above the reference to 8 K below it, in 10 ms; the joint opens."""
-    fall = Temperature(
+    fall = dj.Temperature(
         value=20.0, reference=12.0, expansion=ALPHA, factor=lambda t: 1.0 - t / 0.005
     )
-    simulation = Simulation(model_of(bar(comm), [fall]))
+    simulation = dj.Simulation(model_of(bar(comm), [fall]))
     closed = simulation.statics().joints.state.gap[:, 0]
     outcome = simulation.dynamics(dt=2e-4, steps=50)
     assert outcome.imbalance < 1e-12
@@ -238,15 +208,15 @@ def test_energies_balance_while_the_body_cools(comm):
 @pytest.mark.filterwarnings("ignore:A single step errs")  # relative to a motion of rounding
 def test_envelopes_of_a_run(comm, new_path):
     """Of a warm bar that nothing moves: its static stress, none sideways."""
-    warm = Temperature(value=20.0, reference=12.0, expansion=ALPHA)
+    warm = dj.Temperature(value=20.0, reference=12.0, expansion=ALPHA)
     path = new_path("warm.h5")
-    monitor = ResultsMonitor(path, points={"end": (0, 0, 4)}, envelopes=True)
-    simulation = Simulation(model_of(bar(comm), [warm]), monitors=[monitor])
+    monitor = dj.ResultsMonitor(path, points={"end": (0, 0, 4)}, envelopes=True)
+    simulation = dj.Simulation(model_of(bar(comm), [warm]), monitors=[monitor])
     simulation.statics()
     simulation.dynamics(dt=2e-4, steps=2)
     stress = -8.0 * ALPHA / (1.0 / CONCRETE.young + 1.0 / (K_N * LENGTH))
     if comm.rank == 0:
-        with Results(path) as results:
+        with dj.Results(path) as results:
             for name, expected in (("min", stress), ("max", 0.0)):
                 found = results.series("envelopes", f"principal_{name}", -1)
                 np.testing.assert_allclose(found, expected, rtol=0, atol=-1e-8 * stress)
@@ -264,8 +234,10 @@ def test_refusals(comm):
         ({"reference": {"low": 9.0}}, r"20 cells have no reference or several; its groups, low,"),
     ):
         with pytest.raises(ValueError, match=message):
-            model_of(jointed, [Temperature(**{**good, **wrong})]).system()
-    with pytest.raises(MeshError, match="middle"):
-        model_of(jointed, [Temperature(**good, cells="middle")]).system()
+            model_of(jointed, [dj.Temperature(**{**good, **wrong})]).system()
+    with pytest.raises(dj.MeshError, match="middle"):
+        model_of(jointed, [dj.Temperature(**good, cells="middle")]).system()
     with pytest.raises(ValueError, match=r"A Temperature was given to a stage; give it to Model"):
-        Simulation(model_of(jointed, [])).dynamics(dt=1e-3, steps=1, loads=[Temperature(**good)])
+        dj.Simulation(model_of(jointed, [])).dynamics(
+            dt=1e-3, steps=1, loads=[dj.Temperature(**good)]
+        )

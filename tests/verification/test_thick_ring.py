@@ -25,21 +25,11 @@ pytest.importorskip("dolfinx")
 
 from rings import HEIGHT, INSIDE, JOINT, OUTSIDE, quarter_ring
 
-from dolfinx_joints import (
-    Body,
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Joints,
-    Model,
-    Pressure,
-    Simulation,
-    mesh_from_arrays,
-)
+import dolfinx_joints as dj
 
 pytestmark = pytest.mark.mpi
 
-CONCRETE = Elastic(young=10e9, poisson=0.2, density=2400.0)
+CONCRETE = dj.Elastic(young=10e9, poisson=0.2, density=2400.0)
 PRESSURE = 1e6
 LENGTH = 0.5 * np.pi * JOINT
 CELLS = ["quadrilateral", "triangle", "hexahedron", "tetrahedron"]
@@ -69,21 +59,21 @@ def joint_pressure(stiffness):
 
 def ring(comm, cell, boxes, *, stiffness=2e10, degree=2, quadrature="auto"):
     """The ring under pressure, on cells of a degree, with displacements of order 2."""
-    jointed = mesh_from_arrays(comm, **quarter_ring(cell, boxes, degree))
+    jointed = dj.mesh_from_arrays(comm, **quarter_ring(cell, boxes, degree))
     planes = {"flat": "y", "upright": "x", "bottom": "z", "top": "z"}
     here = [name for name in planes if name in jointed.facet_groups]
-    return Model(
+    return dj.Model(
         jointed,
         material=CONCRETE,
-        joints=Joints(
-            FrictionNoTension(
+        joints=dj.Joints(
+            dj.FrictionNoTension(
                 normal_stiffness=stiffness, shear_stiffness=0.5 * stiffness, friction_angle_deg=30.0
             ),
             quadrature=quadrature,
         ),
-        supports=[Fixed(group=name, components=planes[name]) for name in here],
-        loads=[Pressure(group="inside", value=PRESSURE)],
-        body=Body(degree=2),
+        supports=[dj.Fixed(group=name, components=planes[name]) for name in here],
+        loads=[dj.Pressure(group="inside", value=PRESSURE)],
+        body=dj.Body(degree=2),
     )
 
 
@@ -95,7 +85,7 @@ def over_joint(model, values):
 
 def pressure_error(model, stiffness):
     """Relative error of the normal force of the joint."""
-    traction = Simulation(model).statics().joints.traction
+    traction = dj.Simulation(model).statics().joints.traction
     exact = joint_pressure(stiffness) * LENGTH
     return abs(over_joint(model, traction[:, 0]) / exact + 1.0)
 

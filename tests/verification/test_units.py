@@ -23,29 +23,9 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from dolfinx_joints import (
-    Elastic,
-    Fixed,
-    FreeField,
-    FrictionNoTension,
-    Gravity,
-    HydrostaticPressure,
-    Joints,
-    JointWater,
-    Model,
-    MohrCoulombJoint,
-    Prescribed,
-    Rayleigh,
-    ReservoirMass,
-    Simulation,
-    SolverOptions,
-    Spring,
-    Traction,
-    ViscousBoundary,
-    ViscousJoint,
-    mesh_from_arrays,
-)
-from dolfinx_joints.simulation.monitor import Monitor
+from boxes import Rows
+
+import dolfinx_joints as dj
 
 pytestmark = [
     pytest.mark.mpi,
@@ -100,7 +80,7 @@ def mesh(units):
     def edges(row):
         return np.column_stack([row[:-1], row[1:]])
 
-    return mesh_from_arrays(
+    return dj.mesh_from_arrays(
         MPI.COMM_WORLD,
         cell="quadrilateral",
         x=units(np.column_stack([x.ravel(), z.ravel()]), m=1),
@@ -118,7 +98,7 @@ def mesh(units):
 
 def friction(u):
     """Joints that press, slide and open."""
-    return FrictionNoTension(
+    return dj.FrictionNoTension(
         normal_stiffness=u.stiffness(4e9),
         shear_stiffness=u.stiffness(2e9),
         friction_angle_deg=30.0,
@@ -127,7 +107,7 @@ def friction(u):
 
 def bonded(u, **more):
     """Joints with a bond that breaks."""
-    return MohrCoulombJoint(
+    return dj.MohrCoulombJoint(
         normal_stiffness=u.stiffness(4e9),
         shear_stiffness=u.stiffness(2e9),
         friction_angle_deg=30.0,
@@ -140,7 +120,7 @@ def bonded(u, **more):
 def dashpots(u):
     """Joints with a bond and dashpots."""
     viscosity = u(1e6, m=-2, s=-1, kg=1)
-    return ViscousJoint(law=bonded(u), normal_viscosity=viscosity, shear_viscosity=viscosity)
+    return dj.ViscousJoint(law=bonded(u), normal_viscosity=viscosity, shear_viscosity=viscosity)
 
 
 def push(u):
@@ -149,15 +129,15 @@ def push(u):
     def factor(time):
         return float(np.sin(np.pi * min(time / u(0.02, s=1), 1.0)))
 
-    return Traction(group="top", value=u.pressure(np.array([2e5, 1e5])), factor=factor)
+    return dj.Traction(group="top", value=u.pressure(np.array([2e5, 1e5])), factor=factor)
 
 
 def clamped(u):
     """A base at rest, springs beside it."""
     stiffness = u.stiffness(3e8)
     return [
-        Fixed(group="base"),
-        Spring(group="end", normal_stiffness=stiffness, tangential_stiffness=stiffness),
+        dj.Fixed(group="base"),
+        dj.Spring(group="end", normal_stiffness=stiffness, tangential_stiffness=stiffness),
     ]
 
 
@@ -168,16 +148,16 @@ def moved(u):
         return u(1e-3, m=1) * float(np.sin(300.0 * time / u(1.0, s=1)))
 
     return [
-        Prescribed(group="base", component="x", value=shift),
-        Fixed(group="base", components="y"),
+        dj.Prescribed(group="base", component="x", value=shift),
+        dj.Fixed(group="base", components="y"),
     ]
 
 
 def floating(u):
     """A base on dashpots, and springs that hold it in statics."""
     stiffness = u.stiffness(1e9)
-    spring = Spring(group="base", normal_stiffness=stiffness, tangential_stiffness=stiffness)
-    return [ViscousBoundary(group="base"), spring]
+    spring = dj.Spring(group="base", normal_stiffness=stiffness, tangential_stiffness=stiffness)
+    return [dj.ViscousBoundary(group="base"), spring]
 
 
 def still_water(u):
@@ -185,8 +165,8 @@ def still_water(u):
     water = {"level": u(2.8, m=1), "density": u.density(1000.0)}
     water["gravity"] = u.acceleration(9.81)
     return [
-        HydrostaticPressure(group="face", **water),
-        JointWater(joint="joint_1", reached_from="face", aperture=u(1e-6, m=1), **water),
+        dj.HydrostaticPressure(group="face", **water),
+        dj.JointWater(joint="joint_1", reached_from="face", aperture=u(1e-6, m=1), **water),
     ]
 
 
@@ -200,7 +180,7 @@ def wave(u):
     highest = u(100.0, s=-1)
     surface = u(0.1, m=1)
     return [
-        FreeField(groups=["base"], incident=velocity, surface=surface, highest_frequency=highest)
+        dj.FreeField(groups=["base"], incident=velocity, surface=surface, highest_frequency=highest)
     ]
 
 
@@ -216,61 +196,42 @@ SCENES = {
 }
 
 
-@dataclass
-class Watch(Monitor):
-    """Every step of a dynamic run, in SI."""
-
-    model: Model
-    units: Units
-    rows: list
-
-    def start(self, model, stage, steps, first):
-        self.record(first)
-
-    def record(self, record):
-        u, e = self.units, record.energy
-        energies = (e.kinetic, e.strain, e.joint, e.input, e.viscous, e.friction)
-        self.rows.append(
-            {
-                "displacement": record.displacement.array / u(1.0, m=1),
-                "velocity": record.velocity.array / u(1.0, m=1, s=-1),
-                "gap": record.joints.state.gap / u(1.0, m=1),
-                "traction": record.joints.traction / u.pressure(1.0),
-                "energy": np.array(energies) / u(1.0, m=1, s=-2, kg=1),
-                "status": np.array(record.joints.status, dtype=float),
-            }
-        )
-
-    def finish(self, status, summary):
-        assert status == "complete"
+def in_si(record, u):
+    """Quantities of a step by name, in SI."""
+    e = record.energy
+    energies = (e.kinetic, e.strain, e.joint, e.input, e.viscous, e.friction)
+    return {
+        "displacement": record.displacement.array / u(1.0, m=1),
+        "velocity": record.velocity.array / u(1.0, m=1, s=-1),
+        "gap": record.joints.state.gap / u(1.0, m=1),
+        "traction": record.joints.traction / u.pressure(1.0),
+        "energy": np.array(energies) / u(1.0, m=1, s=-2, kg=1),
+        "status": np.array(record.joints.status, dtype=float),
+    }
 
 
 def run(scene, units):
     """Self weight, then ten steps of 2 ms, shaken; quantities of each step by name."""
     law, supports, loads, options = SCENES[scene]
-    mass = ReservoirMass(
+    mass = dj.ReservoirMass(
         group="face",
         level=units(2.8, m=1),
         density=units.density(1000.0),
         frequency=units(5.0, s=-1),
         sound_speed=units(1440.0, m=1, s=-1),
     )
-    model = Model(
+    model = dj.Model(
         mesh(units),
-        material=Elastic(young=units.pressure(2e9), poisson=0.2, density=units.density(2400.0)),
-        joints=Joints(law(units), initial_gaps={"joint_2": units(2e-6, m=1)}),
+        material=dj.Elastic(young=units.pressure(2e9), poisson=0.2, density=units.density(2400.0)),
+        joints=dj.Joints(law(units), initial_gaps={"joint_2": units(2e-6, m=1)}),
         supports=supports(units),
-        damping=Rayleigh(mass_factor=units(1.0, s=-1), stiffness_factor=units(1e-4, s=1)),
+        damping=dj.Rayleigh(mass_factor=units(1.0, s=-1), stiffness_factor=units(1e-4, s=1)),
         water=[mass] if scene == "water" else [],
-        loads=[Gravity(acceleration=units.acceleration(np.array([0.0, -9.81]))), *loads(units)],
+        loads=[dj.Gravity(acceleration=units.acceleration(np.array([0.0, -9.81]))), *loads(units)],
     )
-    rows = []
-    simulation = Simulation(
-        model,
-        options=SolverOptions(relative_tolerance=1e-14),
-        monitors=[Watch(model, units, rows)],
-        **options,
-    )
+    seen = Rows(lambda record: in_si(record, units))
+    newton = dj.SolverOptions(relative_tolerance=1e-14)
+    simulation = dj.Simulation(model, options=newton, monitors=[seen], **options)
     simulation.statics()
 
     def ground(time):
@@ -279,7 +240,7 @@ def run(scene, units):
 
     motion = None if scene in ("prescribed", "free field") else ground
     simulation.dynamics(dt=units(2e-3, s=1), steps=10, motion=motion)
-    return rows
+    return seen.rows
 
 
 @pytest.mark.parametrize("scene", SCENES)

@@ -28,23 +28,20 @@ reach equilibrium if rigid ones can: the limits depend on no stiffness.
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
 
-from mpi4py import MPI
-
+from boxes import COMM
 from scipy.optimize import brentq, linprog, minimize_scalar
 
 import dolfinx_joints as dj
+from benchmarks.shared.scenes import mesh_of
 from dolfinx_joints.common.mpi import on_root
 from dolfinx_joints.geometry.voussoir_arch import voussoir_arch
 
-COMM = MPI.COMM_WORLD
 RADIUS, DENSITY, GRAVITY = 10.0, 2400.0, 9.80665  # m, kg/m^3, m/s^2
 GAUSS = {1: 1.0 - 1.0 / math.sqrt(3.0), 2: 1.0 - math.sqrt(0.6)}  # by order of the elements
 K_N = 1e10  # Pa/m
@@ -204,14 +201,9 @@ def simulation(
     stiffness = {"normal_stiffness": K_N, "shear_stiffness": shear * K_N}
     if law is dj.RigidJoint:
         stiffness = {}
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "arch.msh"
-        shape = {"radius": RADIUS, "thickness": t, "voussoirs": voussoirs, "width": width}
-        elements = {"divisions": divisions, "order": order, "cell": cell}
-        on_root(COMM, lambda: voussoir_arch(path, **shape, **elements))
-        jointed = dj.read_msh(path, COMM)
+    shape = {"radius": RADIUS, "thickness": t, "voussoirs": voussoirs, "width": width}
     model = dj.Model(
-        jointed,
+        mesh_of(voussoir_arch, divisions=divisions, order=order, cell=cell, **shape),
         material=dj.Elastic(young=rigidity * K_N * t, poisson=0.2, density=DENSITY),
         joints=dj.Joints(law(friction_angle_deg=angle, **stiffness), quadrature=quadrature),
         supports=[dj.Fixed(group="base")],

@@ -26,35 +26,18 @@ from mpi4py import MPI
 
 import ufl
 from dolfinx.mesh import CellType, create_box, exterior_facet_indices
+from nodal_fields import along, energy, field
 from petsc4py import PETSc
 from scipy.integrate import quad
 
-from dolfinx_joints import (
-    BaseMotion,
-    Body,
-    Elastic,
-    Fixed,
-    FrictionNoTension,
-    Gravity,
-    HydrostaticPressure,
-    MeshError,
-    Model,
-    Prescribed,
-    SiltPressure,
-    Simulation,
-    WestergaardMass,
-    modes,
-    rayleigh,
-    split_mesh,
-    synthetic_motion,
-)
+import dolfinx_joints as dj
 from dolfinx_joints.common.constants import STANDARD_GRAVITY
 from dolfinx_joints.loads.water import wetted_facets as wetted
 
 pytestmark = pytest.mark.mpi
 
-CONCRETE = Elastic(young=24e9, poisson=0.2, density=2400.0)
-LAW = FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
+CONCRETE = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+LAW = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=1e11, friction_angle_deg=30.0)
 RHO = 1000.0
 WIDTH, LENGTH = 4.0, 20.0  # of the wall's x faces, and between them [m]
 LEVELS = [20.0, 40.0 / 3.0, 11.3, 0.7, 25.0, -1.0]  # of 3 cells in height: top, node, inside, out
@@ -62,25 +45,13 @@ LEVELS = [20.0, 40.0 / 3.0, 11.3, 0.7, 25.0, -1.0]  # of 3 cells in height: top,
 
 def model_of(jointed, **options):
     laws = LAW if jointed.joint_names else None
-    return Model(jointed, material=CONCRETE, joints=laws, **options)
+    return dj.Model(jointed, material=CONCRETE, joints=laws, **options)
 
 
 def force_of(model, load):
     """Pattern of a load with a single one."""
     ((pattern, _),) = load.patterns(model)
     return pattern
-
-
-def field(model, values):
-    """Nodal vector of ``values(x)``, shape (n, gdim), at the owned nodes x (n, 3)."""
-    u = model.mass.createVecRight()
-    x = model.V.tabulate_dof_coordinates()[: u.getLocalSize() // model.gdim]
-    u.setArray(np.broadcast_to(values(x), (len(x), model.gdim)).ravel())
-    return u
-
-
-def axis(i, gdim=3):
-    return lambda x: np.eye(gdim)[i]
 
 
 def turning(x):
@@ -90,14 +61,9 @@ def turning(x):
 
 def total(model, pattern):
     """Resultant of a nodal vector."""
-    return np.array([pattern.dot(field(model, axis(i, model.gdim))) for i in range(model.gdim)])
-
-
-def energy(model, matrix, one, other):
-    """one . A other for two displacement fields."""
-    product = matrix.createVecLeft()
-    matrix.mult(field(model, other), product)
-    return product.dot(field(model, one))
+    return np.array(
+        [pattern.dot(field(model, along(i, gdim=model.gdim))) for i in range(model.gdim)]
+    )
 
 
 def skin(comm, cell, place):
@@ -106,7 +72,7 @@ def skin(comm, cell, place):
     mesh.geometry.x[:] = place(mesh.geometry.x)
     mesh.topology.create_connectivity(2, 3)
     facets = exterior_facet_indices(mesh.topology)
-    return split_mesh(mesh, groups={"skin": facets})
+    return dj.split_mesh(mesh, groups={"skin": facets})
 
 
 # What ranks can change, the partition, is the same for both orders.
@@ -127,11 +93,11 @@ def test_pressure_on_a_vertical_face(wall, level):
     top = max(level - 20.0, 0.0)  # depth of the crest
     force = RHO * STANDARD_GRAVITY * WIDTH * (top * wet + wet**2 / 2.0)
     moment = RHO * STANDARD_GRAVITY * WIDTH * (top * wet**2 / 2.0 + wet**3 / 6.0)
-    found = force_of(wall, HydrostaticPressure(group="x_min", level=level))
+    found = force_of(wall, dj.HydrostaticPressure(group="x_min", level=level))
     scale = RHO * STANDARD_GRAVITY * WIDTH * 200.0
     np.testing.assert_allclose(total(wall, found), [force, 0, 0], rtol=1e-11, atol=1e-11 * scale)
     assert found.dot(field(wall, turning)) == pytest.approx(moment, rel=1e-10, abs=1e-9)
-    silt = SiltPressure(group="x_max", level=level, density=900.0, coefficient=0.4)
+    silt = dj.SiltPressure(group="x_max", level=level, density=900.0, coefficient=0.4)
     expected = [-force * 0.36, 0, 0]
     np.testing.assert_allclose(
         total(wall, force_of(wall, silt)), expected, rtol=1e-11, atol=1e-11 * scale
@@ -142,9 +108,9 @@ def test_pressure_on_a_vertical_face(wall, level):
 def test_added_mass_on_a_vertical_face(wall, level):
     """Total along the normal, none across it, and that of a turning face."""
     wet = max(level, 0.0)
-    mass = WestergaardMass(group="x_min", level=level).matrix(wall)
+    mass = dj.WestergaardMass(group="x_min", level=level).matrix(wall)
     scale = RHO * WIDTH * 400.0
-    found = [[energy(wall, mass, axis(i), axis(j)) for j in range(3)] for i in range(3)]
+    found = [[energy(wall, mass, along(i), along(j)) for j in range(3)] for i in range(3)]
     expected = np.zeros((3, 3))
     expected[0, 0] = 7.0 / 12.0 * RHO * wet**2 * WIDTH
     np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12 * scale)
@@ -157,7 +123,7 @@ def check_entries(model, group, level):
     x, n = ufl.SpatialCoordinate(model.jointed.mesh), ufl.FacetNormal(model.jointed.mesh)
     u, v = ufl.TrialFunction(model.V), ufl.TestFunction(model.V)
     depth, ds = level - x[2], model.jointed.ds(group)(metadata={"quadrature_degree": 24})
-    load = HydrostaticPressure(group=group, level=level, density=2.0, gravity=3.0)
+    load = dj.HydrostaticPressure(group=group, level=level, density=2.0, gravity=3.0)
     expected = model.assemble(-6.0 * depth * ufl.dot(n, v) * ds)
     scale = expected.norm()
     expected.axpy(-1.0, force_of(model, load))
@@ -165,7 +131,7 @@ def check_entries(model, group, level):
     per_area = 0.875 * RHO * ufl.sqrt(24.0 * depth)
     expected = model._matrix(per_area * ufl.dot(u, n) * ufl.dot(v, n) * ds)
     scale = expected.norm()
-    mass = WestergaardMass(group=group, level=level, depth=24.0).matrix(model)
+    mass = dj.WestergaardMass(group=group, level=level, depth=24.0).matrix(model)
     expected.axpy(-1.0, mass, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     assert expected.norm() < 1e-11 * scale
 
@@ -183,23 +149,25 @@ def test_entries_of_a_leaning_cube(comm, degree):
         return x @ np.array([a, b, np.cross(a, b)])
 
     check_entries(
-        model_of(skin(comm, CellType.hexahedron, lean), body=Body(degree=degree)), "skin", 5.0
+        model_of(skin(comm, CellType.hexahedron, lean), body=dj.Body(degree=degree)), "skin", 5.0
     )
 
 
 def test_depth_of_the_reservoir(wall):
     """H enters by its root, as a number or as a function of the points."""
-    base = energy(wall, WestergaardMass(group="x_min", level=9.0).matrix(wall), axis(0), axis(0))
+    base = energy(
+        wall, dj.WestergaardMass(group="x_min", level=9.0).matrix(wall), along(0), along(0)
+    )
     for deep in (36.0, lambda x: np.full(len(x), 36.0)):
-        mass = WestergaardMass(group="x_min", level=9.0, depth=deep).matrix(wall)
-        assert energy(wall, mass, axis(0), axis(0)) == pytest.approx(2.0 * base, rel=1e-11)
+        mass = dj.WestergaardMass(group="x_min", level=9.0, depth=deep).matrix(wall)
+        assert energy(wall, mass, along(0), along(0)) == pytest.approx(2.0 * base, rel=1e-11)
 
 
 @pytest.mark.parametrize("level", [20.0, 8.9, 3.0])
 def test_buoyancy_of_the_wall(wall, level):
     """All faces wet, horizontal ones too: nothing sideways, the weight of the water upwards."""
     faces = ["base", "crest", "x_min", "x_max", "y_min", "y_max"]
-    parts = [force_of(wall, HydrostaticPressure(group=face, level=level)) for face in faces]
+    parts = [force_of(wall, dj.HydrostaticPressure(group=face, level=level)) for face in faces]
     found = sum(total(wall, part) for part in parts)
     weight = RHO * STANDARD_GRAVITY * LENGTH * WIDTH * level
     np.testing.assert_allclose(found, [0.0, 0.0, weight], rtol=1e-11, atol=1e-11 * weight)
@@ -219,12 +187,12 @@ def test_sloping_face(read, blocks_file, two_rectangles_file, plane, order, leve
     )
     # The name of the lower side depends on the mesh; its pressure points down.
     for side in ("joint_1-", "joint_1+"):
-        found = total(model, force_of(model, HydrostaticPressure(group=side, level=level)))
+        found = total(model, force_of(model, dj.HydrostaticPressure(group=side, level=level)))
         sign = -1.0 if found[-1] < 0.0 else 1.0
         size = RHO * STANDARD_GRAVITY * deep**2 / (2.0 * math.sin(lean))
         np.testing.assert_allclose(found, sign * size * up, rtol=1e-11, atol=1e-11 * size)
-        mass = WestergaardMass(group=side, level=level).matrix(model)
-        axes = [axis(i, model.gdim) for i in range(model.gdim)]
+        mass = dj.WestergaardMass(group=side, level=level).matrix(model)
+        axes = [along(i, gdim=model.gdim) for i in range(model.gdim)]
         masses = [[energy(model, mass, one, other) for one in axes] for other in axes]
         size = 7.0 / 12.0 * RHO * deep**2 / math.sin(lean)
         np.testing.assert_allclose(masses, size * np.outer(up, up), rtol=1e-10, atol=1e-11 * size)
@@ -244,12 +212,12 @@ def test_buoyancy_of_a_warped_body(comm):
     weight = RHO * STANDARD_GRAVITY
     model = model_of(skin(comm, CellType.hexahedron, warp))
     volume = model.body_mass.createVecRight()
-    model.body_mass.mult(field(model, axis(2)), volume)
-    volume = volume.dot(field(model, axis(2))) / CONCRETE.density
-    found = total(model, force_of(model, HydrostaticPressure(group="skin", level=2.0)))
+    model.body_mass.mult(field(model, along(2)), volume)
+    volume = volume.dot(field(model, along(2))) / CONCRETE.density
+    found = total(model, force_of(model, dj.HydrostaticPressure(group="skin", level=2.0)))
     np.testing.assert_allclose(found, [0, 0, weight * volume], atol=1e-11 * weight)
     flat = model_of(skin(comm, CellType.tetrahedron, warp))
-    found = total(flat, force_of(flat, HydrostaticPressure(group="skin", level=0.63)))
+    found = total(flat, force_of(flat, dj.HydrostaticPressure(group="skin", level=0.63)))
     np.testing.assert_allclose(found[:2], 0.0, atol=1e-11 * weight)
 
 
@@ -259,7 +227,7 @@ def test_level_through_warped_facets(comm, monkeypatch):
     left = []
     for divisions in (2, 4, 8):
         monkeypatch.setattr(wetted, "DIVISIONS", divisions)
-        found = total(model, force_of(model, HydrostaticPressure(group="skin", level=0.63)))
+        found = total(model, force_of(model, dj.HydrostaticPressure(group="skin", level=0.63)))
         left.append(np.linalg.norm(found[:2]) / found[2])
     assert left[2] < 1e-5
     assert left[2] < left[0] / 64.0
@@ -273,10 +241,10 @@ def test_first_frequency_of_a_full_reservoir(read, wall_file):
     """
     sizes = {"length": 2.0, "thickness": 2.0, "height": 20.0, "divisions": (1, 1, 8)}
     jointed = read(wall_file(joints=0, order=2, **sizes))
-    held = {"supports": [Fixed(group="base"), Fixed(group="y_min", components="y")]}
-    water = WestergaardMass(group="x_min", level=20.0)
+    held = {"supports": [dj.Fixed(group="base"), dj.Fixed(group="y_min", components="y")]}
+    water = dj.WestergaardMass(group="x_min", level=20.0)
     dry, wet = model_of(jointed, **held), model_of(jointed, water=water, **held)
-    without, full = modes(dry.system(), 1), modes(wet.system(), 1)
+    without, full = dj.modes(dry.system(), 1), dj.modes(wet.system(), 1)
     shape = without.shapes[0]
     moved = water.matrix(dry).createVecLeft()
     water.matrix(dry).mult(shape, moved)
@@ -301,14 +269,14 @@ def test_first_frequency_of_a_full_reservoir(read, wall_file):
 def test_ground_motion_moves_the_water_too(read, wall_file):
     """F = -(M + M_a) iota a_g; self weight is that of the body alone."""
     jointed = read(wall_file())
-    water = WestergaardMass(group="x_min", level=15.0)
+    water = dj.WestergaardMass(group="x_min", level=15.0)
     model = model_of(jointed, water=water)
-    patterns = BaseMotion(acceleration=lambda t: (1.0, 0.0, 0.0)).patterns(model)
+    patterns = dj.BaseMotion(acceleration=lambda t: (1.0, 0.0, 0.0)).patterns(model)
     body = CONCRETE.density * 20.0 * 4.0 * 20.0
     expected = -body - 7.0 / 12.0 * RHO * 15.0**2 * 4.0
     assert total(model, patterns[0][0])[0] == pytest.approx(expected, rel=1e-11)
     assert total(model, patterns[1][0])[1] == pytest.approx(-body, rel=1e-11)
-    weight = total(model, force_of(model, Gravity()))
+    weight = total(model, force_of(model, dj.Gravity()))
     np.testing.assert_allclose(weight, [0, 0, -STANDARD_GRAVITY * body], atol=1e-9 * body)
 
 
@@ -318,17 +286,17 @@ def test_added_mass_feels_the_absolute_acceleration(read, wall_file):
     The ground moves by a t^2 / 2, which the scheme follows exactly; so the two differ by rounding.
     """
     jointed = read(wall_file(), joints=[])
-    water = WestergaardMass(group="x_min", level=15.0)
+    water = dj.WestergaardMass(group="x_min", level=15.0)
     a, dt, steps = 3.0, 0.005, 10
-    still = model_of(jointed, supports=[Fixed(group="base")], water=water)
-    relative = Simulation(still).dynamics(dt=dt, steps=steps, motion=lambda t: (a, 0.0, 0.0))
-    pushed = Prescribed(group="base", component="x", value=lambda t: 0.5 * a * t**2)
-    supports = [Fixed(group="base", components="yz"), pushed]
+    still = model_of(jointed, supports=[dj.Fixed(group="base")], water=water)
+    relative = dj.Simulation(still).dynamics(dt=dt, steps=steps, motion=lambda t: (a, 0.0, 0.0))
+    pushed = dj.Prescribed(group="base", component="x", value=lambda t: 0.5 * a * t**2)
+    supports = [dj.Fixed(group="base", components="yz"), pushed]
     moving = model_of(jointed, supports=supports, water=water)
-    absolute = Simulation(moving).dynamics(dt=dt, steps=steps)
+    absolute = dj.Simulation(moving).dynamics(dt=dt, steps=steps)
     ground = 0.5 * a * (steps * dt) ** 2
     difference = absolute.state.displacement.copy()
-    difference.axpy(-ground, field(moving, axis(0)))
+    difference.axpy(-ground, field(moving, along(0)))
     difference.axpy(-1.0, relative.state.displacement)
     assert difference.norm() < 1e-9 * relative.state.displacement.norm()
 
@@ -338,15 +306,15 @@ def test_energies_balance(read, wall_file, redistribute):
     """With water at rest and moving, joints that open, and damping by mass and stiffness."""
     model = model_of(
         read(wall_file(divisions=(16, 1, 3))),
-        supports=[Fixed(group="base")],
-        damping=rayleigh(ratio=0.05, frequencies=(5.0, 25.0)),
-        loads=[Gravity(), HydrostaticPressure(group="y_min", level=17.0)],
-        water=WestergaardMass(group="y_min", level=17.0),
-        body=Body(redistribute_mass=redistribute),
+        supports=[dj.Fixed(group="base")],
+        damping=dj.rayleigh(ratio=0.05, frequencies=(5.0, 25.0)),
+        loads=[dj.Gravity(), dj.HydrostaticPressure(group="y_min", level=17.0)],
+        water=dj.WestergaardMass(group="y_min", level=17.0),
+        body=dj.Body(redistribute_mass=redistribute),
     )
-    simulation = Simulation(model)
+    simulation = dj.Simulation(model)
     simulation.statics()
-    outcome = simulation.dynamics(dt=0.01, steps=30, motion=synthetic_motion(duration=2.0))
+    outcome = simulation.dynamics(dt=0.01, steps=30, motion=dj.synthetic_motion(duration=2.0))
     assert outcome.imbalance < 1e-12
     assert outcome.energy.joint > 0.0
     assert outcome.energy.viscous > 0.0
@@ -355,10 +323,10 @@ def test_energies_balance(read, wall_file, redistribute):
 def test_refusals(wall, read, wall_file):
     """One sentence each, on all ranks."""
     with pytest.raises(ValueError, match="depth is 0 m; it must be positive"):
-        WestergaardMass(group="x_min", level=1.0, depth=0)
+        dj.WestergaardMass(group="x_min", level=1.0, depth=0)
     with pytest.raises(ValueError, match="it must give one finite number of zero or more"):
-        WestergaardMass(group="x_min", level=5.0, depth=lambda x: -x[:, 2]).matrix(wall)
+        dj.WestergaardMass(group="x_min", level=5.0, depth=lambda x: -x[:, 2]).matrix(wall)
     # 4 x 1 x 3 cells: a plane across them has 3 facets, each with a cell on both sides.
-    whole, within = read(wall_file(), joints=[]), HydrostaticPressure(group="joint_1", level=5.0)
-    with pytest.raises(MeshError, match="^3 facets of 'joint_1' lie inside the body; loads"):
+    whole, within = read(wall_file(), joints=[]), dj.HydrostaticPressure(group="joint_1", level=5.0)
+    with pytest.raises(dj.MeshError, match="^3 facets of 'joint_1' lie inside the body; loads"):
         model_of(whole, loads=[within]).system()

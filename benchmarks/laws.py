@@ -12,8 +12,11 @@ from collections.abc import Mapping
 import dolfinx_joints as dj
 from benchmarks.shared.measure import march
 from benchmarks.shared.scenes import Scene, dam, wall
+from benchmarks.shared.tables import table
 from dolfinx_joints.laws.law import Law
 
+FORM = """| {scene} | ms per step | to friction | iterations per step | the ratio per iteration |
+| {{law}} | {{ms:.2f}} | {{ratio:.2f}} | {{iterations:.1f}} | {{each:.2f}} |"""
 SCENES = {"wall": lambda: wall("coarse"), "dam": dam}
 
 
@@ -52,18 +55,20 @@ def main() -> None:
                 {kind: march(scene, mesh, options.steps, law=law) for kind, law in named.items()}
                 for _ in range(options.repeats)
             ]
-        print(f"\n| {name} | ms per step | to friction | iterations per step | per iteration |")
-        print("|---|---|---|---|---|")
+        first, rows = runs[0]["FrictionNoTension"], []
         for kind in named:
-            ratio = statistics.median(
-                run[kind].step_cpu_ms / run["FrictionNoTension"].step_cpu_ms for run in runs
+            ratios = [run[kind]["cpu_ms"] / run["FrictionNoTension"]["cpu_ms"] for run in runs]
+            ratio = statistics.median(ratios)
+            rows.append(
+                {
+                    "law": kind,
+                    "ms": statistics.median(run[kind]["cpu_ms"] for run in runs),
+                    "ratio": ratio,
+                    "iterations": runs[0][kind]["iterations"] / options.steps,
+                    "each": ratio * first["iterations"] / runs[0][kind]["iterations"],
+                }
             )
-            time = statistics.median(run[kind].step_cpu_ms for run in runs)
-            each, base = (runs[0][k].facts["iterations"] for k in (kind, "FrictionNoTension"))
-            print(
-                f"| {kind} | {time:.2f} | {ratio:.2f} | {each / options.steps:.1f} "
-                f"| {ratio * base / each:.2f} |"
-            )
+        print(f"\n{table(FORM.format(scene=name), rows)}")
 
 
 if __name__ == "__main__":

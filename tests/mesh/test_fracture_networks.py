@@ -22,9 +22,9 @@ import pytest
 pytest.importorskip("basix")
 
 import basix
+from grids import SHAPES, grid
 from scipy.spatial import Delaunay
 
-from benchmarks.shared.grids import SHAPES, grid
 from dolfinx_joints.common.errors import MeshError
 from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.splitting import split_cells

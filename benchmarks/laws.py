@@ -55,17 +55,22 @@ def main() -> None:
                 {kind: march(scene, mesh, options.steps, law=law) for kind, law in named.items()}
                 for _ in range(options.repeats)
             ]
-        first, rows = runs[0]["FrictionNoTension"], []
+        rows = []
         for kind in named:
-            ratios = [run[kind]["cpu_ms"] / run["FrictionNoTension"]["cpu_ms"] for run in runs]
-            ratio = statistics.median(ratios)
+            ratio = statistics.median(
+                run[kind]["cpu_ms"] / run["FrictionNoTension"]["cpu_ms"] for run in runs
+            )
+            iterations, least = (
+                runs[0][k]["newton_mean"] * runs[0][k]["accepted"] / options.steps
+                for k in (kind, "FrictionNoTension")
+            )
             rows.append(
                 {
                     "law": kind,
                     "ms": statistics.median(run[kind]["cpu_ms"] for run in runs),
                     "ratio": ratio,
-                    "iterations": runs[0][kind]["iterations"] / options.steps,
-                    "each": ratio * first["iterations"] / runs[0][kind]["iterations"],
+                    "iterations": iterations,
+                    "each": ratio * least / iterations,
                 }
             )
         print(f"\n{table(FORM.format(scene=name), rows)}")

@@ -138,7 +138,7 @@ class LawPoints:
         return self._law_of_steps(rule.dt)
 
     def compiled_over(self, rule: Rule) -> CompiledLaw | None:
-        """Return the same if its answers are those of its compiled loops, else None."""
+        """Return `law_over` if its answers are those of its compiled loops, else None."""
         law = self.law_over(rule)
         return law if isinstance(law, CompiledLaw) and law.has_loops_alone() else None
 

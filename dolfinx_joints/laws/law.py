@@ -70,7 +70,8 @@ class Rule:
 
     Attributes:
         name: The method asked.
-        weight: Part of its stiffness that a sticking point shows, d t / d gap over k.
+        weight: d traction / d gap of a sticking point over its stiffness k: 1 at the end of a step,
+            1/2 over a whole step.
         dt: Length of the step [s], infinite in statics.
     """
 

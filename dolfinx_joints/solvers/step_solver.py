@@ -29,7 +29,9 @@ class SolverOptions:
     """Tolerances and limits of the solvers.
 
     Attributes:
-        relative_tolerance: Residual against the largest of the forces that change in the step.
+        relative_tolerance: Residual over the largest of the forces that change in the step. The
+            condensed solver aims at a hundredth of it. Both accept more where rounding leaves more,
+            see `limits`.
         max_iterations: Iterations before the solve is given up.
         max_cuts: Halvings of a Newton correction that the line search may try.
         linear: Solver of the bulk, ``direct``, ``mumps`` (direct, without CHOLMOD), ``iterative``,

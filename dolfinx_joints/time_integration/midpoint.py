@@ -136,9 +136,9 @@ class _Step:
         fixed = system.constrained
         moved = system.prescribed(self._time) - state.displacement.array[fixed]
         self.x.getArray()[fixed] = moved
-        self._turn = _Turn(system, state, self.x, rate, self._time, dt, exact)
-        self._turn.add(self._turn.momentum, self.known, -0.5 * rate)
-        self.joints = joints_before(system, state, self._turn.velocity, rate)
+        self._prescribed = _PrescribedChange(system, state, self.x, rate, self._time, dt, exact)
+        self._prescribed.add(self._prescribed.momentum, self.known, -0.5 * rate)
+        self.joints = joints_before(system, state, self._prescribed.velocity, rate)
 
     @cached_property
     def _modal(self) -> Floats:
@@ -167,11 +167,11 @@ class _Step:
         before, massless = self._before, self._system.massless
         velocity = combination((self._rate, self.x), (-1.0, before.velocity))
         momentum = combination((self._rate, products.mass), (-1.0, before.momentum))
-        self._turn.add(self._turn.velocity, velocity)
+        self._prescribed.add(self._prescribed.velocity, velocity)
         if len(massless):
             # Nothing holds the velocities of these to those before: take the mean of the step.
             velocity.getArray()[massless] = self.x.array[massless] / self._dt
-        self._turn.add(self._turn.momentum, momentum)
+        self._prescribed.add(self._prescribed.momentum, momentum)
         acceleration = combination((1.0, velocity), (-1.0, before.velocity))
         acceleration.scale(1.0 / self._dt)
         return DynamicState(
@@ -195,11 +195,11 @@ class _Step:
         loads = system.work_of_loads(self.x, before.time, self._time)
         if exact is not None:
             of_supports = self._dt * exact.modes.carried(exact.used, after.acceleration)
-            kicks = self._turn.works(self._modal, self._modal_rates, self._rate, of_supports)
+            kicks = self._prescribed.works(self._modal, self._modal_rates, self._rate, of_supports)
             for name, kicked in kicks.items():
                 loads[name] += kicked
         supports = float(products.reaction.dot(self.x))
-        supports += self._turn.work(before.momentum, after.momentum)
+        supports += self._prescribed.work(before.momentum, after.momentum)
         return StepWork(
             loads=loads,
             supports=supports,
@@ -216,7 +216,7 @@ class _Step:
         return self._system.norm(change) * self._dt**2 / 12.0
 
 
-class _Turn:
+class _PrescribedChange:
     """Change that prescribed dofs and exact modes make to the midpoint rule.
 
     The velocities of prescribed dofs are prescribed, too: left to v1 = 2 x / dt - v0, they would

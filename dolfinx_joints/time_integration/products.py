@@ -48,7 +48,7 @@ class Products:
         residual = combination(
             (-1.0, b), (effective.mass, self.mass), (effective.stiffness, self.stiffness)
         )
-        # C x by itself, not from the matrix that was solved: the balance is to see that one's.
+        # C x apart from the solved matrix, so that the balance shows errors of that one.
         damped = combination(
             (system.rayleigh.mass_factor, self.mass),
             (system.rayleigh.stiffness_factor, self.stiffness),

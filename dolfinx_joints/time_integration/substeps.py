@@ -113,7 +113,7 @@ class Stepper:
         while done < finest:
             length = finest >> self._level
             shortest, part = length == 1, dt * length / finest
-            # One number for each time: loads may jump there.
+            # A time has the same bits in all substeps that meet there: loads may jump at it.
             there = end if done + length == finest else state.time + part
             try:
                 after, report = self._attempt(state, part, there)

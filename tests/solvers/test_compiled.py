@@ -118,9 +118,9 @@ def test_points_that_do_not_stick_have_the_room_that_w_needs(wall_file, read, mo
     beside = compiled._inner
     tied = beside._replace(entries=1.5 * beside.entries)
     monkeypatch.setattr(corrections, "_blocks_of", lambda *_: tied)
-    compiled._memory.missed[0] = 1e30  # W pays
-    compiled._tie()
-    assert compiled._memory.ties
+    compiled._memory.avoidable[0] = 1e30  # W pays
+    compiled._make_complement()
+    assert compiled._memory.has_complement
     changed = compiled._memory.changed
     most = min(len(changed.points), int(np.sqrt(tied.entries) / 3.0))
     assert 9.0 * most**2 > beside.entries

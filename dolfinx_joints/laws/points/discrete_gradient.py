@@ -90,7 +90,7 @@ def normal_traction(h: float, c: float, gap: float, energy: float, law: Coulomb)
 def _stops(h: float, c: float, gap: float, way: float, pressed: bool) -> Normal:
     """A rigid point without rebound: v1 >= 0 where it is pressed or touches by mid-step (15a).
 
-    What it takes part in is chosen by the state at the start, so that the step has one solution.
+    The state at the start decides whether it is pressed, so that the step has one solution.
 
     Args:
         h: See `normal_traction`.

@@ -19,8 +19,8 @@ and p_T = min(T, 0) |dp| / (2 F) its component if a turn changed nothing else,
 Each is the closest point of a convex set to a trial traction, so that the law is monotone. In all
 other steps t is along p (7); the two join, as v and p_T vanish with p1 and p2.
 
-The slip of a step lags behind its impulse: a turn with phi < 1/2 pushes along p and gives work
-back, never more than R, half the work of friction in the last step: T is not below -2 R / v.
+The slip of a step is behind its impulse. A slip that turns early (phi < 1/2) gives work back, never
+more than R, half the work of friction in the last step: T is not below -2 R / v.
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@
 
 With s the root of a point's own compliance, forces count as f = s F and gaps as g / s, both in
 [J^(1/2)], so that G becomes I + S with small entries S, which is what the joints' iteration needs.
-Vectors are those of the rank's own points, of whose rows of S it keeps what is not its neighbours'.
+A rank has the entries of its own points in vectors, and their rows of S; of a block of low rank
+between two ranks each has one factor.
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ class Condensed:
         system: The system.
         effective: The coefficients.
         operator: B with the columns of constrained dofs empty.
-        weight: That of 1/k in the law.
+        weight: Factor of 1/k of a sticking point in the law, 1 / `Rule.weight`.
         options: How the bulk is solved, and what is kept of the compliance.
 
     Attributes:

@@ -75,19 +75,19 @@ class CompiledCorrections:
         self._blocks = blocks_of(comm, size // 3)
         points = int(self._blocks[-1])
         single = isinstance(self._inner, Dense)
-        ties = compliance.split.size <= limits.LARGEST_WHOLE and (
+        possible = compliance.split.size <= limits.LARGEST_WHOLE and (
             isinstance(compliance.split, RowMatrix) or compliance.keeps_rows
         )
-        self._stuck = stuck if ties else None
+        self._stuck = stuck if possible else None
         self.rough = limits.SINGLE_ROUNDING if single else limits.ROUGH_COMPRESSION
         self._memory = Memory(
             active=kept_of(size // 3, points, self._inner),
             changed=kept_of(0, 0, self._inner),
-            ties=False,
-            tied=self._inner,
-            has_stuck=self._stuck is not None,
+            has_complement=False,
+            complement=self._inner,
+            may_have_complement=self._stuck is not None,
             stuck=np.empty(0) if self._stuck is None else self._stuck.ravel(),
-            missed=np.zeros(1),
+            avoidable=np.zeros(1),
             finest=limits.FINEST_SINGLE if single else limits.FINEST_COMPRESSED,
             space=space_of(size, min(limits.MOST_PRODUCTS, 3 * points)),
             vectors=np.empty((6, size)),
@@ -114,7 +114,7 @@ class CompiledCorrections:
             tolerance: Of the residual, relative to r.
             couples: False if S d is not needed.
         """
-        self._tie()
+        self._make_complement()
         correct(self._inner, residual, tangent, least, tolerance, couples, self._memory)
         step, coupled = self._memory.vectors[STEP], self._memory.vectors[COUPLED]
         largest = float(np.abs(coupled).max(initial=0.0)) if couples else 0.0
@@ -128,29 +128,29 @@ class CompiledCorrections:
         multiply_whole(self._split, values, out)
         return out
 
-    def _tie(self) -> None:
+    def _make_complement(self) -> None:
         """Make W if it would have saved a quarter of its cost until now (collective)."""
         memory, split = self._memory, self._compliance.split
         cost = limits.COMPLEMENT_COST * float(split.size) ** 3
-        if memory.ties or self._stuck is None or memory.missed[0] <= cost:
+        if memory.has_complement or self._stuck is None or memory.avoidable[0] <= cost:
             return
         whole = split.whole()
-        columns = None if whole is None else _tied(whole, self._stuck.ravel(), self._comm)
+        columns = None if whole is None else _complement_of(whole, self._stuck.ravel(), self._comm)
         if columns is None:
             self._stuck = None
-            self._memory = memory._replace(has_stuck=False, stuck=np.empty(0))
+            self._memory = memory._replace(may_have_complement=False, stuck=np.empty(0))
             return
-        tied = (
+        complement = (
             _columns_of(columns, True, self._comm, np.float32)
             if isinstance(self._inner, Dense)
             else _blocks_of(self._compliance.roughly(columns), columns, self._comm)
         )
-        changed = kept_of(split.local // 3, int(self._blocks[-1]), tied)
-        self._memory = memory._replace(ties=True, tied=tied, changed=changed)
+        changed = kept_of(split.local // 3, int(self._blocks[-1]), complement)
+        self._memory = memory._replace(has_complement=True, complement=complement, changed=changed)
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state that later corrections depend on (collective)."""
-        return {"missed": float(self._memory.missed[0])} | {
+        return {"avoidable": float(self._memory.avoidable[0])} | {
             name: Dealt(self._comm, self._numbers(name))
             for name in SETS
             if getattr(self._memory, SETS[name]).number[0] >= 0
@@ -164,14 +164,14 @@ class CompiledCorrections:
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Restore what another's ``state_dict`` gave (collective)."""
-        self._memory.missed[0] = state_dict["missed"]
-        self._tie()
+        self._memory.avoidable[0] = state_dict["avoidable"]
+        self._make_complement()
         if "kept" in state_dict:
             kept = self._own_of(state_dict["kept"])
             take(self._inner, self._memory.active, kept, len(kept))
-        if "changed" in state_dict and self._memory.ties:
+        if "changed" in state_dict and self._memory.has_complement:
             changed = self._own_of(state_dict["changed"])
-            take(self._memory.tied, self._memory.changed, changed, len(changed))
+            take(self._memory.complement, self._memory.changed, changed, len(changed))
 
     def _own_of(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return those of this rank among points that are dealt (collective)."""
@@ -179,7 +179,7 @@ class CompiledCorrections:
         return own - self._blocks[self._comm.rank]
 
 
-def _tied(whole: Floats, stuck: Floats, comm: Any) -> Floats | None:
+def _complement_of(whole: Floats, stuck: Floats, comm: Any) -> Floats | None:
     """Return the rank's columns of W = S (I + T0 S)^-1, shape (M, m) (collective).
 
     None if I + T0 S is nearly singular: stiff joints that meet, more points than dofs. All of S is

@@ -62,13 +62,13 @@ class JointStep:
     Args:
         contact: The joints.
         condensed: The system condensed onto them.
-        trial_gap: Gap without joint forces, shape (n, 3), [m].
+        free_gap: Gap without joint forces, shape (n, 3), [m].
         state: State at the start of the step.
         rule: How the laws are evaluated.
 
     Attributes:
         condensed: The same.
-        trial_gap: The same.
+        free_gap: The same.
         state: The same.
         rule: The same.
     """
@@ -77,25 +77,25 @@ class JointStep:
         self,
         contact: Contact,
         condensed: Condensed,
-        trial_gap: Floats,
+        free_gap: Floats,
         state: JointState,
         rule: Rule,
     ) -> None:
         """Prepare the laws (collective)."""
         self.condensed, self.contact, self._comm = condensed, contact, contact.operator.comm
-        self.trial_gap, self.state, self.rule = trial_gap, state, rule
+        self.free_gap, self.state, self.rule = free_gap, state, rule
         own, springs = condensed.compliance.own, condensed.springs
         if springs is not None:
             own = springs.compliance_without(own)
         self._laws = contact.condensed_step(own, state, rule)
         self._scale, self._root = condensed.scale, condensed.root
-        passed = np.maximum(np.abs(trial_gap), np.abs(state.gap)).ravel()
+        passed = np.maximum(np.abs(free_gap), np.abs(state.gap)).ravel()
         self._passed = passed / condensed.compliance.scale
         self._largest_passed = float(self._passed.max(initial=0.0))
 
-    def at_trial_gap(self, trial_gap: Floats) -> JointStep:
-        """Return the same step from another trial gap, shape (n, 3), [m] (collective)."""
-        return JointStep(self.contact, self.condensed, trial_gap, self.state, self.rule)
+    def at_free_gap(self, free_gap: Floats) -> JointStep:
+        """Return the same step from another free gap, shape (n, 3), [m] (collective)."""
+        return JointStep(self.contact, self.condensed, free_gap, self.state, self.rule)
 
     def response(self, at: Iterate) -> Response:
         """Return the response of the joints at an iterate."""
@@ -131,7 +131,7 @@ class JointStep:
 
     def evaluate(self, force: Floats, coupled: Floats, error: float = 0.0) -> Iterate:
         """Return the residual f - s w t, its tangent s w T s, and their sizes (collective)."""
-        trial_gap = self.trial_gap - (self._scale * coupled).reshape(-1, 3)
+        trial_gap = self.free_gap - (self._scale * coupled).reshape(-1, 3)
         springs = self.condensed.springs
         if springs is not None:
             trial_gap = springs.trial_gap_without(

@@ -74,8 +74,8 @@ def elastic_predictor(step: JointStep, traction: Floats) -> tuple[Floats, Floats
     coupled = condensed.corrections.product(force)
     own = np.repeat(compliance.own, (1, 2), axis=1)
     here = step.state.gap + own * traction + (compliance.scale * coupled).reshape(-1, 3)
-    tangent = step.at_trial_gap(here).evaluate(force, coupled).tangent
-    change = ((step.trial_gap - here).ravel() / compliance.scale).reshape(-1, 3)
+    tangent = step.at_free_gap(here).evaluate(force, coupled).tangent
+    change = ((step.free_gap - here).ravel() / compliance.scale).reshape(-1, 3)
     right = -np.einsum("nij,nj->ni", tangent, change).ravel()
     tolerance = limits.STATIC_FORCING
     correction = condensed.corrections.solve(right, tangent, 0.0, tolerance, couples=True)

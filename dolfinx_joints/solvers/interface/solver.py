@@ -61,7 +61,7 @@ class InterfaceSolver(StepSolver):
     solution does not depend on the springs.
 
     Args:
-        system: The system, with joints whose laws all offer ``condensed_backward_euler``.
+        system: The system, with joints.
         options: Tolerances and limits.
 
     Attributes:
@@ -103,8 +103,8 @@ class InterfaceSolver(StepSolver):
         condensed.matrix.solve_linear(b, x, self._unconstrained)
         if condensed.static:
             condensed.matrix.refine(b, x, self._unconstrained)
-        trial_gap = state.gap + self._contact.operator.jump(x)
-        step = JointStep(self._contact, condensed, trial_gap, state, rule)
+        free_gap = state.gap + self._contact.operator.jump(x)
+        step = JointStep(self._contact, condensed, free_gap, state, rule)
         if condensed.static:
             found = self._static(step, b, x)
         else:

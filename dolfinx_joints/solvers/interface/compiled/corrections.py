@@ -43,11 +43,11 @@ class Memory(NamedTuple):
     Attributes:
         active: Set of the active points.
         changed: Set of the points that do not stick, with their part of W.
-        ties: Whether W has been made.
-        tied: W, as S inside corrections.
-        has_stuck: Whether there is a W to be had.
+        has_complement: Whether W has been made.
+        complement: W, as S inside corrections.
+        may_have_complement: Whether W can be made.
         stuck: T0, shape (m,), empty where there is none.
-        missed: Entries that W would have saved to be read so far, shape (1,).
+        avoidable: Entries read so far that W would have spared, shape (1,).
         finest: Tolerance that systems are solved to at best.
         space: Room for GMRES.
         vectors: d and S d, in the rows `STEP` and `COUPLED`, and room for four more, shape (6, m).
@@ -56,11 +56,11 @@ class Memory(NamedTuple):
 
     active: Kept
     changed: Kept
-    ties: bool
-    tied: Any
-    has_stuck: bool
+    has_complement: bool
+    complement: Any
+    may_have_complement: bool
     stuck: Floats
-    missed: Floats
+    avoidable: Floats
     finest: float
     space: Space
     vectors: Floats
@@ -99,7 +99,7 @@ def correct(
         loaded += right[k] != 0.0
     tolerance = max(tolerance, memory.finest)
     active = _differing(tangent, stuck, False, numbers[0])
-    if memory.has_stuck:
+    if memory.may_have_complement:
         changed = _differing(tangent, stuck, True, numbers[1])
         mine = np.array([float(active), float(changed), float(loaded)])
         every = each_of_ranks(inner.ranks, mine)
@@ -108,11 +108,11 @@ def correct(
         second = cost(inner, int(every[:, 2].sum())) + cost(inner, 3 * changes)
         second += _cost_of_system(inner, changes)
         if second < first:
-            if memory.ties:
-                hold(memory.tied, memory.changed, numbers[1], changed)
+            if memory.has_complement:
+                hold(memory.complement, memory.changed, numbers[1], changed)
                 _correct_changed(tangent, tolerance, memory)
                 return
-            memory.missed[0] += first - second
+            memory.avoidable[0] += first - second
     hold(inner, memory.active, numbers[0], active)
     _correct_active(inner, tangent, tolerance, couples, memory)
 
@@ -200,20 +200,21 @@ def _correct_changed(tangent: Floats, tolerance: float, memory: Memory) -> None:
 
     With z = E y: (I + E W) z = E W r, q = r - z, d = q - T0 W q, S d = W q. (Collective.)
     """
-    kept, space, tied, vectors = memory.changed, memory.space, memory.tied, memory.vectors
+    kept, space, vectors = memory.changed, memory.space, memory.vectors
+    complement = memory.complement
     step, coupled, residual = vectors[STEP], vectors[COUPLED], vectors[RIGHT]
     known, taken = vectors[3], vectors[4]
     points, size = kept.points, 3 * kept.number[0]
     right, found = vectors[4, :size], vectors[5, :size]
     # Where only points of the set have a residual, its part of W gives the right-hand side.
-    among = largest_of(tied.ranks, _outside(points[: kept.number[0]], residual)) == 0.0
+    among = largest_of(complement.ranks, _outside(points[: kept.number[0]], residual)) == 0.0
     if among:
         _part_of(points, residual, found)
         space.vectors[0, :size] = found
-        multiply_part(tied, kept, space.vectors[0, :size], space.vectors[1, :size])
+        multiply_part(complement, kept, space.vectors[0, :size], space.vectors[1, :size])
         found[:] = space.vectors[1, :size]
     else:
-        multiply(tied, residual, known)
+        multiply(complement, residual, known)
         _part_of(points, known, found)
     for i in range(kept.number[0]):
         for a in range(3):
@@ -223,17 +224,17 @@ def _correct_changed(tangent: Floats, tolerance: float, memory: Memory) -> None:
     turn(space.blocks, found, right)
     # What is left is to be small beside r, and E W r may be larger.
     squares = np.array([dot(residual, residual), dot(right, right)])
-    sum_over(tied.ranks, squares)
+    sum_over(complement.ranks, squares)
     if squares[0] < squares[1]:
         tolerance = max(tolerance * np.sqrt(squares[0] / squares[1]), memory.finest)
-    gmres(tied, kept, right, tolerance, space, found)
+    gmres(complement, kept, right, tolerance, space, found)
     _spread(points, found, taken)
     for k in range(len(step)):
         step[k] = residual[k] - taken[k]
     if among:
-        multiply(tied, step, coupled)
+        multiply(complement, step, coupled)
     else:
-        multiply(tied, taken, coupled)
+        multiply(complement, taken, coupled)
         for k in range(len(step)):
             coupled[k] = known[k] - coupled[k]
     for k in range(len(step)):

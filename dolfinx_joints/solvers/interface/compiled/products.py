@@ -261,7 +261,9 @@ def _(split: Any, kept: Any) -> Any:
 
 @part
 def hold(split: Any, kept: Kept, wanted: Ints, count: int) -> None:
-    """Keep a set that holds the points wanted, sorted: that kept, with these, or these alone.
+    """Keep the parts of a set that contains the wanted points, which are sorted.
+
+    The kept set stays if it contains them; else they join it, or replace it if it grows too large.
 
     (Collective.)
     """

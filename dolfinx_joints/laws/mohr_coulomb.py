@@ -101,12 +101,8 @@ def _overload(gap_n: float, slip: Vector, law: Bonded) -> float:
 @inline
 def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> None:
     """Write the answer of a point without a bond; ``slip`` is the elastic one of a stuck point."""
-    k_n, k_s, mu, tan_psi = (
-        law.normal_stiffness,
-        law.shear_stiffness,
-        law.friction,
-        law.dilatancy,
-    )
+    k_n, k_s, mu = law.normal_stiffness, law.shear_stiffness, law.friction
+    tan_psi = law.dilatancy
     gap, before, dilation = answer.gap[i], start.gap[i], start.history[i, 3]
     was = 0.0
     if start.history[i, 2] == BROKEN:

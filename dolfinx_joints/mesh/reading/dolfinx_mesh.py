@@ -51,14 +51,7 @@ def split_share(
     cells_of_groups = _group_entities(mesh, tdim, cell_groups, cell_tags)
     check_names(facets)
     with raised_together(comm):
-        try:
-            original = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
-        except RuntimeError:
-            raise MeshError(
-                "The mesh does not know in which order its cells were made, as one from "
-                "create_submesh does not; make it with create_mesh, or write it to a file for "
-                "read_xdmf."
-            ) from None
+        original = _order_of_creation(mesh)
     cell_map, node_map = mesh.topology.index_map(tdim), mesh.geometry.index_map()
     owned, nodes = slice(cell_map.size_local), slice(node_map.size_local)
     number = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
@@ -107,6 +100,22 @@ def split_share(
         cell_groups=cell_groups,
         facet_groups=_facet_values(comm, facet_values, rows, list(facets), split.pairs),
     )
+
+
+def _order_of_creation(mesh: dolfinx.mesh.Mesh) -> Ints:
+    """Return for each local cell its number when the mesh was made.
+
+    Raises:
+        MeshError: The mesh does not know them.
+    """
+    try:
+        return np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
+    except RuntimeError:
+        raise MeshError(
+            "The mesh does not know in which order its cells were made, as one from "
+            "create_submesh does not; make it with create_mesh, or write it to a file for "
+            "read_xdmf."
+        ) from None
 
 
 def _split_near(

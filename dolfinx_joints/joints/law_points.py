@@ -32,6 +32,7 @@ from dolfinx_joints.laws.law import (
     RateDependentLaw,
     Response,
     Rule,
+    changes_gap_methods,
     has_bonds,
 )
 from dolfinx_joints.laws.losses import losses_of
@@ -216,7 +217,7 @@ def _methods(law: AnyLaw) -> dict[str, Callable[..., Response]]:
 
 def _condensed_methods(law: AnyLaw) -> dict[str, Callable[..., Response]]:
     """Return the law's own methods on the compliance of the structure; most laws have none."""
-    if not isinstance(law, CondensedLaw):
+    if not isinstance(law, CondensedLaw) or changes_gap_methods(type(law)):
         return {}
     methods = {"backward_euler": law.condensed_backward_euler}
     if isinstance(law, CondensedEnergyConsistentLaw):

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from functools import cache
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -314,6 +315,21 @@ def check_law(name: str, law: Any) -> None:
     """
     if isinstance(law, type) or not isinstance(law, Law | CondensedLaw):
         raise ValueError(f"{name} is {shown(law)}; it must be a joint law.")
+
+
+@cache
+def changes_gap_methods(cls: type) -> bool:
+    """Return True if a class changes the methods at a gap of a compiled or condensed law.
+
+    Its answers on a compliance then follow from these methods, not from the inherited ones.
+    """
+
+    def depth(*names: str) -> int:
+        found = (i for i, each in enumerate(cls.__mro__) if not vars(each).keys().isdisjoint(names))
+        return next(found, len(cls.__mro__))
+
+    inherited = "points", "loops", "condensed_backward_euler", "condensed_discrete_gradient"
+    return depth("backward_euler", "discrete_gradient") < depth(*inherited)
 
 
 def variables_of(law: Any) -> tuple[str, ...]:

@@ -13,7 +13,13 @@ import pytest
 
 pytest.importorskip("petsc4py")
 
-from dolfinx_joints import ConvergenceError, FrictionNoTension, MatrixSystem, SolverOptions
+from dolfinx_joints import (
+    ConvergenceError,
+    FrictionNoTension,
+    MatrixSystem,
+    SolverOptions,
+    ViscousJoint,
+)
 from dolfinx_joints.laws.law import BACKWARD_EULER, DISCRETE_GRADIENT, JointState
 from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.solvers.effective_matrix import STATIC
@@ -110,6 +116,30 @@ def test_the_whole_correction_is_tried_where_no_halving_is_allowed():
     u, report = solve(solver, system, [3.0])
     assert u[0] == pytest.approx(1.5, rel=1e-14)
     assert report.iterations == 1
+
+
+class Softer(FrictionNoTension):
+    """Friction whose methods at a gap give half of the traction."""
+
+    def backward_euler(self, gap, state):
+        whole = super().backward_euler(gap, state)
+        return replace(whole, traction=0.5 * whole.traction, tangent=0.5 * whole.tangent)
+
+
+@pytest.mark.parametrize("kind", ["condensed", "monolithic"])
+@pytest.mark.parametrize("viscous", [False, True])
+def test_a_subclass_that_changes_methods_at_a_gap_is_asked(kind, viscous):
+    # Bulk and closed joint of 1 N/m, half of which is left: u + u / 2 = 3.
+    law = Softer(normal_stiffness=1.0, shear_stiffness=0.0, friction_angle_deg=0.0)
+    if viscous:  # no dashpots in statics
+        law = ViscousJoint(law=law, normal_viscosity=1.0, shear_viscosity=0.0)
+    gap = [[-1.0], [0.0], [0.0]]
+    system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=gap, law=law)
+    b, x = system.stiffness.createVecLeft(), system.stiffness.createVecRight()
+    b.set(3.0)
+    state = JointState.at_rest(system.contact.operator.jump(x))
+    make_solver(system, kind=kind).solve(STATIC, b, x, state)
+    assert x.array[0] == pytest.approx(2.0, rel=1e-13)
 
 
 class Creeping:

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The algebraic step condensed onto the joints: factor the bulk once, iterate on the joints only.
 
-With A factored, the joint gaps follow from the joint forces, g = g_trial - G F, where G = B A^-1
+With A factored, the joint gaps follow from the joint forces, g = g_free - G F, where G = B A^-1
 B^T is the compliance (Delassus) matrix and F = w t. Each step is one response without joints, an
 iteration on F alone, and one expansion. F solves
 
-    r(F) = F - w Res(g_trial - G F + diag(G) F) = 0,
+    r(F) = F - w Res(g_free - G F + diag(G) F) = 0,
 
 Res being the law solved at each point on the point's own compliance: closed and regular however
 stiff the joint is. The semi-smooth Newton matrix is I + w T (G - diag G) with T = dRes/dh. All of

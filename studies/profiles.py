@@ -15,8 +15,7 @@ from dolfinx_joints.postprocessing.joints.surface import (
     LABELS,
     JointSurface,
     Quantity,
-    traction_value,
-    tractions,
+    map_value,
 )
 from dolfinx_joints.postprocessing.palette import BLUE, GREY, RED
 from dolfinx_joints.results.arguments import record_number
@@ -53,12 +52,12 @@ def traction_profile(
     chosen = points_along(surface, position)
     chosen = chosen[~surface.tied[chosen]]  # tied points transmit nothing
     height = surface.points[chosen, 1]
-    traction, is_open = (array[chosen] for array in tractions(results, joint, number))
     curves: tuple[tuple[Quantity, str, str], ...] = (("ratio", BLUE, "o"),)
     if quantity == "tractions":
         curves = (("normal", BLUE, "o"), ("tangential", RED, "s"))
     for name, colour, marker in curves:
-        values = traction_value(traction, name)
+        values = map_value(results, joint, name, number)[chosen]
+        is_open = np.isnan(values)
         values[is_open] = 1.0 if name == "ratio" else 0.0
         label = LABELS[name].replace(" [MPa]", "").replace(" [-]", "")
         ax.plot(values, height, marker=marker, markersize=4, color=colour, label=label)

@@ -107,8 +107,8 @@ class _Step:
 
     Attributes:
         effective: Coefficients of the matrix.
-        known: (F0 + F1)/2 + 2/dt M v0 - K u0, the remainder of the last step, and what prescribed dofs
-            and exact modes change [N].
+        known: (F0 + F1)/2 + 2/dt M v0 - K u0, the remainder of the last step, and what prescribed
+            dofs and exact modes change [N].
         x: u1 - u0, a guess until it is solved for; prescribed dofs are as they must be [m].
         joints: State of the joints as laws take it at the start.
     """

@@ -156,8 +156,10 @@ def test_what_is_kept_between_solves_does_not_matter(comm, route):
 def test_the_complement_is_made_once_it_pays(comm, monkeypatch):
     # All points stick: 15 products of 120^2 each time, against 2.3 x 120^3 operations. The answer
     # is the same before and after.
-    made, tied = [], corrections._tied
-    monkeypatch.setattr(corrections, "_tied", lambda *given: (made.append(1), tied(*given))[1])
+    made, tied = [], corrections._complement_of
+    monkeypatch.setattr(
+        corrections, "_complement_of", lambda *given: (made.append(1), tied(*given))[1]
+    )
     s, stuck = scaled_compliance(), stuck_tangent(1e3)
     one = WholeCorrections(row_matrix(s, comm), stuck, comm)
     blocks, r = tangents(states("stuck"), stuck), right_side()
@@ -171,7 +173,7 @@ def test_the_complement_is_made_once_it_pays(comm, monkeypatch):
 def test_the_complement_is_not_made_for_open_joints(comm, monkeypatch):
     # One point of forty is closed: the small system is far cheaper, however much W would save.
     monkeypatch.setattr(limits, "COMPLEMENT_COST", 0.0)
-    monkeypatch.setattr(corrections, "_tied", None)
+    monkeypatch.setattr(corrections, "_complement_of", None)
     s, stuck = scaled_compliance(), stuck_tangent(1e3)
     one = WholeCorrections(row_matrix(s, comm), stuck, comm)
     blocks, r = tangents(states("one closed"), stuck), right_side("few")

@@ -49,8 +49,8 @@ class ViscousJoint:
         t_n = eta_n (<gap_n1> - <gap_n0>) / dt   with <g> = min(g, 0), and no tension in the sum,
         t_s = eta_s gap_s' dt_c / dt,            dt_c the part of the step in contact,
 
-    where the point is closed at the end of the step; t_s is never larger than the pressure, else it
-    would stop at once where the joint opens. In statics the dashpots are at rest.
+    and t_s is never larger than the pressure, else it would stop at once where the joint opens. In
+    statics the dashpots are at rest.
 
     Attributes:
         law: The law without dashpots, without dilatancy or shear keys.
@@ -205,7 +205,7 @@ def dashpot_points(normal: float, shear: float, before: Floats, answer: Answer) 
 
 @inline
 def add_dashpots(i: int, normal: float, shear: float, before: Floats, answer: Answer) -> None:
-    """Add the tractions of dashpots to the answer of a point that is closed at the end.
+    """Add the tractions of dashpots to the answer of a point.
 
     Args:
         i: Number of the point.
@@ -214,8 +214,6 @@ def add_dashpots(i: int, normal: float, shear: float, before: Floats, answer: An
         before: Gap at the start, shape (3,), [m].
         answer: Of the law.
     """
-    if answer.status[i] == OPEN:
-        return
     gap, traction, tangent = answer.gap[i], answer.traction[i], answer.tangent[i]
     end = min(gap[0], 0.0)
     pressed = normal * (end - min(before[0], 0.0))
@@ -234,6 +232,9 @@ def add_dashpots(i: int, normal: float, shear: float, before: Floats, answer: An
         theta = -end / (opening - end)
         if gap[0] <= 0.0:
             rate = -(opening / (opening - end)) / (opening - end)
+    elif answer.status[i] == OPEN and gap[0] > 0.0:
+        theta = -before[0] / (gap[0] - before[0])
+        rate = -theta / (gap[0] - before[0])
     slip = (gap[1] - before[1], gap[2] - before[2])
     shear_1, shear_2, t_n = shear * theta * slip[0], shear * theta * slip[1], traction[0] + dash_n
     size, limit = np.sqrt(shear_1 * shear_1 + shear_2 * shear_2), max(-t_n, 0.0)

@@ -148,3 +148,23 @@ def test_laws_without_dashpots(make, text):
     with pytest.raises(ValueError) as refused:  # noqa: PT011
         make()
     assert text in str(refused.value)
+
+
+@pytest.mark.parametrize("end", [1e-13, 1e-6, 4e-5])
+@pytest.mark.parametrize("viscosity", [1e6, 1e8])
+def test_dashpots_act_until_a_joint_opens(end, viscosity):
+    # From g0 < 0 to g1 > 0 the mean pressure of the law is k_n g0^2 / 2 over g1 - g0, less what the
+    # dashpot pulls, eta (0 - g0) / dt, and never tension. Both are continuous at g1 = 0.
+    start, dt, k_n = -1e-5, 2e-3, 1e10
+    law = ViscousJoint(
+        law=KeyedJoint(normal_stiffness=k_n, shear_stiffness=0.0),
+        normal_viscosity=viscosity,
+        shear_viscosity=0.0,
+    ).for_step(dt)
+    state = JointState.at_rest(np.array([[start, 0.0, 0.0]]))
+    pressure = k_n * start**2 / 2.0 / (end - start) - viscosity * -start / dt
+    found = law.discrete_gradient(np.array([[end, 0.0, 0.0]]), state)
+    assert found.traction[0, 0] == pytest.approx(-max(pressure, 0.0), rel=1e-12, abs=1e-9)
+    closed = law.discrete_gradient(np.array([[-1e-13, 0.0, 0.0]]), state)
+    opened = law.discrete_gradient(np.array([[1e-13, 0.0, 0.0]]), state)
+    assert closed.traction[0, 0] == pytest.approx(opened.traction[0, 0], rel=1e-6, abs=0.1)

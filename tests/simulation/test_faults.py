@@ -157,8 +157,8 @@ def shaking(time):
     return 12.0 * np.sin(2 * np.pi * np.array([2.3, 2.9, 3.1]) * time + [0.0, 0.7, 1.9])
 
 
-def spoilt_law(field, after):
-    """A law whose ``field`` holds NaN at its last point after some answers."""
+def spoilt_law(field, after, *, forms=("", "condensed_")):
+    """A law whose ``field`` holds NaN at its last point after some answers of its methods."""
 
     class Spoilt(FrictionNoTension):
         answers = 0
@@ -170,7 +170,7 @@ def spoilt_law(field, after):
             return response
 
     for name in ("backward_euler", "discrete_gradient"):
-        for method in (name, f"condensed_{name}"):
+        for method in (form + name for form in forms):
             given = getattr(FrictionNoTension, method)
             spoilt = lambda self, *args, given=given: self._spoil(given(self, *args))  # noqa: E731
             setattr(Spoilt, method, spoilt)
@@ -194,6 +194,16 @@ def test_nan_of_a_law_names_law_and_joint(wall, solver, field, after):
     with pytest.raises(ConvergenceError, match="the law Spoilt of joint 'joint_3' gave NaN") as got:
         all_of_it()
     assert (got.value.law, got.value.joint) == ("Spoilt", "joint_3")
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("field", ["traction", "tangent"])
+def test_nan_of_a_law_without_a_form_on_a_compliance_names_it(wall, field):
+    from dolfinx_joints import Simulation
+
+    run = Simulation(wall(spoilt_law(field, 5, forms=[""])), solver="condensed")
+    with pytest.raises(ConvergenceError, match="the law Spoilt of joint 'joint_.' gave NaN"):
+        run.statics()
 
 
 def diagonal(comm, values):

@@ -132,7 +132,7 @@ def advance(
         jacobian[a, a] += 1.0
     if not is_far:
         return FOUND
-    if counts[0] == MOST_ITERATIONS or not np.isfinite(right[:, 0].sum()):
+    if counts[0] == MOST_ITERATIONS or not np.isfinite(right[:, 0].sum() + jacobian.sum()):
         return LOST
     determinant = _solve(jacobian, right, 1)
     counts[0], counts[1], counts[2] = counts[0] + 1, 0, 1 if determinant < 0.0 else 0
@@ -303,7 +303,10 @@ def on_compliance(
         )
         if not (judged == GOES_ON).any():
             break
-    if (judged == LOST).any():
+    lost = judged == LOST
+    if not all(np.isfinite(values[lost]).all() for values in (found.traction, found.tangent)):
+        return found  # what a law cannot answer is named where the step fails
+    if lost.any():
         raise ConvergenceError(iteration=MOST_ITERATIONS, residual=float(search.size.max()))
     wide = np.repeat(compliance, (1, 2), axis=1)
     matrix = np.eye(3) + wide[:, :, None] * found.tangent

@@ -67,7 +67,8 @@ class LawPoints:
         stops: Whether its points do not rebound.
 
     Raises:
-        ValueError: Its internal variables are not what `LawWithHistory` says.
+        ValueError: Its internal variables are not what `LawWithHistory` says, or its stiffness is
+            not two numbers.
     """
 
     def __init__(self, law: AnyLaw, points: Ints) -> None:
@@ -81,6 +82,12 @@ class LawPoints:
             raise ValueError(
                 f"{self.kind}: internal_variables is {shown(names)}; it must be a tuple of names, "
                 "beside a method initial_variables(gap)."
+            )
+        stiffness: Any = law.closed_stiffness()
+        if np.shape(stiffness) != (2,) or not all(k >= 0.0 for k in stiffness):
+            raise ValueError(
+                f"{self.kind}.closed_stiffness returned {shown(stiffness)}; it must give normal "
+                "and shear stiffness, two numbers from 0 Pa/m on."
             )
         self.variables = len(names)
         self._law_of_steps: Callable[[float], AnyLaw] = lambda dt: law

@@ -72,6 +72,8 @@ class ViscousJoint:
                 f"ViscousJoint: law is {shown(self.law)}; it must be a joint law of finite "
                 "stiffness."
             )
+        if isinstance(self.law, ViscousJoint):
+            raise ValueError("ViscousJoint: law has dashpots already; give it the sum of both.")
         dilates = isinstance(self.law, MohrCoulombJoint) and self.law.dilatancy_angle_deg
         if dilates or isinstance(self.law, ShearKeyJoint):
             what = "a dilatancy angle" if dilates else "shear keys"

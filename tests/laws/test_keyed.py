@@ -142,12 +142,27 @@ def test_the_shear_dashpot_is_bounded_by_the_pressure():
     [
         (lambda: ViscousJoint(law=1.0), "law is 1.0; it must be a joint law of"),
         (lambda: ViscousJoint(law=DILATANT), "law has a dilatancy angle; dashpots are for joints"),
+        (lambda: ViscousJoint(law=ViscousJoint(law=FRICTION)), "law has dashpots already; give"),
     ],
 )
 def test_laws_without_dashpots(make, text):
     with pytest.raises(ValueError) as refused:  # noqa: PT011
         make()
     assert text in str(refused.value)
+
+
+@pytest.mark.parametrize("given", [1e9, (1e9,), (1e9, -1.0), (1e9, math.nan), None])
+def test_a_stiffness_that_is_not_two_numbers(given):
+    pytest.importorskip("petsc4py")
+    from dolfinx_joints import MatrixSystem
+
+    class Own(FrictionNoTension):
+        def closed_stiffness(self):
+            return given
+
+    law = Own(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=30.0)
+    with pytest.raises(ValueError, match="Own.closed_stiffness returned .*; it must give normal"):
+        MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=[[1.0], [0.0], [0.0]], law=law)
 
 
 @pytest.mark.parametrize("end", [1e-13, 1e-6, 4e-5])

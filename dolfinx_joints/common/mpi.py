@@ -143,7 +143,10 @@ def rows_at(comm: Any, rows: NDArray[Any], number: Ints) -> NDArray[Any]:
 
 
 class RowsAt:
-    """The same of many arrays of ``count`` rows here dealt alike; numbers are among all rows."""
+    """Rows by number, as `rows_at` gives them, of several arrays that are dealt in the same way.
+
+    ``count`` is the number of rows on this rank; rows are numbered over all ranks.
+    """
 
     def __init__(self, comm: Any, count: int, number: Ints) -> None:
         """Tell each rank what is asked for (collective)."""

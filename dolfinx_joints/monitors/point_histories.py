@@ -19,7 +19,7 @@ STATIC_PART = "static_displacement"
 
 
 class PointHistories:
-    """What of the stream ``histories`` is read of each record."""
+    """The values of a record that go into the stream ``histories``."""
 
     def __init__(self, model: Model, probe: PointProbe) -> None:
         self._model, self._probe = model, probe

@@ -72,7 +72,7 @@ class StaticState(Summarised):
 
     @property
     def unloaded(self) -> bool:
-        """Whether no load step has led to the state."""
+        """Whether no load step has been solved: the body is at rest without loads."""
         return not self.reports
 
     def _summary(self) -> Rows:

@@ -25,7 +25,7 @@ class SharedBulk:
     """
 
     def __init__(self) -> None:
-        """Nothing is there yet."""
+        """Begin with an empty store."""
         self.rounds = Rounds()
         self.lowest_modes: dict[int, Any] = {}
         self._made: dict[Hashable, Any] = {}

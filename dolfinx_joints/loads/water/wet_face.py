@@ -281,10 +281,11 @@ def _places_by_key(count: int, label: Ints, keys: Ints) -> Ints:
 
 
 def _edge_keys(nodes: Ints, shares: Floats, order: NodeNumbering | None) -> Ints:
-    """What sorts corners on the level in the order of the body's nodes, alike without, shape (n,).
+    """Return keys that sort corners on the level like the nodes of the body, shape (n,).
 
-    Each is of a whole triangle or line, whose nodes and shares (barycentric coordinates) are given,
-    these zero but for the ends of the edge that the level cuts, or the node on it.
+    Without an order all keys are zero. The nodes and shares (barycentric coordinates) are those of
+    the whole triangle or line. Shares are zero except at the ends of the edge that the level cuts,
+    or at the node on the level.
     """
     if order is None:
         return np.zeros(len(nodes), dtype=np.int64)

@@ -65,7 +65,7 @@ class Shares:
         self.factors.append(np.ascontiguousarray(kept, self.dtype))
 
     def replaced(self, parts: Sequence[tuple[NDArray[Any] | None, int]], dtype: Any) -> Shares:
-        """The same blocks with other factors and kinds."""
+        """Return shares of the same blocks with other factors and kinds."""
         shares = Shares(dtype)
         for (first, unknowns, _, _, panel), part in zip(self.table, parts, strict=True):
             shares.add(first, unknowns, *part, panel)
@@ -224,8 +224,8 @@ class LowRankMatrix:
         rough = copy(self)
         rough.own = self.own.rougher(tolerance, dtype)
         rough._rows, rough._columns = {}, {}
-        # What the owners of the columns are told: how much of R is kept, R of a block that has been
-        # dense, or nothing for one that stays it.
+        # Message to the owners of the columns, for each block: the number of rows of R that stay; R
+        # of a block that was dense; None for a block that stays dense.
         told: list[list[Any]] = [[] for _ in range(self.comm.size)]
         for rank, shares in self._rows.items():
             kept: list[tuple[NDArray[Any] | None, int]] = []
@@ -270,9 +270,9 @@ class LowRankMatrix:
         return out
 
     def joined(self) -> tuple[Ints, NDArray[Any], list[int]]:
-        """What it has with all other ranks as one table with its entries, where it is symmetric.
+        """Return the blocks that a symmetric matrix shares with other ranks: table, entries, lengths.
 
-        Of the numbers that pass those with rank 0 come first; how many each takes is the third.
+        Lengths are the numbers exchanged with each rank in a product, in the order of the ranks.
         """
         both = [self._sends.get(rank) for rank in range(self.comm.size)]
         lengths = [0 if shares is None else shares.length for shares in both]

@@ -270,7 +270,7 @@ class LowRankMatrix:
         return out
 
     def joined(self) -> tuple[Ints, NDArray[Any], list[int]]:
-        """Return the blocks that a symmetric matrix shares with other ranks: table, entries, lengths.
+        """Return the blocks of a symmetric matrix with other ranks: table, entries, lengths.
 
         Lengths are the numbers exchanged with each rank in a product, in the order of the ranks.
         """

@@ -33,7 +33,7 @@ PHRASES = {
     r"\b(?:said|say) (?:of|so)\b": "reported, stated",
     r"\bwhat is (?:said|told|asked|done|left|given|known|taken)\b": "name it",
     r"\basked for\b": "requested, given",
-    r"\b(?:solver|point|file|loop|law|rank|step|joint)s? (?:know|tell|ask|say)s?\b": "has, requires",
+    r"\b(?:solver|point|file|loop|law|rank|step|joint)s? (?:know|tell|ask|say)s?\b": "has",
     r"\bas is\b": "unchanged",
     r"\bso it is with\b": "likewise",
     r"\bin vain\b": "without success",

@@ -146,7 +146,8 @@ def paragraphs(page: str) -> Iterator[tuple[int, str]]:
     start = 1
     for number, line in enumerate([*blanked.split("\n"), ""], 1):
         item = re.match(r"\s*(?:[-*+]|\d+\.)\s+", line)
-        skipped = not line.strip() or line.lstrip().startswith(("|", "#", "<", ":::", "!["))
+        code = line.startswith("    ") and not lines and not item
+        skipped = code or not line.strip() or line.lstrip().startswith(("|", "#", "<", ":::", "!["))
         if (item or skipped) and lines:
             yield start, "\n".join(lines)
             lines = []
@@ -157,7 +158,7 @@ def paragraphs(page: str) -> Iterator[tuple[int, str]]:
 
 def sentences(text: str) -> list[str]:
     """Return the sentences of a paragraph; code, formulas and links count as one word."""
-    text = re.sub(r"`+[^`]*`+|\$[^$]*\$", "code", text)
+    text = re.sub(r"`+[^`]*`+|\$[^$]*\$", "Code", text)
     text = re.sub(r"!?\[([^\]]*)\](?:\([^)]*\)|\[[^\]]*\])?", r"\1", text)
     text = re.sub(r"\b(e\.g|i\.e|cf|eq|eqs|Fig|No|vs|approx)\.", r"\1", text)
     return [part for part in re.split(r"(?<=[.!?])[\"')*_]*\s+(?=[\"'(*_]*[A-Z0-9])", text) if part]

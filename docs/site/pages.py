@@ -20,6 +20,7 @@ MENU = {
         "demos/index.md",
         "docs/reference/index.md",
         "docs/conventions.md",
+        "docs/results_file.md",
     ],
     "Background": ["docs/theory/index.md"],
     "Evidence": [

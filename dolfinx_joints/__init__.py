@@ -12,7 +12,7 @@ from dolfinx_joints.common.import_order import load_in_order
 
 load_in_order()
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 

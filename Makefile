@@ -40,6 +40,8 @@ IMPORTS_TOOL := import-linter-2.16
 IMPORTS_NEEDS := 'import-linter==2.16'
 BUILD_TOOL := build-1.6
 BUILD_NEEDS := 'build==1.6.*' 'setuptools==80.*'
+SBOM_TOOL := cyclonedx-7
+SBOM_NEEDS := 'cyclonedx-bom==7.*'
 COVERAGE_TOOL := coverage-7$(DOLFINX:%=-with-%)
 COVERAGE_NEEDS := 'coverage==7.*'
 SITE_TOOL := site-2
@@ -197,12 +199,17 @@ lint: ## Check style, imports between wings, and types
 	$(MYPY) dolfinx_joints
 	@if command -v shellcheck >/dev/null; then echo shellcheck; shellcheck -x $(BASH_SCRIPTS); fi
 
-dist: ## Build source distribution and wheel in dist/, and try them in an empty environment
+dist: ## Build source distribution and wheel in dist/ with a bill of materials, and try them
 	@$(call install_tool,$(BUILD_TOOL),$(BUILD_NEEDS))
-	rm -rf dist *.egg-info
+	@$(call install_tool,$(SBOM_TOOL),$(SBOM_NEEDS))
+	rm -rf dist build/sbom *.egg-info
 	$(call with_tool,$(BUILD_TOOL)) -m build -q --no-isolation
 	rm -rf *.egg-info
 	DOLFINX_JOINTS_DIST="$(CURDIR)/dist" $(PYTHON) -m pytest -q tests/test_packaging.py
+	$(PYTHON) -m venv --without-pip build/sbom/venv
+	$(PYTHON) -m pip -q --python build/sbom/venv/bin/python install --root-user-action=ignore dist/*.whl
+	$(call with_tool,$(SBOM_TOOL)) -m cyclonedx_py environment --output-reproducible \
+		--pyproject pyproject.toml -o build/sbom/dolfinx_joints.cdx.json build/sbom/venv/bin/python
 
 build/demos/%/printed.txt: demos/%.py $(CODE)
 	mkdir -p $(@D)

@@ -206,10 +206,13 @@ dist: ## Build source distribution and wheel in dist/ with a bill of materials, 
 	$(call with_tool,$(BUILD_TOOL)) -m build -q --no-isolation
 	rm -rf *.egg-info
 	DOLFINX_JOINTS_DIST="$(CURDIR)/dist" $(PYTHON) -m pytest -q tests/test_packaging.py
-	$(PYTHON) -m venv --without-pip build/sbom/venv
-	$(PYTHON) -m pip -q --python build/sbom/venv/bin/python install --root-user-action=ignore dist/*.whl
+	$(RUN) env -u PYTHONPATH python3 -m venv --without-pip build/sbom/venv
+	$(RUN) env -u PYTHONPATH python3 -m pip -q --python build/sbom/venv/bin/python install \
+		--root-user-action=ignore dist/*.whl
+	printf '#!/bin/sh\nexec env -u PYTHONPATH build/sbom/venv/bin/python "$$@"\n' >build/sbom/python
+	chmod +x build/sbom/python
 	$(call with_tool,$(SBOM_TOOL)) -m cyclonedx_py environment --output-reproducible \
-		--pyproject pyproject.toml -o build/sbom/dolfinx_joints.cdx.json build/sbom/venv/bin/python
+		--pyproject pyproject.toml -o build/sbom/dolfinx_joints.cdx.json build/sbom/python
 
 build/demos/%/printed.txt: demos/%.py $(CODE)
 	mkdir -p $(@D)

@@ -54,7 +54,7 @@ REASONS: dict[str, str] = {
     "LARGEST_CONTACT_ROUNDING": f"{HERE}test_points_that_touch_take_fewer_iterations",
     "LARGEST_SPRING_ROUNDING": f"{STATICS} large spring forces (`LARGEST_SPRING_ROUNDING`)",
     "BALANCED": f"{STATICS} would move blocks that can rest anywhere (`BALANCED`)",
-    "SINGULAR_GROWTH": f"{PATH} pivots that are rounding errors (`SINGULAR_GROWTH`)",
+    "SINGULAR_GROWTH": f"{STEP}#61-monolithic pivots that are rounding errors (`SINGULAR_GROWTH`)",
     "FACTOR_RESIDUAL": f"{TESTS}test_direct.py::test_free_bodies_are_refused",
     "SUPPORTED_RESIDUAL": f"{VERIFICATION}test_loose_blocks.py::test_a_column_of_loose_blocks",
     "PATIENCE": f"{TESTS}test_newton.py::test_whole_corrections_leave_a_residual_that_hardly_falls",

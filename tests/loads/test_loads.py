@@ -101,7 +101,7 @@ def test_rising_waves_lose_what_long_steps_do_not_resolve(comm):
     low, high = (np.sin(2 * np.pi * f * time) * np.sin(np.pi * time) ** 2 for f in (5.0, 98.0))
     outcrop = dj.Motion(acceleration=np.outer(low + high, [1.0, 0.0, 0.0]), dt=1 / 400)
     field = dj.FreeField(groups=["base"], incident=dj.incident_wave(outcrop), surface=1.0)
-    half = pytest.warns(dj.PlausibilityWarning, match="'motion' is removed, 50 % of the")
+    half = pytest.warns(dj.PlausibilityWarning, match="'motion' are removed: 50 % of the")
     with half if comm.rank == 0 else nullcontext():
         ((found,), _) = for_steps([field], 0.01, comm)
     slow = dj.incident_wave(replace(outcrop, acceleration=np.outer(low, [1.0, 0.0, 0.0])))

@@ -664,15 +664,15 @@ def test_water_given_to_a_stage_alone():
         ),
         (
             lambda: dj.SeepageLine(start=(0, 0), end=(0, 0), upstream=1.0, downstream=0.0),
-            "SeepageLine: end is (0, 0); it must be another point than start (0, 0), with as many "
-            "coordinates.",
+            "SeepageLine: end is (0, 0); it must be another point than start (0, 0), with the same "
+            "number of coordinates.",
         ),
         (
             lambda: dj.SeepageLine(
                 start=(0, 0), end=(1, 0), upstream=1.0, downstream=0.0, drain=(1.5, 0.3)
             ),
-            "SeepageLine: drain is (1.5, 0.3); its share of the way must be inside 0 to 1, the "
-            "share that is left from 0 to 1.",
+            "SeepageLine: drain is (1.5, 0.3); its position must be between 0 and 1 (exclusive) "
+            "and the remaining share from 0 to 1.",
         ),
     ],
 )
@@ -707,7 +707,7 @@ def test_bad_parameters(make, sentence):
         ),
         (
             [dj.JointWater(joint="joint", level=level) for level in (1.0, 2.0)],
-            "The joint 'joint' has 2 loads that follow it.",
+            "The joint 'joint' has 2 loads that depend on its opening; only one is allowed.",
         ),
         (
             [dj.JointWater(joint="joint", level=1.0, factor=lambda _: math.inf)],

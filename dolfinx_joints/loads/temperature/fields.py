@@ -124,9 +124,9 @@ def steady_temperature(
 
     Args:
         jointed: The mesh.
-        faces: Temperature of each heated facet group: a number, a function of points (n, gdim) [m]
-            that returns (n,), or a seasonal temperature, of which the mean is used. A node of
-            several groups has the temperature of the last one.
+        faces: Given temperatures by facet group: a number, a function of points (n, gdim) [m] that
+            returns (n,), or a seasonal temperature, of which the mean is used. A node of several
+            groups has the temperature of the last one.
         conductivity: k of the body; matters only in relation to the conductance of `joints`.
         joints: Conductance of the joints that conduct heat.
         openings: Normal gaps of these joints [m], numbers or UFL scalars; zero by default.

@@ -59,8 +59,8 @@ def transient_temperatures(
 
     Args:
         jointed: The mesh.
-        faces: Temperature of each heated facet group, as in `steady_temperature`; seasonal ones
-            vary in time. Other faces are insulated.
+        faces: Given temperatures by facet group, as in `steady_temperature`; seasonal ones vary in
+            time. Other faces are insulated.
         times: Ends of the steps, increasing and positive [s].
         initial: Temperature at t = 0, a number or an earlier field [degrees C].
         conductivity: k.

@@ -143,9 +143,9 @@ def checked_base(
     if highest - surface > 1e-9 * (highest - base) or surface <= base:
         lowest, highest, base = (round(z, 6) + 0.0 for z in (lowest, highest, base))
         raise ValueError(
-            f"{name}: surface is {surface:g} m, but the groups {', '.join(groups)} "
-            f"extend from {lowest:g} to {highest:g} m; it must be at or above their top and above "
-            f"the base, {base:g} m."
+            f"{name}: surface is {surface:g} m; the groups {', '.join(groups)} extend from "
+            f"{lowest:g} to {highest:g} m. It must be at or above their top and above the base, "
+            f"{base:g} m."
         )
     return base
 

@@ -687,7 +687,7 @@ def test_bad_parameters(make, sentence):
     [
         (
             [dj.Uplift(joint="lift", pressure=1.0)],
-            "Uplift in 'lift': there is no such joint; the joints are: joint.",
+            "Uplift in 'lift': this joint does not exist; the joints are: joint.",
         ),
         (
             [dj.Uplift(joint="joint", pressure=lambda x: np.ones((len(x), 2)))],
@@ -699,7 +699,7 @@ def test_bad_parameters(make, sentence):
         ),
         (
             [dj.JointWater(joint="joint", level=1.0, reached_from="top")],
-            "The facet group 'top' touches no point of the joint 'joint'.",
+            "The facet group 'top' does not touch any point of the joint 'joint'.",
         ),
         (
             [dj.JointWater(joint="joint", level=1.0, reached_from="dry")],

@@ -91,7 +91,7 @@ def test_long_steps_read_no_high_frequency_as_a_low_one(block, recwarn, door, dt
     texts = [str(w.message) for w in recwarn if w.category is dj.PlausibilityWarning]
     if dt > motion.dt:
         assert sizes[0] < 1e-3 * sizes[1]
-        assert model.jointed.mesh.comm.rank or "'motion' is removed, 100 % of the" in texts[0]
+        assert model.jointed.mesh.comm.rank or "'motion' are removed: 100 % of the" in texts[0]
     else:
         assert (sizes[0], texts) == (sizes[1], [])
 

@@ -290,7 +290,7 @@ def test_what_cannot_be_read_is_an_error(tmp_path: Path) -> None:
             "60 header values, but line 25 states 60; 100 are needed",
         ),
         (cosmos().replace("(8F10.5)", "free"), "line 46: must state count and format of values"),
-        (cosmos().replace("   2       1", "   0       2"), "line 15: the channel must hold accel"),
+        (cosmos().replace("   2       1", "   0       2"), "line 15: the channel must have accel"),
         (
             smc().replace(f"{37:10d}{0:10d}", f"{37:10d}{1:10d}"),
             "line 14: the file flags a problem of the record (18th integer is 1)",

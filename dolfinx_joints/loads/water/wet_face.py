@@ -152,8 +152,8 @@ def _direction(water: MovedFace, area: Floats) -> Floats:
         if not area.any():
             return np.eye(len(area))[0]
         raise ValueError(
-            f"{water}: the mean normal of the wet face is not horizontal, so the upstream "
-            "direction is undetermined; give upstream=, or a group that is one face."
+            f"{water}: the mean normal of the wet face has no horizontal part, so the "
+            "upstream direction is undetermined; give upstream=, or a group that is one face."
         )
     return np.asarray(vector / size)
 

@@ -24,12 +24,11 @@ from dolfinx_joints.loads.loaded_body import LoadedBody
 @dataclass(frozen=True, kw_only=True)
 @checked
 class Gravity:
-    """Self weight, rho g per volume.
+    """Self weight, rho g per volume; ``redistribute_mass`` does not change it.
 
     Attributes:
         acceleration: g as a vector [m/s^2]; standard gravity along -z (-y in 2-D) by default.
-        cells: Name of the loaded cell group; the whole body by default. ``redistribute_mass`` does
-            not change the weight.
+        cells: Name of the loaded cell group; the whole body by default.
     """
 
     acceleration: Vector | None = None

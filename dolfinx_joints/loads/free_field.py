@@ -69,8 +69,7 @@ class FreeField:
         surface: Height of the ground surface, a coordinate along z (y in 2-D) [m].
         base: Height at which ``incident`` is given [m]; the lowest node of the groups by default.
         components: Letters of the axes of the motion; all axes by default.
-        highest_frequency: Highest frequency for which the delays along the boundary are resolved
-            [Hz].
+        highest_frequency: Highest frequency for which delays along the boundary are resolved [Hz].
     """
 
     groups: Annotated[Sequence[str], at.MinLen(1)]
@@ -142,10 +141,7 @@ class FreeField:
 
 
 class SupportForces:
-    """Static reactions of supports that are absent in a dynamic stage, applied as forces.
-
-    Needed for rock that is constrained in statics and supported by dashpots in an earthquake.
-    """
+    """Reactions of static supports, as forces on rock with dashpots in an earthquake instead."""
 
     def __init__(self, model: LoadedBody) -> None:
         """Start with zero forces (collective)."""

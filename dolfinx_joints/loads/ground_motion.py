@@ -35,8 +35,7 @@ GAUSS_POINTS, ROUNDING = 4, 1e-9
 class BaseMotion:
     """Uniform acceleration of the ground; displacements are then relative to the ground.
 
-    The force is F = -M iota a_g(t) for each axis. Water with waves is driven by the ground velocity
-    at its boundary (12v).
+    The force is F = -M iota a_g(t) per axis. The ground velocity drives water with waves (12v).
 
     Attributes:
         acceleration: Ground acceleration at a time [s], such as a `Motion`, shape (3,), [m/s^2]. In
@@ -56,9 +55,8 @@ class BaseMotion:
         """Return the ground velocity along each axis [m/s] as functions of time [s]."""
         if self.velocity is None:
             raise ValueError(
-                "BaseMotion: velocity is missing, but the model has ReservoirWaves, which need the "
-                "velocity of the ground; give velocity= and acceleration=, or pass motion= to "
-                "dynamics()."
+                "BaseMotion: velocity is missing, but ReservoirWaves need the velocity of the "
+                "ground; give velocity=, or pass motion= to dynamics()."
             )
         return _by_axis(self.velocity, gdim, "velocity")
 
@@ -115,10 +113,7 @@ class IncidentWave:
 
 
 def for_steps(given: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], list[str]]:
-    """Apply `Motion.for_steps` to each `Motion` in motions and loads; warn of large losses.
-
-    Returns the new motions and loads, and the texts of the warnings.
-    """
+    """Apply `Motion.for_steps` to motions and loads; return them and the warnings of losses."""
     texts = []
 
     def resolved(item: Any) -> Any:
@@ -161,10 +156,7 @@ def _by_axis(motion: Callable[[float], Any], gdim: int, name: str) -> list[TimeF
 def in_axes(
     motion: Callable[[float], Any], gdim: int, name: str = "motion"
 ) -> Callable[[float], Floats]:
-    """Return the components of a motion along the axes of a model.
-
-    In 2-D these are x and z of three components, or both of two components.
-    """
+    """Return the components along the axes of a model; in 2-D x and z of three, or both of two."""
 
     def moved(time: float) -> Floats:
         given = motion(time)

@@ -38,10 +38,7 @@ class PlaneWave:
     slowness: Floats
 
     def traction(self, rock: Layer, normal: Floats) -> Floats:
-        """Return the traction of unit velocity on a plane with normal n [Pa s/m].
-
-        It is -(lambda (d.s) n + mu ((s.n) d + (d.n) s)).
-        """
+        """Return the traction per velocity, -(lambda (d.s) n + mu ((s.n) d + (d.n) s)) [Pa s/m]."""
         d, s = self.motion, self.slowness
         shear = rock.shear_modulus * ((s @ normal) * d + (d @ normal) * s)
         return np.asarray(-rock.first_lame * (d @ s) * normal - shear)
@@ -93,21 +90,18 @@ def plane_waves(kind: str, angle: float, azimuth: float, rock: Layer) -> list[Pl
 class ObliqueFreeField:
     """Plane wave at oblique incidence that is reflected at the horizontal ground surface.
 
-    It acts like `FreeField`, in a half space of one material. P and SV waves are each reflected as
-    a P and an SV wave.
+    It acts like `FreeField`, in a half space of one material. P and SV waves have two reflections.
 
     Attributes:
         groups: Names of facet groups with a viscous boundary: the bottom and all sides.
         wave: ``P``: motion along the ray. ``SV``: across the ray in its vertical plane, forwards.
             ``SH``: horizontal, to the left of the propagation direction; not in 2-D.
         angle_deg: Angle between ray and vertical [degrees]; for SV below the critical angle.
-        azimuth_deg: Azimuth of the propagation, from x counterclockwise [degrees]; in 2-D 0 or
-            180.
+        azimuth_deg: Azimuth of the ray, from x counterclockwise [degrees]; in 2-D 0 or 180.
         incident: Velocity [m/s] of the incident wave at a time [s], at the point of the groups that
             it reaches first; zero until time zero.
         surface: Height of the ground surface, a coordinate along z (y in 2-D) [m].
-        highest_frequency: Highest frequency for which the delays along the boundary are resolved
-            [Hz].
+        highest_frequency: Highest frequency for which delays along the boundary are resolved [Hz].
     """
 
     groups: Annotated[Sequence[str], at.MinLen(1)]
@@ -132,9 +126,9 @@ class ObliqueFreeField:
         return without_rounding(patterns)
 
     def surface_velocity(self, model: LoadedBody) -> Callable[[float], Floats]:
-        """Return the free-field velocity of the surface above the middle of the groups.
+        """Return the free-field velocity of the surface, (3,) at a time [s], [m/s] (collective).
 
-        Its shape is (3,), at a time [s], [m/s] (collective).
+        It is the velocity above the middle of the groups.
         """
         waves, velocity = self._waves(model), self._velocity()
         middle = [np.mean(extent_along(model, self.groups, axis)) for axis in np.eye(model.gdim)]

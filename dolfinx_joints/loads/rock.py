@@ -78,8 +78,7 @@ def layers_along(
             raise ValueError(
                 f"{name}: the rock along {', '.join(groups)} has materials of densities "
                 f"{last.density:g} and {density:g} kg/m^3, the first from {ends[0]} to {ends[1]} "
-                f"m, the second from {ends[2]} m up. They must form horizontal layers without gap "
-                "or overlap."
+                f"m, the second from {ends[2]} m up. They must form horizontal, adjacent layers."
             )
         else:
             layers.append(rock)

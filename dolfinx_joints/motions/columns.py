@@ -134,9 +134,9 @@ def _parts(line: str) -> list[str]:
 def _use_decimal_points(text: RecordText, first: int) -> None:
     """Replace decimal commas by points, from the first line of values.
 
-    Commas are decimal if there are no points and either other separators are between the columns,
-    or each line has one comma and the same number of decimals. In the latter case, increasing
-    numbers before the comma are times, so the comma is a separator.
+    Commas are decimal if there are no points, and either the columns have other separators or each
+    line is one number with the same number of decimals. Increasing integers before the comma are
+    times, however, so that the comma separates columns.
     """
     lines = [line.strip() for line in text.lines[first - 1 :]]
     if any("." in line for line in lines):

@@ -63,8 +63,7 @@ class DifferingMotion(Summarised):
         between: Interpolation between stations. ``line``: linear in the distance along the line
             from the first to the last, constant beyond the ends. ``places``: by distances in space,
             for stations on both banks and at several heights.
-        passage: Delays by wave passage; zero at the support that is reached first. No delays by
-            default.
+        passage: Delays by wave passage, zero at the support reached first; no delays by default.
         reference: Name of the reference motion, which has no delay; the first by default.
     """
 

@@ -24,9 +24,8 @@ from dolfinx_joints.motions.motion import Motion, Seconds
 from dolfinx_joints.motions.record_text import Component, RecordText, direction_named, unit_named
 
 WEAK_G, STRONG_G = 0.02, 5.0
-"""Plausible peaks, in units of g: shaking up to 0.028 g is light (intensity IV, Worden et al.,
-Bull. Seism. Soc. Am. 102, 2012, 204); the strongest record has 4 g (Aoi et al., Science 322,
-2008)."""
+"""Plausible peaks in units of g: up to 0.028 g shaking is light (intensity IV, Worden et al., Bull.
+Seism. Soc. Am. 102, 2012, 204); the strongest record has 4 g (Aoi et al., Science 322, 2008)."""
 
 LONGEST_STEP = 0.1
 """Longest plausible time between samples [s]; accelerographs take 50 to 200 samples a second."""
@@ -122,9 +121,7 @@ def read_record(
     motion, azimuth = _assembled(parts, title)
     _warn_of(motion, parts)
     if azimuth is None and stream_azimuth_deg is not None:
-        raise RecordError(
-            "stream_azimuth_deg was given, but the components are along x and y of the dam already."
-        )
+        raise RecordError("stream_azimuth_deg is not allowed for components along x and y.")
     if azimuth is None or stream_azimuth_deg is None:
         return motion
     return motion.rotated(azimuth - stream_azimuth_deg)

@@ -71,8 +71,7 @@ class Component:
         path: the file.
         stated: direction of positive values according to the content of the file, or None.
         suggested: direction according to the name of the file, or None.
-        start: time of the first sample in the file [s], since 1970 or from the time column, or
-            None.
+        start: time of the first sample [s], since 1970 or from the time column, or None.
     """
 
     acceleration: Floats
@@ -280,11 +279,7 @@ def component(
     unknown: float | None = None,
     **facts: Any,
 ) -> Component:
-    """Return a component whose samples times ``scale`` are in ``unit``.
-
-    Raises:
-        RecordError: A sample is missing, or exceeds `MAX_PEAK_G`.
-    """
+    """Return a component whose samples times ``scale`` are in ``unit``, after checking them."""
     values, first, per_line = samples
     if (place := _filler(values, unknown)) is not None:
         missing = f"{values[place]:.9g} marks a missing sample"
@@ -302,10 +297,7 @@ def component(
 
 
 def _filler(values: Floats, unknown: float | None) -> int | None:
-    """Return the index of a filler for a missing sample, or None.
-
-    Fillers are ``unknown``, and numbers made of nines only that repeat or jump.
-    """
+    """Return the index of a filler, ``unknown`` or only nines that repeat or jump, or None."""
     if unknown is not None and (values == unknown).any():
         return int(np.argmax(values == unknown))
     size, steps = np.abs(values), np.abs(np.diff(values))

@@ -93,9 +93,8 @@ def highest_peak(
 ) -> tuple[float, float]:
     """Return frequency and amplitude of the highest peak, NaN if there is no peak.
 
-    A peak is higher than both neighbours. The amplitude at zero frequency (the mean of the signal)
-    and its flank are excluded: they may exceed all peaks if the signal ends at another value than
-    it starts.
+    A peak is higher than both neighbours. The mean of the signal (at zero frequency) and its flank
+    are excluded: they may exceed all peaks if the signal does not end at its initial value.
 
     Args:
         frequencies: increasing from 0, shape (n,), [Hz].

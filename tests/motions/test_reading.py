@@ -144,7 +144,7 @@ def test_given_directions_overrule_file_names_not_headers(
     motion = read_record(files, directions=directions)
     np.testing.assert_allclose(motion.acceleration[7] / STANDARD_GRAVITY, [0.1, 0.2, 0.3])
     if "x" in directions:
-        with pytest.raises(RecordError, match="stream_azimuth_deg was given, but"):
+        with pytest.raises(RecordError, match="stream_azimuth_deg is not allowed"):
             read_record(files, directions=directions, stream_azimuth_deg=10.0)
 
 

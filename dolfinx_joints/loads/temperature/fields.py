@@ -7,8 +7,7 @@ one year, and with the diffusivity kappa
 
     w T_s = kappa div grad T_c,   -w T_c = kappa div grad T_s.
 
-Faces without a given temperature are insulated. Joints conduct heat between blocks only if a
-conductance is given.
+Faces without a given temperature and joints without a given conductance are insulated.
 """
 
 from __future__ import annotations
@@ -90,10 +89,7 @@ class ReservoirTemperature:
     deep_mean: Annotated[float, at.Unit("degrees C")]
 
     def parts(self, points: Floats, day: float) -> Parts:
-        """Return mean, cosine and sine parts at points (n, gdim) [m], each (n,).
-
-        ``day`` is the day of the year at t = 0.
-        """
+        """Return mean, cosine and sine parts at points (n, gdim) [m], (n,); ``day`` is t = 0."""
         depth = self.level - points[:, -1]
         y = np.maximum(depth, 0.0)
         mean = self.deep_mean + (self.surface_mean - self.deep_mean) * np.exp(-0.04 * y)
@@ -135,8 +131,7 @@ def steady_temperature(
         DOLFINx function of the degree of the mesh [degrees C], for `Temperature.value`.
 
     Raises:
-        ValueError: No face is given, a value is not finite, or a block has no face with a
-            temperature and no conducting joint.
+        ValueError: No face is given, a value is not finite, or a block is insulated.
         MeshError: A group or joint does not exist.
     """
     values = face_values(jointed, faces, 0.0)[:, :1]
@@ -159,17 +154,15 @@ def seasonal_temperatures(
     """Compute the thermal loads of a periodic annual temperature (collective).
 
     Args:
-        jointed: The mesh. Its cells should resolve the penetration depth sqrt(2 kappa / w), 3.2 m
-            by default.
-        faces: As in `steady_temperature`; `AnnualWave` and `ReservoirTemperature` vary over the
-            year.
+        jointed: The mesh. Its cells should resolve the depth sqrt(2 kappa / w), 3.2 m by default.
+        faces: As in `steady_temperature`, including the annual variation.
         reference: Temperature at which the joints were closed, or one per cell group [degrees C].
         expansion: Coefficient of linear thermal expansion [1/K].
         diffusivity: kappa [m^2/s].
         day: Day of the year at t = 0.
-        conductivity: As in `steady_temperature`.
-        joints: As in `steady_temperature`.
-        openings: As in `steady_temperature`.
+        conductivity: As in `steady_temperature`, like the next two.
+        joints: Conductance of joints.
+        openings: Normal gaps of joints [m].
 
     Returns:
         Three loads for `Model`: the mean minus the reference, the cosine part and the sine part.
@@ -198,10 +191,7 @@ def _sine(time: float) -> float:
 
 
 def _swing(mean: Floats, amplitude: Floats, lag: Floats, days: float) -> Parts:
-    """Return the mean, cosine and sine part of an annual wave.
-
-    The wave is warmest ``days`` + ``lag`` after t = 0, both in days.
-    """
+    """Return the mean, cosine and sine part of a wave that is warmest at ``days + lag`` [days]."""
     phase = FREQUENCY * DAY * (days + lag)
     return mean, amplitude * np.cos(phase), amplitude * np.sin(phase)
 
@@ -230,8 +220,8 @@ def factored(matrix: PETSc.Mat) -> PETSc.KSP:
     ksp.setUp()
     if ksp.getPC().getFailedReason() == PETSc.PC.FailedReason.FACTOR_OUTMEMORY:
         raise JointsError(
-            "The factor of the temperature matrix does not fit into memory or into the workspace "
-            "of MUMPS. Use a coarser mesh, more memory, or a larger "
+            "The factor of the temperature matrix does not fit into memory or the workspace of "
+            "MUMPS. Use a coarser mesh, more memory, or a larger "
             "dolfinx_joints_temperature_mat_mumps_icntl_14 in PETSC_OPTIONS."
         )
     return ksp

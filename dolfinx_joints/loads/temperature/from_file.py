@@ -121,8 +121,7 @@ def _interpolated(
             place = ", ".join(f"{c:.4g}" for c in nodes[outside[far]])
             raise TemperatureError(
                 f"{path} has no point within {reach:g} m of the node at ({place}) m, which is "
-                f"outside the convex hull of the points; the nearest point is "
-                f"{distance[far]:.3g} m away. Add points or increase reach."
+                f"outside the convex hull of the points; the nearest is {distance[far]:.3g} m away."
             )
         result[outside] = values[nearest]
     return result

@@ -33,8 +33,7 @@ class JointConductance:
 
     Attributes:
         closed: Conductance h_c of the closed joint.
-        film: Conductivity k_f of the filling of an open joint: 0.025 for air at rest, 0.6 for
-            water, 0 for an insulating opening.
+        film: Conductivity k_f of an opening: 0.025 for air, 0.6 for water, 0 for no conduction.
     """
 
     closed: Annotated[float, at.Gt(0), at.Unit("W/(m^2 K)")]
@@ -56,19 +55,15 @@ def joint_term(
 ) -> Any:
     """Return the work of the joint fluxes on a test function (UFL) [W]; 0 without joints.
 
-    Openings are normal gaps [m], numbers or UFL scalars under `JointedMesh.dS`. Joints without an
-    entry are closed.
+    Openings are normal gaps [m], numbers or UFL scalars under `JointedMesh.dS`; zero by default.
 
     Raises:
-        ValueError: A conductance is not a `JointConductance`, or a joint with an opening has no
-            conductance.
+        ValueError: A conductance is not a `JointConductance`, or is missing for an opening.
         MeshError: A joint does not exist.
     """
     joints, openings = joints or {}, openings or {}
     if missing := [name for name in openings if name not in joints]:
-        raise ValueError(
-            f"openings has the joint {shown(missing[0])}, which has no conductance in joints."
-        )
+        raise ValueError(f"openings has {shown(missing[0])}, which has no conductance in joints.")
     term = 0
     for name, conductance in joints.items():
         if name not in jointed.joint_names:

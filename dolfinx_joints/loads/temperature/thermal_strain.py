@@ -29,8 +29,7 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 class Temperature:
     """Temperature of a body or a cell group, with the free strain alpha (T - T_0) f(t).
 
-    Several temperatures add up, such as mean and seasonal part, or cell groups with different
-    references.
+    Several temperatures add up, such as a mean and a seasonal part.
 
     Attributes:
         value: T [degrees C or K]: a number, a function of the coordinates x that returns a UFL

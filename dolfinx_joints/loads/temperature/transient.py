@@ -54,13 +54,11 @@ def transient_temperatures(
 ) -> list[Any]:
     """Compute the temperatures of a body at given times from those at t = 0 (collective).
 
-    Equal steps share one matrix factor. To change openings, call again with the last field as
-    ``initial``.
+    Equal steps share a factor. To change openings, call again with the last field as ``initial``.
 
     Args:
         jointed: The mesh.
-        faces: Given temperatures by facet group, as in `steady_temperature`; seasonal ones vary in
-            time. Other faces are insulated.
+        faces: As in `steady_temperature`, including the annual variation; may be empty.
         times: Ends of the steps, increasing and positive [s].
         initial: Temperature at t = 0, a number or an earlier field [degrees C].
         conductivity: k.

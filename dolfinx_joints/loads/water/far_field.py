@@ -1,9 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Far field of a reservoir: the wave that a moving ground excites uniformly along its length.
-
-An absorbing far end must not damp this wave, because it does not travel along the reservoir.
-"""
+"""Uniform wave along a reservoir excited by the ground, which the far end must not absorb."""
 
 from __future__ import annotations
 
@@ -56,8 +53,7 @@ class Section:
 class FarField:
     """Forces that compensate the far-end dashpots for the uniform wave of the cross-section.
 
-    The section is integrated in time by the midpoint rule, from rest at time zero. Its motion
-    between two steps is a cubic.
+    The section is integrated by the midpoint rule from rest; its motion within a step is a cubic.
 
     Args:
         section: The cross-section.

@@ -97,8 +97,7 @@ class Uplift:
 
     Attributes:
         joint: Name of the joint.
-        pressure: Pressure [Pa], zero or more: a number, or a function of points (n, 3) that returns
-            (n,), such as `SeepageLine`.
+        pressure: Number, at least 0, or function of points (n, 3), such as `SeepageLine` [Pa].
         factor: Multiplier at a time [s]; 1 by default.
     """
 
@@ -114,10 +113,7 @@ class Uplift:
         return [(opening_force(model, self.at_points(model)), self.factor)]
 
     def at_points(self, model: LoadedBody) -> Floats:
-        """Return the pressure at the local joint points, (n,), [Pa] (collective).
-
-        It is zero in other joints.
-        """
+        """Return the pressure at local joint points, (n,), [Pa], 0 in other joints (collective)."""
         return given_pressure(model, self, "pressure", joint_points(model, self))
 
 
@@ -127,8 +123,7 @@ class JointWater:
     """Reservoir water in a joint: full hydrostatic pressure at open points.
 
     In statics, openings and pressures are iterated until they are consistent. In dynamics, the
-    pressure at the end of a step depends on the openings at its start. Like every load, it acts
-    with the mean of both ends.
+    pressure at the end of a step depends on the openings at its start. The mean of both ends acts.
 
     Attributes:
         joint: Name of the joint.
@@ -138,8 +133,7 @@ class JointWater:
         reached_from: Name of a facet group. If given, only open points that are connected with it
             by open points of this joint have the full pressure; by default all open points.
         in_dynamics: ``follows``: depends on the openings in each step. ``frozen``: as at the start
-            of the stage. ``drained``: as at the start, but zero at points that open in the stage,
-            while they are open.
+            of the stage. ``drained``: likewise, but zero at other points while they are open.
         density: Density of the water [kg/m^3].
         gravity: g [m/s^2].
         factor: Multiplier at a time [s]; 1 by default.
@@ -167,11 +161,10 @@ class JointWater:
         return WaterInJoint(name, self, model)
 
     def at_points(self, model: LoadedBody, joints: Response) -> Floats:
-        """Return the pressure for the openings of a response, shape (n,), [Pa] (collective).
+        """Return the pressure at local joint points for given openings, (n,), [Pa] (collective).
 
-        It is given at the local joint points, without ``factor``, and is zero in other joints.
-        ``joints`` is a response such as ``StaticState.joints``; responses of a dynamic stage are
-        valid only if the water ``follows``.
+        It is without ``factor``, and zero in other joints. ``joints`` is a response such as
+        ``StaticState.joints``, or of a dynamic stage if the water ``follows``.
         """
         water = self.in_joint(label(self), model)
         return water.pressure(water.by_opening(joints.state.gap))
@@ -239,10 +232,7 @@ def joint_points(model: LoadedBody, load: JointLoad) -> Flags:
 
 
 def given_pressure(model: LoadedBody, load: JointLoad, attribute: str, in_joint: Flags) -> Floats:
-    """Evaluate a pressure, a number or a function, at the points of a joint [Pa] (collective).
-
-    ``attribute`` is the name of the attribute of the load. The pressure is zero at other points.
-    """
+    """Evaluate a pressure attribute of a load at points of a joint, else 0 [Pa] (collective)."""
     assert model.operator is not None
     value, places = getattr(load, attribute), model.operator.points[in_joint]
     name, comm = f"{label(load)}: {attribute}", model.operator.comm

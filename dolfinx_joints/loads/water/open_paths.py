@@ -30,8 +30,7 @@ class OpenPaths:
     group. Coordinates are compared instead of node numbers, because nodes are duplicated where
     another joint crosses and water passes there.
 
-    Neighbours are linked through a common hub: a facet, an edge or a place. Each rank owns some of
-    the hubs, with all their points.
+    Neighbours are linked through a common hub: a facet, an edge or a place, on one of the ranks.
     """
 
     def __init__(self, model: LoadedBody, joint: str, group: str) -> None:
@@ -62,9 +61,7 @@ class OpenPaths:
             set_rows(comm, self._starts, begin, np.ones(len(begin), dtype=bool))
             links = [_links(layout.number[facets], _edges(place))]
         if not comm.allreduce(int(self._starts.sum())):
-            raise MeshError(
-                f"The facet group {group!r} does not touch any point of the joint {joint!r}."
-            )
+            raise MeshError(f"The facet group {group!r} does not touch the joint {joint!r}.")
         every = np.concatenate(links)
         every = sent_to(comm, every[:, 1] % comm.size, every)
         points, self._point = np.unique(every[:, 2], return_inverse=True)
@@ -106,10 +103,7 @@ def _corners(model: LoadedBody, facets: Ints) -> Floats:
 
 
 def _links(points: Ints, hubs: Ints) -> Ints:
-    """Return rows (hub, hub, point) that link points (n, q) with hubs (n, m, 2).
-
-    A hub has two numbers.
-    """
+    """Return rows that link points (n, q) with hubs of two numbers (n, m, 2): hub, hub, point."""
     shape = (*points.shape, hubs.shape[1])
     point = np.broadcast_to(points[:, :, None], shape)
     first, second = (np.broadcast_to(hubs[:, None, :, i], shape) for i in (0, 1))

@@ -35,16 +35,12 @@ class JointWaters:
     def __init__(
         self, model: LoadedBody, loads: Mapping[str, FollowsJoints], *, waves: bool = False
     ) -> None:
-        """Start with closed joints (collective).
-
-        With ``waves``, force vectors cover all unknowns of a stage with water, not only the body's.
-        """
+        """Start with closed joints; with ``waves``, vectors include the water (collective)."""
         joints = [load.joint for load in loads.values()]
         for joint in joints:
             if joints.count(joint) > 1:
                 raise ValueError(
-                    f"The joint {joint!r} has {joints.count(joint)} loads that depend on its "
-                    "opening; only one is allowed."
+                    f"The joint {joint!r} has {joints.count(joint)} loads that follow it; give one."
                 )
         self.names = list(loads)
         self._model, self._waves = model, waves
@@ -154,10 +150,7 @@ class WaterPressures:
         return np.max(codes, axis=0) if codes else None
 
     def __call__(self, time: float, codes: Codes | None) -> Floats:
-        """Return the pressure at the local joint points, (n,), [Pa].
-
-        ``codes`` are ``DynamicState.water``.
-        """
+        """Return the pressure at local joint points, (n,), [Pa]; codes: ``DynamicState.water``."""
         total = np.zeros(self._size)
         for pressure, factor in self._given:
             total += float(factor(time)) * pressure

@@ -54,9 +54,8 @@ class ReservoirMass:
         upstream: Horizontal vector along which the reservoir extends; by default the horizontal
             part of the mean normal of the wet face.
         density: Density of the water [kg/m^3].
-        frequency: Frequency of the motion [Hz]. If positive, the water is compressible in a steady
-            vibration at this frequency, which must be below the natural frequencies of the
-            reservoir.
+        frequency: If positive, the water is compressible, in steady vibration at this frequency
+            [Hz], which must be below the natural frequencies of the reservoir.
         sound_speed: Speed of sound of compressible water [m/s].
     """
 

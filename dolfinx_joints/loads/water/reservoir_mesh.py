@@ -53,14 +53,12 @@ class MeshedReservoir:
         mesh: Mesh of the water, complete on every rank: read it with ``MPI.COMM_SELF``.
         face: Facet group of the water in front of the dam.
         bottom: Facet groups of floor and banks, which absorb waves and move with the ground.
-        far_end: Facet group with an absorbing boundary for waves along its normal; rigid by
-            default.
+        far_end: Facet group that absorbs waves along its normal; no group by default.
         density: Density of the water [kg/m^3].
         sound_speed: Speed of sound in the water [m/s].
         bottom_reflection: Reflection coefficient alpha of floor and banks, the ratio of reflected
             to incident pressure at normal incidence.
-        gravity_waves: True for surface waves, with p = rho g times the surface elevation instead of
-            p = 0 at the level.
+        gravity_waves: True for p = rho g times the elevation of the surface instead of p = 0.
     """
 
     group: str
@@ -136,10 +134,9 @@ class _Meshed:
         self._assemble()
 
     def _water_face(self) -> tuple[FacetSurface, Ints]:
-        """Return the face in front of the dam, and the unknowns at the nodes of each facet.
+        """Return the face in front of the dam, and unknowns at nodes of facets, -1 at the level.
 
-        Nodes at the level have the number -1. Pressures and geometry have the same Lagrange
-        element.
+        Pressures and geometry have the same Lagrange element.
         """
         mesh, shape = self._jointed.mesh, self._jointed.shape
         cells, local = facet_slots(mesh, self._jointed.facets(self._given.face))

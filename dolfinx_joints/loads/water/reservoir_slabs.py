@@ -3,9 +3,8 @@
 """Water upstream of a face of lines or triangles, as a stack of slabs of extruded face elements.
 
 In oblique coordinates (position on the face, distance s upstream) all slabs have the same matrix.
-Two equal stacks form one of twice the length by eliminating the nodes between them. Ten to twenty
-doublings lead from a tenth of a cell to a distance where the pressure has decayed. The result is a
-matrix over the nodes of the face.
+Eliminating the nodes between two equal stacks gives a stack of twice the length. The pressure has
+decayed after 10 to 20 doublings. The result is a matrix over the nodes of the face.
 """
 
 from __future__ import annotations
@@ -114,15 +113,13 @@ def resistance(
 ) -> Floats:
     """Compute S, where 1/2 p S p is the energy of the water for pressures p at its face.
 
-    The energy is per density, with the pressure as potential: S p is the flux of grad p into the
-    water.
+    The energy is per density, with the pressure as potential; S p is the flux into the water.
 
     Args:
         face: The face; each of its regions reaches the level.
         upstream: Horizontal unit vector, shape (gdim,).
         length: Length of the water up to a rigid wall [m]; None for infinite length.
-        wavenumber: Wavenumber of sound at the frequency of the motion [1/m]; zero for
-            incompressible water.
+        wavenumber: Wavenumber of sound at the frequency [1/m]; zero for incompressible water.
 
     Returns:
         Shape (count, count), [m], in 2-D [-]; symmetric, positive definite.

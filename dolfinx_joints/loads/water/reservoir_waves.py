@@ -59,14 +59,11 @@ class ReservoirWaves:
         sound_speed: Speed of sound in the water [m/s].
         bottom_reflection: Reflection coefficient alpha of floor and banks, the ratio of reflected
             to incident pressure at normal incidence.
-        gravity_waves: True for surface waves, with p = rho g times the surface elevation instead of
-            p = 0 at the level.
+        gravity_waves: True for p = rho g times the elevation of the surface instead of p = 0.
         far_end: ``radiating``: absorbs plane waves along the reservoir; ``rigid``: a wall.
-        absorbing_length: Length of the part before the far end with increasing damping, zero or at
-            least two elements [m]. It also absorbs slow waves near the natural frequencies of the
-            cross-section.
-        layers: Number of elements along the reservoir; by default elements are about twice as long
-            as the mean edge on the face.
+        absorbing_length: Length of a part with increasing damping before the far end, zero or at
+            least two elements [m]; absorbs also slow waves near natural frequencies of the section.
+        layers: Number of elements along the reservoir, by default twice as long as the mean edge.
     """
 
     group: str

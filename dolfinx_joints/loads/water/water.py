@@ -60,8 +60,8 @@ class Water:
         size: Number of unknowns.
         impedance: rho c [Pa s/m].
         rows: Function that returns the rows from one unknown up to another.
-        coupling: Integral of the shape functions of water and body times the outward normal of the
-            body, shape (size, dofs), [m^2].
+        coupling: Integral of the shape functions of water and body times the normal of the body,
+            shape (size, dofs), [m^2].
         driven: Integral of the shape functions times the outward normal of the water over all
             boundaries that move with the ground, shape (size, gdim), [m^2].
         places: Coordinates of the unknowns, shape (size, gdim), [m].

@@ -196,10 +196,9 @@ class _Face:
         self._corners = at.positions
 
     def numbers(self, comm: Any, water: MovedFace) -> tuple[Ints, int]:
-        """Assign numbers to the water nodes below the level (collective).
+        """Return node numbers of this rank's corners, and the number of nodes (collective).
 
-        Returns the node number of each corner of this rank, `SURFACE` at or above the level, and
-        the number of nodes.
+        Corners at or above the level have the number `SURFACE`.
         """
         level = float(water.level)
         own, first = np.unique(self._nodes, return_index=True)
@@ -227,10 +226,7 @@ class _Face:
         return by_rank[comm.rank][np.searchsorted(own, self._nodes)], count
 
     def in_order(self, comm: Any, numbers: Ints, count: int, nodes: NodeNumbering) -> Ints:
-        """Renumber the water nodes in the order of the body's nodes (collective).
-
-        The result does not depend on the number of ranks.
-        """
+        """Renumber the nodes in the order of the body's nodes, on any rank count (collective)."""
         wet = numbers != SURFACE
         pairs = np.column_stack([numbers[wet], nodes.number[self._nodes[wet]]])
         place = _places_by_key(count, *np.concatenate(comm.allgather(pairs)).T)
@@ -288,8 +284,7 @@ def _edge_keys(nodes: Ints, shares: Floats, order: NodeNumbering | None) -> Ints
     """Return keys that sort corners on the level like the nodes of the body, shape (n,).
 
     Without an order all keys are zero. Nodes and shares (barycentric coordinates) refer to the
-    uncut triangle or line. Shares are zero except at the ends of the edge that the level cuts, or
-    at the node on the level.
+    uncut part. Shares are zero except at the ends of the cut edge, or at the node on the level.
     """
     if order is None:
         return np.zeros(len(nodes), dtype=np.int64)
@@ -299,10 +294,9 @@ def _edge_keys(nodes: Ints, shares: Floats, order: NodeNumbering | None) -> Ints
 
 
 def _level_numbers(comm: Any, points: Floats, keys: Ints, shortest: float) -> tuple[Ints, int]:
-    """Assign numbers to the corners on the level in the order of keys (collective).
+    """Return numbers of the corners on the level, ordered by keys, and their count (collective).
 
-    Returns the number of each corner, and how many there are. Points are this rank's corners,
-    ``shortest`` is the shortest side of a part at one of them [m].
+    Points are this rank's corners; ``shortest`` is the shortest side of a part there [m].
     """
     every = comm.gather((points, keys, shortest), root=0)
 

@@ -4,13 +4,11 @@
 
 Facets are treated as triangles (quadrilaterals as two), in 2-D as lines. Each is cut into
 horizontal slices at the depths of its corners and at the level. The integrands are polynomials of
-the position, times sqrt(d) or not, where d is the depth. On a slice of a flat facet they are
-polynomials of sqrt(d). Gauss points in sqrt(d) therefore integrate pressures and added masses
-exactly for any level.
+the position, times sqrt(depth) or not. On a slice of a flat facet they are polynomials of
+sqrt(depth), so Gauss points in sqrt(depth) integrate pressures and added masses exactly.
 
-The height of a warped or curved facet is not a linear function of its reference coordinates. If the
-level cuts such a facet, it is divided into `DIVISIONS` parts along each edge. Only the cut treats
-the height as linear on a part.
+A warped or curved facet that the level cuts is divided into `DIVISIONS` parts along each edge,
+because its height is not linear. Only the cut treats the height as linear on a part.
 """
 
 from __future__ import annotations
@@ -179,8 +177,7 @@ def slices(depth: Floats, degree: int) -> tuple[Floats, Floats]:
 
     Args:
         depth: Depths of the corners, shape (n, 2) or (n, 3), [m].
-        degree: Degree of the polynomials of the position in the integrand, which may also have the
-            factor depth or sqrt(depth).
+        degree: Degree of the polynomial integrand, which may have the factor depth or sqrt(depth).
 
     Returns:
         Barycentric coordinates (n, points, corners) and weights (n, points); the sum of the weights
@@ -214,9 +211,9 @@ def _line(level: Floats, degree: int) -> tuple[Floats, Floats]:
 
 
 def _triangle(level: Floats, degree: int) -> tuple[Floats, Floats]:
-    """Return the rule on triangles, with slices above and below the middle corner.
+    """Return the rule on triangles, in slices above and below the middle corner.
 
-    The slices extend from the edge between highest and lowest corner to the two other edges.
+    Slices lie between the edge from highest to lowest corner and the two other edges.
     """
     nodes, of_nodes = np.polynomial.legendre.leggauss(degree // 2 + 1)
     t, along = (1 + nodes) / 2, of_nodes / 2

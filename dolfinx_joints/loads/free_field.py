@@ -60,7 +60,7 @@ class FreeField:
     velocity, and the free-field stress is added. On a horizontal bottom this load is twice the
     dashpot traction at the incident velocity. The rock along the groups is one material or several
     horizontal layers with reflections at the interfaces. Horizontal components are S waves, the
-    vertical one is a P wave. Displacements are absolute, so no ground motion may be given as well.
+    vertical one is a P wave. Displacements are absolute, so a ground motion is not allowed.
 
     Attributes:
         groups: Names of facet groups with a viscous boundary: the bottom and the sides.
@@ -141,7 +141,7 @@ class FreeField:
 
 
 class SupportForces:
-    """Reactions of static supports, as forces on rock with dashpots in an earthquake instead."""
+    """Reactions of supports that a dynamic stage replaces by dashpots, applied as forces."""
 
     def __init__(self, model: LoadedBody) -> None:
         """Start with zero forces (collective)."""

@@ -90,7 +90,7 @@ def plane_waves(kind: str, angle: float, azimuth: float, rock: Layer) -> list[Pl
 class ObliqueFreeField:
     """Plane wave at oblique incidence that is reflected at the horizontal ground surface.
 
-    It acts like `FreeField`, in a half space of one material. P and SV waves have two reflections.
+    It acts like `FreeField`, in a half space of one material. P and SV waves reflect as both.
 
     Attributes:
         groups: Names of facet groups with a viscous boundary: the bottom and all sides.

@@ -131,10 +131,10 @@ class Motion(Summarised):
 
     @checked
     def for_steps(self, step: Seconds) -> Self:
-        """Remove the frequencies that time steps longer than dt [s] would alias.
+        """Remove the frequencies that time steps of length ``step`` [s] would alias.
 
         The gain is 1 / (1 + (2.5 f step)^8): 98 % at half the Nyquist frequency of the step, 14 %
-        at this frequency, 0.07 % at twice this frequency.
+        at this frequency, 0.07 % at twice this frequency. Steps up to ``dt`` change nothing.
         """
         if step <= self.dt * (1.0 + ROUNDING):
             return self

@@ -84,8 +84,8 @@ def low_pass(acceleration: Floats, dt: float, band: float) -> Floats:
     """Apply the gain 1 / (1 + (f / band)^8) at the frequency f, without phase shift.
 
     The gain is the same for every ``dt``. The cosine transform mirrors the signal at its first and
-    last value, so frequencies up to Nyquist are removed up to the ends. The mirror image affects
-    about two periods of the band next to each end.
+    last value, so even a signal that alternates at each sample is removed up to the ends. The
+    mirror image affects two periods of the band next to each end.
     """
     from scipy.fft import dct, idct
 

@@ -48,7 +48,7 @@ def read_components(
     Args:
         path: file in the format PEER AT2, ESM/ITACA, K-NET or KiK-net, COSMOS V1 or V2, SMC
             (corrected), or in plain columns.
-        unit: unit of plain columns that do not state it; must agree with any other file.
+        unit: unit of plain columns that do not state it; must agree with a unit in the file.
         dt: time between rows of plain columns [s], if the file has no time column.
         columns: ``"time"``, directions or ``"skip"``, if the file does not name its columns;
             ``"wrapped"`` for one component that continues from line to line.
@@ -231,7 +231,9 @@ def _assembled(parts: list[Component], title: str) -> tuple[Motion, float | None
     """Return the motion along x, y, z and the azimuth of x [degrees], None for x of the dam."""
     for part in parts:
         if part.stated is not None and part.suggested not in (None, part.stated):
-            raise RecordError(f"{part.path}, line 2: the component differs from the file name's.")
+            raise RecordError(
+                f"{part.path}, line 2: component and file name disagree; correct one."
+            )
     contents = ", ".join(f"{part.path.name} (direction {part.direction})" for part in parts)
     upright = [part for part in parts if part.direction in ("up", "down")]
     flat = [(part, part.direction) for part in parts if isinstance(part.direction, float)]

@@ -265,7 +265,7 @@ def start_time(text: RecordText, number: int, pattern: re.Pattern[str], written:
 
 
 def record_named(*parts: str) -> str:
-    """Join words to the name of a record, also valid as a file name; remove / and : of times."""
+    """Join words to a record name that is valid in file names, without / and : of times."""
     words = (re.sub(r"[/:]", "", part) for part in parts)
     return "_".join(filter(None, re.split(r"[^\w.+-]+", " ".join(words))))
 

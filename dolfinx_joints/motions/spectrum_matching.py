@@ -40,7 +40,7 @@ LENGTHS = 4
 """Least duration of the motion over the longest matched period."""
 
 _CHECKED = 1.01  # largest ratio of neighbouring periods where spectrum and target are compared
-_MATCHED = 1.02  # least ratio of neighbouring periods with wavelets
+_MATCHED = 1.02  # ratio of period intervals, each with wavelets for its first period
 _FAR = 2.0  # ratio of spectrum and target above which Fourier amplitudes are changed
 _PASSES = 4  # largest number of passes that change Fourier amplitudes
 _SMOOTHED = 5  # width of the smoothing of their factors, in steps of 1 % of the period

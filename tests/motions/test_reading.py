@@ -128,7 +128,7 @@ def test_sensors_of_networks_have_places_not_azimuths(tmp_path: Path) -> None:
         (("", "", ""), ["x", "y", "z"], ""),
         (("090", "000", "UP"), ["E", "N", "UP"], ""),
         (("090", "000", "UP"), ["N", "E", "UP"], "gm001.AT2 has the direction 90.0, but 'N' was"),
-        (("090", "000", "UP"), None, "gm001.AT2, line 2: the component differs"),
+        (("090", "000", "UP"), None, "gm001.AT2, line 2: component and file name"),
     ],
 )
 def test_given_directions_overrule_file_names_not_headers(
@@ -186,7 +186,7 @@ def test_components_that_disagree_are_errors(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match=r"different time steps: .*-UP.AT2 0.01 s"):
         read_record(tmp_path)
     (tmp_path / "RSN1_ABC-UP.AT2").write_text(at2_text([0.1] * 20, component="DWN"))
-    with pytest.raises(RecordError, match="-UP.AT2, line 2: the component differs"):
+    with pytest.raises(RecordError, match="-UP.AT2, line 2: component and file name"):
         read_record(tmp_path)
 
 

@@ -135,7 +135,7 @@ def steady_temperature(
         MeshError: A group or joint does not exist.
     """
     values = face_values(jointed, faces, 0.0)[:, :1]
-    return _solve(jointed, values, None, _Through(conductivity, joints, openings))
+    return _solve(jointed, values, None, _JointHeat(conductivity, joints, openings))
 
 
 @checked
@@ -172,7 +172,7 @@ def seasonal_temperatures(
         MeshError: A group does not exist.
     """
     values = face_values(jointed, faces, day)
-    through = _Through(conductivity, joints, openings)
+    through = _JointHeat(conductivity, joints, openings)
     mean = _solve(jointed, values[:, :1], None, through)
     swing = _solve(jointed, values[:, 1:], diffusivity, through)
     return [
@@ -196,7 +196,7 @@ def _swing(mean: Floats, amplitude: Floats, lag: Floats, days: float) -> Parts:
     return mean, amplitude * np.cos(phase), amplitude * np.sin(phase)
 
 
-class _Through(NamedTuple):
+class _JointHeat(NamedTuple):
     """Heat flow through joints: conductivity of the body, conductances and openings."""
 
     conductivity: float
@@ -259,7 +259,7 @@ def _parts(group: str, face: Face, points: Floats, day: float) -> Floats:
 
 
 def _solve(
-    jointed: JointedMesh, given: Floats, diffusivity: float | None, through: _Through
+    jointed: JointedMesh, given: Floats, diffusivity: float | None, through: _JointHeat
 ) -> Any:
     """Solve for the field with given values at some nodes (collective).
 

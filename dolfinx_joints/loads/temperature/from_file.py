@@ -21,7 +21,7 @@ from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-_FILLER = 99.0  # larger numbers made of nines only, such as -999, mark missing temperatures
+_FILLER = 99.0  # numbers of nines only from this size on, as -999, mark missing temperatures
 _LARGE = 50.0  # extent of the points over that of the mesh, above which their unit may be wrong
 
 

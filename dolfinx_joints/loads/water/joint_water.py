@@ -123,7 +123,7 @@ class JointWater:
     """Reservoir water in a joint: full hydrostatic pressure at open points.
 
     In statics, openings and pressures are iterated until they are consistent. In dynamics, the
-    pressure at the end of a step depends on the openings at its start. The mean of both ends acts.
+    openings at the start of a step determine the pressure at its end; the mean of both ends acts.
 
     Attributes:
         joint: Name of the joint.
@@ -232,7 +232,7 @@ def joint_points(model: LoadedBody, load: JointLoad) -> Flags:
 
 
 def given_pressure(model: LoadedBody, load: JointLoad, attribute: str, in_joint: Flags) -> Floats:
-    """Evaluate a pressure attribute of a load at points of a joint, else 0 [Pa] (collective)."""
+    """Evaluate a pressure of a load at the points of its joint, 0 at others [Pa] (collective)."""
     assert model.operator is not None
     value, places = getattr(load, attribute), model.operator.points[in_joint]
     name, comm = f"{label(load)}: {attribute}", model.operator.comm

@@ -30,7 +30,7 @@ class OpenPaths:
     group. Coordinates are compared instead of node numbers, because nodes are duplicated where
     another joint crosses and water passes there.
 
-    Neighbours are linked through a common hub: a facet, an edge or a place, on one of the ranks.
+    Neighbours are linked by a common hub, a facet, edge or place, which one rank stores.
     """
 
     def __init__(self, model: LoadedBody, joint: str, group: str) -> None:

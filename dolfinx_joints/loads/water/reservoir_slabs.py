@@ -53,7 +53,7 @@ class WaterFace:
         return coo_array(entries, shape=(self.count, self.count))
 
 
-def clipped(depths: Floats) -> tuple[Ints, Floats, Ints]:
+def cut_at_level(depths: Floats) -> tuple[Ints, Floats, Ints]:
     """Cut lines or triangles at the level and return the parts below it.
 
     Args:
@@ -102,7 +102,7 @@ _PARTS: dict[int, dict[int, list[list[tuple[int, int]]]]] = {
 }
 
 
-def lidded(face: WaterFace) -> int:
+def regions_below_level(face: WaterFace) -> int:
     """Count the separate regions of the face that do not reach the level and have no solution."""
     ends = np.minimum(face.nodes, face.below)
     return int(connected(np.repeat(ends[:, 0], ends.shape[1]), ends.ravel(), face.below + 1).max())

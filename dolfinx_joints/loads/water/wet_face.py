@@ -19,7 +19,12 @@ from dolfinx_joints.common.mpi import on_root, summed
 from dolfinx_joints.common.parameters import check_vector, shown
 from dolfinx_joints.loads.load import Vector
 from dolfinx_joints.loads.loaded_body import LoadedBody
-from dolfinx_joints.loads.water.reservoir_slabs import SURFACE, WaterFace, clipped, lidded
+from dolfinx_joints.loads.water.reservoir_slabs import (
+    SURFACE,
+    WaterFace,
+    cut_at_level,
+    regions_below_level,
+)
 from dolfinx_joints.loads.water.wetted_facets import (
     WettedFacets,
     WettedPoints,
@@ -135,7 +140,7 @@ def wet_face(
 
 def check_reaches_level(water: MovedFace, face: WaterFace) -> None:
     """Check that each region of a face reaches the level, so that the pressure is determined."""
-    if lids := lidded(face):
+    if lids := regions_below_level(face):
         raise ValueError(
             f"{water}: {lids} separate regions of the face do not reach up to the level of "
             f"{water.level:g} m; each must, because the face is the cross-section of the reservoir."
@@ -242,7 +247,7 @@ class _Face:
         depths = self._level - self._corners[:, :, -1]
         depths = np.where(numbers == SURFACE, np.minimum(depths, 0.0), depths)
         depths[np.abs(depths) <= self._on_level] = 0.0
-        whole, shares, which = clipped(depths)
+        whole, shares, which = cut_at_level(depths)
         corners = np.einsum("pab,pbi->pai", shares, self._corners[whole])
         places = np.einsum("pab,pbi->pai", shares, self._places[whole])
         size = sizes(places)

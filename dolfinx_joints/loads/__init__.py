@@ -1,7 +1,7 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Patterns in space times functions of time.
+"""Loads: patterns in space times functions of time.
 
-A load states what it reads of a model and never imports one. Patterns are fixed, but water in
-joints may follow them (`load.FollowsJoints`).
+A load reads the model through the protocol `LoadedBody` and never imports `Model`. Patterns are
+fixed, except those of water pressures that follow the joint openings (`load.FollowsJoints`).
 """

@@ -24,19 +24,18 @@ from dolfinx_joints.loads.loaded_body import LoadedBody
 @dataclass(frozen=True, kw_only=True)
 @checked
 class Gravity:
-    """Self weight, rho g per volume.
+    """Self weight, rho g per volume; ``redistribute_mass`` does not change it.
 
     Attributes:
-        acceleration: g as a vector [m/s^2]; standard gravity along -z (-y in 2-D) unless given.
-        cells: Name of the cell group that weighs, the whole body unless given; mass that
-            ``redistribute_mass`` moves weighs where it was.
+        acceleration: g as a vector [m/s^2]; standard gravity along -z (-y in 2-D) by default.
+        cells: Name of the loaded cell group; the whole body by default.
     """
 
     acceleration: Vector | None = None
     cells: str | None = None
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """M g with the mass of the body or of its cells; an extra mass form has no weight."""
+        """Return M g with the mass of the body or of its cells, without the extra mass form."""
         gdim = model.gdim
         vector = np.zeros(gdim)
         if self.acceleration is None:
@@ -58,7 +57,7 @@ class Traction:
     Attributes:
         group: Name of the facet group.
         value: Traction vector [Pa].
-        factor: Multiplier at a time [s]; 1 unless given.
+        factor: Multiplier at a time [s]; 1 by default.
     """
 
     group: str
@@ -66,7 +65,7 @@ class Traction:
     factor: TimeFactor = always
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Its consistent nodal forces."""
+        """Return the consistent nodal forces."""
         name = f"Traction on {shown(self.group)}: value"
         vector = check_vector(name, self.value, (model.gdim,))
         v = ufl.TestFunction(model.V)
@@ -84,7 +83,7 @@ class Pressure:
     Attributes:
         group: Name of the facet group.
         value: Pressure [Pa].
-        factor: Multiplier at a time [s]; 1 unless given.
+        factor: Multiplier at a time [s]; 1 by default.
     """
 
     group: str
@@ -92,7 +91,7 @@ class Pressure:
     factor: TimeFactor = always
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Its consistent nodal forces."""
+        """Return the consistent nodal forces."""
         v = ufl.TestFunction(model.V)
         n = ufl.FacetNormal(model.jointed.mesh)
         constant = fem.Constant(model.jointed.mesh, float(-self.value))
@@ -103,16 +102,16 @@ class Pressure:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class FormLoad:
-    """A user-defined linear form.
+    """Load given by a user-defined linear form.
 
     Attributes:
-        form: Given the test function, the UFL form of the load [N].
-        factor: Multiplier at a time [s]; 1 unless given.
+        form: Function of the test function that returns the UFL form of the load [N].
+        factor: Multiplier at a time [s]; 1 by default.
     """
 
     form: Callable[[Any], Any]
     factor: TimeFactor = always
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Its nodal forces."""
+        """Return the nodal forces."""
         return [(model.assemble(self.form(ufl.TestFunction(model.V))), self.factor)]

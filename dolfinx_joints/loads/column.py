@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Waves that rise through level layers, and what each interface sends back."""
+"""Vertically propagating waves in horizontal layers, with reflections at each interface."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ import numpy as np
 from dolfinx_joints.loads.wave_levels import cubic
 from dolfinx_joints.mesh.cells import Floats
 
-# Samples of the shortest delay between interfaces, at least: cubics need the one after the next.
+# Least number of samples per travel time of a layer: cubics read two samples ahead.
 FEWEST = 3
 
-# Samples of nothing before time zero, as many as cubics there need.
+# Number of zero samples before time zero, which cubics at time zero read.
 BEFORE = 4
 
 
 class Column:
-    """Rising and falling wave of each layer, equations (12ac).
+    """Rising and falling wave of each layer, from rest at time zero, equations (12ac).
 
-    From rest at time zero. In one layer they are the incident wave itself; in more, waves at the
-    interfaces are sampled from there on as far as they are asked for, with cubics between samples.
+    A single layer returns the incident wave itself. With several layers, the waves at the
+    interfaces are sampled up to the requested time and interpolated by cubics.
 
     Args:
         incident: Velocity of the rising wave at the bottom at a time [s], [m/s].
-        impedances: Rho c of each layer from the bottom up [Pa s/m].
+        impedances: Rho c of each layer, from the bottom up [Pa s/m].
         travels: Travel time through each layer [s].
         spacing: Longest time between samples [s].
     """
@@ -42,57 +42,57 @@ class Column:
         self._spacing = min(spacing, min(travels) / FEWEST)
         self._block = max(int(min(travels) / self._spacing) - FEWEST + 1, 1)
         interfaces = len(self._z) - 1
-        # Above and below each interface.
+        # Samples just above each interface (rising wave) and just below (falling wave).
         self._rising: list[Floats] = [np.zeros(BEFORE) for _ in range(interfaces)]
         self._falling: list[Floats] = [np.zeros(BEFORE) for _ in range(interfaces)]
 
     def rising(self, layer: int, time: float) -> float:
-        """Velocity of the rising wave at the bottom of a layer [m/s]."""
+        """Return the velocity of the rising wave at the bottom of a layer [m/s]."""
         if layer == 0:
             return self._incident(time)
-        self._go_on(time)
-        return float(self._sampled(self._rising[layer - 1], np.array([time]))[0])
+        self._extend_to(time)
+        return float(self._interpolated(self._rising[layer - 1], np.array([time]))[0])
 
     def falling(self, layer: int, time: float) -> float:
-        """Velocity of the falling wave at the top of a layer [m/s]."""
+        """Return the velocity of the falling wave at the top of a layer [m/s]."""
         if layer == len(self._z) - 1:
             return self.rising(layer, time - self._travels[layer])
-        self._go_on(time)
-        return float(self._sampled(self._falling[layer], np.array([time]))[0])
+        self._extend_to(time)
+        return float(self._interpolated(self._falling[layer], np.array([time]))[0])
 
-    def _go_on(self, time: float) -> None:
-        """Sample the waves at the interfaces as far as cubics at a time need."""
+    def _extend_to(self, time: float) -> None:
+        """Extend the samples until they suffice for a cubic at a time [s]."""
         while self._spacing * (len(self._rising[0]) - BEFORE - FEWEST) < time:
-            self._sample()
+            self._append_block()
 
-    def _sample(self) -> None:
-        """The next samples: as many as depend on waves before them alone."""
+    def _append_block(self) -> None:
+        """Append the next block of samples, short enough to depend on earlier samples only."""
         start = len(self._rising[0]) - BEFORE
         times: Floats = self._spacing * np.arange(start, start + self._block, dtype=np.float64)
         sent = []
         for i, (below, above) in enumerate(zip(self._z, self._z[1:], strict=False)):
-            up, down = self._risen(i, times - self._travels[i]), self._from_above(i + 1, times)
-            through = (2.0 * below * up + (above - below) * down) / (below + above)
-            sent.append((through, through + down - up))
-        for i, (risen, fallen) in enumerate(sent):
-            self._rising[i] = np.append(self._rising[i], risen)
-            self._falling[i] = np.append(self._falling[i], fallen)
+            up, down = self._rising_in(i, times - self._travels[i]), self._falling_in(i + 1, times)
+            transmitted = (2.0 * below * up + (above - below) * down) / (below + above)
+            sent.append((transmitted, transmitted + down - up))
+        for i, (rising, falling) in enumerate(sent):
+            self._rising[i] = np.append(self._rising[i], rising)
+            self._falling[i] = np.append(self._falling[i], falling)
 
-    def _risen(self, layer: int, times: Floats) -> Floats:
-        """Rising wave at the bottom of a layer."""
+    def _rising_in(self, layer: int, times: Floats) -> Floats:
+        """Return the rising wave at the bottom of a layer."""
         if layer == 0:
             return np.array([self._incident(float(time)) for time in times])
-        return self._sampled(self._rising[layer - 1], times)
+        return self._interpolated(self._rising[layer - 1], times)
 
-    def _from_above(self, layer: int, times: Floats) -> Floats:
-        """Falling wave at the bottom of a layer."""
-        late = times - self._travels[layer]
+    def _falling_in(self, layer: int, times: Floats) -> Floats:
+        """Return the falling wave at the bottom of a layer."""
+        at_top = times - self._travels[layer]
         if layer == len(self._z) - 1:
-            return self._risen(layer, late - self._travels[layer])
-        return self._sampled(self._falling[layer], late)
+            return self._rising_in(layer, at_top - self._travels[layer])
+        return self._interpolated(self._falling[layer], at_top)
 
-    def _sampled(self, samples: Floats, times: Floats) -> Floats:
-        """Samples between which a wave is cubic, zero before the first."""
+    def _interpolated(self, samples: Floats, times: Floats) -> Floats:
+        """Interpolate the samples by cubics; the wave is zero before the first sample."""
         place = np.maximum(times, -float(FEWEST) * self._spacing) / self._spacing
         i = np.floor(place).astype(int)
         near = np.arange(-1, 3)

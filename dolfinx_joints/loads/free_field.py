@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Actions of the ground beyond the model: waves that rise in it, forces of former supports."""
+"""Loads from the ground outside the model: vertical incident waves and released reactions."""
 
 from __future__ import annotations
 
@@ -26,27 +26,27 @@ from dolfinx_joints.loads.wave_levels import (
     check_groups,
     checked_base,
     forces_of_levels,
-    that_act,
+    without_rounding,
 )
 from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.motions.motion import Motion
 
-# Samples per period of the highest frequency of the waves that interfaces send back.
+# Samples per period of the highest frequency, for waves reflected at layer interfaces.
 SAMPLES = 80.0
 
 
 def incident_wave(outcrop: Motion) -> IncidentWave:
-    """Return the rising wave of a motion recorded on an outcrop, half of its velocity.
+    """Return the rising wave of an outcrop record: half of its velocity.
 
-    At a free surface the wave that arrives and the one that leaves add up to twice the first.
+    At a free surface, the incident and the reflected wave add up to twice the incident wave.
 
     Args:
-        outcrop: Acceleration on rock at the surface [m/s^2].
+        outcrop: Acceleration recorded on a rock outcrop [m/s^2].
 
     Returns:
-        Velocity of the rising wave at a time [s], shape (3,), [m/s]; zero before the record, and
-        after it what the record ends with, so correct its baseline. `dynamics` removes the
-        frequencies that its steps do not resolve, as from a motion of the ground.
+        Velocity of the rising wave at a time [s], shape (3,), [m/s]. It is zero before the record
+        and keeps its last value after the record, so correct the baseline. As for any ground
+        motion, `dynamics` removes the frequencies that its steps do not resolve.
     """
     return IncidentWave(outcrop)
 
@@ -54,22 +54,22 @@ def incident_wave(outcrop: Motion) -> IncidentWave:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class FreeField:
-    """A plane wave that rises vertically through rock and comes back from its level surface.
+    """Plane wave that rises vertically through rock and is reflected at the horizontal surface.
 
-    On viscous boundaries it is what the ground beyond them does: the dashpots act on the
-    difference to the velocity of the free field, whose stress is added. At a level bottom this is
-    twice the dashpots' traction at the incident velocity. The rock along the groups is one
-    material, or several in level layers, which send back a part each; S waves move horizontally, P
-    waves vertically. Displacements are absolute, so it excludes a motion of the ground.
+    The wave acts on viscous boundaries. Their dashpots act on the difference from the free-field
+    velocity, and the free-field stress is added. On a horizontal bottom this load is twice the
+    dashpot traction at the incident velocity. The rock along the groups is one material or several
+    horizontal layers with reflections at the interfaces. Horizontal components are S waves, the
+    vertical one is a P wave. Displacements are absolute, so a ground motion is not allowed.
 
     Attributes:
-        groups: Names of facet groups with a viscous boundary: the bottom, and the sides.
+        groups: Names of facet groups with a viscous boundary: the bottom and the sides.
         incident: Velocity of the rising wave at the base at a time [s], one number per axis [m/s];
-            see `incident_wave`. In 2-D x and z of three numbers are taken.
-        surface: Height of the level ground, a coordinate along z (y in 2-D) [m].
-        base: Height at which ``incident`` is given; the lowest node of the groups unless given [m].
-        components: Letters of the axes that the wave moves; all of them unless given.
-        highest_frequency: Up to which delays between levels are resolved [Hz].
+            see `incident_wave`. In 2-D, x and z of three numbers are used.
+        surface: Height of the ground surface, a coordinate along z (y in 2-D) [m].
+        base: Height at which ``incident`` is given [m]; the lowest node of the groups by default.
+        components: Letters of the axes of the motion; all axes by default.
+        highest_frequency: Highest frequency for which delays along the boundary are resolved [Hz].
     """
 
     groups: Annotated[Sequence[str], at.MinLen(1)]
@@ -85,10 +85,10 @@ class FreeField:
             components_of(self.components, 3)
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Tractions by level, those of the rising and of the falling wave (collective)."""
+        """Return the forces of the rising and falling wave at each level (collective)."""
         layers, columns = self._columns(model)
         spacing, up = 1.0 / (LEVELS * self.highest_frequency), np.eye(model.gdim)[-1]
-        found: list[tuple[PETSc.Vec, TimeFactor]] = []
+        patterns: list[tuple[PETSc.Vec, TimeFactor]] = []
         for axis, column in columns.items():
             for number, layer in enumerate(layers):
                 slow = up / _speed(layer, axis, model.gdim)
@@ -103,26 +103,26 @@ class FreeField:
                         start=height * slowness[-1],
                         layer=layer if len(layers) > 1 else None,
                     )
-                    found += [(force, _delayed(wave, number, late)) for late, force in forces]
-        return that_act(found)
+                    patterns += [(force, _delayed(wave, number, delay)) for delay, force in forces]
+        return without_rounding(patterns)
 
     def surface_velocity(self, model: LoadedBody) -> Callable[[float], Floats]:
-        """Velocity of the level surface that nothing stands on, (3,) at a time [s] (collective).
+        """Return the free-field velocity of the surface, (3,) at a time [s], [m/s] (collective).
 
-        Twice the wave's that arrives there [m/s].
+        It is twice the velocity of the wave that arrives at the surface.
         """
         layers, columns = self._columns(model)
 
         def surface(time: float) -> Floats:
-            found = np.zeros(3)
+            result = np.zeros(3)
             for axis, column in columns.items():
-                found[axis] = 2.0 * column.falling(len(layers) - 1, time)
-            return found
+                result[axis] = 2.0 * column.falling(len(layers) - 1, time)
+            return result
 
         return surface
 
     def _columns(self, model: LoadedBody) -> tuple[list[Layer], dict[int, Column]]:
-        """Layers of the rock, and the waves in them by axis (collective)."""
+        """Return the rock layers, and the waves in them for each axis (collective)."""
         base = checked_base("FreeField", model, self.groups, self.surface, self.base)
         velocity = lru_cache(maxsize=512)(in_axes(self.incident, model.gdim, "FreeField: incident"))
         velocity(0.0)
@@ -141,30 +141,27 @@ class FreeField:
 
 
 class SupportForces:
-    """Forces of supports that held the body in statics and are no more in a dynamic stage.
-
-    Rock that is held in statics and stands on dashpots in an earthquake needs them.
-    """
+    """Reactions of supports that a dynamic stage replaces by dashpots, applied as forces."""
 
     def __init__(self, model: LoadedBody) -> None:
-        """No forces yet (collective)."""
+        """Start with zero forces (collective)."""
         force = model.mass.createVecRight()
         force.set(0.0)
         self._force = model.joined(force)
 
     def take(self, reaction: PETSc.Vec, constrained: Ints) -> None:
-        """Take the reaction of a static state [N], but at the dofs that are constrained now."""
-        held = reaction.getArray(readonly=True)
-        self._force.getArray()[: len(held)] = held
+        """Store the reactions of a static state [N], except at dofs that are still constrained."""
+        reactions = reaction.getArray(readonly=True)
+        self._force.getArray()[: len(reactions)] = reactions
         self._force.getArray()[constrained] = 0.0
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """The forces, with all that is taken later."""
+        """Return the force vector, which later calls of `take` change in place."""
         return [(self._force, always)]
 
 
 def _speed(layer: Layer, axis: int, gdim: int) -> float:
-    """Speed in a layer of the vertical wave that moves along an axis [m/s]."""
+    """Return the speed of the vertical wave in a layer whose motion is along an axis [m/s]."""
     return layer.pressure_speed if axis == gdim - 1 else layer.shear_speed
 
 

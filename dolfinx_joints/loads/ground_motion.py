@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Uniform motion of the ground, as forces on a body whose displacements are relative to it."""
+"""Uniform ground motion, as inertia forces; displacements are relative to the ground."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.motions.differing import DifferingMotion
 from dolfinx_joints.motions.motion import Motion
 
-# Components of a motion that move a model of so many axes, along its axes in their order.
+# Components of a motion along the axes of a model, for models in two and three dimensions.
 MOVING = {2: [0, 2], 3: [0, 1, 2]}
 
-# Points of an interval over which a ground acceleration is integrated; part of it that a time may
-# miss its end by.
+# Gauss points per interval of the velocity integral; tolerance for a time at the end of an
+# interval, relative to the length of the interval.
 GAUSS_POINTS, ROUNDING = 4, 1e-9
 
 
@@ -35,34 +35,34 @@ GAUSS_POINTS, ROUNDING = 4, 1e-9
 class BaseMotion:
     """Uniform acceleration of the ground; displacements are then relative to the ground.
 
-    F = -M iota a_g(t) for each axis; waves in water are pushed by the velocity of its bounds (12v).
+    The force is F = -M iota a_g(t) per axis. The ground velocity drives water with waves (12v).
 
     Attributes:
-        acceleration: Ground acceleration at a time [s], shape (3,), [m/s^2]; a `Motion` is one.
-            In 2-D x and z of it move the model along x and y; two numbers are taken as they are.
-        velocity: Ground velocity alike [m/s], which only a model with `ReservoirWaves` needs.
+        acceleration: Ground acceleration at a time [s], such as a `Motion`, shape (3,), [m/s^2]. In
+            2-D its x and z act along x and y of the model; two numbers are used unchanged.
+        velocity: Ground velocity in the same form [m/s]; only models with `ReservoirWaves` need it.
     """
 
     acceleration: Callable[[float], Any]
     velocity: Callable[[float], Any] | None = None
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """One inertia pattern per axis."""
+        """Return one inertia pattern per axis."""
         factors = _by_axis(self.acceleration, model.gdim, "acceleration")
         return [(model.inertia_pattern(-np.eye(model.gdim)[i]), f) for i, f in enumerate(factors)]
 
     def velocities(self, gdim: int) -> list[TimeFactor]:
-        """Ground velocity along each axis [m/s] at a time [s]."""
+        """Return the ground velocity along each axis [m/s] as functions of time [s]."""
         if self.velocity is None:
             raise ValueError(
-                "A BaseMotion moves a model with ReservoirWaves, whose water needs the velocity of "
-                "the ground; give velocity= besides acceleration=, or pass motion= to dynamics()."
+                "BaseMotion: velocity is missing, but ReservoirWaves need the velocity of the "
+                "ground; give velocity=, or pass motion= to dynamics()."
             )
         return _by_axis(self.velocity, gdim, "velocity")
 
 
 def moved_by(acceleration: Callable[[float], Floats] | None, spacing: float) -> list[BaseMotion]:
-    """The load that a ground motion is, none for none, its velocity as `velocity_of` finds it."""
+    """Return the load of a ground motion, with `velocity_of`; an empty list without motion."""
     if acceleration is None:
         return []
     velocity = velocity_of(acceleration, spacing)
@@ -70,13 +70,13 @@ def moved_by(acceleration: Callable[[float], Floats] | None, spacing: float) -> 
 
 
 def velocity_of(acceleration: Callable[[float], Any], spacing: float) -> Callable[[float], Floats]:
-    """Return the ground velocity [m/s] from rest at time zero, by Gauss points.
+    """Return the ground velocity [m/s] from rest at time zero, by Gauss quadrature.
 
     Each interval of length ``spacing`` [s] has GAUSS_POINTS points.
     """
     points, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
 
-    def gained(start: float, end: float) -> Floats:
+    def increment(start: float, end: float) -> Floats:
         half = 0.5 * (end - start)
         times = start + half * (1.0 + points)
         return np.asarray(half * weights @ np.array([acceleration(float(t)) for t in times]))
@@ -87,15 +87,15 @@ def velocity_of(acceleration: Callable[[float], Any], spacing: float) -> Callabl
         whole = int(np.floor(time / spacing + ROUNDING))
         while len(sums) <= whole:
             start = (len(sums) - 1) * spacing
-            sums.append(sums[-1] + gained(start, start + spacing))
-        return sums[whole] + gained(whole * spacing, max(time, whole * spacing))
+            sums.append(sums[-1] + increment(start, start + spacing))
+        return sums[whole] + increment(whole * spacing, max(time, whole * spacing))
 
     return velocity
 
 
 @dataclass(frozen=True)
 class IncidentWave:
-    """Velocity of the rising wave of a motion recorded on an outcrop, see `incident_wave`."""
+    """Velocity of the rising wave of an outcrop record, see `incident_wave`."""
 
     outcrop: Motion
 
@@ -113,38 +113,38 @@ class IncidentWave:
 
 
 def for_steps(given: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], list[str]]:
-    """Return motions and loads with `Motion.for_steps` of each `Motion`; warn of large losses."""
+    """Apply `Motion.for_steps` to motions and loads; return them and the warnings of losses."""
     texts = []
 
-    def resolved(each: Any) -> Any:
-        if isinstance(each, BaseMotion):
-            return replace(each, acceleration=resolved(each.acceleration))
-        if isinstance(each, DifferingMotion):
-            changed = {name: resolved(motion) for name, motion in each.named.items()}
-            one = changed[each.motions.name] if isinstance(each.motions, Motion) else changed
-            return each if changed == each.named else replace(each, motions=one)
-        if isinstance(wave := getattr(each, "incident", None), IncidentWave):
-            return replace(each, incident=IncidentWave(resolved(wave.outcrop)))
-        if not isinstance(each, Motion):
-            return each
-        found = each.for_steps(dt)
-        total = np.sum(each.acceleration**2)
-        kept = np.sum(found.acceleration**2) / total if total else 1.0
-        if found is not each and kept < 1.0 - LARGE_LOSS:
+    def resolved(item: Any) -> Any:
+        if isinstance(item, BaseMotion):
+            return replace(item, acceleration=resolved(item.acceleration))
+        if isinstance(item, DifferingMotion):
+            changed = {name: resolved(motion) for name, motion in item.named.items()}
+            motions = changed[item.motions.name] if isinstance(item.motions, Motion) else changed
+            return item if changed == item.named else replace(item, motions=motions)
+        if isinstance(wave := getattr(item, "incident", None), IncidentWave):
+            return replace(item, incident=IncidentWave(resolved(wave.outcrop)))
+        if not isinstance(item, Motion):
+            return item
+        filtered = item.for_steps(dt)
+        total = np.sum(item.acceleration**2)
+        kept = np.sum(filtered.acceleration**2) / total if total else 1.0
+        if filtered is not item and kept < 1.0 - LARGE_LOSS:
             texts.append(
-                f"Steps of {dt:g} s resolve frequencies below {0.5 / dt:g} Hz; the rest of "
-                f"{shown(each.name)} is removed, {100.0 * (1.0 - kept):.3g} % of the integral of "
-                "its squared acceleration. Take shorter steps to keep it."
+                f"Steps of {dt:g} s resolve frequencies below {0.5 / dt:g} Hz. Higher frequencies "
+                f"of {shown(item.name)} are removed: {100.0 * (1.0 - kept):.3g} % of the integral "
+                "of its squared acceleration. Take shorter steps to keep them."
             )
-        return found
+        return filtered
 
-    found = [resolved(each) for each in given]
+    items = [resolved(item) for item in given]
     doubt(comm, *texts)
-    return found, texts
+    return items, texts
 
 
 def _by_axis(motion: Callable[[float], Any], gdim: int, name: str) -> list[TimeFactor]:
-    """Components of a motion as functions of time, the last time kept."""
+    """Return the components of a motion as functions of time, which share one evaluation."""
     latest = lru_cache(maxsize=1)(in_axes(motion, gdim, name))
 
     def factor(axis: int) -> TimeFactor:
@@ -156,7 +156,7 @@ def _by_axis(motion: Callable[[float], Any], gdim: int, name: str) -> list[TimeF
 def in_axes(
     motion: Callable[[float], Any], gdim: int, name: str = "motion"
 ) -> Callable[[float], Floats]:
-    """Return the components of a motion that move a model: in the plane x and z, or both of two."""
+    """Return the components along the axes of a model; in 2-D x and z of three, or both of two."""
 
     def moved(time: float) -> Floats:
         given = motion(time)

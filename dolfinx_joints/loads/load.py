@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Protocols of loads: patterns with factors, on faces, in joints, following joints, varying."""
+"""Protocols of loads: nodal patterns times time factors, on faces, on cells and in joints."""
 
 from __future__ import annotations
 
@@ -24,29 +24,29 @@ Vector = Annotated[Sequence[float], at.Len(2, 3)]
 
 
 class Load(Protocol):
-    """Something that becomes nodal patterns with time factors."""
+    """Load that consists of nodal patterns with time factors."""
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Nodal forces [N] (or forces per unit of the factor) and their factors (collective)."""
+        """Return nodal forces, [N] or [N] per unit of the factor, with factors (collective)."""
 
 
 @runtime_checkable
 class FaceLoad(Load, Protocol):
-    """A load with a ``group``, a facet group that is looked up when the model is made."""
+    """Load on the facet group ``group``; the model checks that the group exists."""
 
     group: str
 
 
 @runtime_checkable
 class CellLoad(Load, Protocol):
-    """A load with ``cells``, a cell group that is looked up when the model is made, or None."""
+    """Load on the cell group ``cells`` or None; the model checks that the group exists."""
 
     cells: str | None
 
 
 @runtime_checkable
 class JointLoad(Load, Protocol):
-    """A load in a joint."""
+    """Load in a joint."""
 
     @property
     def joint(self) -> str:
@@ -55,68 +55,68 @@ class JointLoad(Load, Protocol):
 
 @runtime_checkable
 class FollowsJoints(JointLoad, Protocol):
-    """A pressure in a joint that depends on the gaps; it has no fixed patterns."""
+    """Pressure in a joint that depends on the gaps; it has no fixed patterns."""
 
     def in_joint(self, name: str, model: LoadedBody) -> JointPressure:
-        """Its pressures in a model, under the name of the load (collective)."""
+        """Return the pressures for a model; ``name`` is the name of the load (collective)."""
 
 
 class JointPressure(Protocol):
-    """Pressure at the local joint points by codes, zero and code 0 in other joints."""
+    """Pressure at the local joint points, selected by codes; zero, with code 0, in other joints."""
 
     name: str
 
     def pressure(self, codes: Codes) -> Floats:
-        """Pressure of each point, shape (n,), [Pa]."""
+        """Return the pressure of each point, shape (n,), [Pa]."""
 
     def factor(self, time: float) -> float:
-        """Multiplier of the pressures at a time [s]."""
+        """Return the multiplier of the pressures at a time [s]."""
 
     def by_opening(self, gap: Floats) -> Codes:
-        """Codes (`Wetness`) that a gap (n, 3) [m] leads to in statics (collective)."""
+        """Return the codes (`Wetness`) for a gap (n, 3) [m] in statics (collective)."""
 
     def in_step(self, codes: Codes, gap: Floats) -> Codes:
-        """Codes that a time step from a state leads to (collective)."""
+        """Return the codes after a time step that starts at ``codes`` and ``gap`` (collective)."""
 
 
 class AddedMass(Protocol):
-    """Something that moves with the body and has no weight."""
+    """Mass without weight that moves with the body."""
 
     def matrix(self, model: LoadedBody) -> PETSc.Mat:
-        """Its mass in the layout of the model's matrices [kg] (collective)."""
+        """Return the mass in the layout of the model's matrices [kg] (collective)."""
 
 
 class VaryingLoad:
-    """Load whose pattern varies in time, kept at the last times.
+    """Load whose pattern varies in time; the forces at the last four times are cached.
 
     Args:
-        name: Its name in the ledger.
-        rows: Rows of the rank's unknowns that it acts on.
-        force: Forces of these rows at a time [s], [N] (collective).
+        name: Name in the energy ledger.
+        rows: Loaded rows of the rank's unknowns.
+        force: Forces on these rows at a time [s], [N] (collective).
     """
 
     def __init__(self, name: str, rows: slice, force: Callable[[float], Floats]) -> None:
-        """Evaluate nothing yet."""
+        """Store the arguments; the forces are evaluated on demand."""
         self.names, self._rows = (name,), rows
         self._at = lru_cache(maxsize=4)(force)
 
     def add(self, out: PETSc.Vec, time: float) -> None:
-        """Add the forces at a time [s] to those of all unknowns [N] (collective)."""
+        """Add the forces at a time [s] to the force vector ``out`` [N] (collective)."""
         out.getArray()[self._rows] += self._at(time)
 
     def work(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
-        """Return the work on a change of the unknowns by the mean of its ends, [J] (collective)."""
+        """Return the work of the mean of both end forces on an increment x, [J] (collective)."""
         mine = 0.5 * float(x.array_r[self._rows] @ (self._at(start) + self._at(end)))
         return {self.names[0]: float(np.sum(x.comm.tompi4py().allgather(mine)))}
 
 
 def always(_time: float) -> float:
-    """The factor of a constant load."""
+    """Return 1, the factor of a constant load."""
     return 1.0
 
 
 def load_names(loads: Sequence[Load]) -> list[str]:
-    """A name for each load: its kind and where it acts, with a number where that is not enough."""
+    """Return a unique name for each load: its type, its group or joint, a number if necessary."""
     plain = []
     for load in loads:
         where = load.group if isinstance(load, FaceLoad) else ""

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The body that loads act on, as far as they read it; a `Model` is one."""
+"""Protocol for the part of a `Model` that loads read."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 
 class LoadedBody(Protocol):
-    """A body on a split mesh, its matrices and its joints.
+    """Body on a split mesh, its matrices and its joints.
 
-    M, whose layout forces and added masses have, is ``mass``; groups with a viscous boundary are
-    ``absorbing``; without joints operator and contact are None.
+    Forces and added masses have the layout of the mass matrix ``mass``. ``absorbing`` names the
+    groups with a viscous boundary. Without joints, operator and contact are None.
     """
 
     jointed: JointedMesh
@@ -35,16 +35,16 @@ class LoadedBody(Protocol):
     contact: Contact | None
 
     def assemble(self, form: Any) -> PETSc.Vec:
-        """Nodal forces of a linear form, [N] (collective)."""
+        """Return the nodal forces of a linear form, [N] (collective)."""
 
     def inertia_pattern(self, acceleration: Floats, *, body_only: bool = False) -> PETSc.Vec:
-        """M times a uniform acceleration [m/s^2], [N] (collective).
+        """Return M times a uniform acceleration [m/s^2], [N] (collective).
 
-        With ``body_only`` without added masses, which have no weight.
+        With ``body_only``, added masses are excluded, because they have no weight.
         """
 
     def joined(self, force: PETSc.Vec) -> PETSc.Vec:
-        """A vector of the body's unknowns among those of a dynamic stage (collective)."""
+        """Return a vector of the body as one of all unknowns of a dynamic stage (collective)."""
 
     def nodes(self, group: str) -> Ints:
-        """Owned nodes of a facet group, local numbers (collective)."""
+        """Return the owned nodes of a facet group as local numbers (collective)."""

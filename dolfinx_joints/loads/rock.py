@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Rock along the boundary of a model: its materials, in level layers."""
+"""Rock along the boundary of a model, as horizontal layers."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ import numpy as np
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.mesh.cells import Floats, Ints, facet_slots
 
-# Of the height of the layers: what heights at the same level may differ by.
+# Tolerance for equal heights, relative to the height of the layers.
 LEVEL = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
 class Layer:
-    """A level layer of rock: its ends [m], lambda and mu [Pa], and density [kg/m^3]."""
+    """Horizontal layer of rock: bottom and top [m], lambda and mu [Pa], density [kg/m^3]."""
 
     bottom: float
     top: float
@@ -29,22 +29,22 @@ class Layer:
 
     @property
     def pressure_speed(self) -> float:
-        """c_p [m/s]."""
+        """Speed of P waves c_p [m/s]."""
         return float(np.sqrt((self.first_lame + 2.0 * self.shear_modulus) / self.density))
 
     @property
     def shear_speed(self) -> float:
-        """c_s [m/s]."""
+        """Speed of S waves c_s [m/s]."""
         return float(np.sqrt(self.shear_modulus / self.density))
 
-    def holds(self, height: Floats) -> Any:
-        """Whether heights [m] are in the layer, its bounds included."""
+    def contains(self, height: Floats) -> Any:
+        """Return True for heights [m] within the layer, including its bottom and top."""
         slack = LEVEL * max(abs(self.bottom), abs(self.top), self.top - self.bottom)
         return (height >= self.bottom - slack) & (height <= self.top + slack)
 
 
-def behind(model: LoadedBody, groups: Sequence[str]) -> tuple[Ints, Floats, Floats]:
-    """Cells behind the facets of groups, local numbers, and their lowest and highest node [m]."""
+def cells_behind(model: LoadedBody, groups: Sequence[str]) -> tuple[Ints, Floats, Floats]:
+    """Return the local cells behind the facets of groups, with the heights of their ends [m]."""
     facets = np.concatenate([model.jointed.facets(group) for group in groups])
     cells, _ = facet_slots(model.jointed.mesh, facets)
     heights = model.V.tabulate_dof_coordinates()[:, model.gdim - 1][model.V.dofmap.list[cells]]
@@ -54,12 +54,12 @@ def behind(model: LoadedBody, groups: Sequence[str]) -> tuple[Ints, Floats, Floa
 def layers_along(
     name: str, model: LoadedBody, groups: Sequence[str], base: float, surface: float
 ) -> list[Layer]:
-    """Layers of the rock behind groups from the base up to the level surface (collective).
+    """Return the rock layers behind groups, from the base up to the surface (collective).
 
     Raises:
-        ValueError: The rock has no mass, or its materials are not level layers.
+        ValueError: The rock has no mass, or its materials do not form horizontal layers.
     """
-    cells, low, high = behind(model, groups)
+    cells, low, high = cells_behind(model, groups)
     fields = (model.body.first_lame, model.body.shear_modulus, model.body.density)
     mine = np.column_stack([low, high, *(_values(field, cells) for field in fields)])
     every = model.jointed.mesh.comm.allgather(np.unique(mine, axis=0))
@@ -77,8 +77,8 @@ def layers_along(
             ends = [f"{round(height, 6) + 0.0:g}" for height in (last.bottom, last.top, bottom)]
             raise ValueError(
                 f"{name}: the rock along {', '.join(groups)} has materials of densities "
-                f"{last.density:g} and {density:g} kg/m^3, the one from {ends[0]} to {ends[1]} m, "
-                f"the other from {ends[2]} m on; they must be level layers, one on the other."
+                f"{last.density:g} and {density:g} kg/m^3, the first from {ends[0]} to {ends[1]} "
+                f"m, the second from {ends[2]} m up. They must form horizontal, adjacent layers."
             )
         else:
             layers.append(rock)

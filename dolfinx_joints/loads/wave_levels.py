@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Forces of a plane wave on viscous boundaries, as patterns on levels of its phase."""
+"""Forces of a plane wave on viscous boundaries, as patterns at levels of equal phase."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from dolfinx_joints.common.errors import PlausibilityWarning, warn
 from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.loads.load import TimeFactor
 from dolfinx_joints.loads.loaded_body import LoadedBody
-from dolfinx_joints.loads.rock import Layer, behind
+from dolfinx_joints.loads.rock import Layer, cells_behind
 from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.mesh.orientation import facet_normals
 
 # Levels per period of the highest frequency; cubic interpolation between them errs by 2e-4.
 LEVELS = 20.0
 
-# Of the largest pattern, below which one is nothing but rounding.
+# Patterns smaller than this, relative to the largest one, are rounding error.
 ROUNDING = 1e-13
 
-# Slope from which on a part of a boundary is a side and none of the bottom.
+# Slope above which a part of a boundary counts as a side, not as the bottom.
 STEEP = 0.5
 
 Patterns = list[tuple[PETSc.Vec, TimeFactor]]
@@ -44,11 +44,11 @@ def forces_of_levels(
     start: float = 0.0,
     layer: Layer | None = None,
 ) -> list[tuple[float, PETSc.Vec]]:
-    """Delay of each level [s], and forces of a unit velocity there, equation (12j) (collective).
+    """Return the delay of each level [s] and the forces of unit velocity there, (12j) (collective).
 
-    Between levels, ``spacing`` apart [s], velocities are cubic, on facets as the shape functions of
-    the mesh. The wave moves along d, ``motion``, with a slowness s [s/m]; the phase s.x without
-    delay is ``start`` [s]. With a layer its facets alone are loaded.
+    Velocities are interpolated by cubics between levels ``spacing`` apart [s], and by the shape
+    functions on facets. The wave has the motion d and the slowness s [s/m]. Its delay is zero where
+    the phase s.x equals ``start`` [s]. If a layer is given, only its facets are loaded.
     """
     degree = model.V.element.basix_element.degree
     scalar = fem.functionspace(model.jointed.mesh, ("Lagrange", degree))
@@ -75,8 +75,8 @@ def forces_of_levels(
     return forces
 
 
-def that_act(patterns: Patterns) -> Patterns:
-    """The patterns without those that are nothing but rounding (collective)."""
+def without_rounding(patterns: Patterns) -> Patterns:
+    """Drop patterns that are zero apart from rounding error (collective)."""
     largest = max((force.norm() for force, _ in patterns), default=0.0)
     return [(f, factor) for f, factor in patterns if f.norm() > ROUNDING * largest]
 
@@ -84,11 +84,11 @@ def that_act(patterns: Patterns) -> Patterns:
 def extent_along(
     model: LoadedBody, groups: Sequence[str], axis: Floats, layer: Layer | None = None
 ) -> tuple[float, float]:
-    """Least and largest x.axis of the nodes of the groups, of a layer if given (collective)."""
+    """Return the range of x.axis over the nodes of groups, or of one layer of them (collective)."""
     x = model.V.tabulate_dof_coordinates()[:, : model.gdim]
     nodes = np.concatenate([model.nodes(group) for group in groups])
     if layer is not None:
-        nodes = nodes[layer.holds(x[nodes, -1])]
+        nodes = nodes[layer.contains(x[nodes, -1])]
     along = x[nodes] @ axis
     ends = model.jointed.mesh.comm.allgather(
         (float(along.min(initial=np.inf)), float(along.max(initial=-np.inf)))
@@ -97,10 +97,10 @@ def extent_along(
 
 
 def warn_of_sides(model: LoadedBody) -> list[str]:
-    """Warn of dashpots beside rock that is to move with the ground, on rank 0 (collective).
+    """Warn of dashpots at the sides of rock under a uniform ground motion (collective).
 
     Returns:
-        What was warned of there.
+        The warnings, on rank 0 only.
     """
     steep = []
     for group in model.absorbing:
@@ -111,26 +111,27 @@ def warn_of_sides(model: LoadedBody) -> list[str]:
     if not steep or model.jointed.mesh.comm.rank > 0:
         return []
     text = (
-        "The ground moves as one, and dashpots at the sides of the rock disturb the wave that "
-        f"rises in it: those of {', '.join(steep)}. Give dynamics() the wave as a FreeField, "
-        "or let ViscousBoundary end at the bottom and hold the sides but along the motion."
+        "The ground motion is uniform, so the dashpots at the sides of the rock "
+        f"({', '.join(steep)}) disturb the rising wave. Pass the wave to dynamics() as a "
+        "FreeField; or put a ViscousBoundary at the bottom only and constrain the sides across "
+        "the motion."
     )
     warn(text, PlausibilityWarning)
     return [text]
 
 
 def check_groups(name: str, groups: Sequence[str]) -> None:
-    """Check that groups are names, each given once."""
+    """Check that groups are names without duplicates."""
     if len(set(groups)) < len(groups) or not all(isinstance(group, str) for group in groups):
         raise ValueError(
-            f"{name}: groups is {shown(groups)}; it must name facet groups, each once."
+            f"{name}: groups is {shown(groups)}; it must name facet groups, without duplicates."
         )
 
 
 def checked_base(
     name: str, model: LoadedBody, groups: Sequence[str], surface: float, base: float | None
 ) -> float:
-    """Height of the base, the lowest node unless given, once heights are checked (collective)."""
+    """Check the heights and return the base, by default the lowest node (collective)."""
     missing = [group for group in groups if group not in model.absorbing]
     if missing:
         raise ValueError(
@@ -142,15 +143,15 @@ def checked_base(
     if highest - surface > 1e-9 * (highest - base) or surface <= base:
         lowest, highest, base = (round(z, 6) + 0.0 for z in (lowest, highest, base))
         raise ValueError(
-            f"{name}: surface is {surface:g} m; the groups {', '.join(groups)} "
-            f"reach from {lowest:g} to {highest:g} m; it must reach up to their top and "
-            f"above the base, {base:g} m."
+            f"{name}: surface is {surface:g} m; the groups {', '.join(groups)} extend from "
+            f"{lowest:g} to {highest:g} m. It must be at or above their top and above the base, "
+            f"{base:g} m."
         )
     return base
 
 
 def cubic(offset: Floats) -> Floats:
-    """Weight of a sample ``offset`` spacings away, of Lagrange's interpolation on four."""
+    """Return the weight of a sample at ``offset`` spacings in four-point Lagrange interpolation."""
     x = np.abs(offset)
     near = (1.0 - x) * (1.0 + x) * (2.0 - x) / 2.0
     far = (1.0 - x) * (2.0 - x) * (3.0 - x) / 6.0
@@ -158,18 +159,18 @@ def cubic(offset: Floats) -> Floats:
 
 
 def _traction(model: LoadedBody, motion: Floats, slowness: Floats) -> Any:
-    """Z d + sigma n of a wave of unit velocity along d, equation (12aa), [Pa s/m]."""
+    """Return Z d + sigma n of a wave of unit velocity along d, equation (12aa), [Pa s/m]."""
     body, n = model.body, ufl.FacetNormal(model.jointed.mesh)
-    d, s = (fem.Constant(model.jointed.mesh, np.asarray(each)) for each in (motion, slowness))
+    d, s = (fem.Constant(model.jointed.mesh, np.asarray(vector)) for vector in (motion, slowness))
     pressure = body.first_lame * ufl.inner(d, s) * n
     shear = body.shear_modulus * (ufl.inner(s, n) * d + ufl.inner(d, n) * s)
     return impedance(model.jointed, body, d) - pressure - shear
 
 
 def _within(model: LoadedBody, groups: Sequence[str], layer: Layer) -> fem.Function:
-    """1 in the cells behind the groups that lie in a layer, 0 elsewhere."""
+    """Return 1 in the cells behind the groups that lie in a layer, 0 elsewhere."""
     inside = fem.Function(fem.functionspace(model.jointed.mesh, ("DG", 0)))
-    cells, low, high = behind(model, groups)
-    cells = cells[layer.holds(low) & layer.holds(high)]
+    cells, low, high = cells_behind(model, groups)
+    cells = cells[layer.contains(low) & layer.contains(high)]
     inside.x.array[inside.function_space.dofmap.list[cells, 0]] = 1.0
     return inside

@@ -1,9 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Ground motions: records read from files, processed, matched to spectra.
-
-They work without DOLFINx.
-"""
+"""Ground motions: read records, process them, match them to spectra. Works without DOLFINx."""
 
 import lazy_loader
 

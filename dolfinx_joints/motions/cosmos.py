@@ -1,11 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Files of ground motions in the COSMOS format, version 1.20: one channel or several.
+"""Files of ground motions in the COSMOS format, version 1.20, with one or several channels.
 
-A channel is text, 100 whole numbers, 100 real ones, comments, then blocks of values; each part
-says how many lines or numbers it has and in which format. V1 (uncorrected) and V2 (corrected)
-accelerations are read. A V2 channel may go on with velocity and displacement, which are left out;
-raw counts (V0) are an error.
+A channel has text, 100 integers, 100 real numbers, comments, and blocks of values. Each part states
+its number of lines or values and their format. V1 (uncorrected) and V2 (corrected) accelerations
+are read; velocity and displacement of a V2 channel are skipped. Raw counts (V0) are an error.
 """
 
 import re
@@ -42,7 +41,7 @@ _UNIT_CODES = {"2": "g", "4": "cm/s^2", "10": "gal", "11": "mg"}
 
 
 def _record(text: RecordText) -> str:
-    """Station and starting time, from two lines of text that have their place."""
+    """Return the name of the record: station and start time, from two lines of fixed position."""
     station, start = text.line(5, "the station"), text.line(8, "the starting time")
     code = re.search(r"Code:\s*(\S+)", station) or re.search(r"Statn No:\s*(\S+)", station)
     time = re.search(r"time:\s*([\d/]+)[,\s]+([\d:.]+)", start)
@@ -57,7 +56,7 @@ def _channels(text: RecordText) -> Iterator[Component]:
         whole, second = _header(text, first)
         real, after = _header(text, second)
         unit = _unit(text, first + 1, whole)
-        step = text.positive(second + 1, real[61], "the time step [ms], 62nd real number,")
+        step = text.positive(second + 1, real[61], "the time step [ms] (62nd real number)")
         after = _after_comments(text, after)
         stated = map(_UNKNOWN.search, text.lines[line - 1 : first - 1])
         unknown = next((float(match[1]) for match in stated if match), None)
@@ -75,10 +74,10 @@ def _channels(text: RecordText) -> Iterator[Component]:
 
 
 def _start(text: RecordText, number: int, whole: list[str], real: list[str]) -> float | None:
-    """Time of the first sample.
+    """Return the time of the first sample.
 
-    By the 40th and 42nd to 45th whole number, year, month, day, hour and minute, and the 30th real
-    one, seconds. Where one is missing (-999), by this line of text, if it gives the time.
+    Integers 40 and 42 to 45 are year, month, day, hour and minute; real number 30 is the seconds.
+    If one of them is missing (-999), use this line of text, if it states the time.
     """
     numbers = " ".join((whole[39], *whole[41:45], real[29]))
     if _NUMBERS.match(numbers):
@@ -88,23 +87,23 @@ def _start(text: RecordText, number: int, whole: list[str], real: list[str]) -> 
 
 
 def _unit(text: RecordText, number: int, whole: list[str]) -> str:
-    """Name of the unit, by the second and third whole number, which are on a line."""
-    if whole[1] not in ("1", "-999"):  # acceleration, or not given here
-        text.fail(number, f"the channel must hold acceleration, code 1, got {whole[1]}.")
+    """Return the name of the unit, from the second and third integer on a line."""
+    if whole[1] not in ("1", "-999"):  # acceleration or not specified
+        text.fail(number, f"the channel must have acceleration, code 1, got {whole[1]}.")
     if whole[2] not in _UNIT_CODES:
-        known = ", ".join(f"{code} {name}" for code, name in _UNIT_CODES.items())
-        text.fail(number, f"the unit has the code {whole[2]}; known are {known}.")
+        codes = ", ".join(f"{code} ({name})" for code, name in _UNIT_CODES.items())
+        text.fail(number, f"the unit code is {whole[2]}; use {codes}.")
     return _UNIT_CODES[whole[2]]
 
 
 def _header(text: RecordText, number: int) -> tuple[list[str], int]:
-    """Numbers of a header, as text, and the line after it."""
+    """Return the numbers of a header as text, and the number of the line after it."""
     line = text.line(number, "'100 ...-header values follow on ... lines'")
     part, width = _PART.match(line), _WIDTH.search(line)
     if part is None or width is None:
         text.fail(
             number,
-            f"must say how many header values follow and their format, got {shown(line.strip())}.",
+            f"must state the number of header values and their format, got {shown(line.strip())}.",
         )
     count, lines = text.count(number, part[1]), text.count(number, part[2], "the number of lines")
     text.line(number + lines, "the end of the header")
@@ -113,7 +112,7 @@ def _header(text: RecordText, number: int) -> tuple[list[str], int]:
     if len(words) != 100 or count != 100:
         text.fail(
             number + lines,
-            f"{len(words)} header values, line {number} announces {count}; 100 are needed.",
+            f"{len(words)} header values, but line {number} states {count}; 100 are needed.",
         )
     return words, number + lines + 1
 
@@ -122,12 +121,12 @@ def _after_comments(text: RecordText, number: int) -> int:
     line = text.line(number, "the number of comments")
     match = _COMMENTS.match(line)
     if match is None:
-        text.fail(number, f"must say how many comment lines follow, got {shown(line.strip())}.")
+        text.fail(number, f"must state the number of comment lines, got {shown(line.strip())}.")
     return number + int(match[1]) + 1
 
 
 def _blocks(text: RecordText, first: int) -> tuple[Samples, int]:
-    """Accelerations of a channel, and the line after its last block."""
+    """Return the accelerations of a channel, and the number of the line after its last block."""
     acceleration, number = None, first
     while number <= len(text.lines) and not _TITLE.search(text.lines[number - 1]):
         line = text.lines[number - 1]
@@ -136,7 +135,7 @@ def _blocks(text: RecordText, first: int) -> tuple[Samples, int]:
             continue
         block, width = _BLOCK.match(line), _WIDTH.search(line)
         if block is None or width is None:
-            text.fail(number, f"must announce values and their format, got {shown(line.strip())}.")
+            text.fail(number, f"must state count and format of values, got {shown(line.strip())}.")
         count = text.count(number, block[1])
         last = number + -(-count // int(width[1]))
         values = text.values(number + 1, count, number, width=int(width[2]), last=last)
@@ -144,12 +143,14 @@ def _blocks(text: RecordText, first: int) -> tuple[Samples, int]:
             acceleration = values
         number = last + 1
     if acceleration is None:
-        text.fail(number - 1, "the channel ends here without accelerations.")
+        text.fail(
+            number - 1, "the channel ends here without accelerations; one block must have them."
+        )
     return acceleration, number
 
 
 def _direction(code: str) -> Direction | None:
-    """Direction by the 54th whole number: 1 to 360 an azimuth, 400 up, 401 down."""
+    """Return the direction for the 54th integer: azimuth 1 to 360, 400 up, 401 down."""
     azimuth = int(code) if re.fullmatch(r"\d{1,4}", code) else 0
     if 1 <= azimuth <= 360:
         return float(azimuth % 360)

@@ -16,7 +16,7 @@ from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import numbers_of, shown
 from dolfinx_joints.motions.motion import Motion, Seconds
 
-# Of the largest velocity, with which a record of velocities may begin.
+# Largest initial velocity of a velocity record, over its largest velocity.
 AT_REST = 0.01
 
 
@@ -26,14 +26,14 @@ def motion_from_displacement(
 ) -> Motion:
     """Make the motion whose displacement is the cubic spline through samples.
 
-    The second derivative of the spline is linear between samples, as the acceleration of a
-    `Motion` is, so that integrated it gives the samples back. The ground starts at rest, and from
-    the first sample its displacement counts; the acceleration ends at zero.
+    The second derivative of the spline is linear between samples, like the acceleration of a
+    `Motion`, so its double integral reproduces the samples. The ground starts at rest, with zero
+    displacement at the first sample; the acceleration ends at zero.
 
     Args:
         displacement: Along x (stream), y (cross-valley), z (up), shape (n, 3), n >= 4, [m].
         dt: Time between samples [s].
-        name: What to call it.
+        name: Name of the motion.
     """
     from scipy.interpolate import CubicSpline
 
@@ -45,32 +45,33 @@ def motion_from_displacement(
 
 @checked
 def motion_from_velocity(velocity: ArrayLike, *, dt: Seconds, name: str = "motion") -> Motion:
-    """Make a motion from samples of its velocity, that of `motion_from_displacement`.
+    """Make a motion from samples of its velocity.
 
-    Displacements are the integral of the cubic spline through the samples, which the motion then
-    has exactly and its velocity to fourth order of ``dt``.
+    The cubic spline through the samples is integrated and passed to `motion_from_displacement`. The
+    motion reproduces these displacements exactly, and the velocity to fourth order in ``dt``.
 
     Args:
-        velocity: Shape (n, 3), n >= 4, from rest, [m/s].
+        velocity: Shape (n, 3), n >= 4, starting from rest, [m/s].
         dt: Time between samples [s].
-        name: What to call it.
+        name: Name of the motion.
     """
     from scipy.interpolate import CubicSpline
 
     samples = _samples("velocity", velocity)
     if np.abs(samples[0]).max() > AT_REST * np.abs(samples).max():
         raise RecordError(
-            f"velocity begins with {samples[0]} m/s; the ground must start at rest: taper it."
+            f"velocity begins with {samples[0]} m/s, but the ground must start at rest; taper the "
+            "record."
         )
     spline = CubicSpline(dt * np.arange(len(samples)), samples)
     return motion_from_displacement(spline.antiderivative()(spline.x), dt=dt, name=name)
 
 
 def displacement_of(motion: Motion, *, rate: bool = False) -> Callable[[Floats], Floats]:
-    """Return displacement, or the ``rate`` [m/s], of a motion by times [s]: shape (n,) to (n, 3).
+    """Return the displacement [m], or its ``rate`` [m/s], of a motion as a function of times [s].
 
-    Accelerations are linear between samples and are integrated exactly. The ground rests before the
-    first sample. After the last sample it keeps its velocity.
+    The function maps times (n,) to shape (n, 3). It integrates the piecewise linear acceleration
+    exactly. The ground is at rest before the first sample and keeps its velocity after the last.
     """
     velocity, displacement = motion.integrated()
     acceleration, dt = motion.acceleration, motion.dt
@@ -82,16 +83,16 @@ def displacement_of(motion: Motion, *, rate: bool = False) -> Callable[[Floats],
         past = (within - i * dt)[:, None]
         if rate:
             return np.asarray(velocity[i] + past * (acceleration[i] + 0.5 * past * jerk[i]))
-        bent = 0.5 * acceleration[i] + past * jerk[i] / 6.0
-        late = np.maximum(times - motion.duration, 0.0)[:, None]
-        moved: Floats = displacement[i] + past * (velocity[i] + past * bent)
-        return moved + late * velocity[-1]
+        curvature = 0.5 * acceleration[i] + past * jerk[i] / 6.0
+        beyond_end = np.maximum(times - motion.duration, 0.0)[:, None]
+        moved: Floats = displacement[i] + past * (velocity[i] + past * curvature)
+        return moved + beyond_end * velocity[-1]
 
     return displaced
 
 
 def _samples(name: str, given: Any) -> Floats:
-    """Finite samples of shape (n >= 4, 3)."""
+    """Return the samples as finite numbers of shape (n >= 4, 3)."""
     values = numbers_of(given)
     if values is None or values.ndim != 2 or values.shape[1] != 3 or len(values) < 4:
         got = shown(given) if values is None else values.shape

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Ground motion that differs from place to place: by groups, by stations, as a passing wave."""
+"""Spatially varying ground motion: by facet groups, by stations, with wave passage."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from dolfinx_joints.common.summary import Rows, Summarised
 from dolfinx_joints.motions.courses import displacement_of
 from dolfinx_joints.motions.motion import Motion
 
-# Of the largest velocity, by which the final velocities of two motions may differ.
+# Largest difference between final velocities of motions, over the largest velocity.
 DRIFT = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
 @checked
 class Passage:
-    """Wave that passes along the ground: it arrives at x the later by x.n / c.
+    """Wave passage along the ground: the arrival at x is delayed by x.n / c.
 
     Attributes:
         speed: Apparent velocity c along the direction [m/s].
-        direction: Where it goes, of any length; two numbers for a model in the plane.
+        direction: Direction of propagation, of any length; two numbers for a 2-D model.
     """
 
     speed: Annotated[float, at.Gt(0.0), at.Unit("m/s")]
@@ -39,10 +39,10 @@ class Passage:
 
     def __post_init__(self) -> None:
         if not np.any(self.direction):
-            raise ValueError(f"Passage: direction is {shown(self.direction)}; it has no length.")
+            raise ValueError(f"Passage: direction is {shown(self.direction)}; it must not be zero.")
 
     def delays(self, x: Floats) -> Floats:
-        """Arrival at places (n, 3) [m] after that at the origin, shape (n,), [s]."""
+        """Return the delays at places (n, 3) [m] relative to the origin, shape (n,), [s]."""
         n = _in_space(self.direction)
         return np.asarray(x @ n / (np.linalg.norm(n) * self.speed))
 
@@ -50,23 +50,21 @@ class Passage:
 @dataclass(frozen=True, kw_only=True, repr=False)
 @checked
 class DifferingMotion(Summarised):
-    """Motion of the ground under the supports that is not the same everywhere.
+    """Spatially varying motion of the supports, for the ``motion`` of a dynamic stage.
 
-    Given as the ``motion`` of a dynamic stage. Displacements are those relative to a reference
-    ground, on which the body is loaded by its inertia as by a uniform motion; in addition the
-    supports move by the displacement of their ground less that of the reference.
+    Displacements are relative to a reference ground motion, which loads the body by inertia forces
+    like a uniform motion. In addition, the supports move by the difference between the displacement
+    of their ground and that of the reference.
 
     Attributes:
-        motions: One motion, or several by name: of facet groups with supports, or of the stations
-            in ``positions``. A node of several groups moves with the last of them.
-        positions: Places of the stations by name [m].
-        between: Of the stations: ``line``, linear in the distance along the line from the first to
-            the last, and beyond the ends constant; or ``places``, by distances in space, for
-            stations of both banks and several heights.
-        passage: Delays; the support that the wave reaches first has none. Unless given all of the
-            ground moves at the same time.
-        reference: Name of the motion that displacements are relative to, without delay; the first
-            unless given.
+        motions: One motion, or several by name: names of facet groups with supports, or of the
+            stations in ``positions``. A node of several groups moves with the last of them.
+        positions: Coordinates of the stations by name [m].
+        between: Interpolation between stations. ``line``: linear in the distance along the line
+            from the first to the last, constant beyond the ends. ``places``: by distances in space,
+            for stations on both banks and at several heights.
+        passage: Delays by wave passage, zero at the support reached first; no delays by default.
+        reference: Name of the reference motion, which has no delay; the first by default.
     """
 
     motions: Motion | Mapping[str, Motion]
@@ -77,12 +75,14 @@ class DifferingMotion(Summarised):
 
     def __post_init__(self) -> None:
         wanted = "a Motion, or several by name"
-        known = isinstance(self.motions, Motion | Mapping) and bool(self.named)
-        check_kind_of("DifferingMotion: motions", self.motions, known, wanted)
+        good = isinstance(self.motions, Motion | Mapping) and bool(self.named)
+        check_kind_of("DifferingMotion: motions", self.motions, good, wanted)
         for name, motion in self.named.items():
-            check_kind_of(f"The motion of {shown(name)}", motion, isinstance(motion, Motion), "one")
-        known = isinstance(self.passage, Passage | None)
-        check_kind_of("DifferingMotion: passage", self.passage, known, "a Passage")
+            check_kind_of(
+                f"The motion of {shown(name)}", motion, isinstance(motion, Motion), "a Motion"
+            )
+        good = isinstance(self.passage, Passage | None)
+        check_kind_of("DifferingMotion: passage", self.passage, good, "a Passage")
         if self.reference is not None and self.reference not in self.named:
             raise ValueError(
                 f"DifferingMotion: reference is {shown(self.reference)}; it must be one of "
@@ -95,8 +95,8 @@ class DifferingMotion(Summarised):
     def _check_stations(self, positions: Mapping[str, Sequence[float]]) -> None:
         if set(positions) != set(self.named) or len(positions) < 2:
             raise ValueError(
-                f"DifferingMotion: positions are given of {', '.join(positions)}; they must be "
-                f"those of two or more motions, {', '.join(self.named)}."
+                f"DifferingMotion: positions has {', '.join(positions)}; it must have the names of "
+                f"all motions, at least two: {', '.join(self.named)}."
             )
         for name, place in positions.items():
             check_vector(f"DifferingMotion: the position of {shown(name)}", place, (2, 3))
@@ -107,7 +107,7 @@ class DifferingMotion(Summarised):
         if self.between == "line" and len(np.unique(along)) < len(positions):
             raise ValueError(
                 "DifferingMotion: two of the positions are at the same distance along the line "
-                'from the first to the last; take between="places".'
+                'from the first to the last; use between="places".'
             )
 
     def _warn_of_drift(self) -> None:
@@ -117,8 +117,7 @@ class DifferingMotion(Summarised):
         if apart > DRIFT * largest:
             warn(
                 f"The motions of {', '.join(self.named)} end with velocities that differ by up to "
-                f"{apart:.3g} m/s, with which the ground goes on to move apart; correct their "
-                "baselines.",
+                f"{apart:.3g} m/s, so the ground continues to move apart; correct their baselines.",
                 PlausibilityWarning,
             )
 
@@ -133,19 +132,19 @@ class DifferingMotion(Summarised):
 
     @property
     def named(self) -> Mapping[str, Motion]:
-        """The motions by name."""
-        one = self.motions
-        return {one.name: one} if isinstance(one, Motion) else one
+        """Motions by name."""
+        motions = self.motions
+        return {motions.name: motions} if isinstance(motions, Motion) else motions
 
     @property
     def name(self) -> str:
-        """What to call it in results."""
+        """Name in results."""
         passing = "" if self.passage is None else f" at {self.passage.speed:g} m/s"
         return ", ".join(motion.name for motion in self.named.values()) + passing
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Names of the groups that have motions of their own."""
+        """Names of the facet groups with separate motions."""
         by_group = isinstance(self.motions, Mapping) and self.positions is None
         return tuple(self.named) if by_group else ()
 
@@ -154,71 +153,71 @@ class DifferingMotion(Summarised):
         return next(iter(self.named)) if self.reference is None else self.reference
 
     def __call__(self, time: float) -> Floats:
-        """Acceleration of the reference at a time [s], shape (3,), [m/s^2]."""
+        """Return the acceleration of the reference at a time [s], shape (3,), [m/s^2]."""
         return self.named[self._reference](time)
 
     def relative_to_reference(
         self, x: Floats, members: Mapping[str, Flags], first: float, *, rate: bool = False
     ) -> Callable[[float], Floats]:
-        """Return the displacement of the ground less that of the reference as a function of time.
+        """Return the displacement of the ground relative to the reference as a function of time.
 
         The function takes a time [s] and returns shape (n, 3).
 
         Args:
-            x: The places, shape (n, 3), [m].
-            members: Which of them belong to each of the `groups`, shape (n,).
+            x: Coordinates of the places, shape (n, 3), [m].
+            members: True for the places in each of the `groups`, shape (n,).
             first: `Passage.delays` of the support that is reached first [s].
             rate: Return velocities [m/s] instead of displacements [m].
         """
         shares = self._shares(x, members)
         delays = np.zeros(len(x)) if self.passage is None else self.passage.delays(x) - first
-        courses = {n: displacement_of(motion, rate=rate) for n, motion in self.named.items()}
+        histories = {n: displacement_of(motion, rate=rate) for n, motion in self.named.items()}
         parts = [
-            (acts := np.flatnonzero(shares[:, k]), shares[acts, k, None], delays[acts], course)
-            for k, course in enumerate(courses.values())
+            (acts := np.flatnonzero(shares[:, k]), shares[acts, k, None], delays[acts], history)
+            for k, history in enumerate(histories.values())
         ]
 
         def moved(time: float) -> Floats:
-            found = np.zeros((len(x), 3))
-            for acting, share, late, course in parts:
-                found[acting] += share * course(time - late)
-            return found - courses[self._reference](np.array([time]))
+            displacement = np.zeros((len(x), 3))
+            for acting, share, delay, history in parts:
+                displacement[acting] += share * history(time - delay)
+            return displacement - histories[self._reference](np.array([time]))
 
         return moved
 
     def _shares(self, x: Floats, members: Mapping[str, Flags]) -> Floats:
-        """Share of each motion at each place, shape (n, motions)."""
-        one_each = np.eye(len(self.named))
+        """Return the share of each motion at each place, shape (n, motions)."""
+        unit_rows = np.eye(len(self.named))
         if self.groups:
             shares = np.zeros((len(x), len(self.named)))
-            for row, name in zip(one_each, self.named, strict=True):
+            for row, name in zip(unit_rows, self.named, strict=True):
                 shares[members[name]] = row
             return shares
         if self.positions is None:
             return np.ones((len(x), 1))
         if self.between == "places":
-            known = self._places(self.positions)
+            stations = self._places(self.positions)
             # Shares by distances, (12ae).
-            return np.asarray(RBFInterpolator(known, one_each, kernel="linear", degree=0)(x))
+            return np.asarray(RBFInterpolator(stations, unit_rows, kernel="linear", degree=0)(x))
         along = self._along(self.positions)
         places = along(self._places(self.positions))
         order = np.argsort(places)
-        columns = [np.interp(along(x), places[order], each[order]) for each in one_each]
+        columns = [np.interp(along(x), places[order], row[order]) for row in unit_rows]
         return np.stack(columns, axis=1)
 
     def _places(self, positions: Mapping[str, Sequence[float]]) -> Floats:
-        """Positions in the order of the motions, shape (motions, 3), [m]."""
+        """Return the positions in the order of the motions, shape (motions, 3), [m]."""
         return np.array([_in_space(positions[name]) for name in self.named])
 
     def _along(self, positions: Mapping[str, Sequence[float]]) -> Callable[[Floats], Floats]:
-        """Distance along the line through the first and the last station [m]."""
+        """Return the function of the distance along the line through first and last station [m]."""
         places = self._places(positions)
         line = places[-1] - places[0]
         return lambda x: np.asarray(x @ line / (np.linalg.norm(line) or 1.0))
 
 
 def _in_space(vector: Sequence[float]) -> Floats:
-    """Two or three numbers as three."""
-    found = np.zeros(3)
-    found[: len(vector)] = vector
-    return found
+    """Return a vector with two or three numbers as one with three."""
+    padded = np.zeros(3)
+    padded[: len(vector)] = vector
+    return padded

@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Formats of ground motions; here those of one component: PEER AT2, ESM/ITACA, K-NET, SMC.
+"""File formats with one component per file: PEER AT2, ESM/ITACA, K-NET, SMC; table of all formats.
 
-Each format is recognised by its first lines, and read after its published description.
-Values are kept as recorded: K-NET's, for one, have an offset of their own.
+Each format is recognised by its first lines and read according to its published description. Values
+are not corrected; K-NET records, for example, have an offset.
 """
 
 import re
@@ -34,7 +34,7 @@ _COUNT_AND_STEP = (
 _SECONDS = {"": 1.0, "S": 1.0, "SEC": 1.0, "SECS": 1.0, "SECONDS": 1.0, "MS": 1e-3, "MSEC": 1e-3}
 _UNIT_IS_G = re.compile(r"\bUNITS?\s+OF\s+G(?![\w/*^])", re.I)
 _AT2_STEM = re.compile(
-    # The last two digits of NET.STATION.BHE.00 are no azimuth but name the place of the sensor.
+    # The last two digits of NET.STATION.BHE.00 are the location of the sensor, not an azimuth.
     r"(.+?)(?:[-_.]?(UP|DWN|DOWN|VERT?|\d{3})|\.[A-Z]{2}([NEZ])(?:\.\d\d)?"
     r"|[-_.](V|NS|EW|[NESW]|(?<!\.[A-Z]{2}\d\.)\d{1,2}))",
     re.I,
@@ -63,20 +63,20 @@ def _at2_matches(text: RecordText) -> bool:
 
 
 def _at2_parts(path: Path) -> tuple[str, Direction | None]:
-    """Name of the record and direction of the component, from the name of the file."""
+    """Return the name of the record and the direction of the component from the file name."""
     match = _AT2_STEM.fullmatch(path.stem)
-    found = None if match is None else direction_named(match[2] or match[3] or match[4])
-    return (path.stem, None) if match is None or found is None else (match[1], found)
+    direction = None if match is None else direction_named(match[2] or match[3] or match[4])
+    return (path.stem, None) if match is None or direction is None else (match[1], direction)
 
 
 def at2_record(path: Path) -> str | None:
-    """Name of the record that an AT2 file belongs to, or None if its name has no component."""
+    """Return the name of the record of an AT2 file, or None if its name has no component."""
     record, direction = _at2_parts(path)
     return None if direction is None else record
 
 
 def _at2_record(text: RecordText) -> str | None:
-    """Name of the record; None for the velocities (VT2) and displacements (DT2) beside it."""
+    """Return the name of the record; None for files of velocities (VT2) and displacements (DT2)."""
     kind = text.lines[2] if len(text.lines) > 2 else ""
     return None if other_quantity(kind) else at2_record(text.path)
 
@@ -85,11 +85,11 @@ def _read_at2(text: RecordText) -> list[Component]:
     unit_line = text.line(3, "the unit, 'UNITS OF G'")
     refuse_other_quantity(text, 3, unit_line)
     if not _UNIT_IS_G.search(unit_line):
-        text.fail(3, f"must say 'UNITS OF G', got {shown(unit_line.strip())}.")
+        text.fail(3, f"must have 'UNITS OF G', got {shown(unit_line.strip())}.")
     line = text.line(4, "'NPTS= count, DT= step SEC'")
     match = next(filter(None, (pattern.search(line) for pattern in _COUNT_AND_STEP)), None)
     if match is None:
-        text.fail(4, f"must give 'NPTS= count, DT= step SEC', got {shown(line.strip())}.")
+        text.fail(4, f"must have 'NPTS= count, DT= step SEC', got {shown(line.strip())}.")
     count, dt = text.count(4, match[1]), text.positive(4, match[2], "the time step")
     if match[3].upper() not in _SECONDS:
         text.fail(4, f"the unit of DT must be SEC or MSEC, got {shown(match[3])}.")
@@ -187,7 +187,7 @@ def _read_knet(text: RecordText) -> list[Component]:
     line, scale = _knet(text, "Scale Factor")
     match = _SCALE.fullmatch(scale)
     if match is None:
-        text.fail(line, f"Scale Factor must be as 3920(gal)/6182761, got {shown(scale)}.")
+        text.fail(line, f"Scale Factor must have the form 3920(gal)/6182761, got {shown(scale)}.")
     unit = unit_named(match[2], f"{text.path}, line {line}")
     first, began = _knet(text, "Record Time")
     factor = text.positive(line, match[1], "scale") / text.positive(line, match[3], "scale")
@@ -216,7 +216,7 @@ def _smc_record(text: RecordText) -> str:
 
 
 def _smc_start(whole: list[str]) -> float | None:
-    """By the 2nd to 7th whole number: year, day of the year, hour, minute, s and ms, if all set."""
+    """Return the time from integers 2 to 7: year, day of the year, hour, minute, s, ms; or None."""
     missing, *parts = whole[:7]
     if missing in parts or not all(part.isdigit() for part in parts) or not int(parts[0]):
         return None
@@ -229,14 +229,14 @@ def _read_smc(text: RecordText) -> list[Component]:
     kind = text.lines[0].strip()
     if kind != "2 CORRECTED ACCELEROGRAM":
         text.fail(
-            1, f"must say '2 CORRECTED ACCELEROGRAM', as others can be uneven, got {shown(kind)}."
+            1, f"must be '2 CORRECTED ACCELEROGRAM', sampled at equal steps, got {shown(kind)}."
         )
     text.line(27, "the end of the headers")
     whole = [word for number in range(12, 18) for word in text.words(number, 10)]
     if len(whole) != 48:
-        text.fail(17, f"48 numbers on lines 12 to 17 make the integer header, got {len(whole)}.")
+        text.fail(17, f"lines 12 to 17 must have 48 integers, got {len(whole)}.")
     if whole[17] == "1":
-        text.fail(14, "the file flags a problem of the record (18th whole number is 1).")
+        text.fail(14, "the file flags a problem of the record (18th integer is 1).")
     rate = text.positive(18, (*text.words(18, 15), "", "")[1], "the sampling rate")
     count = text.count(14, whole[16])
     comments = int(text.number(13, whole[15], "the number of comments"))
@@ -256,7 +256,7 @@ def _read_smc(text: RecordText) -> list[Component]:
     ]
 
 
-# The first that matches reads a file; AT2 comes last, as words in the head are all it is known by.
+# The first format that matches is used. AT2 is last, because only words in its header identify it.
 FORMATS = (
     Format("K-NET", _knet_matches, _knet_record, _read_knet),
     COSMOS,

@@ -1,8 +1,8 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Ground motions: make synthetic ones, turn, correct, filter, resample, cut and taper them.
+"""Ground motions: synthetic accelerograms, rotation, correction, filters, resampling, tapers.
 
-Everything is in m/s^2 and in the axes of the dam: x stream, y cross-valley, z up, right-handed.
+Accelerations are in m/s^2 and in the axes of the dam: x stream, y cross-valley, z up, right-handed.
 Files are read by :mod:`~dolfinx_joints.motions.reading`.
 """
 
@@ -38,13 +38,13 @@ Hertz = Annotated[float, at.Gt(0.0), at.Unit("Hz")]
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 @checked
 class Motion(Summarised):
-    """Ground acceleration sampled at equal steps from t = 0, linear between samples.
+    """Ground acceleration, sampled at equal steps from t = 0 and linear between samples.
 
     Args:
         acceleration: along x (stream), y (cross-valley), z (up), shape (n, 3), n >= 2, [m/s^2];
-            kept as a read-only copy.
+            stored as a read-only copy.
         dt: time between samples [s].
-        name: what to call it in logs and titles.
+        name: name in logs and titles.
     """
 
     acceleration: Floats
@@ -85,7 +85,7 @@ class Motion(Summarised):
 
     def __call__(self, time: ArrayLike) -> Floats:
         """Return the acceleration (..., 3) [m/s^2] at times (...) [s], zero outside the motion."""
-        if isinstance(time, float) and 0.0 <= time <= self.duration:  # of each step
+        if isinstance(time, float) and 0.0 <= time <= self.duration:  # fast path for time steps
             passed = time / self.dt
             last = min(int(passed), len(self.acceleration) - 2)
             before, after = self.acceleration[last : last + 2]
@@ -95,31 +95,30 @@ class Motion(Summarised):
         return np.stack(columns, axis=-1)
 
     def integrated(self) -> tuple[Floats, Floats]:
-        """Velocity [m/s] and displacement [m] from rest, each of shape (n, 3)."""
+        """Return velocity [m/s] and displacement [m] from rest, each of shape (n, 3)."""
         return integrate(self.acceleration, self.dt)
 
     @checked
     def rotated(self, angle_deg: float) -> Self:
-        """Components along horizontal axes turned counterclockwise, seen from above.
+        """Rotate the horizontal axes counterclockwise, as seen from above.
 
-        With c, s the cosine and sine of the angle, ``x' = c x + s y`` and ``y' = c y - s x``. As
-        azimuths count clockwise, x' has the azimuth of x less ``angle_deg``.
+        With c and s the cosine and sine of the angle, ``x' = c x + s y`` and ``y' = c y - s x``.
+        Azimuths are clockwise, so x' has the azimuth of x minus ``angle_deg``.
         """
         angle = np.deg2rad(angle_deg)
         c, s = np.cos(angle), np.sin(angle)
-        if angle_deg % 90.0 == 0.0:  # components change places to the last bit
+        if angle_deg % 90.0 == 0.0:  # exchange the components without rounding error
             c, s = np.round(c), np.round(s)
         x, y, z = self.acceleration.T
         return replace(self, acceleration=np.stack([c * x + s * y, c * y - s * x, z], axis=1))
 
     @checked
     def resampled(self, dt: Seconds) -> Self:
-        """Band-limited interpolation at the times 0, dt, 2 dt, ... up to the duration.
+        """Resample by band-limited interpolation at 0, dt, 2 dt, ... up to the duration.
 
-        The samples and as many zeros are one period of a Fourier series, which is evaluated at the
-        new times. For a coarser step the series is first cut at the new Nyquist frequency, by half
-        a cosine from 80 % of it, so that nothing folds back. Taper a motion that starts or ends
-        away from zero, as the series rings there.
+        The samples, padded by an equal number of zeros, are one period of a Fourier series. For a
+        longer step, a half-cosine low-pass from 80 % of the new Nyquist frequency prevents
+        aliasing. Taper a motion that starts or ends away from zero, because the series rings there.
 
         Args:
             dt: new time between samples [s].
@@ -132,10 +131,10 @@ class Motion(Summarised):
 
     @checked
     def for_steps(self, step: Seconds) -> Self:
-        """Return the motion, for a longer step [s] without the frequencies that it would fold.
+        """Remove the frequencies that time steps of length ``step`` [s] would alias.
 
-        The gain is 1 / (1 + (2.5 f step)^8): 98 % at half the step's Nyquist frequency, 14 % at
-        that frequency, 0.07 % at twice of it.
+        The gain is 1 / (1 + (2.5 f step)^8): 98 % at half the Nyquist frequency of the step, 14 %
+        at this frequency, 0.07 % at twice this frequency. Steps up to ``dt`` change nothing.
         """
         if step <= self.dt * (1.0 + ROUNDING):
             return self
@@ -147,32 +146,32 @@ class Motion(Summarised):
     ) -> Self:
         """Return the samples from ``start`` to ``start + duration`` [s]; time starts again at 0.
 
-        A bound between two samples is moved inwards to the next one.
+        A bound between two samples is moved inwards to the next sample.
         """
         if start + duration > self.duration + ROUNDING * self.dt:
             raise RecordError(
                 f"The part to keep must lie within 0 to {self.duration:.6g} s, got a duration of "
-                f"{duration} from {start} s on."
+                f"{duration} s from {start} s."
             )
         first = int(np.ceil(start / self.dt - ROUNDING))
         last = int(np.floor((start + duration) / self.dt + ROUNDING))
         return replace(self, acceleration=self.acceleration[first : last + 1])
 
     def detrended(self) -> Self:
-        """The motion less the straight line that fits each component best (least squares)."""
+        """Subtract the straight line that fits each component best (least squares)."""
         from scipy.signal import detrend
 
         return replace(self, acceleration=detrend(self.acceleration, axis=0))
 
     @checked
     def baseline_corrected(self, degree: Annotated[int, at.Interval(ge=0, le=6)] = 2) -> Self:
-        """The motion less the slow polynomial that makes its velocity drift.
+        """Subtract a polynomial baseline, which makes the velocity drift.
 
-        The velocity of the polynomial, zero at the start, fits the velocity of the motion best
-        (least squares). The motion should start at rest; it need not end at rest.
+        The integral of the polynomial, zero at the start, is the least-squares fit of the velocity.
+        The motion should start at rest; it need not end at rest.
 
         Args:
-            degree: 0 an offset, 1 a line, 2 a parabola, ... up to 6.
+            degree: of the polynomial: 0 an offset, 1 a line, 2 a parabola, ... up to 6.
         """
         return replace(self, acceleration=without_baseline(self.acceleration, degree))
 
@@ -184,43 +183,42 @@ class Motion(Summarised):
         *,
         order: Annotated[int, at.Interval(ge=1, le=8)] = 4,
     ) -> Self:
-        """Butterworth filter without phase shift: once forwards, once backwards.
+        """Apply a Butterworth filter forwards and backwards, without phase shift.
 
-        Both passes together have a gain of 1/2 at the corners and fall twice as steeply as one.
-        The motion is zero before and after its samples: correct its baseline and taper it first.
-        What spreads beyond the ends is cut off, which can make the displacement drift: correct the
-        baseline again.
+        The gain of both passes is 1/2 at the corners and falls twice as steeply as that of one
+        pass. The motion is padded by zeros: correct its baseline and taper it first. The response
+        beyond the ends is cut off, so the displacement can drift: correct the baseline again.
 
         Args:
-            low: lower corner [Hz]; everything below passes unless given.
-            high: upper corner [Hz]; everything above passes unless given.
+            low: lower corner [Hz]; no high-pass by default.
+            high: upper corner [Hz]; no low-pass by default.
             order: of one pass, from 1 to 8.
         """
         nyquist = 0.5 / self.dt
         corners = [corner for corner in (low, high) if corner is not None]
         if not corners or sorted({*corners, nyquist}) != [*corners, nyquist]:
             raise RecordError(
-                f"One corner must be given, or two that rise, below {nyquist:.6g} Hz, half the "
-                f"sampling rate, got low={low} and high={high}."
+                f"Give one corner, or two with low < high, below {nyquist:.6g} Hz, half the "
+                f"sampling rate; got low={low} and high={high}."
             )
         if corners[0] * self.duration < 1.0:
             raise RecordError(
-                f"A corner of {corners[0]:.6g} Hz is below one period in the {self.duration:.6g} "
-                f"s of the motion, {1.0 / self.duration:.6g} Hz."
+                f"The corner of {corners[0]:.6g} Hz must be at least {1.0 / self.duration:.6g} Hz: "
+                f"one period in the {self.duration:.6g} s of the motion."
             )
         values = band_pass(self.acceleration, self.dt, low, high, order)
         return replace(self, acceleration=values)
 
     @checked
     def tapered(self, *, seconds: float | None = None, fraction: float | None = None) -> Self:
-        """Bring the motion to zero at both ends by half a cosine.
+        """Taper the motion to zero at both ends by half a cosine.
 
         Args:
-            seconds: length of each ramp [s], or
-            fraction: length of each ramp as a share of the duration; at most half.
+            seconds: length of each ramp [s]; or
+            fraction: length of each ramp as a share of the duration, at most half.
         """
         if (seconds is None) == (fraction is None):
-            raise RecordError("Give the taper either in seconds or as a fraction.")
+            raise RecordError("Give the length of the taper either in seconds or as a fraction.")
         ramp = (fraction or 0.0) * self.duration if seconds is None else seconds
         if not 0.0 < ramp <= 0.5 * self.duration:
             raise RecordError(
@@ -233,7 +231,7 @@ class Motion(Summarised):
 
     @checked
     def scaled(self, factor: float | Sequence[float]) -> Self:
-        """Multiply by one factor, or by one for each component."""
+        """Multiply all components by one factor, or each by its factor."""
         factors = np.asarray(factor, dtype=np.float64)
         if factors.shape not in ((), (3,)):
             raise RecordError(f"factor must be one number or three, got {shown(factor, str)}.")
@@ -249,16 +247,16 @@ def synthetic_motion(
     peaks_g: Annotated[Sequence[float], at.Len(3, 3), at.Ge(0.0)] = (0.4, 0.4, 0.3),
     band: tuple[float, float] = (0.5, 15.0),
 ) -> Motion:
-    """Make a motion that looks like an earthquake and is the same everywhere.
+    """Make a reproducible synthetic accelerogram.
 
-    Each component is a sum of sines at multiples of 1/duration, with random phases and amplitudes
-    that fade in the outer quarters of the band, times an envelope: a rise over 15 % of the
-    duration, strong motion until 45 %, a decay to zero. A part of the envelope, linear in time, is
-    subtracted so that velocity and displacement return to zero; then each component is scaled to
-    its peak. The phases come from the raw stream of PCG64, which NumPy promises not to change.
+    Each component is a sum of sines at multiples of 1/duration, times an envelope. The phases are
+    random and the amplitudes fade in the outer quarters of the band. The envelope rises over 15 %
+    of the duration, is 1 until 45 % and decays to zero. Then the envelope times a linear function
+    of time is subtracted, so that velocity and displacement return to zero. Finally each component
+    is scaled to its peak. The phases use the raw PCG64 stream, which NumPy guarantees to keep.
 
     Args:
-        seed: whole number that selects the phases.
+        seed: integer that selects the phases.
         duration: time of the last sample [s], rounded to a whole number of steps.
         dt: time between samples [s].
         peaks_g: largest absolute value of x, y, z, in units of standard gravity.
@@ -268,7 +266,7 @@ def synthetic_motion(
     if not 1.0 / duration <= low < high <= 0.5 / dt:
         raise RecordError(
             f"band must rise from {1.0 / duration:.4g} Hz (1/duration) or more to at most "
-            f"{0.5 / dt:.4g} Hz (0.5/dt), got {shown(band)}: change band, duration or dt."
+            f"{0.5 / dt:.4g} Hz (0.5/dt), got {shown(band)}. Change band, duration or dt."
         )
     time = np.arange(round(duration / dt) + 1) * dt
     frequency = np.arange(np.ceil(low * duration), np.floor(high * duration) + 1) / duration

@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Signals of ground motions: integrate, resample, filter, take off baselines; functions of arrays.
+"""Signal processing of ground motions: integration, resampling, filters, baseline correction.
 
-Accelerations [m/s^2] run along the first axis, shape (n, k), with the time ``dt`` [s] between
-samples, and are linear in between. Parameters are checked by the methods of
-:class:`~dolfinx_joints.motions.motion.Motion`, which explain them.
+Accelerations [m/s^2] have shape (n, k), with time along the first axis and ``dt`` [s] between
+samples, and are linear in between. The methods of :class:`~dolfinx_joints.motions.motion.Motion`
+check and explain the parameters.
 """
 
 from typing import Any
@@ -15,18 +15,18 @@ from numpy.typing import ArrayLike
 from dolfinx_joints.common.arrays import Floats
 
 ROUNDING = 1e-9
-"""Part of a sample by which a time may miss a sample and still mean it."""
+"""Tolerance of sample times, relative to the time between samples."""
 
 
 def fall(x: ArrayLike, start: float, end: float) -> Floats:
-    """Half a cosine that falls from 1 at ``start`` to 0 at ``end``."""
+    """Return half a cosine that falls from 1 at ``start`` to 0 at ``end``."""
     share = np.clip((np.asarray(x) - start) / (end - start), 0.0, 1.0)
     values = np.cos(0.5 * np.pi * share) ** 2
     return np.where(share == 1.0, 0.0, values)
 
 
 def integrate(acceleration: Floats, dt: float) -> tuple[Floats, Floats]:
-    """Velocity [m/s] and displacement [m] from rest, exact for a piecewise linear acceleration."""
+    """Integrate a piecewise linear acceleration exactly to velocity [m/s] and displacement [m]."""
     before, after = acceleration[:-1], acceleration[1:]
     velocity, displacement = np.zeros_like(acceleration), np.zeros_like(acceleration)
     np.cumsum(0.5 * dt * (before + after), axis=0, out=velocity[1:])
@@ -36,14 +36,14 @@ def integrate(acceleration: Floats, dt: float) -> tuple[Floats, Floats]:
 
 
 def resample(acceleration: Floats, old_dt: float, dt: float, count: int) -> Floats:
-    """Band-limited interpolation at the times 0, dt, ..., (count - 1) dt."""
+    """Resample by band-limited interpolation at the times 0, dt, ..., (count - 1) dt."""
     from scipy.fft import next_fast_len
     from scipy.signal import czt
 
     period = next_fast_len(2 * len(acceleration), real=True)
     spectrum = np.fft.rfft(acceleration, n=period, axis=0) / period
     frequency = np.fft.rfftfreq(period, old_dt)
-    # Each term but the mean, and the one at Nyquist, stands for its conjugate as well.
+    # Terms count twice, because of their conjugates, except for the mean and the Nyquist frequency.
     weight = np.where((frequency == 0.0) | (2 * frequency * old_dt >= 1.0), 1.0, 2.0)
     if dt > old_dt:
         weight = weight * fall(frequency, 0.8 * 0.5 / dt, 0.5 / dt)
@@ -52,10 +52,10 @@ def resample(acceleration: Floats, old_dt: float, dt: float, count: int) -> Floa
 
 
 def without_baseline(acceleration: Floats, degree: int) -> Floats:
-    """The signal less the polynomial whose velocity fits its own velocity best (least squares)."""
+    """Subtract the polynomial whose integral is the least-squares fit of the velocity."""
     place = np.linspace(-1.0, 1.0, len(acceleration))
     shapes: Floats = np.polynomial.legendre.legvander(place, degree)
-    # Trapezoids on both sides: what is added to a signal as a sampled polynomial goes exactly.
+    # Use trapezoids for both, so that a polynomial baseline is removed exactly.
     velocities, velocity = integrate(shapes, 1.0)[0], integrate(acceleration, 1.0)[0]
     coefficients = np.linalg.lstsq(velocities, velocity, rcond=None)[0]
     return acceleration - shapes @ coefficients
@@ -64,10 +64,9 @@ def without_baseline(acceleration: Floats, degree: int) -> Floats:
 def band_pass(
     acceleration: Floats, dt: float, low: float | None, high: float | None, order: int
 ) -> Floats:
-    """Butterworth filter, once forwards and once backwards, so that no phase is shifted.
+    """Apply a Butterworth filter forwards and backwards, without phase shift.
 
-    Zeros are added at both ends, 1.5 ``order`` periods of the lowest corner long, and cut off
-    afterwards.
+    The signal is padded at both ends by zeros, 1.5 ``order`` periods of the lowest corner long.
     """
     from scipy.signal import butter, sosfilt
 
@@ -82,11 +81,11 @@ def band_pass(
 
 
 def low_pass(acceleration: Floats, dt: float, band: float) -> Floats:
-    """The signal with the part 1 / (1 + (f / band)^8) of what it holds at a frequency f.
+    """Apply the gain 1 / (1 + (f / band)^8) at the frequency f, without phase shift.
 
-    No phase is shifted, and the gain is the same at every ``dt``. The cosine transform mirrors the
-    signal at its first and last value, so that one that changes sign every step goes up to the
-    ends; two periods of the band next to an end hold what the mirror brings.
+    The gain is the same for every ``dt``. The cosine transform mirrors the signal at its first and
+    last value, so even a signal that alternates at each sample is removed up to the ends. The
+    mirror image affects two periods of the band next to each end.
     """
     from scipy.fft import dct, idct
 
@@ -97,10 +96,10 @@ def low_pass(acceleration: Floats, dt: float, band: float) -> Floats:
 
 
 def without_drift(values: Floats, envelope: Floats, dt: float) -> Floats:
-    """Take off (b + c t) envelope (n,) so that the final velocity and displacement vanish."""
+    """Subtract (b + c t) envelope (n,) so that the final velocity and displacement vanish."""
     time = np.arange(len(values)) * dt
     shapes = envelope[:, None] * np.stack([np.ones_like(time), time], axis=1)
-    # Integrals of a and of t a over a piecewise linear a: trapezoids, and t's own hat functions.
+    # Weights of the integrals of a and t a for piecewise linear a: trapezoids and hat functions.
     ends = np.full(len(values), dt)
     ends[[0, -1]] *= 0.5
     moments = time * dt

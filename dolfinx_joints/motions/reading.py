@@ -1,10 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Ground motions from files: which files belong together, and which axis each component is.
+"""Ground motions from files: grouping of files to records, and axes of the components.
 
-The format of a file is found by its content, not by its name. Units are converted when a file is
-read: motions are in m/s^2 and in right-handed axes with z up. Azimuths count clockwise
-from north, seen from above.
+The format of a file is identified by its content, not by its name. Units are converted: motions are
+in m/s^2 and in right-handed axes with z up. Azimuths are clockwise from north, seen from above.
 """
 
 import os
@@ -25,15 +24,15 @@ from dolfinx_joints.motions.motion import Motion, Seconds
 from dolfinx_joints.motions.record_text import Component, RecordText, direction_named, unit_named
 
 WEAK_G, STRONG_G = 0.02, 5.0
-"""Plausible peaks, in units of g: to 0.028 g shaking is light (intensity IV, Worden et al., Bull.
+"""Plausible peaks in units of g: up to 0.028 g shaking is light (intensity IV, Worden et al., Bull.
 Seism. Soc. Am. 102, 2012, 204); the strongest record has 4 g (Aoi et al., Science 322, 2008)."""
 
 LONGEST_STEP = 0.1
-"""Longest plausible time between samples [s]; accelerographs take 50 to 200 a second."""
+"""Longest plausible time between samples [s]; accelerographs take 50 to 200 samples a second."""
 
-_HEAD = 20_000  # bytes that hold the header of any format
-_ANGLE = 1e-6  # degrees by which a right angle may be missed
-_OFF = 0.25  # of a step, by which samples of two components may be apart: headers round to 1 ms
+_HEAD = 20_000  # bytes, enough for the header of any format
+_ANGLE = 1e-6  # tolerance of the right angle between horizontal components [degrees]
+_OFF = 0.25  # tolerance of the sample times of components, in steps: headers round to 1 ms
 
 
 @checked
@@ -44,36 +43,38 @@ def read_components(
     dt: Seconds | None = None,
     columns: Sequence[str | float] | str | None = None,
 ) -> list[Component]:
-    """Read the components in one file, whatever its format.
+    """Read the components in one file of any supported format.
 
     Args:
-        path: a file in the format PEER AT2, ESM/ITACA, K-NET or KiK-net, COSMOS V1 or V2, SMC
+        path: file in the format PEER AT2, ESM/ITACA, K-NET or KiK-net, COSMOS V1 or V2, SMC
             (corrected), or in plain columns.
-        unit: of plain columns, if the file does not give it; any other file must agree.
-        dt: time between rows of plain columns [s], if the file has no column of time.
-        columns: ``"time"``, directions or ``"skip"``, if the file does not name them;
-            ``"wrapped"`` for one component that goes on from line to line.
+        unit: unit of plain columns that do not state it; must agree with a unit in the file.
+        dt: time between rows of plain columns [s], if the file has no time column.
+        columns: ``"time"``, directions or ``"skip"``, if the file does not name its columns;
+            ``"wrapped"`` for one component that continues from line to line.
     """
     text = RecordText(path)
-    known = next((each for each in FORMATS if each.matches(text)), None)
-    if known is None and is_columns(text):
+    file_format = next((candidate for candidate in FORMATS if candidate.matches(text)), None)
+    if file_format is None and is_columns(text):
         return read_columns(text, unit, dt, columns)
-    if known is None:
-        names = ", ".join(each.name for each in FORMATS)
+    if file_format is None:
+        names = ", ".join(candidate.name for candidate in FORMATS)
         raise RecordError(
-            f"{text.path} is in no known format ({names}, plain columns); it begins with "
-            f"{text.lines[0][:40]!r}. Any file can be written as plain columns: the lines "
+            f"{text.path} has an unknown format (supported: {names}, plain columns); it begins "
+            f"with {text.lines[0][:40]!r}. Convert it to plain columns, with the lines "
             "'# unit: cm/s^2', '# columns: time N', '0.00 1.25', '0.01 -3.50' and so on."
         )
     if columns is not None:
-        raise RecordError(f"{text.path} is a file of {known.name}, which has no columns to name.")
-    found = known.read(text)
-    for each in found:
-        if unit is not None and unit_named(unit, "unit") != each.unit:
-            raise RecordError(f"{path} is in {each.unit}, but unit={shown(unit)} was given.")
-        if dt is not None and abs(dt - each.dt) > 1e-6 * each.dt:
-            raise RecordError(f"{path} has a time step of {each.dt:.6g} s, but dt={dt} was given.")
-    return found
+        raise RecordError(
+            f"{text.path} has the format {file_format.name}; columns= is for plain columns only."
+        )
+    components = file_format.read(text)
+    for part in components:
+        if unit is not None and unit_named(unit, "unit") != part.unit:
+            raise RecordError(f"{path} is in {part.unit}, but unit={shown(unit)} was given.")
+        if dt is not None and abs(dt - part.dt) > 1e-6 * part.dt:
+            raise RecordError(f"{path} has a time step of {part.dt:.6g} s, but dt={dt} was given.")
+    return components
 
 
 @checked
@@ -89,25 +90,25 @@ def read_record(
 ) -> Motion:
     """Read the three components of one record.
 
-    x and y are the horizontal components of which y points to the left of x, seen from above:
-    azimuths 0 and 270, or east and north. A downward component changes its sign. With
-    ``stream_azimuth_deg`` the horizontal axes are then turned until x points downstream.
+    The horizontal component x is the one with y 90 degrees to its left, seen from above: azimuths 0
+    and 270, or east and north. A downward component changes its sign. If ``stream_azimuth_deg`` is
+    given, the horizontal axes are rotated so that x points downstream.
 
-    Components are cut to the time that all of them cover, by the times of their first samples
-    (headers of ESM, K-NET, COSMOS and SMC, a column of time), else from the first sample on. An
-    error is raised if samples of two components are more than a quarter of a step apart, if
-    components share no time, or if only some of them have one.
+    Components are cut to their common time interval. The time of the first sample is taken from the
+    header (ESM, K-NET, COSMOS, SMC) or the time column; without it, components start together. It
+    is an error if only some components have such a time, if there is no common interval, or if
+    samples of two components are more than a quarter of a step apart.
 
     Args:
-        source: a directory, one file, or several. The files of a directory belong to one record by
-            their headers, those of AT2 by names that end in a component (``-UP``, ``DWN``,
-            ``000``). Subdirectories and plain columns without a unit are left out.
-        name: the name of the record or a part that no other has; needed if there are several.
-        unit: of plain columns, see :func:`read_components`.
-        dt: of plain columns [s].
-        columns: of plain columns.
-        directions: of the components in the order of files and columns: N, E, S, W, UP, DOWN, an
-            azimuth [degrees], or x, y, z of the dam. Headers of files must agree.
+        source: a directory, one file, or several files. Files of a directory are grouped to records
+            by their headers; AT2 files by names that end in a component (``-UP``, ``DWN``,
+            ``000``). Subdirectories and plain columns without a unit are skipped.
+        name: name of the record, or a unique part of it; needed if there are several.
+        unit: unit of plain columns, see :func:`read_components`.
+        dt: time step of plain columns [s].
+        columns: contents of plain columns.
+        directions: directions of the components in the order of files and columns: N, E, S, W, UP,
+            DOWN, an azimuth [degrees], or x, y, z of the dam. They must agree with file headers.
         stream_azimuth_deg: azimuth of the dam's x axis, which points downstream [degrees].
     """
     files, title = _files(source, name, unit is not None)
@@ -120,21 +121,21 @@ def read_record(
     motion, azimuth = _assembled(parts, title)
     _warn_of(motion, parts)
     if azimuth is None and stream_azimuth_deg is not None:
-        raise RecordError("Components along x and y of the dam have no use for stream_azimuth_deg.")
+        raise RecordError("stream_azimuth_deg is not allowed for components along x and y.")
     if azimuth is None or stream_azimuth_deg is None:
         return motion
     return motion.rotated(azimuth - stream_azimuth_deg)
 
 
 def record_names(directory: str | Path) -> list[str]:
-    """Names of the records whose files are in a directory, subdirectories left out."""
+    """Return the names of the records in a directory, without its subdirectories."""
     return list(_records_in(Path(directory), False)[0])
 
 
 def _files(
     source: str | Path | Iterable[str | Path], name: str | None, any_columns: bool
 ) -> tuple[list[Path], str]:
-    """Files to read, and the name of their record where it is known already."""
+    """Return the files to read and the name of their record, empty if not chosen by name."""
     if not isinstance(source, str | Path):
         files = [Path(path) for path in source]
         if not files:
@@ -147,22 +148,22 @@ def _files(
     chosen = [stem for stem in records if name is None or name.lower() in stem.lower()]
     chosen = [stem for stem in chosen if stem == name] or chosen
     if not chosen:
-        known = ", ".join(records) or "none"
+        names = ", ".join(records) or "none"
         wanted = "" if name is None else f" with {name!r} in its name"
-        left = f"; left out: {', '.join(left_out[:5])}" if left_out else ""
-        raise RecordError(f"{path} has no record{wanted}; it has {known}{left}.")
+        skipped = f"; skipped files: {', '.join(left_out[:5])}" if left_out else ""
+        raise RecordError(f"{path} has no record{wanted}; its records: {names}{skipped}.")
     if len(chosen) > 1:
-        raise RecordError(f"{path} has several records, choose by name=: {', '.join(chosen)}.")
+        raise RecordError(f"{path} has several records; choose by name=: {', '.join(chosen)}.")
     return records[chosen[0]], chosen[0]
 
 
 def _records_in(directory: Path, any_columns: bool) -> tuple[dict[str, list[Path]], list[str]]:
-    """Return the files of each record, and the names of the other files with the reasons."""
+    """Return the files of each record, and the names of skipped files with the reasons."""
     try:
         paths = sorted(directory.iterdir())
     except OSError as error:
         raise RecordError(
-            f"There is no file or directory {directory} to read: {error.strerror}."
+            f"The file or directory {directory} cannot be read: {error.strerror}."
         ) from None
     records: dict[str, list[Path]] = {}
     left_out = []
@@ -176,26 +177,26 @@ def _records_in(directory: Path, any_columns: bool) -> tuple[dict[str, list[Path
 
 
 def _record_of(path: Path, any_columns: bool) -> str:
-    """Return the name of the record of a file, from its first lines; raise RecordError if none."""
+    """Return the name of the record of a file from its first lines; raise RecordError if none."""
     try:
         text = RecordText(path, head=_HEAD)
-        known = next((each for each in FORMATS if each.matches(text)), None)
-        columns = known is None and is_columns(text) and (any_columns or states_unit(text))
-        record = path.stem if columns else None if known is None else known.record(text)
+        file_format = next((candidate for candidate in FORMATS if candidate.matches(text)), None)
+        columns = file_format is None and is_columns(text) and (any_columns or states_unit(text))
+        record = path.stem if columns else None if file_format is None else file_format.record(text)
         if record is None:
-            raise RecordError("no accelerations, or not their unit, or no component in the name")
+            raise RecordError("no accelerations, no unit, or no component in the file name")
         return record
-    except RecordError:  # an AT2 file is known by its name too, and an error when it is read
+    except RecordError:  # assign a damaged AT2 file by its name, so that reading it raises an error
         if path.suffix.upper() == ".AT2" and (record := at2_record(path)) is not None:
             return record
         raise
 
 
 def _directed(parts: list[Component], directions: Sequence[str | float]) -> list[Component]:
-    """Components with the directions that the user gives, where their files have none."""
+    """Return the components with the directions given by the user, checked against the files."""
     if len(directions) != len(parts):
         raise RecordError(
-            f"directions has {len(directions)} entries, the files have {len(parts)} components."
+            f"directions has {len(directions)} entries, but the files have {len(parts)} components."
         )
     directed = []
     for part, given in zip(parts, directions, strict=True):
@@ -214,24 +215,26 @@ def _directed(parts: list[Component], directions: Sequence[str | float]) -> list
 
 
 def _warn_of(motion: Motion, parts: list[Component]) -> None:
-    """Warn of a peak or a time step that no accelerogram has."""
-    peak, doubts = float(motion.peak.max()) / STANDARD_GRAVITY, []
+    """Warn of a peak or a time step that is implausible for an accelerogram."""
+    peak, reasons = float(motion.peak.max()) / STANDARD_GRAVITY, []
     if not WEAK_G <= peak <= STRONG_G:
         units = ", ".join(dict.fromkeys(part.unit for part in parts))
-        doubts.append(f"its peak is {peak:.3g} g, read in {units}, not {WEAK_G} to {STRONG_G} g")
+        reasons.append(f"its peak is {peak:.3g} g, read in {units}, not {WEAK_G} to {STRONG_G} g")
     if motion.dt > LONGEST_STEP:
-        doubts.append(f"its samples are {motion.dt:g} s apart, more than {LONGEST_STEP} s")
-    if doubts:
-        text = f"Check the units of the record {shown(motion.name)}: {'; '.join(doubts)}."
+        reasons.append(f"its samples are {motion.dt:g} s apart, more than {LONGEST_STEP} s")
+    if reasons:
+        text = f"Check the units of the record {shown(motion.name)}: {'; '.join(reasons)}."
         warn(text, PlausibilityWarning)
 
 
 def _assembled(parts: list[Component], title: str) -> tuple[Motion, float | None]:
-    """The motion along x, y, z, and the azimuth of x [degrees], None of x of the dam."""
+    """Return the motion along x, y, z and the azimuth of x [degrees], None for x of the dam."""
     for part in parts:
         if part.stated is not None and part.suggested not in (None, part.stated):
-            raise RecordError(f"{part.path}, line 2: names another component than the file name.")
-    found = ", ".join(f"{part.path.name} (direction {part.direction})" for part in parts)
+            raise RecordError(
+                f"{part.path}, line 2: component and file name disagree; correct one."
+            )
+    contents = ", ".join(f"{part.path.name} (direction {part.direction})" for part in parts)
     upright = [part for part in parts if part.direction in ("up", "down")]
     flat = [(part, part.direction) for part in parts if isinstance(part.direction, float)]
     pairs: list[tuple[Component, Component, float | None]] = [
@@ -245,8 +248,8 @@ def _assembled(parts: list[Component], title: str) -> tuple[Motion, float | None
     ]
     if len(parts) != 3 or len(upright) != 1 or len(pairs) != 1:
         raise RecordError(
-            "A record is a vertical component and two horizontal ones at right angles, "
-            f"{shown(title)} is {found}; give directions= where the files do not."
+            "A record must have a vertical component and two horizontal ones at right angles, but "
+            f"{shown(title)} has {contents}; give directions= if the files do not state them."
         )
     ((x, y, azimuth),) = pairs
     columns = _shared_time((x, y, upright[0]), title)
@@ -256,7 +259,7 @@ def _assembled(parts: list[Component], title: str) -> tuple[Motion, float | None
 
 
 def _shared_time(parts: Sequence[Component], title: str) -> Floats:
-    """Accelerations in the time that all components cover, shape (n, components), [m/s^2]."""
+    """Return the accelerations in the common time interval, shape (n, components), [m/s^2]."""
     dt, shortest = parts[0].dt, min(len(part.acceleration) for part in parts)
     if max(abs(part.dt - dt) for part in parts) * shortest > _OFF * dt:
         steps = ", ".join(f"{part.path.name} {part.dt:.6g} s" for part in parts)
@@ -268,35 +271,35 @@ def _shared_time(parts: Sequence[Component], title: str) -> Floats:
     length = min(map(len, cut))
     if length < 2:
         raise RecordError(
-            f"The components of {shown(title)} have no time in common: {_starts(parts)}."
+            f"The components of {shown(title)} have no common time interval: {_starts(parts)}."
         )
     return np.stack([values[:length] for values in cut], axis=1)
 
 
 def _skipped(parts: Sequence[Component], dt: float, title: str) -> list[int]:
-    """Samples of each component before the first of the one that starts last."""
+    """Count the samples of each component before the latest start of a component."""
     starts = [part.start for part in parts if part.start is not None]
     if not starts:
         return [0] * len(parts)
     if len(starts) < len(parts):
         raise RecordError(
-            f"The components of {shown(title)} cannot be aligned, as only some of their files hold "
-            f"the time of the first sample: {_starts(parts)}."
+            f"The components of {shown(title)} cannot be aligned: only some files have the time of "
+            f"the first sample: {_starts(parts)}."
         )
     steps = (max(starts) - np.array(starts)) / dt
     if np.abs(steps - np.rint(steps)).max() > _OFF:
         raise RecordError(
-            f"The components of {shown(title)} cannot be aligned, as their starts are no whole "
-            f"steps of {dt:.6g} s apart: {_starts(parts)}."
+            f"The components of {shown(title)} cannot be aligned: the differences of their starts "
+            f"are not multiples of the step, {dt:.6g} s: {_starts(parts)}."
         )
     return [int(step) for step in np.rint(steps)]
 
 
 def _starts(parts: Sequence[Component]) -> str:
-    """When components start, after the first of them."""
+    """Return the start of each component relative to the earliest one, for messages."""
     first = min(part.start for part in parts if part.start is not None)
     return ", ".join(
         f"{part.path.name} (direction {part.direction}) starts at "
-        + ("no known time" if part.start is None else f"{part.start - first:.4g} s")
+        + ("an unknown time" if part.start is None else f"{part.start - first:.4g} s")
         for part in parts
     )

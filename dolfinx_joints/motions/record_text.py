@@ -1,8 +1,8 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Text of record files: lines, numbers, counts, units and directions, checked where they enter.
+"""Parsing of record files: lines, numbers, counts, units and directions, checked when read.
 
-Every message names the file, the line, what it has and what it should.
+Every message names the file, the line, its content and the expected content.
 """
 
 import math
@@ -28,17 +28,17 @@ FILLER_JUMP = 3.0
 
 UNITS = {"m/s^2": 1.0, "cm/s^2": 0.01, "mm/s^2": 0.001, "gal": 0.01}
 UNITS |= {"g": STANDARD_GRAVITY, "mg": 0.001 * STANDARD_GRAVITY}
-"""Names of units of acceleration, and one of each in m/s^2."""
+"""Units of acceleration by name, in m/s^2."""
 
 Direction = float | Literal["up", "down", "x", "y"]
-"""Azimuth, clockwise from north and from 0 to below 360 degrees, up, down, or a dam's axis."""
+"""Azimuth clockwise from north in [0, 360) degrees, up, down, or an axis of the dam."""
 
 _OTHER_QUANTITY = re.compile(
     r"^\W*(?:\w+\s*[:=]\s*)?(?:ground\s+)?(?:velocity|displacement)\s*(?:$|[\[(,;])"
     r"|\b(?:velocity|displ(?:acement)?)\s+(?:time\W*)?(?:series|history|record)",
     re.I,
 )
-# A unit in brackets, after "in", "of" or "unit", or with a slash after a word; none of a number.
+# A unit in brackets, after "in", "of" or "unit", or with a slash after a word; not after a number.
 _UNIT = re.compile(
     r"(?:(?<!\d)(?<!\d\s)[\[(]\s*|\b(?:in|of|units?)\b\W*|[^\W\d][.,:]?\s+(?=\w+\s*/))"
     r"([cm]?m\s*/\s*s[\w/^*²]*|[cm]?m|m?g|gals?)(?![\w/^*²])(?!\W*\d)",
@@ -61,18 +61,17 @@ _NAMES: dict[str, Direction] = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Component:
-    """One component of a record, as its file has it but in m/s^2.
+    """One component of a record as read from its file, converted to m/s^2.
 
     Attributes:
         acceleration: shape (n,), [m/s^2].
         dt: time between samples [s].
         unit: name of the unit in the file.
-        record: name of the record that the component belongs to.
+        record: name of the record.
         path: the file.
-        stated: direction of positive values by the contents of the file; None if they lack it.
-        suggested: direction by the name of the file; None if it names no direction.
-        start: time of the first sample on the clock of the file [s]: since 1970, or as a column of
-            time begins; None if the file does not hold it.
+        stated: direction of positive values according to the content of the file, or None.
+        suggested: direction according to the name of the file, or None.
+        start: time of the first sample [s], since 1970 or from the time column, or None.
     """
 
     acceleration: Floats
@@ -86,12 +85,12 @@ class Component:
 
     @property
     def direction(self) -> Direction | None:
-        """Direction of positive values, by the contents of the file, else by its name."""
+        """Direction of positive values, from the content of the file or else from its name."""
         return self.suggested if self.stated is None else self.stated
 
 
 class Samples(NamedTuple):
-    """Numbers of a file, the number of their first line, and how many are on each line."""
+    """Numbers of a file, the number of their first line, and the count per line."""
 
     values: Floats
     first: int
@@ -99,7 +98,7 @@ class Samples(NamedTuple):
 
 
 class RecordText:
-    """Lines of a text file, of its first ``head`` bytes where that is given."""
+    """Lines of a text file, or of its first ``head`` bytes if given."""
 
     def __init__(self, path: str | Path, *, head: int = -1) -> None:
         self.path = Path(path)
@@ -121,69 +120,69 @@ class RecordText:
         self.lines = [line.rstrip() for line in plain.split("\n")]
 
     def fail(self, number: int, text: str) -> NoReturn:
-        """Raise an error on a line; lines count from 1."""
+        """Raise an error about a line; lines are numbered from 1."""
         raise RecordError(f"{self.path}, line {number}: {text}")
 
-    def line(self, number: int, what: str) -> str:
-        """The line of this number, counted from 1; an error message with what it should hold."""
+    def line(self, number: int, content: str) -> str:
+        """Return a line by its number from 1, or raise an error with the expected content."""
         if number > len(self.lines):
             raise RecordError(
-                f"{self.path} ends after line {len(self.lines)}; line {number} should hold {what}."
+                f"{self.path} ends after line {len(self.lines)}; line {number} must have {content}."
             )
         return self.lines[number - 1]
 
-    def number(self, number: int, text: str, what: str = "") -> float:
-        """A finite number in a line, or an error message with ``what``."""
+    def number(self, number: int, text: str, name: str = "") -> float:
+        """Return the finite number in a text, or raise an error about the quantity ``name``."""
         value = float(text) if _NUMBER.fullmatch(text) else math.nan
         if not math.isfinite(value):
-            self.fail(number, f"{what}{' ' if what else ''}{shown(text)} is not a finite number.")
+            self.fail(number, f"{name}{' ' if name else ''}{shown(text)} is not a finite number.")
         return value
 
-    def positive(self, number: int, text: str, what: str) -> float:
-        """A finite number above zero in a line."""
-        value = self.number(number, text, what)
+    def positive(self, number: int, text: str, name: str) -> float:
+        """Return the positive finite number in a text."""
+        value = self.number(number, text, name)
         if value <= 0.0:
-            self.fail(number, f"{what} must be positive, got {shown(text, str)}.")
+            self.fail(number, f"{name} must be positive, got {shown(text, str)}.")
         return value
 
-    def count(self, number: int, text: str, what: str = "the number of values") -> int:
-        """A number of values in a line, at least 2."""
+    def count(self, number: int, text: str, name: str = "the number of values") -> int:
+        """Return the number of values in a text, at least 2."""
         if not re.fullmatch(r"\d{1,18}", text) or int(text) < 2:
-            self.fail(number, f"{what} must be a whole number of 2 or more, got {shown(text)}.")
+            self.fail(number, f"{name} must be an integer of 2 or more, got {shown(text)}.")
         return int(text)
 
     def values(
         self, first: int, count: int = 0, announced: int = 0, *, width: int = 0, last: int = 0
     ) -> Samples:
-        """Numbers from one line to another, the same number on every line but the last.
+        """Return the numbers on several lines with equal counts, except for the last line.
 
         Args:
             first: number of the first line.
-            count: how many there must be; any number unless given.
+            count: required number of values; not checked by default.
             announced: number of the line with this count.
-            width: characters of a number in a fixed format; any unless given.
-            last: number of the last line; the end of the file unless given.
+            width: characters per number in a fixed format; free format by default.
+            last: number of the last line; by default the end of the file.
         """
         last = min(last or len(self.lines), len(self.lines))
-        found = np.fromiter(self._numbers(first, last, width), dtype=np.float64)
-        if count and len(found) != count:
+        numbers = np.fromiter(self._numbers(first, last, width), dtype=np.float64)
+        if count and len(numbers) != count:
             self.fail(
                 max(first - 1, last),
-                f"{len(found)} values up to here, line {announced} announces {count}.",
+                f"{len(numbers)} values up to this line, but line {announced} states {count}.",
             )
-        return Samples(found, first, len(self.words(first, width)))
+        return Samples(numbers, first, len(self.words(first, width)))
 
     def rows(self, first: int, columns: int) -> Floats:
-        """Numbers from a line to the end of the file, shape (lines, columns)."""
+        """Return the numbers from a line to the end of the file, shape (lines, columns)."""
         for number in range(first, len(self.lines) + 1):
-            found = len(self.words(number))
-            if found != columns:
-                self.fail(number, f"{found} values where the columns are {columns}.")
+            count = len(self.words(number))
+            if count != columns:
+                self.fail(number, f"{count} values; the file has {columns} columns.")
         values = np.fromiter(self._numbers(first, len(self.lines), 0), dtype=np.float64)
         return values.reshape(-1, columns)
 
     def words(self, number: int, width: int = 0) -> list[str]:
-        """Parts of a line, between blanks, commas or semicolons, or of a fixed width."""
+        """Split a line at blanks, commas or semicolons, or into words of a fixed width."""
         line = self.lines[number - 1]
         if "D" in line or "d" in line:
             line = _FORTRAN.sub("E", line)
@@ -196,18 +195,16 @@ class RecordText:
         for number in range(first, last + 1):
             words = self.words(number, width)
             if len(words) > per_line or (len(words) < per_line and number < last):
-                self.fail(
-                    number, f"{len(words)} values where the lines before have {per_line} each."
-                )
+                self.fail(number, f"{len(words)} values; the lines before have {per_line} each.")
             for word in words:
                 yield self.number(number, word)
 
 
 class Format(NamedTuple):
-    """A file format.
+    """File format: how to recognise a file, name its record and read its components.
 
-    ``matches`` and ``record``, the name of the record that a file belongs to (None where it cannot
-    be part of one), need the first lines of a file only; ``read`` gives its components.
+    ``matches`` and ``record`` need the first lines of a file only. ``record`` returns None if the
+    file cannot be part of a record.
     """
 
     name: str
@@ -217,20 +214,20 @@ class Format(NamedTuple):
 
 
 def unit_named(text: str, where: str) -> str:
-    """Name in ``UNITS`` of a unit of acceleration, as ``cm/sec2``, ``cm/s/s``, ``gal`` or ``G``."""
+    """Return the name in ``UNITS`` of a unit such as ``cm/sec2``, ``cm/s/s``, ``gal`` or ``G``."""
     plain = str(text).strip().lower().replace(" ", "").replace("**", "^").replace("sec", "s")
     plain = re.sub(r"/s(/s|/?\^?2|²)$", "/s^2", plain)
     plain = {"gals": "gal", "milli-g": "mg"}.get(plain, plain)
     if plain not in UNITS:
         raise RecordError(
-            f"{where}: {shown(str(text).strip())} is no known unit of acceleration; known are "
+            f"{where}: {shown(str(text).strip())} is not a unit of acceleration; use one of "
             f"{', '.join(UNITS)}."
         )
     return plain
 
 
 def direction_named(text: str) -> Direction | None:
-    """Direction by its name or azimuth, as ``N``, ``E-W``, ``UP``, ``DWN``, ``270``; else None."""
+    """Return the direction for a name such as ``N``, ``E-W``, ``UP``, ``DWN``, ``270``, or None."""
     plain = text.strip().upper()
     if re.fullmatch(r"\d{1,3}(\.\d*)?", plain) and float(plain) <= 360.0:
         return float(plain) % 360.0
@@ -238,25 +235,25 @@ def direction_named(text: str) -> Direction | None:
 
 
 def units_in(line: str) -> list[str]:
-    """Return units of length, velocity, acceleration in a line, not those of places and numbers."""
+    """Return the units in a line, except for those of coordinates, distances and numbers."""
     return [] if _OF_PLACES.search(line) else _UNIT.findall(line)
 
 
 def other_quantity(line: str) -> bool:
-    """Return True if a line says that the values are velocities or displacements."""
+    """Return True if a line states that the values are velocities or displacements."""
     return any(map(_OTHER_UNIT.fullmatch, units_in(line))) or bool(_OTHER_QUANTITY.search(line))
 
 
 def refuse_other_quantity(text: RecordText, number: int, line: str) -> None:
-    """Raise an error where a line says that the values are no accelerations."""
+    """Raise an error if a line states that the values are velocities or displacements."""
     if other_quantity(line):
-        text.fail(number, f"names velocities or displacements, no accelerations: {shown(line)}.")
+        text.fail(number, f"velocities or displacements, not accelerations: {shown(line)}.")
 
 
 def start_time(text: RecordText, number: int, pattern: re.Pattern[str], written: str) -> float:
-    """Seconds from 1970 to a date and time.
+    """Convert a date and time to seconds since 1970.
 
-    ``pattern`` has groups of the names of `datetime`'s arguments; seconds may have decimals.
+    The groups of ``pattern`` are named like the arguments of `datetime`; seconds may have decimals.
     """
     match = pattern.match(written)
     try:
@@ -264,11 +261,11 @@ def start_time(text: RecordText, number: int, pattern: re.Pattern[str], written:
         second = float(parts.pop("second"))
         return datetime(**{k: int(v) for k, v in parts.items()}, tzinfo=UTC).timestamp() + second
     except (KeyError, ValueError):
-        text.fail(number, f"{shown(written)} is no date and time of the first sample.")
+        text.fail(number, f"{shown(written)} is not a valid date and time of the first sample.")
 
 
 def record_named(*parts: str) -> str:
-    """Name of a record that can name a file too: words joined by ``_``, times without marks."""
+    """Join words to a record name that is valid in file names, without / and : of times."""
     words = (re.sub(r"[/:]", "", part) for part in parts)
     return "_".join(filter(None, re.split(r"[^\w.+-]+", " ".join(words))))
 
@@ -282,10 +279,10 @@ def component(
     unknown: float | None = None,
     **facts: Any,
 ) -> Component:
-    """Return a component whose samples times ``scale`` are in ``unit``; raise an error if not."""
+    """Return a component whose samples times ``scale`` are in ``unit``, after checking them."""
     values, first, per_line = samples
     if (place := _filler(values, unknown)) is not None:
-        missing = f"{values[place]:.9g} stands for a missing sample"
+        missing = f"{values[place]:.9g} marks a missing sample"
         text.fail(first + place // per_line, f"{missing}; cut or fill the record.")
     values = scale * values
     acceleration = UNITS[unit] * values
@@ -293,14 +290,14 @@ def component(
     if abs(acceleration[place]) > MAX_PEAK_G * STANDARD_GRAVITY:
         text.fail(
             first + place // per_line,
-            f"value {place + 1} is {values[place]:.6g} {unit}; more than {MAX_PEAK_G:g} g is no "
-            "ground motion, the unit must be another one.",
+            f"value {place + 1} is {values[place]:.6g} {unit}; the limit is {MAX_PEAK_G:g} g. "
+            "Check the unit.",
         )
     return Component(acceleration=acceleration, unit=unit, path=text.path, **facts)
 
 
 def _filler(values: Floats, unknown: float | None) -> int | None:
-    """Return the place of a missing sample: ``unknown``, or nines alone that jump or repeat."""
+    """Return the index of a filler, ``unknown`` or only nines that repeat or jump, or None."""
     if unknown is not None and (values == unknown).any():
         return int(np.argmax(values == unknown))
     size, steps = np.abs(values), np.abs(np.diff(values))

@@ -1,8 +1,8 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Fourier amplitude, response spectra, Arias intensity: pure functions of arrays.
+"""Fourier amplitude, response spectra and Arias intensity, as pure functions of arrays.
 
-Signals run along the first axis; further axes (components) are kept.
+Time is the first axis of a signal; other axes are components.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ Seconds = Annotated[float, at.Gt(0.0), at.Unit("s")]
 DampingRatio = Annotated[float, at.Interval(ge=0.0, lt=1.0)]
 Share = Annotated[float, at.Interval(ge=0.0, le=1.0)]
 
-# Parts of a period that have one peak at most; steps in a block.
+# Parts into which a period is divided, so that each has at most one peak; steps in a block.
 PARTS, BLOCK = 12, 256
 
 
 class ResponseSpectrum(NamedTuple):
-    """Largest response of damped oscillators to one motion.
+    """Largest response of damped oscillators to a motion.
 
-    Arrays have the shape of the motion's components after that of the periods, (p, ...):
-    ``displacement`` relative to the ground [m], ``pseudo_velocity`` omega times it [m/s],
-    ``pseudo_acceleration`` omega^2 times it [m/s^2]; ``periods`` (p,) [s].
+    ``periods`` has shape (p,) [s]. The other arrays have shape (p, ...), with the components of the
+    motion last: ``displacement`` relative to the ground [m], ``pseudo_velocity``, omega times the
+    displacement [m/s], ``pseudo_acceleration``, omega^2 times the displacement [m/s^2].
     """
 
     periods: Floats
@@ -45,19 +45,19 @@ class ResponseSpectrum(NamedTuple):
 
 
 def equally_spaced(time: ArrayLike, values: ArrayLike) -> tuple[float, Floats]:
-    """Values at equal steps, interpolated to the shortest one where the steps differ.
+    """Interpolate values to equal steps, with the shortest step, if their steps differ.
 
     Args:
-        time: rising, shape (n,), n at least 2, [s].
+        time: increasing times, shape (n,), n at least 2, [s].
         values: shape (n, ...).
 
     Returns:
-        The step [s] and the values, those given where the steps are equal already.
+        The step [s] and the values, unchanged if the steps are equal already.
     """
     t, v = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
     steps = np.diff(t)
     if len(t) < 2 or len(t) != len(v) or not (steps > 0.0).all():
-        raise ValueError(f"Values at 2 or more times that rise are needed, got times {t}.")
+        raise ValueError(f"Values at 2 or more increasing times are needed, got times {t}.")
     count = round((t[-1] - t[0]) / steps.min())
     dt = float((t[-1] - t[0]) / count)
     if np.allclose(steps, dt, rtol=1e-6, atol=0.0):
@@ -70,17 +70,17 @@ def equally_spaced(time: ArrayLike, values: ArrayLike) -> tuple[float, Floats]:
 
 @checked
 def fourier_amplitude(signal: ArrayLike, dt: Seconds) -> tuple[Floats, Floats]:
-    """Modulus of the Fourier transform, |integral of s(t) exp(-2 pi i f t) dt|.
+    """Compute the Fourier amplitude, |integral of s(t) exp(-2 pi i f t) dt|.
 
-    The integral is dt times the sum over the samples, without window or padding; a sine of
-    amplitude A that fills the length T with whole periods has the peak A T / 2.
+    The integral is dt times the sum over the samples, without window or padding. A sine of
+    amplitude A with a whole number of periods in the length T has the peak A T / 2.
 
     Args:
         signal: shape (n, ...).
         dt: time between samples [s].
 
     Returns:
-        The frequencies 0, 1/(n dt), ... up to Nyquist's [Hz], shape (n // 2 + 1,), and the
+        Frequencies 0, 1/(n dt), ... up to the Nyquist frequency [Hz], shape (n // 2 + 1,), and
         amplitudes, shape (n // 2 + 1, ...), in the unit of the signal times s.
     """
     values = _signal(signal)
@@ -91,15 +91,15 @@ def fourier_amplitude(signal: ArrayLike, dt: Seconds) -> tuple[Floats, Floats]:
 def highest_peak(
     frequencies: Floats, amplitude: Floats, *, below: float = np.inf
 ) -> tuple[float, float]:
-    """Frequency and amplitude of the highest peak, NaN if there is none.
+    """Return frequency and amplitude of the highest peak, NaN if there is no peak.
 
-    A peak is above both its neighbours. The amplitude at zero, a signal's mean, is none, and
-    neither is its flank: where a signal ends elsewhere than it began both may exceed all peaks.
+    A peak is higher than both neighbours. The mean of the signal (at zero frequency) and its flank
+    are excluded: they may exceed all peaks if the signal does not end at its initial value.
 
     Args:
-        frequencies: rising from 0, shape (n,), [Hz].
+        frequencies: increasing from 0, shape (n,), [Hz].
         amplitude: shape (n,).
-        below: peaks at this frequency and above do not count [Hz].
+        below: upper bound of the frequency of a peak [Hz].
     """
     inner = amplitude[1:-1]
     is_peak = (inner > amplitude[:-2]) & (inner >= amplitude[2:]) & (frequencies[1:-1] < below)
@@ -117,15 +117,15 @@ def response_spectrum(
 
     Each oscillator obeys u'' + 2 zeta omega u' + omega^2 u = -a(t) from rest, solved in closed form
     between samples (Nigam and Jennings, Bull. Seism. Soc. Am. 59, 1969, 909-922). Peaks between
-    samples and after the motion count: in parts h of a step of at most a twelfth of the period, by
-    the cubic through both ends, which errs by about (omega h)^4 / 384 of the largest accelerations
-    of oscillator and ground, less than 0.1 %.
+    samples and after the motion are included. A step is divided into parts h of at most a twelfth
+    of the period; the peak in a part is that of the cubic through both ends. Its error is about
+    (omega h)^4 / 384 of the largest accelerations of oscillator and ground, less than 0.1 %.
 
     Args:
-        acceleration: of the ground, shape (n, ...), [m/s^2].
+        acceleration: ground acceleration, shape (n, ...), [m/s^2].
         dt: time between samples [s].
         periods: natural periods, shape (p,), [s].
-        damping_ratio: zeta, from 0 to less than 1.
+        damping_ratio: zeta, 0 <= zeta < 1.
     """
     values, natural = _signal(acceleration), _periods(periods)
     flat = values.reshape(len(values), -1)
@@ -152,9 +152,9 @@ def response_spectrum(
 def response_history(
     acceleration: ArrayLike, dt: Seconds, periods: ArrayLike, damping_ratio: DampingRatio
 ) -> Floats:
-    """Displacement of the oscillators of :func:`response_spectrum` relative to the ground.
+    """Compute the displacement of oscillators relative to the ground, shape (n, p, ...), [m].
 
-    Shape (n, p, ...), zero at the first sample, [m]; arguments as there.
+    It is zero at the first sample. The arguments are those of :func:`response_spectrum`.
     """
     values, natural = _signal(acceleration), _periods(periods)
     flat = values.reshape(len(values), -1)
@@ -166,7 +166,7 @@ def response_history(
 
 @checked
 def arias_intensity(acceleration: ArrayLike, dt: Seconds) -> Floats:
-    """Cumulative Arias intensity pi / (2 g) * integral of a^2 dt, by trapezoids.
+    """Compute the cumulative Arias intensity pi / (2 g) * integral of a^2 dt, by trapezoids.
 
     Args:
         acceleration: shape (n, ...), [m/s^2].
@@ -185,16 +185,16 @@ def arias_intensity(acceleration: ArrayLike, dt: Seconds) -> Floats:
 def significant_duration(
     acceleration: ArrayLike, dt: Seconds, *, lower: Share = 0.05, upper: Share = 0.95
 ) -> tuple[float, float]:
-    """Times between which the Arias intensity grows from one share of its end value to another.
+    """Return the times when the Arias intensity reaches two shares of its final value.
 
     Args:
-        acceleration: shape (n,), or (n, components) of which the intensities are added, [m/s^2].
+        acceleration: shape (n,) or (n, components), whose intensities are added, [m/s^2].
         dt: time between samples [s].
-        lower: share reached at the first time.
-        upper: share reached at the second time.
+        lower: share at the first time.
+        upper: share at the second time.
 
     Returns:
-        Both times [s], linear between samples; their difference is the significant duration.
+        Both times [s], interpolated linearly; their difference is the significant duration.
     """
     if lower >= upper:
         raise ValueError(f"lower is {lower}; it must be below upper, {upper}.")
@@ -207,7 +207,7 @@ def significant_duration(
 
 
 def _first_reached(shares: Floats, share: float) -> float:
-    """Where a rising sequence first reaches a value, in samples, linear between them."""
+    """Return the position, in samples, where an increasing sequence first reaches a value."""
     after = int(np.searchsorted(shares, share))
     if after == 0:
         return 0.0
@@ -226,7 +226,7 @@ def _periods(periods: ArrayLike) -> Floats:
 def _oscillators(
     acceleration: Floats, dt: float, periods: Floats, damping_ratio: float
 ) -> Iterator[tuple[Floats, Floats]]:
-    """States (steps + 1, p, 2, columns) and loads (steps, 1, 2, columns) of each block of steps."""
+    """Yield states (steps + 1, p, 2, columns) and loads (steps, 1, 2, columns) of each block."""
     homogeneous, by_load = _recursion(periods, damping_ratio, dt)
     state: Floats = np.zeros((len(periods), 2, acceleration.shape[1]))
     for first in range(0, len(acceleration) - 1, BLOCK):
@@ -241,7 +241,7 @@ def _oscillators(
 
 
 def _highest(start: Floats, end: Floats, length: float) -> Floats:
-    """Return the largest values of cubics u + s (d + s (b + s c)) by states at s = 0 and 1."""
+    """Return the largest values of the cubics u + s (d + s (b + s c)) given by both end states."""
     highest: Floats = np.abs(end[:, :, 0]).max(axis=0)
     turns = np.nonzero(start[:, :, 1] * end[:, :, 1] < 0.0)
     u, v = (np.moveaxis(start, 2, -1)[turns].T, np.moveaxis(end, 2, -1)[turns].T)
@@ -254,7 +254,7 @@ def _highest(start: Floats, end: Floats, length: float) -> Floats:
 
 
 def _free_vibration(state: Floats, periods: Floats, zeta: float) -> Floats:
-    """Largest displacement after a state (p, 2, columns) without load, shape (p, columns)."""
+    """Return the largest free-vibration displacement from a state (p, 2, columns), (p, columns)."""
     omega = (2.0 * np.pi / periods)[:, None]
     u, v, ratio = state[:, 0], state[:, 1] / omega, np.sqrt(1.0 - zeta**2)
     angle = np.arctan2(ratio * v, u + zeta * v) % np.pi  # omega_d t of the first peak
@@ -263,7 +263,7 @@ def _free_vibration(state: Floats, periods: Floats, zeta: float) -> Floats:
 
 
 def _recursion(periods: Floats, zeta: float, dt: float, part: float = 1.0) -> tuple[Floats, Floats]:
-    """Matrices of x1 = A x0 + B (a0, a1) with x = (u, u') after a part of a step, (p, 2, 2)."""
+    """Return A and B of x1 = A x0 + B (a0, a1), x = (u, u'), for a part of a step, (p, 2, 2)."""
     omega, time = 2.0 * np.pi / periods, part * dt
     damped = omega * np.sqrt(1.0 - zeta**2)
     decay = np.exp(-zeta * omega * time)
@@ -278,7 +278,7 @@ def _recursion(periods: Floats, zeta: float, dt: float, part: float = 1.0) -> tu
 
 
 def _matrices(entries: list[list[Any]]) -> Floats:
-    """One matrix per period from entries that are arrays over the periods."""
+    """Return one matrix per period; the entries are arrays over the periods."""
     return np.moveaxis(np.array(entries), -1, 0)
 
 
@@ -286,8 +286,8 @@ def _signal(signal: ArrayLike) -> Floats:
     values = numbers_of(signal)
     if values is None or values.ndim < 1 or len(values) < 2 or not np.isfinite(values).all():
         got = shown(signal, str)
-        raise ValueError(f"A signal must be at least 2 samples, finite numbers, got {got}.")
+        raise ValueError(f"A signal must have at least 2 samples, finite numbers, got {got}.")
     if values.ndim == 2 and len(values) <= 3 < values.shape[1]:
-        shape = f"{values.shape}, samples along the second axis"
+        shape = f"{values.shape}, with samples along the second axis"
         raise ValueError(f"A signal must have shape (n, components), got {shape}; transpose it.")
     return values

@@ -367,7 +367,7 @@ def test_what_is_refused(dam):
         load(model("left"))
     with pytest.raises(ValueError, match="surface is 3 m; .* from 0 to 4 m"):
         load(model("base", "left"), groups=["base", "left"], surface=3.0)
-    with pytest.raises(ValueError, match="densities 2600 and 2400 .* on; they must be level"):
+    with pytest.raises(ValueError, match="densities 2600 and 2400 .* They must form horizontal"):
         load(model("base", "crest"), groups=["base", "crest"], surface=8.0)
     still = {"rock": dj.Elastic(young=20e9, poisson=0.25, density=0.0), "dam": CONCRETE}
     with pytest.raises(ValueError, match="along base must have mass everywhere"):

@@ -125,7 +125,7 @@ def test_refusals(slabs):
         ({"joints": {"north": CONTACT}}, dj.MeshError, "no joint 'north'; the joints are: joint_1"),
         ({"joints": {"joint_1": 50.0}}, ValueError, "it must be a JointConductance"),
         ({"openings": {"joint_1": 1.0}}, ValueError, "'joint_1', which has no conductance"),
-        ({"times": [2.0, 1.0]}, ValueError, "it must be rising, positive times"),
+        ({"times": [2.0, 1.0]}, ValueError, "it must be increasing, positive times"),
     ):
         with pytest.raises(error, match=text):
             dj.transient_temperatures(jointed, FACES, **{**good, **options})

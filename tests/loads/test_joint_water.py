@@ -664,15 +664,15 @@ def test_water_given_to_a_stage_alone():
         ),
         (
             lambda: dj.SeepageLine(start=(0, 0), end=(0, 0), upstream=1.0, downstream=0.0),
-            "SeepageLine: end is (0, 0); it must be another point than start (0, 0), with as many "
-            "coordinates.",
+            "SeepageLine: end is (0, 0); it must be another point than start (0, 0), with the same "
+            "number of coordinates.",
         ),
         (
             lambda: dj.SeepageLine(
                 start=(0, 0), end=(1, 0), upstream=1.0, downstream=0.0, drain=(1.5, 0.3)
             ),
-            "SeepageLine: drain is (1.5, 0.3); its share of the way must be inside 0 to 1, the "
-            "share that is left from 0 to 1.",
+            "SeepageLine: drain is (1.5, 0.3); its position must be between 0 and 1 (exclusive) "
+            "and the remaining share from 0 to 1.",
         ),
     ],
 )
@@ -687,7 +687,7 @@ def test_bad_parameters(make, sentence):
     [
         (
             [dj.Uplift(joint="lift", pressure=1.0)],
-            "Uplift in 'lift': there is no such joint; the joints are: joint.",
+            "Uplift in 'lift': this joint does not exist; the joints are: joint.",
         ),
         (
             [dj.Uplift(joint="joint", pressure=lambda x: np.ones((len(x), 2)))],
@@ -699,7 +699,7 @@ def test_bad_parameters(make, sentence):
         ),
         (
             [dj.JointWater(joint="joint", level=1.0, reached_from="top")],
-            "The facet group 'top' touches no point of the joint 'joint'.",
+            "The facet group 'top' does not touch the joint 'joint'.",
         ),
         (
             [dj.JointWater(joint="joint", level=1.0, reached_from="dry")],
@@ -707,7 +707,7 @@ def test_bad_parameters(make, sentence):
         ),
         (
             [dj.JointWater(joint="joint", level=level) for level in (1.0, 2.0)],
-            "The joint 'joint' has 2 loads that follow it.",
+            "The joint 'joint' has 2 loads that follow it; give one.",
         ),
         (
             [dj.JointWater(joint="joint", level=1.0, factor=lambda _: math.inf)],

@@ -91,7 +91,7 @@ def test_long_steps_read_no_high_frequency_as_a_low_one(block, recwarn, door, dt
     texts = [str(w.message) for w in recwarn if w.category is dj.PlausibilityWarning]
     if dt > motion.dt:
         assert sizes[0] < 1e-3 * sizes[1]
-        assert model.jointed.mesh.comm.rank or "'motion' is removed, 100 % of the" in texts[0]
+        assert model.jointed.mesh.comm.rank or "'motion' are removed: 100 % of the" in texts[0]
     else:
         assert (sizes[0], texts) == (sizes[1], [])
 
@@ -101,7 +101,7 @@ def test_rising_waves_lose_what_long_steps_do_not_resolve(comm):
     low, high = (np.sin(2 * np.pi * f * time) * np.sin(np.pi * time) ** 2 for f in (5.0, 98.0))
     outcrop = dj.Motion(acceleration=np.outer(low + high, [1.0, 0.0, 0.0]), dt=1 / 400)
     field = dj.FreeField(groups=["base"], incident=dj.incident_wave(outcrop), surface=1.0)
-    half = pytest.warns(dj.PlausibilityWarning, match="'motion' is removed, 50 % of the")
+    half = pytest.warns(dj.PlausibilityWarning, match="'motion' are removed: 50 % of the")
     with half if comm.rank == 0 else nullcontext():
         ((found,), _) = for_steps([field], 0.01, comm)
     slow = dj.incident_wave(replace(outcrop, acceleration=np.outer(low, [1.0, 0.0, 0.0])))

@@ -184,7 +184,7 @@ def test_points_of_a_file(comm, wall, new_path, text):
 def test_points_in_another_unit(comm, wall, new_path):
     rows = "".join(f"{1e3 * x},{1e3 * y},{1e3 * z},{x}\n" for x, y, z in CORNERS)
     path = written(comm, new_path("t.csv"), "x,y,z,T\n" + rows)
-    text = "extend over 5000 m, the mesh over 4 m; look at the unit of the points"
+    text = "extend over 5000 m, the mesh over 4 m; check the unit of the points"
     with pytest.warns(dj.PlausibilityWarning, match=text) if comm.rank == 0 else nullcontext():
         dj.temperature_from_file(path, wall())
 
@@ -218,15 +218,15 @@ def test_too_little_memory_is_told(wall):
     [
         ("# nothing\n\n", "the columns are missing; they must be x,y,z,T, in m"),
         ("x,y,T\n0,0,1\n", "the columns are x,y,T; they must be x,y,z,T, in m"),
-        (TABLE + "1,2,3\n", "line 10 must hold 4 finite numbers, .* got '1,2,3'"),
-        (TABLE + "1,2,3,warm\n", "line 10 must hold 4 finite numbers, .* got '1,2,3,warm'"),
-        (TABLE + "\n1,2,,4\n", "line 11 must hold 4 finite numbers, .* got '1,2,,4'"),
-        (TABLE + "1,2,nan,4\n", "line 10 must hold 4 finite numbers"),
+        (TABLE + "1,2,3\n", "line 10 must have 4 finite numbers, .* got '1,2,3'"),
+        (TABLE + "1,2,3,warm\n", "line 10 must have 4 finite numbers, .* got '1,2,3,warm'"),
+        (TABLE + "\n1,2,,4\n", "line 11 must have 4 finite numbers, .* got '1,2,,4'"),
+        (TABLE + "1,2,nan,4\n", "line 10 must have 4 finite numbers"),
         (
             TABLE + "1,2,3,-999.0\n",
-            "line 10 must hold .*, no temperature that stands for a .*999",
+            "line 10 must have .*, without a filler for a missing .*999",
         ),
-        (TABLE + "0,-1,0,9\n", "names 1 points more than once"),
+        (TABLE + "0,-1,0,9\n", "has 1 points more than once"),
         ("x,y,z,T\n0,0,0,1\n1,0,0,1\n0,1,0,1\n1,1,0,1\n", "has 4 points that span 2 of 3"),
         (IN_MM, "no point within 1 m of the node"),
     ],
@@ -253,7 +253,7 @@ def test_refusals(wall):
             {"y_min": lambda x: x},
             r"The temperature of 'y_min' gave an array of shape \(\d+, 3\); for \d+ points",
         ),
-        ({"x_min": 4.0}, "A block has no face with a given temperature; joints let no heat"),
+        ({"x_min": 4.0}, "A block has no face with a given temperature, and no joint conducts"),
     ):
         with pytest.raises(ValueError, match=message):
             dj.steady_temperature(jointed, faces)

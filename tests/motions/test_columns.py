@@ -68,29 +68,21 @@ def test_rounded_times_are_taken_as_equal_steps(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("header", "options", "message"),
     [
-        ("", {}, "does not give the unit of its columns; pass unit=, or write '# unit: cm/s"),
-        ("# unit: g\n", {"unit": "gal"}, "line 1: unit is g here, but gal was given"),
-        ("", {"unit": "kN"}, "unit: 'kN' is no known unit of acceleration; known are m/s"),
-        ("# unit: g\n# dt: 0.02\n", {"dt": 0.01}, "line 2: dt is 0.02 here, but 0.01 was given"),
+        ("", {}, "does not state the unit of its columns; pass unit=, or write '# unit: cm/s"),
+        ("# unit: g\n", {"unit": "gal"}, "line 1: unit is g in the file, but gal"),
+        ("", {"unit": "kN"}, "unit: 'kN' is not a unit of acceleration; use one of m/s"),
+        ("# unit: g\n# dt: 0.02\n", {"dt": 0.01}, "line 2: dt is 0.02 in the file, but 0.01"),
         ("# unit: g\n# dt: -1\n", {}, "line 2: dt must be positive, got -1"),
-        ("# unit: g\n# dt: 0.03\n# columns: time N\n", {}, "line 5: the times must rise by equal"),
-        ("# unit: g\n", {"columns": ["N", "E"]}, "has no column of time; pass dt="),
-        ("# unit: g\n", {"columns": ["time", "H1"]}, "columns must be 'time' once at most and"),
-        ("# unit: g\n", {"columns": ["N"], "dt": 1.0}, "line 2: 2 values where the columns are 1"),
-        (
-            "# unit: g\ntime N\n",
-            {"columns": "time E"},
-            "line 2: names a column 'N', but columns=",
-        ),
-        (
-            "# unit: g\ntime N\n",
-            {"columns": "N time"},
-            "names a column 'time', but columns= has 'n'",
-        ),
+        ("# unit: g\n# dt: 0.03\n# columns: time N\n", {}, "line 5: the times must increase by"),
+        ("# unit: g\n", {"columns": ["N", "E"]}, "has no time column; pass dt="),
+        ("# unit: g\n", {"columns": ["time", "H1"]}, "columns must be different directions"),
+        ("# unit: g\n", {"columns": ["N"], "dt": 1.0}, "line 2: 2 values; the file has 1 columns"),
+        ("# unit: g\ntime N\n", {"columns": "time E"}, "line 2: column 'N' is 'e' in columns="),
+        ("# unit: g\ntime N\n", {"columns": "N time"}, "column 'time' is 'n' in columns="),
         (
             "# unit: g\n# columns: time N\n",
             {"columns": ["time", "E"]},
-            "line 2: columns is ['time', 'n'] here, but ['time', 'e'] was given",
+            "line 2: columns is ['time', 'n'] in the file, but ['time', 'e'] was given",
         ),
     ],
 )
@@ -107,35 +99,38 @@ def test_what_is_missing_or_contradicts_is_an_error(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("# unit: g\n", "is in no known format"),
-        ("# unit: g\ntime,a\ns,g\nx,y\n0,1\n1,2\n", "in no known format (K-NET, COSMOS, SMC"),
+        ("# unit: g\n", "has an unknown format"),
+        (
+            "# unit: g\ntime,a\ns,g\nx,y\n0,1\n1,2\n",
+            "unknown format (supported: K-NET, COSMOS, SMC",
+        ),
         ("# unit: g\ntime,a\ns,g\n0,1\n1,2\n", "line 3: 's' is not a finite number"),
-        ("# unit: g\ntime,vel\n0,1\n1,2\n", "line 2: must name times [s] and accelerations, got"),
-        ("# unit: g\ntime (ms),a\n0,1\n1,2\n", "line 2: must name times [s] and accelerations"),
-        ("# unit: g\na,b\n0,1\n1,2\n", "has 2 columns and does not name them; pass columns="),
+        ("# unit: g\ntime,vel\n0,1\n1,2\n", "line 2: must name time [s] and accelerations, got"),
+        ("# unit: g\ntime (ms),a\n0,1\n1,2\n", "line 2: must name time [s] and accelerations"),
+        ("# unit: g\na,b\n0,1\n1,2\n", "has 2 columns without names; pass columns="),
         ("# unit: g\n# dt: 1\n# columns: skip\n1\n2\n", "'skip' for any other column, got skip"),
-        ("# unit: g\n# columns: wrapped\n1 2 3\n4 5\n", "has no column of time; pass dt="),
+        ("# unit: g\n# columns: wrapped\n1 2 3\n4 5\n", "has no time column; pass dt="),
         (
             "# unit: g\n# dt: 0.01\n# columns: wrapped\n0 .2 .3\n1 .1 .4\n2 .1 .2\n3 .1 .2\n",
-            "line 4: each line has a number, 0 in this one, that rises by equal steps",
+            "line 4: 0 is a time or line number, which increases by equal steps",
         ),
-        ("# unit: g\n0.00\t0,1\n0.01\t0,2\n", "has 3 columns and does not name them"),
-        ("# time(sec) N-S(cm/s)\n# unit: g\n0 1\n1 1\n", "line 1: names velocities or displ"),
-        ("t (s),up (m)\n0,1\n1,1\n", "line 1: names velocities or displacements"),
-        ("# Units of cm/s\n# unit: g\n0 1\n1 1\n", "line 1: names velocities or displacements"),
-        ("# unit: g\nTime Vx Vy Vz\n0 1 2 3\n1 2 3 4\n", "line 2: must name times [s] and accel"),
-        ("N (gal),E (gal),UP (g)\n0,1,2\n1,2,3\n", "line 1: gives the unit g, but line 1 gal"),
-        ("# unit: g\n# gal (cm/s2)\n0 1\n1 2\n", "line 2: gives the unit cm/s^2, but line 1 g"),
-        ("# unit: g\n0.0 1.0\n", "line 2: the file has 1 row of numbers; a record has 2"),
-        ("# unit: gal\n0 1\n1 2\n2 -99\n3 1\n4 2\n", "line 4: -99 stands for a missing sample"),
-        ("# unit: g\n0.0 1.0\n0.1 2.0 3.0\n", "line 3: 3 values where the columns are 2"),
-        ("# unit: g\n0.0 1.0\n0.1 2.0\n0.3 2.0\n", "line 4: the times must rise by equal steps"),
-        ("# unit: g\n0,1\n1,2\n3,2\n", "line 4: the times must rise"),  # no decimal commas
+        ("# unit: g\n0.00\t0,1\n0.01\t0,2\n", "has 3 columns without names"),
+        ("# time(sec) N-S(cm/s)\n# unit: g\n0 1\n1 1\n", "line 1: velocities or displ"),
+        ("t (s),up (m)\n0,1\n1,1\n", "line 1: velocities or displacements"),
+        ("# Units of cm/s\n# unit: g\n0 1\n1 1\n", "line 1: velocities or displacements"),
+        ("# unit: g\nTime Vx Vy Vz\n0 1 2 3\n1 2 3 4\n", "line 2: must name time [s] and accel"),
+        ("N (gal),E (gal),UP (g)\n0,1,2\n1,2,3\n", "the unit is g, but in line 1 it is gal"),
+        ("# unit: g\n# gal (cm/s2)\n0 1\n1 2\n", "the unit is cm/s^2, but in line 1 it is g"),
+        ("# unit: g\n0.0 1.0\n", "line 2: the file has 1 row of numbers; at least 2"),
+        ("# unit: gal\n0 1\n1 2\n2 -99\n3 1\n4 2\n", "line 4: -99 marks a missing sample"),
+        ("# unit: g\n0.0 1.0\n0.1 2.0 3.0\n", "line 3: 3 values; the file has 2 columns"),
+        ("# unit: g\n0.0 1.0\n0.1 2.0\n0.3 2.0\n", "line 4: the times must increase by equal"),
+        ("# unit: g\n0,1\n1,2\n3,2\n", "line 4: the times must increase"),  # no decimal commas
         (
             "# Units = g\n0.2 1.0\n0.1 2.0\n",
-            "line 3: the times must rise by equal steps, of -0.1 s",
+            "line 3: the times must increase by equal steps, of -0.1 s",
         ),
-        ("# unit: g\n0 1 2 3\n1 1 2 3\n", "columns='wrapped' reads one component"),
+        ("# unit: g\n0 1 2 3\n1 1 2 3\n", "columns='wrapped' for one component"),
     ],
 )
 def test_malformed_columns_are_errors(tmp_path: Path, text: str, message: str) -> None:
@@ -149,11 +144,11 @@ def test_malformed_columns_are_errors(tmp_path: Path, text: str, message: str) -
 @pytest.mark.parametrize(
     ("comment", "message"),
     [
-        ("vel. (cm/s)", "names velocities or displacements"),
-        ("vel in cm/sec", "names velocities or displacements"),
-        ("displacements [cm]", "names velocities or displacements"),
-        ("Geschwindigkeit [cm/s]", "names velocities or displacements"),
-        ("acceleration (m/s2)", "unit is m/s^2 here, but gal was given"),
+        ("vel. (cm/s)", "velocities or displacements"),
+        ("vel in cm/sec", "velocities or displacements"),
+        ("displacements [cm]", "velocities or displacements"),
+        ("Geschwindigkeit [cm/s]", "velocities or displacements"),
+        ("acceleration (m/s2)", "unit is m/s^2 in the file, but gal was given"),
         ("acceleration in cm/sec/sec", None),
         ("Vs30 (m/s): 760, PGV 12.3 cm/s, PGD = 3 (cm)", None),
         ("elevation (m)", None),
@@ -174,8 +169,8 @@ def test_units_in_comments_are_those_of_the_samples(
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("{row} {number}", "each line has a number, 1 in this one, that rises by equal steps"),
-        ("{time:.2f} {row}", "each line has a number, 0.00 in this one, that rises by equal steps"),
+        ("{row} {number}", "1 is a time or line number, which increases by equal steps"),
+        ("{time:.2f} {row}", "0.00 is a time or line number, which increases by equal steps"),
         ("{row} {word}", "'x' is not a finite number"),
     ],
 )
@@ -223,7 +218,7 @@ def test_a_given_step_wins_over_rounded_times(tmp_path: Path, dt: float, digits:
     path = tmp_path / "motion.txt"
     path.write_text("\n".join(f"{i * dt:.{digits}f} {i % 5}" for i in range(40)))
     assert read_components(path, unit="gal", dt=dt)[0].dt == dt
-    with pytest.raises(RecordError, match=r"rise by equal steps, of .*; pass dt= if rounded"):
+    with pytest.raises(RecordError, match=r"increase by equal steps, of .*; pass dt= if rounded"):
         read_components(path, unit="gal", dt=1.1 * dt)
 
 
@@ -258,7 +253,7 @@ def test_peaks_and_steps_of_no_record_are_warned_of(
 def test_columns_of_a_file_with_its_own_format_are_errors(tmp_path: Path) -> None:
     path = tmp_path / "a.AT2"
     path.write_text("PEER\na, 0\nUNITS OF G\nNPTS= 2, DT= .01 SEC\n 0.1 0.2\n")
-    with pytest.raises(RecordError, match="is a file of PEER AT2, which has no columns to name"):
+    with pytest.raises(RecordError, match="has the format PEER AT2; columns= is for plain columns"):
         read_components(path, columns=["N"])
     with pytest.raises(RecordError, match="has a time step of 0.01 s, but dt=0.02 was given"):
         read_components(path, dt=0.02)

@@ -105,23 +105,23 @@ def test_stations_of_both_banks_and_two_heights() -> None:
 def test_wrong_ground_is_an_error() -> None:
     motion, rising = synthetic_motion(duration=4.0), np.ones((9, 3))
     for make, message in (
-        (lambda: motion_from_velocity(rising, dt=0.1), "must start at rest: taper it"),
+        (lambda: motion_from_velocity(rising, dt=0.1), "must start at rest; taper the record"),
         (lambda: motion_from_displacement(rising[:3], dt=0.1), r"n >= 4, 3\), got \(3, 3\)"),
         (lambda: motion_from_displacement(np.nan * rising, dt=0.1), "must be finite"),
-        (lambda: Passage(speed=1.0, direction=(0.0, 0.0)), "direction is .* no length"),
+        (lambda: Passage(speed=1.0, direction=(0.0, 0.0)), "direction is .* must not be zero"),
         (lambda: DifferingMotion(motions={}), "motions is"),
         (lambda: DifferingMotion(motions={"a": 1.0}), "motion of 'a' is 1.0"),
         (lambda: DifferingMotion(motions=motion, reference="b"), "reference is 'b'; it must be"),
         (
             lambda: DifferingMotion(motions={"a": motion, "b": motion}, positions={"a": (0, 0)}),
-            "positions are given of a; they must be those of two or more motions, a, b",
+            "positions has a; it must have the names of all motions, at least two: a, b",
         ),
         (
             lambda: DifferingMotion(
                 motions=dict.fromkeys("abc", motion),
                 positions={"a": (0, 0), "b": (0, 3), "c": (1, 0)},
             ),
-            'two of the positions are at the same distance .*; take between="places"',
+            'two of the positions are at the same distance .*; use between="places"',
         ),
         (
             lambda: DifferingMotion(

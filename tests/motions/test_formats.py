@@ -197,13 +197,13 @@ def test_a_file_that_ends_in_its_header_is_an_error(tmp_path: Path, name: str) -
 @pytest.mark.parametrize(
     ("name", "count", "message"),
     [
-        ("at2", "36", "line 12: 37 values up to here, line 4 announces 36"),
-        ("esm", "38", "line 52: 37 values up to here, line 8 announces 38"),
-        ("knet", "0.38", "line 22: 37 values up to here, line 12 announces 38"),
-        ("smc", "30", "line 34: 37 values up to here, line 14 announces 30"),
-        ("smc", "-32768", "line 14: the number of values must be a whole number of 2 or more"),
-        ("cosmos", "40", "line 51: 37 values up to here, line 46 announces 40"),
-        ("cosmos", "30", "line 50: 32 values up to here, line 46 announces 30"),
+        ("at2", "36", "line 12: 37 values up to this line, but line 4 states 36"),
+        ("esm", "38", "line 52: 37 values up to this line, but line 8 states 38"),
+        ("knet", "0.38", "line 22: 37 values up to this line, but line 12 states 38"),
+        ("smc", "30", "line 34: 37 values up to this line, but line 14 states 30"),
+        ("smc", "-32768", "line 14: the number of values must be an integer of 2 or more"),
+        ("cosmos", "40", "line 51: 37 values up to this line, but line 46 states 40"),
+        ("cosmos", "30", "line 50: 32 values up to this line, but line 46 states 30"),
     ],
 )
 def test_a_wrong_count_is_an_error(tmp_path: Path, name: str, count: str, message: str) -> None:
@@ -228,11 +228,11 @@ def test_text_among_the_numbers_is_an_error(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "unit", "message"),
     [
-        ("at2", "CM/S/S", "line 3: must say 'UNITS OF G', got"),
-        ("esm", "m", "line 10: 'm' is no known unit of acceleration; known are m/s^2, cm/s^2"),
-        ("knet", "kine", "line 14: 'kine' is no known unit"),
-        ("cosmos", "5", "line 15: the unit has the code 5; known are 2 g, 4 cm/s^2, 10 gal, 11 mg"),
-        ("columns", "ft/s^2", "line 1: 'ft/s^2' is no known unit"),
+        ("at2", "CM/S/S", "line 3: must have 'UNITS OF G', got"),
+        ("esm", "m", "line 10: 'm' is not a unit of acceleration; use one of m/s^2, cm/s^2"),
+        ("knet", "kine", "line 14: 'kine' is not a unit"),
+        ("cosmos", "5", "line 15: the unit code is 5; use 2 (g), 4 (cm/s^2), 10 (gal), 11 (mg)"),
+        ("columns", "ft/s^2", "line 1: 'ft/s^2' is not a unit"),
     ],
 )
 def test_unknown_and_mixed_units_are_errors(
@@ -245,7 +245,7 @@ def test_a_unit_that_cannot_be_true_is_an_error(tmp_path: Path) -> None:
     # 25 cm/s^2 that are said to be g would be 25 times gravity.
     path = write(tmp_path, esm(unit="g"))
     place = int(np.argmax(np.abs(WAVE)))
-    message = f"line {16 + place}: value {place + 1} is {WAVE[place]:g} g; more than 20 g is no"
+    message = f"line {16 + place}: value {place + 1} is {WAVE[place]:g} g; the limit is 20 g"
     assert message in error_message(path)
 
 
@@ -261,7 +261,10 @@ def test_junk_is_an_error(tmp_path: Path) -> None:
     for content, message in (
         (b" \n\n", " is empty."),
         (b"PEER" + b"\0" * 100, " is not a text file."),
-        (b"Dear reader,\nno numbers here.\n", " is in no known format (K-NET, COSMOS, SMC, ESM/"),
+        (
+            b"Dear reader,\nno numbers here.\n",
+            " has an unknown format (supported: K-NET, COSMOS, SMC, ESM/",
+        ),
     ):
         assert error_message(write(tmp_path, content, "junk.AT2")).startswith(message)
 
@@ -276,21 +279,21 @@ def test_what_cannot_be_read_is_an_error(tmp_path: Path) -> None:
         (esm(kind="VELOCITY"), "line 13: DATA_TYPE must be ACCELERATION, got 'VELOCITY'"),
         (esm().replace("NDATA", "COUNT"), ": the header of an ESM file must have the key NDATA"),
         (knet().replace("Scale Factor", "Scale  Factr"), "must have the line 'Scale Factor'"),
-        (knet().replace("/2000000", ""), "line 14: Scale Factor must be as 3920(gal)/6182761"),
+        (knet().replace("/2000000", ""), "Scale Factor must have the form 3920(gal)/6182761"),
         (knet().replace("100Hz", "fast"), "line 11: the sampling frequency 'fast' is not a finite"),
-        (smc(kind="1 UNCORRECTED ACCELEROGRAM"), "line 1: must say '2 CORRECTED ACCELEROGRAM'"),
-        (cosmos().replace("(10I8)", ""), "line 14: must say how many header values follow"),
-        (cosmos().replace("100 Int", "999 Int"), "100 header values, line 14 announces 999"),
+        (smc(kind="1 UNCORRECTED ACCELEROGRAM"), "line 1: must be '2 CORRECTED ACCELEROGRAM'"),
+        (cosmos().replace("(10I8)", ""), "line 14: must state the number of header values"),
+        (cosmos().replace("100 Int", "999 Int"), "100 header values, but line 14 states 999"),
         (cosmos().replace("acceleration pts", "sag pts"), "line 54: the channel ends here without"),
         (
             cosmos().replace(" 100 Real", "  60 Real").replace(" 17 lines", " 10 lines"),
-            "60 header values, line 25 announces 60; 100 are needed",
+            "60 header values, but line 25 states 60; 100 are needed",
         ),
-        (cosmos().replace("(8F10.5)", "free"), "line 46: must announce values and their format"),
-        (cosmos().replace("   2       1", "   0       2"), "line 15: the channel must hold accel"),
+        (cosmos().replace("(8F10.5)", "free"), "line 46: must state count and format of values"),
+        (cosmos().replace("   2       1", "   0       2"), "line 15: the channel must have accel"),
         (
             smc().replace(f"{37:10d}{0:10d}", f"{37:10d}{1:10d}"),
-            "line 14: the file flags a problem of the record (18th whole number is 1)",
+            "line 14: the file flags a problem of the record (18th integer is 1)",
         ),
     ],
 )
@@ -320,7 +323,7 @@ def test_fillers_are_refused_in_every_format(
         assert len(read_components(path)) == 1
         return
     sentence = error_message(path)
-    assert "stands for a missing sample" in sentence
+    assert "marks a missing sample" in sentence
     number = int(re.findall(r"line (\d+):", sentence)[0])
     assert "999" in path.read_text().splitlines()[number - 1].replace(".", "")
 
@@ -328,7 +331,7 @@ def test_fillers_are_refused_in_every_format(
 def test_the_unknown_value_of_a_cosmos_header_is_refused(tmp_path: Path) -> None:
     line = "Values used when parameter or data value is unknown/unspecified:  -999, -12.5"
     text = cosmos(values=[*WAVE[:36], -12.5]).replace("line\n", f"{line}\n", 1)
-    assert "line 51: -12.5 stands for a missing" in error_message(write(tmp_path, text))
+    assert "line 51: -12.5 marks a missing" in error_message(write(tmp_path, text))
 
 
 def test_a_broken_file_does_not_hide_the_others(tmp_path: Path) -> None:
@@ -375,8 +378,8 @@ def test_components_are_aligned_by_their_starts(tmp_path: Path, name: str) -> No
     expected = np.stack([east, north, up], axis=1)
     np.testing.assert_allclose(100.0 * motion.acceleration, expected, atol=DIGITS["smc"])
     for starts, message in (
-        (["0", "0.1", "0.004"], "no whole steps of 0.01 s apart: .* starts at 0.004 s"),
-        (["0", "0.36", "0"], f"no time in common: {name}1.txt .* starts at 0.36 s"),
+        (["0", "0.1", "0.004"], "not multiples of the step, 0.01 s: .* starts at 0.004 s"),
+        (["0", "0.36", "0"], f"no common time interval: {name}1.txt .* starts at 0.36 s"),
     ):
         with pytest.raises(RecordError, match=message):
             read_record(started(tmp_path, name, starts))
@@ -408,10 +411,10 @@ def test_starts_across_midnight_and_starts_that_are_missing(tmp_path: Path) -> N
         path.write_text(text)
     np.testing.assert_allclose(100.0 * read_record(files).acceleration[:, 1], WAVE[10:], atol=1e-9)
     files[1].write_text(esm(stream="HNE").replace(f"{stamp}{day}_102046.000", stamp))
-    with pytest.raises(RecordError, match=r"only some .* esm1.txt .* starts at no known time"):
+    with pytest.raises(RecordError, match=r"only some .* esm1.txt .* starts at an unknown time"):
         read_record(files)
     files[1].write_text(esm(stream="HNE").replace(f"{stamp}{day}_", f"{stamp}20001301_"))
-    with pytest.raises(RecordError, match="line 12: '20001301_.*' is no date and time of the fir"):
+    with pytest.raises(RecordError, match="line 12: '20001301_.*' is not a valid date and time of"):
         read_record(files)
 
 
@@ -423,7 +426,7 @@ def test_displacements_and_velocities_are_no_accelerations(
     written = at2().replace("ACCELERATION TIME", f"{kind} TIME")
     if name == "columns":
         written = f"# {kind} TIME SERIES\n" + columns()
-    assert "names velocities or displacements, no" in error_message(write(tmp_path, written))
+    assert ": velocities or displacements, not" in error_message(write(tmp_path, written))
     said = columns().replace("# unit", "# baseline corrected to zero velocity\n# unit")
     assert len(read_components(write(tmp_path, said))) == 1
     for line in ("velocity: 350 m/s (Vs30)", "Displacement-compatible baseline correction"):
@@ -431,7 +434,7 @@ def test_displacements_and_velocities_are_no_accelerations(
         assert len(read_components(write(tmp_path, said))) == 1
     for line in (f"Ground {kind.lower()} [m/s]", f"{kind[:5]}{kind[5:]} SERIES"):
         sentence = error_message(write(tmp_path, f"# {line}\n" + columns()))
-        assert "names velocities or displacements, no" in sentence
+        assert ": velocities or displacements, not" in sentence
 
 
 def test_velocities_and_displacements_beside_an_at2_record_are_left_out(tmp_path: Path) -> None:
@@ -490,7 +493,7 @@ def test_one_cosmos_file_holds_three_channels(tmp_path: Path) -> None:
 
 def test_a_direction_that_the_file_does_not_know_can_be_given(tmp_path: Path) -> None:
     files = [write(tmp_path, esm(stream=f"HN{c}"), f"{c}.ASC") for c in "12Z"]
-    with pytest.raises(RecordError, match=r"1.ASC \(direction None\).*give directions= where"):
+    with pytest.raises(RecordError, match=r"1.ASC \(direction None\).*give directions= if"):
         read_record(files)
     motion = read_record(files, directions=[122.0, 32, "up"])
     np.testing.assert_allclose(100.0 * motion.acceleration[:, 0], WAVE, atol=1e-9)
@@ -498,7 +501,7 @@ def test_a_direction_that_the_file_does_not_know_can_be_given(tmp_path: Path) ->
         read_record(files, directions=[122, 32, "DOWN"])
     with pytest.raises(RecordError, match="directions must be N, E, S, W, UP, DOWN, azimuths"):
         read_record(files, directions=["H1", "H2", "UP"])
-    with pytest.raises(RecordError, match="directions has 2 entries, the files have 3"):
+    with pytest.raises(RecordError, match="directions has 2 entries, but the files have 3"):
         read_record(files, directions=["N", "E"])
     with pytest.raises(RecordError, match="two horizontal ones at right angles"):
         read_record(files, directions=[122, 31, "up"])
@@ -518,7 +521,7 @@ def test_units_are_known_by_many_names() -> None:
     names |= {"G": "g", "gals": "gal", "cm/sec/sec": "cm/s^2", "mg": "mg", "mm/s²": "mm/s^2"}
     assert {text: unit_named(text, "here") for text in names} == names
     for text in ("", "m/s", "m", "g/10", "cm/s3", "kg"):
-        with pytest.raises(RecordError, match="^here: .* is no known unit of acceleration"):
+        with pytest.raises(RecordError, match="^here: .* is not a unit of acceleration"):
             unit_named(text, "here")
 
 

@@ -80,10 +80,10 @@ def test_low_and_high_pass_corners_halve_a_sine() -> None:
 @pytest.mark.parametrize(
     ("low", "high", "message"),
     [
-        (None, None, "or two that rise, below 50 Hz, .* got low=None and high=None"),
+        (None, None, "or two with low < high, below 50 Hz, .* got low=None and high=None"),
         (5.0, 1.0, "got low=5.0 and high=1.0"),
-        (0.1, 50.0, "below 50 Hz, half the sampling rate, got low=0.1 and high=50.0"),
-        (0.01, 5.0, "0.01 Hz is below one period in the 20 s of the motion, 0.05 Hz"),
+        (0.1, 50.0, "below 50 Hz, half the sampling rate; got low=0.1 and high=50.0"),
+        (0.01, 5.0, "0.01 Hz must be at least 0.05 Hz: one period in the 20 s of the motion"),
     ],
 )
 def test_wrong_filters_are_errors(low: Any, high: float | None, message: str) -> None:

@@ -116,7 +116,7 @@ def test_significant_duration() -> None:
         (lambda: response_spectrum([1.0, 2.0], 0.1, [0.0], 0.05), "periods must be positive"),
         (lambda: significant_duration([1.0, 2.0], 0.1, lower=0.9, upper=0.1), "lower is 0.9; it"),
         (lambda: significant_duration([0.0, 0.0], 0.1), "zero throughout"),
-        (lambda: equally_spaced([0.0, 2.0, 1.0], [0, 0, 0]), "at 2 or more times that rise"),
+        (lambda: equally_spaced([0.0, 2.0, 1.0], [0, 0, 0]), "at 2 or more increasing times"),
     ],
 )
 def test_wrong_arguments_have_a_message(call, message) -> None:

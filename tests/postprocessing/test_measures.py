@@ -329,7 +329,7 @@ def test_what_a_file_does_not_hold_is_named(tmp_path: Path) -> None:
         measures.acceleration_history(results, 0, "x")
     with pytest.raises(ResultsError, match="No series 'ground_acceleration'"):
         measures.strong_motion_end(results)
-    with pytest.raises(ValueError, match="at 2 or more times that rise are needed"):
+    with pytest.raises(ValueError, match="at 2 or more increasing times are needed"):
         measures.fourier_peaks(results, 0, "x")
 
 

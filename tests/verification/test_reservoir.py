@@ -273,11 +273,11 @@ def test_bad_input(comm, monkeypatch):
 
     refused("the level is 13 m, but the face ends at 12 m", level=13.0)
     refused("upstream is .*; it must be a horizontal vector", upstream=(1.0, 1.0))
-    refused("100 % of the wet face do not look along upstream", upstream=(1.0, 0.0))
+    refused("100 % of the wet face does not face upstream", upstream=(1.0, 0.0))
     with pytest.raises(ValueError, match="water is 3; it must be a reservoir or an added mass"):
         dj.Model(model.jointed, material=CONCRETE, water=3)
     monkeypatch.setattr(reservoir, "available_bytes", lambda comm: 1e3)
-    refused("its 3 wet nodes make a full matrix, which may take .* GB")
+    refused("the dense matrix of 3 wet nodes needs .* GB")
 
 
 def skin(comm):
@@ -290,7 +290,7 @@ def skin(comm):
 
 def test_bad_faces(comm):
     """A closed surface has no side that is upstream, a face below a roof no surface of water."""
-    with pytest.raises(ValueError, match="no horizontal normal in the mean"):
+    with pytest.raises(ValueError, match="mean normal of the wet face has no horizontal part"):
         dj.ReservoirMass(group="up", level=5.0).matrix(skin(comm))
     mesh = create_rectangle(comm, [[0.0, 0.0], WALL], [1, 6], CellType.quadrilateral)
     mesh.topology.create_connectivity(1, 2)
@@ -313,7 +313,7 @@ def test_compressible_water(comm, length):
         ends = 1.0 if length is None else 1.0 / np.tanh(m * length)
         expected = RHO * DEPTH / 2.0 / m * ends
         assert energy(model, mass, wave(1), wave(1)) == pytest.approx(expected, rel=5e-3)
-    with pytest.raises(ValueError, match=r"it must be below the lowest one .*resonates"):
+    with pytest.raises(ValueError, match="it must be below the lowest natural frequency"):
         dj.ReservoirMass(**water, frequency=1.05 * lowest).matrix(model)
 
 

@@ -229,9 +229,9 @@ def test_refusals(comm):
     x = ufl.SpatialCoordinate(bar(comm, joint=False).mesh)
     for wrong, message in (
         ({"value": lambda x: x}, "it must be a number or a scalar UFL expression"),
-        ({"value": x[0]}, "value lives on another mesh than jointed.mesh"),
-        ({"value": lambda x: 1.0 / (x[0] - x[0])}, "value is not finite in the whole of its cells"),
-        ({"reference": {"low": 9.0}}, r"20 cells have no reference or several; its groups, low,"),
+        ({"value": x[0]}, "value is defined on another mesh than jointed.mesh"),
+        ({"value": lambda x: 1.0 / (x[0] - x[0])}, "value is not finite in all of its cells"),
+        ({"reference": {"low": 9.0}}, r"20 cells have no reference or several; .* \(low\) must"),
     ):
         with pytest.raises(ValueError, match=message):
             model_of(jointed, [dj.Temperature(**{**good, **wrong})]).system()

@@ -1,15 +1,13 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-r"""Temperatures in a body from those of its faces: steady, and over the year.
+r"""Temperature fields of a body with given face temperatures: steady and seasonal.
 
-Steady: div grad T = 0. Over the year, T = T_m + T_c cos(w t) + T_s sin(w t) with w of one year and
-the diffusivity kappa,
+Steady: div grad T = 0. Seasonal: T = T_m + T_c cos(w t) + T_s sin(w t), where the period of w is
+one year, and with the diffusivity kappa
 
-    w T_s = kappa div grad T_c,   -w T_c = kappa div grad T_s,
+    w T_s = kappa div grad T_c,   -w T_c = kappa div grad T_s.
 
-so that a body takes part in the season as far as its thickness lets it. Nothing flows through
-faces without a given temperature, and from block to block through joints of a given conductance
-only.
+Faces without a given temperature and joints without a given conductance are insulated.
 """
 
 from __future__ import annotations
@@ -43,19 +41,19 @@ YEAR = 365.25 * DAY
 MONTH = YEAR / 12.0
 FREQUENCY = 2.0 * math.pi / YEAR  # rad/s
 
-# A field of ones that is met worse than this belongs to a block without a given temperature.
+# Tolerance of the test field that is 1 everywhere; a block with a larger error is insulated.
 ISOLATED = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
 @checked
 class AnnualWave:
-    """A temperature that swings with the seasons, such as that of the air.
+    """Sinusoidal annual temperature, such as that of the air.
 
     Attributes:
-        mean: Over the year [degrees C].
-        amplitude: Half of what lies between summer and winter, not negative [K].
-        warmest_day: Day of the year at which it is highest, 0 being its first.
+        mean: Annual mean [degrees C].
+        amplitude: Half of the difference between highest and lowest temperature, at least 0 [K].
+        warmest_day: Day of the year with the highest temperature; 0 is the first day.
     """
 
     mean: Annotated[float, at.Unit("degrees C")]
@@ -63,7 +61,7 @@ class AnnualWave:
     warmest_day: Day = 201.0
 
     def parts(self, points: Floats, day: float) -> Parts:
-        """Mean, cosine and sine parts at points (n, 3) [m], each (n,), t = 0 being a day."""
+        """Return mean, cosine and sine parts at points (n, 3) [m], each (n,); ``day`` is t = 0."""
         ones = np.ones(len(points))
         return _swing(self.mean * ones, self.amplitude * ones, 0.0 * ones, self.warmest_day - day)
 
@@ -71,17 +69,17 @@ class AnnualWave:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class ReservoirTemperature:
-    """Water below a level, air above it; deep reservoirs after Zhu (1997).
+    """Temperature of a deep reservoir, after Zhu (1997), with air above the water level.
 
-    At a depth y the mean is c + (m - c) exp(-0.04 y), the amplitude A exp(-0.018 y), and the water
-    is warmest 2.15 - 1.30 exp(-0.085 y) months after the air, y in m.
+    At a depth y [m], the mean is c + (m - c) exp(-0.04 y) and the amplitude is A exp(-0.018 y). The
+    water is warmest 2.15 - 1.30 exp(-0.085 y) months after the air.
 
     Attributes:
-        level: Height of the surface along the last axis [m].
-        air: The air above it.
-        surface_mean: m, of the water at the surface over the year [degrees C].
-        surface_amplitude: A, there [K].
-        deep_mean: c, of the water far below [degrees C].
+        level: Height of the water surface along the last axis [m].
+        air: Temperature of the air above the level.
+        surface_mean: Annual mean m of the water at the surface [degrees C].
+        surface_amplitude: Amplitude A of the water at the surface [K].
+        deep_mean: Mean c of the water at great depth [degrees C].
     """
 
     level: Annotated[float, at.Unit("m")]
@@ -91,7 +89,7 @@ class ReservoirTemperature:
     deep_mean: Annotated[float, at.Unit("degrees C")]
 
     def parts(self, points: Floats, day: float) -> Parts:
-        """Mean, cosine and sine parts at points (n, gdim) [m], each (n,), t = 0 being a day."""
+        """Return mean, cosine and sine parts at points (n, gdim) [m], (n,); ``day`` is t = 0."""
         depth = self.level - points[:, -1]
         y = np.maximum(depth, 0.0)
         mean = self.deep_mean + (self.surface_mean - self.deep_mean) * np.exp(-0.04 * y)
@@ -118,27 +116,26 @@ def steady_temperature(
     joints: Joints | None = None,
     openings: Openings | None = None,
 ) -> Any:
-    """Temperature of a body whose faces have kept theirs for long (collective).
+    """Compute the steady temperature of a body with given face temperatures (collective).
 
     Args:
         jointed: The mesh.
-        faces: Temperature of each facet group that has one: a number, or a function of points
-            (n, gdim) [m] that gives (n,); of what swings with the seasons the mean counts. Where
-            groups meet the later one goes before.
-        conductivity: k of the body, which only `joints` is compared with.
-        joints: Conductance of the joints that let heat through.
-        openings: Their normal gaps [m], numbers or UFL scalars; zero unless given.
+        faces: Given temperatures by facet group: a number, a function of points (n, gdim) [m] that
+            returns (n,), or a seasonal temperature, of which the mean is used. A node of several
+            groups has the temperature of the last one.
+        conductivity: k of the body; matters only in relation to the conductance of `joints`.
+        joints: Conductance of the joints that conduct heat.
+        openings: Normal gaps of these joints [m], numbers or UFL scalars; zero by default.
 
     Returns:
-        A DOLFINx function of the degree of the mesh, a `Temperature.value` [degrees C].
+        DOLFINx function of the degree of the mesh [degrees C], for `Temperature.value`.
 
     Raises:
-        ValueError: No face is given, a value is not finite, or nothing gives a block its
-            temperature.
-        MeshError: There is no such group or joint.
+        ValueError: No face is given, a value is not finite, or a block is insulated.
+        MeshError: A group or joint does not exist.
     """
     values = face_values(jointed, faces, 0.0)[:, :1]
-    return _solve(jointed, values, None, _Through(conductivity, joints, openings))
+    return _solve(jointed, values, None, _JointHeat(conductivity, joints, openings))
 
 
 @checked
@@ -154,28 +151,28 @@ def seasonal_temperatures(
     joints: Joints | None = None,
     openings: Openings | None = None,
 ) -> list[Temperature]:
-    """Loads of a body that follows the seasons, mean and swing (collective).
+    """Compute the thermal loads of a periodic annual temperature (collective).
 
     Args:
-        jointed: The mesh. Cells should resolve sqrt(2 kappa / w), 3.2 m by default.
-        faces: As in `steady_temperature`, `AnnualWave` and `ReservoirTemperature` with their swing.
+        jointed: The mesh. Its cells should resolve the depth sqrt(2 kappa / w), 3.2 m by default.
+        faces: As in `steady_temperature`, including the annual variation.
         reference: Temperature at which the joints were closed, or one per cell group [degrees C].
         expansion: Coefficient of linear thermal expansion [1/K].
         diffusivity: kappa [m^2/s].
         day: Day of the year at t = 0.
-        conductivity: As in `steady_temperature`, and the next two.
-        joints: Conductance of the joints that let heat through.
-        openings: Their normal gaps [m].
+        conductivity: As in `steady_temperature`, like the next two.
+        joints: Conductance of joints.
+        openings: Normal gaps of joints [m].
 
     Returns:
-        Three loads, for `Model`: the mean less the reference, and the swing's cosine and sine.
+        Three loads for `Model`: the mean minus the reference, the cosine part and the sine part.
 
     Raises:
         ValueError: As in `steady_temperature`.
-        MeshError: There is no such group.
+        MeshError: A group does not exist.
     """
     values = face_values(jointed, faces, day)
-    through = _Through(conductivity, joints, openings)
+    through = _JointHeat(conductivity, joints, openings)
     mean = _solve(jointed, values[:, :1], None, through)
     swing = _solve(jointed, values[:, 1:], diffusivity, through)
     return [
@@ -194,13 +191,13 @@ def _sine(time: float) -> float:
 
 
 def _swing(mean: Floats, amplitude: Floats, lag: Floats, days: float) -> Parts:
-    """Parts of mean + amplitude cos(w (t - lag)), warmest ``days`` after t = 0; lag in days."""
+    """Return the mean, cosine and sine part of a wave that is warmest at ``days + lag`` [days]."""
     phase = FREQUENCY * DAY * (days + lag)
     return mean, amplitude * np.cos(phase), amplitude * np.sin(phase)
 
 
-class _Through(NamedTuple):
-    """Heat through joints: conductivity of the body, conductances and openings."""
+class _JointHeat(NamedTuple):
+    """Heat flow through joints: conductivity of the body, conductances and openings."""
 
     conductivity: float
     joints: Joints | None
@@ -208,7 +205,7 @@ class _Through(NamedTuple):
 
 
 def factored(matrix: PETSc.Mat) -> PETSc.KSP:
-    """A solver by the matrix's factor (collective).
+    """Factor a matrix and return the solver (collective).
 
     Raises:
         JointsError: The factor does not fit into memory.
@@ -223,21 +220,21 @@ def factored(matrix: PETSc.Mat) -> PETSc.KSP:
     ksp.setUp()
     if ksp.getPC().getFailedReason() == PETSc.PC.FailedReason.FACTOR_OUTMEMORY:
         raise JointsError(
-            "The factor of the matrix of temperatures does not fit into memory, or into what MUMPS "
-            "sets aside: take a coarser mesh, more memory, or a larger "
+            "The factor of the temperature matrix does not fit into memory or the workspace of "
+            "MUMPS. Use a coarser mesh, more memory, or a larger "
             "dolfinx_joints_temperature_mat_mumps_icntl_14 in PETSC_OPTIONS."
         )
     return ksp
 
 
 def scalar_space(jointed: JointedMesh, components: int = 1) -> Any:
-    """Lagrange space of the degree of the mesh."""
+    """Return the Lagrange space of the degree of the mesh."""
     shape = () if components == 1 else (components,)
     return fem.functionspace(jointed.mesh, ("Lagrange", jointed.shape.degree, shape))
 
 
 def face_values(jointed: JointedMesh, faces: Mapping[str, Face], day: float) -> Floats:
-    """Parts of the given temperatures at the nodes, shape (n, 3), NaN where none is given."""
+    """Return the parts of the face temperatures at the nodes, shape (n, 3), NaN elsewhere."""
     good = isinstance(faces, Mapping) and bool(faces)
     check_kind_of("faces", faces, good, "a temperature per facet group")
     space = scalar_space(jointed)
@@ -253,7 +250,7 @@ def face_values(jointed: JointedMesh, faces: Mapping[str, Face], day: float) -> 
 
 
 def _parts(group: str, face: Face, points: Floats, day: float) -> Floats:
-    """Mean, cosine and sine of one face at its nodes, shape (n, 3)."""
+    """Return mean, cosine and sine parts of one face at its nodes, shape (n, 3)."""
     name = f"The temperature of {group!r}"
     if isinstance(face, AnnualWave | ReservoirTemperature):
         return np.column_stack(face.parts(points, day))
@@ -262,15 +259,15 @@ def _parts(group: str, face: Face, points: Floats, day: float) -> Floats:
 
 
 def _solve(
-    jointed: JointedMesh, given: Floats, diffusivity: float | None, through: _Through
+    jointed: JointedMesh, given: Floats, diffusivity: float | None, through: _JointHeat
 ) -> Any:
-    """Field with given values at some nodes, NaN at the others (collective).
+    """Solve for the field with given values at some nodes (collective).
 
     Args:
         jointed: The mesh.
-        given: Shape (n, components).
-        diffusivity: None for a steady field, else that of the cosine and sine parts [m^2/s].
-        through: Heat through joints.
+        given: Given values, NaN at free nodes, shape (n, components).
+        diffusivity: kappa of the cosine and sine parts [m^2/s]; None for a steady field.
+        through: Heat flow through joints.
     """
     components = given.shape[1]
     space = scalar_space(jointed, components)
@@ -285,38 +282,38 @@ def _solve(
     matrix.assemble()
     b, x = matrix.createVecLeft(), matrix.createVecRight()
     owned = given[: b.getLocalSize() // components].ravel()
-    known = np.isfinite(owned)
-    rows = (np.flatnonzero(known) + matrix.getOwnershipRange()[0]).astype(PETSc.IntType)
-    sides = [np.where(known, owned, 0.0)]
+    fixed = np.isfinite(owned)
+    rows = (np.flatnonzero(fixed) + matrix.getOwnershipRange()[0]).astype(PETSc.IntType)
+    boundary_values = [np.where(fixed, owned, 0.0)]
     if diffusivity is None:
-        sides.append(known.astype(np.float64))
+        boundary_values.append(fixed.astype(np.float64))
     loads = []
-    for values in sides:
+    for values in boundary_values:
         x.setArray(values)
         matrix.mult(x, b)
-        loads.append(np.where(known, values, -b.getArray()))
+        loads.append(np.where(fixed, values, -b.getArray()))
     matrix.zeroRowsColumns(rows, diag=1.0)
-    ksp, found = factored(matrix), []
+    ksp, solutions = factored(matrix), []
     for load in loads:
         b.setArray(load)
         x.set(0.0)
         ksp.solve(b, x)
-        found.append(x.getArray().copy())
-    for thing in (ksp, matrix, b, x):
-        thing.destroy()
+        solutions.append(x.getArray().copy())
+    for petsc in (ksp, matrix, b, x):
+        petsc.destroy()
     comm = jointed.mesh.comm
-    # Where all faces are at 1 so is the body, unless a block has no such face.
-    isolated = [float(np.abs(ones - 1.0).max(initial=0.0)) for ones in found[1:]]
+    # If all given temperatures are 1, the body is at 1, except for blocks without such a face.
+    isolated = [float(np.abs(ones - 1.0).max(initial=0.0)) for ones in solutions[1:]]
     if not all(comm.allgather(all(error < ISOLATED for error in isolated))):
         raise ValueError(
-            "A block has no face with a given temperature; joints let no heat through unless "
-            "joints gives their conductance, so name a facet group of each block in faces."
+            "A block has no face with a given temperature, and no joint conducts heat to it. Name "
+            "a facet group of each block in faces, or give conductances in joints."
         )
-    return field_of(space, found[0])
+    return field_of(space, solutions[0])
 
 
 def field_of(space: Any, values: Floats) -> fem.Function:
-    """Return the temperature with values at the rank's own nodes (collective)."""
+    """Return the temperature field with values at the rank's owned nodes (collective)."""
     field = fem.Function(space, name="temperature")
     field.x.array[: len(values)] = values
     field.x.scatter_forward()

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Temperatures at points from a file, brought onto a mesh."""
+"""Temperatures at points from a file, interpolated to a mesh."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-_FILLER = 99.0  # temperatures of nines alone from here on stand for missing ones
-_LARGE = 50.0  # times the extent of the mesh: points farther apart are in another unit, as mm
+_FILLER = 99.0  # numbers of nines only from this size on, as -999, mark missing temperatures
+_LARGE = 50.0  # extent of the points over that of the mesh, above which their unit may be wrong
 
 
 def _read_points(path: str | Path, axes: int) -> tuple[Floats, Floats]:
-    """Points of a file, shape (n, axes), [m], and their temperatures, shape (n,)."""
+    """Read points, shape (n, axes), [m], and their temperatures, shape (n,), from a file."""
     columns = ",".join([*"xyz"[:axes], "T"])
     try:
         lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
@@ -37,8 +37,8 @@ def _read_points(path: str | Path, axes: int) -> tuple[Floats, Floats]:
     head = rows[0][1] if rows else "missing"
     if head.replace(" ", "").replace(";", ",") != columns:
         raise TemperatureError(
-            f"{path}: the columns are {head[:60]}; they must be {columns}, in m and the degrees of "
-            "the references."
+            f"{path}: the columns are {head[:60]}; they must be {columns}, in m and the "
+            "temperature unit of the references."
         )
     table = [_row(f"{path}, line {n}", line, ";" in head, axes + 1) for n, line in rows[1:]]
     points, values = np.hsplit(np.reshape(table, (-1, axes + 1)), [axes])
@@ -51,12 +51,12 @@ def _read_points(path: str | Path, axes: int) -> tuple[Floats, Floats]:
         )
     _, counts = np.unique(points, axis=0, return_counts=True)
     if counts.max() > 1:
-        raise TemperatureError(f"{path} names {int((counts > 1).sum())} points more than once.")
+        raise TemperatureError(f"{path} has {int((counts > 1).sum())} points more than once.")
     return points, values[:, 0]
 
 
 def _row(place: str, line: str, semicolons: bool, count: int) -> list[float]:
-    """Return the numbers of a line, with decimal commas if semicolons are between them."""
+    """Return the numbers of a line, with decimal commas if semicolons separate them."""
     words = line.replace(",", ".").split(";") if semicolons else line.split(",")
     try:
         row = [float(word) for word in words]
@@ -64,8 +64,8 @@ def _row(place: str, line: str, semicolons: bool, count: int) -> list[float]:
         row = []
     filler = not set(words[-1].strip().rstrip("0")) - set("-9.")
     if len(row) != count or not np.isfinite(row).all() or (filler and abs(row[-1]) >= _FILLER):
-        wanted = f"{count} finite numbers, no temperature that stands for a missing one"
-        raise TemperatureError(f"{place} must hold {wanted}, got {shown(line)}.")
+        wanted = f"{count} finite numbers, without a filler for a missing temperature"
+        raise TemperatureError(f"{place} must have {wanted}, got {shown(line)}.")
     return row
 
 
@@ -73,23 +73,23 @@ def _row(place: str, line: str, semicolons: bool, count: int) -> list[float]:
 def temperature_from_file(
     path: str | Path, jointed: JointedMesh, *, reach: Annotated[float, at.Ge(0), at.Unit("m")] = 1.0
 ) -> Any:
-    """Temperatures of a file at the nodes of a mesh (collective).
+    """Interpolate the temperatures of a file to the nodes of a mesh (collective).
 
-    Linear between the points; a node outside of what they span takes the value of the nearest one,
-    which curved faces need.
+    Interpolation is linear between the points. A node outside their convex hull, for example on a
+    curved face, takes the value of the nearest point.
 
     Args:
         path: File of comma-separated values, or with semicolons and decimal commas. The first line
-            is ``x,y,z,T`` (``x,y,T`` in the plane), every other a point [m] and its temperature;
-            empty lines and those that begin with # do not count.
+            is ``x,y,z,T`` (``x,y,T`` in 2-D); each further line is a point [m] and its temperature.
+            Empty lines and lines that begin with # are skipped.
         jointed: The mesh.
-        reach: How far outside a node may lie from the nearest point [m].
+        reach: Largest distance of a node outside the convex hull from the nearest point [m].
 
     Returns:
-        A DOLFINx function of the degree of the mesh, a `Temperature.value`.
+        DOLFINx function of the degree of the mesh, for `Temperature.value`.
 
     Raises:
-        TemperatureError: The file cannot be used, or a node lies too far outside its points.
+        TemperatureError: The file is not valid, or a node is too far away from its points.
     """
     mesh = jointed.mesh
     axes = mesh.geometry.dim
@@ -99,7 +99,7 @@ def temperature_from_file(
     size, spread = extent(space), float(np.ptp(points, axis=0).max())
     if spread > _LARGE * size:
         extents = f"extend over {spread:.4g} m, the mesh over {size:.4g} m"
-        doubt(mesh.comm, f"The points of {path} {extents}; look at the unit of the points.")
+        doubt(mesh.comm, f"The points of {path} {extents}; check the unit of the points.")
     with raised_together(mesh.comm):
         nodes = space.tabulate_dof_coordinates()[:, :axes]
         field.x.array[:] = _interpolated(path, points, values, nodes, reach)
@@ -109,19 +109,19 @@ def temperature_from_file(
 def _interpolated(
     path: str | Path, points: Floats, values: Floats, nodes: Floats, reach: float
 ) -> Floats:
-    """Values at nodes, linear between points, of the nearest one outside."""
+    """Return the values at nodes: linear between points, nearest value outside."""
     if not len(nodes):
         return np.zeros(0)
-    found: Floats = LinearNDInterpolator(points, values)(nodes)
-    outside = np.flatnonzero(~np.isfinite(found))
+    result: Floats = LinearNDInterpolator(points, values)(nodes)
+    outside = np.flatnonzero(~np.isfinite(result))
     if len(outside):
         distance, nearest = KDTree(points).query(nodes[outside])
         far = int(np.argmax(distance))
         if distance[far] > reach:
             place = ", ".join(f"{c:.4g}" for c in nodes[outside[far]])
             raise TemperatureError(
-                f"{path} has no point within {reach:g} m of the node at ({place}) m, which lies "
-                f"outside of what its points span; the nearest is {distance[far]:.3g} m away."
+                f"{path} has no point within {reach:g} m of the node at ({place}) m, which is "
+                f"outside the convex hull of the points; the nearest is {distance[far]:.3g} m away."
             )
-        found[outside] = values[nearest]
-    return found
+        result[outside] = values[nearest]
+    return result

@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-r"""Heat from block to block through joints.
+r"""Heat conduction between blocks through joints.
 
-The faces of a joint have temperatures of their own, and the flux from one to the other is
-q = h (T- - T+), with the virtual work \int h [T] [v] dA. Of contact and what fills an opening g,
+The two faces of a joint have separate temperatures. The flux between them is q = h (T- - T+), with
+the virtual work \int h [T] [v] dA. Contact and the filling of an opening g act in series,
 
     1 / h = 1 / h_c + max(g, 0) / k_f.                                                     (12ad)
 """
@@ -29,19 +29,18 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 @dataclass(frozen=True, kw_only=True)
 @checked
 class JointConductance:
-    """How much heat a joint lets through, per area and kelvin.
+    """Thermal conductance of a joint, per area.
 
     Attributes:
-        closed: h_c, of the joint in contact.
-        film: k_f, conductivity of what fills the opening, such as 0.025 of air at rest and 0.6 of
-            water; zero lets nothing through where the joint is open.
+        closed: Conductance h_c of the closed joint.
+        film: Conductivity k_f of an opening: 0.025 for air, 0.6 for water, 0 for no conduction.
     """
 
     closed: Annotated[float, at.Gt(0), at.Unit("W/(m^2 K)")]
     film: Annotated[float, at.Ge(0), at.Unit("W/(m K)")] = 0.0
 
     def at(self, opening: Any) -> Any:
-        """Conductance h (12ad) at a normal gap [m], a number or UFL."""
+        """Return the conductance h (12ad) at a normal gap [m], a number or UFL."""
         if self.film == 0.0:
             return ufl.conditional(ufl.gt(opening, 0.0), 0.0, self.closed)
         return 1.0 / (1.0 / self.closed + ufl.max_value(opening, 0.0) / self.film)
@@ -54,26 +53,25 @@ Openings = Mapping[str, Any]
 def joint_term(
     jointed: JointedMesh, joints: Joints | None, openings: Openings | None, t: Any, q: Any
 ) -> Any:
-    """Work of the fluxes through joints on a test function (UFL), [W]; 0 without such.
+    """Return the work of the joint fluxes on a test function (UFL) [W]; 0 without joints.
 
-    Openings are normal gaps, numbers or UFL scalars under `JointedMesh.dS` [m]; joints not named
-    there are closed.
+    Openings are normal gaps [m], numbers or UFL scalars under `JointedMesh.dS`; zero by default.
 
     Raises:
-        ValueError: A conductance is none, or an opening is of a joint without one.
-        MeshError: There is no such joint.
+        ValueError: A conductance is not a `JointConductance`, or is missing for an opening.
+        MeshError: A joint does not exist.
     """
     joints, openings = joints or {}, openings or {}
     if missing := [name for name in openings if name not in joints]:
-        raise ValueError(f"openings names {shown(missing[0])}, which has no conductance in joints.")
+        raise ValueError(f"openings has {shown(missing[0])}, which has no conductance in joints.")
     term = 0
-    for name, each in joints.items():
+    for name, conductance in joints.items():
         if name not in jointed.joint_names:
             raise MeshError(no_such_joint(name, jointed.joint_names))
-        good = isinstance(each, JointConductance)
-        check_kind_of(f"The conductance of {name!r}", each, good, "a JointConductance")
+        good = isinstance(conductance, JointConductance)
+        check_kind_of(f"The conductance of {name!r}", conductance, good, "a JointConductance")
         opening = openings.get(name, 0.0)
         if not isinstance(opening, Expr):
             opening = fem.Constant(jointed.mesh, float(opening))
-        term += each.at(opening) * ufl.inner(ufl.jump(t), ufl.jump(q)) * jointed.dS(name)
+        term += conductance.at(opening) * ufl.inner(ufl.jump(t), ufl.jump(q)) * jointed.dS(name)
     return term

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Temperatures as loads: equivalent forces of the strains of an unrestrained body."""
+"""Thermal loads: nodal forces equivalent to free thermal strains."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 @dataclass(frozen=True, kw_only=True)
 @checked
 class Temperature:
-    """Temperature of a body or a part of it, which strains it by alpha (T - T_0) f(t).
+    """Temperature of a body or a cell group, with the free strain alpha (T - T_0) f(t).
 
-    Several add up: a mean and a seasonal part, or parts of the body with references of their own.
+    Several temperatures add up, such as a mean and a seasonal part.
 
     Attributes:
-        value: T, a number, a function of the place x (UFL) that gives a UFL expression, or a scalar
-            DOLFINx function on the model's mesh [degrees C or K].
-        reference: T_0, at which the body is free of stress and the joints are closed [like T]; or
-            one per named cell group, such as the closure temperatures of blocks.
+        value: T [degrees C or K]: a number, a function of the coordinates x that returns a UFL
+            expression, or a scalar DOLFINx function on the model's mesh.
+        reference: Stress-free temperature T_0, at which the joints are closed [like T]; one number,
+            or one per cell group, such as the closure temperatures of blocks.
         expansion: Coefficient of linear thermal expansion alpha [1/K].
-        cells: Name of the cell group concerned, the whole body unless given.
-        factor: Multiplier f of T - T_0 at a time [s]; 1 unless given.
+        cells: Name of the loaded cell group; the whole body by default.
+        factor: Multiplier f of T - T_0 at a time [s]; 1 by default.
     """
 
     value: Any
@@ -48,25 +48,25 @@ class Temperature:
     factor: TimeFactor = always
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Forces that stretch an unrestrained body as the temperature does (collective)."""
+        """Return the nodal forces that produce the free thermal strain (collective)."""
         where = ufl.dx if self.cells is None else model.jointed.dx(self.cells)
         v = ufl.TestFunction(model.V)
         force = model.assemble(self.blocked_stress(model) * ufl.div(v) * where)
         if not np.isfinite(force.norm()):
-            raise ValueError("Temperature: value is not finite in the whole of its cells.")
+            raise ValueError("Temperature: value is not finite in all of its cells.")
         return [(force, self.factor)]
 
     def blocked_stress(self, model: LoadedBody) -> Any:
-        """Pressure that it makes in a clamped body (UFL), [Pa]."""
+        """Return the pressure that the temperature causes in a fully restrained body (UFL) [Pa]."""
         expansion = fem.Constant(model.jointed.mesh, float(self.expansion))
         return model.body.blocked_stress(expansion * self.change(model))
 
     def change(self, model: LoadedBody) -> Any:
-        """T - T_0 (UFL), [K]."""
+        """Return T - T_0 (UFL) [K]."""
         return self._field(model) - self._reference(model)
 
     def _reference(self, model: LoadedBody) -> Any:
-        """T_0 as a constant, or as a function of degree 0."""
+        """Return T_0 as a constant, or as a function of degree 0."""
         if not isinstance(self.reference, Mapping):
             return fem.Constant(model.jointed.mesh, float(self.reference))
         jointed = model.jointed
@@ -82,15 +82,15 @@ class Temperature:
         if wrong := int(sum(jointed.mesh.comm.allgather(wrong))):
             where = "the mesh" if self.cells is None else repr(self.cells)
             raise ValueError(
-                f"Temperature: {wrong} cells have no reference or several; its groups, "
-                f"{', '.join(self.reference) or 'none'}, must cover {where} without overlap."
+                f"Temperature: {wrong} cells have no reference or several; the groups of reference "
+                f"({', '.join(self.reference) or 'none'}) must cover {where} without overlap."
             )
         return field
 
     def _field(self, model: LoadedBody) -> Any:
-        """T as a number or a UFL expression."""
+        """Return T as a UFL constant or expression."""
         mesh, value = model.jointed.mesh, self.value
-        if callable(value) and not isinstance(value, Expr):  # expressions can be called as well
+        if callable(value) and not isinstance(value, Expr):  # UFL expressions are callable too
             value = value(ufl.SpatialCoordinate(mesh))
         if not isinstance(value, Expr) and math.isfinite(real(value)):
             return fem.Constant(mesh, float(value))
@@ -100,26 +100,26 @@ class Temperature:
                 "expression."
             )
         if ufl.domain.extract_unique_domain(value) not in (None, mesh.ufl_domain()):
-            raise ValueError("Temperature: value lives on another mesh than jointed.mesh.")
+            raise ValueError("Temperature: value is defined on another mesh than jointed.mesh.")
         return value
 
 
 def check_temperatures(
     jointed: JointedMesh, materials: Mapping[str, Any], loads: Sequence[Load]
 ) -> None:
-    """Check that temperatures act where their stress is a pressure, not on plastic cells."""
+    """Check that temperatures act on Elastic cells only, where the thermal stress is isotropic."""
     for load in loads:
         if not isinstance(load, Temperature):
             continue
-        for name, each in materials.items():
-            if not isinstance(each, Elastic) and _share_cells(jointed, load.cells, name):
+        for name, material in materials.items():
+            if not isinstance(material, Elastic) and _share_cells(jointed, load.cells, name):
                 raise ValueError(
-                    f"A Temperature acts on cells of {type(each).__name__}; it may act on Elastic "
-                    "cells only, name those by cells=."
+                    f"A Temperature acts on cells of {type(material).__name__}; it may act on "
+                    "Elastic cells only. Select them with cells=."
                 )
 
 
 def _share_cells(jointed: JointedMesh, one: str | None, other: str) -> bool:
-    """Whether two cell groups, or the whole body, have cells in common (collective)."""
+    """Return True if two cell groups, or a group and the body, share cells (collective)."""
     common = np.intersect1d(jointed.cells(one), jointed.cells(other)) if one and other else [0]
     return bool(jointed.mesh.comm.allreduce(len(common)))

@@ -1,11 +1,11 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-r"""Temperatures that follow their faces in time, with heat through joints.
+r"""Transient heat conduction with given face temperatures and heat flow through joints.
 
     \int (rho c dT/dt v + k grad T . grad v) dx + \int_joints h [T] [v] dA = 0
 
-by two implicit stages a step with one matrix, gamma = 1 - 1/sqrt(2) (Alexander 1977): of second
-order, and without oscillation where a face changes at once.
+Each step has two implicit stages with the same matrix, gamma = 1 - 1/sqrt(2) (Alexander 1977). The
+scheme is of second order and does not oscillate after a sudden change of a face temperature.
 """
 
 from __future__ import annotations
@@ -52,61 +52,60 @@ def transient_temperatures(
     openings: Openings | None = None,
     day: Day = 15.0,
 ) -> list[Any]:
-    """Temperatures of a body at given times, from those at t = 0 (collective).
+    """Compute the temperatures of a body at given times from those at t = 0 (collective).
 
-    Times at equal distances share a factor. To let openings change, go on from the last field.
+    Equal steps share a factor. To change openings, call again with the last field as ``initial``.
 
     Args:
         jointed: The mesh.
-        faces: Temperature of each facet group that has one, as in `steady_temperature`; waves
-            swing. Nothing flows through other faces.
-        times: Ends of the steps, rising and positive [s].
+        faces: As in `steady_temperature`, including the annual variation; may be empty.
+        times: Ends of the steps, increasing and positive [s].
         initial: Temperature at t = 0, a number or an earlier field [degrees C].
         conductivity: k.
-        heat_capacity: Of the volume, rho c.
-        joints: Conductance of the joints that let heat through.
-        openings: Their normal gaps [m], numbers or UFL scalars; zero unless given.
+        heat_capacity: Volumetric heat capacity rho c.
+        joints: Conductance of the joints that conduct heat.
+        openings: Normal gaps of these joints [m], numbers or UFL scalars; zero by default.
         day: Day of the year at t = 0.
 
     Returns:
-        A DOLFINx function of the degree of the mesh for each time, a `Temperature.value`.
+        DOLFINx function of the degree of the mesh for each time, for `Temperature.value`.
 
     Raises:
-        ValueError: Times, faces, conductances, openings or the initial field cannot be used.
-        MeshError: There is no such group or joint.
+        ValueError: Times, faces, conductances, openings or the initial field are not valid.
+        MeshError: A group or joint does not exist.
     """
     ends = numbers_of(times)
     rising = ends is not None and ends.ndim == 1 and ends.size and np.isfinite(ends).all()
     if ends is None or not rising or not (np.diff(ends, prepend=0.0) > 0.0).all():
-        raise ValueError(f"times is {shown(times)}; it must be rising, positive times [s].")
+        raise ValueError(f"times is {shown(times)}; it must be increasing, positive times [s].")
     space = scalar_space(jointed)
     parts = face_values(jointed, faces, day) if faces else None
     stepper = _Stepper(jointed, space, parts, (conductivity, heat_capacity), (joints, openings))
-    now, time, found = _first(space, initial), 0.0, []
+    now, time, fields = _initial_values(space, initial), 0.0, []
     for end in ends:
         now = stepper.step(now, time, float(end) - time)
         time = float(end)
-        found.append(field_of(space, now))
+        fields.append(field_of(space, now))
     stepper.destroy()
-    return found
+    return fields
 
 
-def _first(space: Any, initial: Any) -> Floats:
-    """Initial temperature at the rank's own nodes."""
+def _initial_values(space: Any, initial: Any) -> Floats:
+    """Return the initial temperature at the rank's owned nodes."""
     size = space.dofmap.index_map.size_local
     if isinstance(initial, fem.Function):
         own = initial.function_space
         if own.mesh is not space.mesh or own.ufl_element() != space.ufl_element():
-            raise ValueError("initial lives on another space; it must be a field of this mesh.")
+            raise ValueError("initial is in another function space; it must be on this mesh.")
         return np.array(initial.x.array[:size])
     return np.full(size, float(initial))
 
 
 class _Stepper:
-    """Steps of the temperatures at the rank's own nodes.
+    """Time integration of the temperatures at the rank's owned nodes.
 
-    ``parts`` are mean, cosine and sine of given temperatures, (n, 3), NaN where none; ``material``
-    is k and rho c, ``through`` conductances and openings of joints.
+    ``parts`` are the mean, cosine and sine parts of given temperatures, (n, 3), NaN at free nodes;
+    ``material`` is k and rho c; ``through`` is the conductances and openings of joints.
     """
 
     def __init__(
@@ -117,7 +116,7 @@ class _Stepper:
         material: tuple[float, float],
         through: tuple[Joints | None, Openings | None],
     ) -> None:
-        """Assemble (collective)."""
+        """Assemble the matrices (collective)."""
         t, q = ufl.TrialFunction(space), ufl.TestFunction(space)
         k, capacity = (fem.Constant(jointed.mesh, value) for value in material)
         conducts = k * ufl.inner(ufl.grad(t), ufl.grad(q)) * ufl.dx
@@ -129,57 +128,57 @@ class _Stepper:
         self._b, self._x = self._stiff.createVecLeft(), self._stiff.createVecRight()
         size = self._b.getLocalSize()
         self._parts = np.full((size, 3), np.nan) if parts is None else parts[:size]
-        self._known = np.isfinite(self._parts[:, 0])
+        self._fixed = np.isfinite(self._parts[:, 0])
         self._dt = 0.0
-        self._whole: Any = None
+        self._matrix: Any = None
         self._ksp: Any = None
 
     def step(self, start: Floats, time: float, dt: float) -> Floats:
-        """Temperatures after a step of length dt from a time [s]."""
+        """Return the temperatures after a step of length dt that starts at a time [s]."""
         if self._ksp is None or not math.isclose(dt, self._dt, rel_tol=1e-12):
             self._factor(dt)
-        start = self._given(start, time)
+        start = self._with_faces(start, time)
         middle = self._stage(start, time + GAMMA * dt)
         return self._stage(start + (1.0 - GAMMA) / GAMMA * (middle - start), time + dt)
 
-    def _given(self, values: Floats, time: float) -> Floats:
-        """The values with the given temperatures of a time."""
+    def _with_faces(self, values: Floats, time: float) -> Floats:
+        """Return the values with the face temperatures at a time inserted."""
         phase = FREQUENCY * time
         swing = self._parts @ np.array([1.0, math.cos(phase), math.sin(phase)])
-        return np.where(self._known, swing, values)
+        return np.where(self._fixed, swing, values)
 
     def _stage(self, before: Floats, time: float) -> Floats:
-        """T with (M + gamma dt A) T = M before, and given temperatures at a time."""
-        given = self._given(np.zeros_like(before), time)
+        """Solve (M + gamma dt A) T = M before, with face temperatures at a time."""
+        given = self._with_faces(np.zeros_like(before), time)
         self._x.setArray(before)
         self._mass.mult(self._x, self._b)
-        right = self._b.getArray().copy()
+        load = self._b.getArray().copy()
         self._x.setArray(given)
-        self._whole.mult(self._x, self._b)
-        self._b.setArray(np.where(self._known, given, right - self._b.getArray()))
+        self._matrix.mult(self._x, self._b)
+        self._b.setArray(np.where(self._fixed, given, load - self._b.getArray()))
         self._ksp.solve(self._b, self._x)
         return self._x.getArray().copy()
 
     def _factor(self, dt: float) -> None:
-        """Factor M + gamma dt A (collective)."""
+        """Assemble and factor M + gamma dt A (collective)."""
         self._drop()
-        self._whole = self._stiff.copy()
-        self._whole.scale(GAMMA * dt)
-        self._whole.axpy(1.0, self._mass, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        matrix = self._whole.copy()
+        self._matrix = self._stiff.copy()
+        self._matrix.scale(GAMMA * dt)
+        self._matrix.axpy(1.0, self._mass, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        matrix = self._matrix.copy()
         first = matrix.getOwnershipRange()[0]
-        matrix.zeroRowsColumns((np.flatnonzero(self._known) + first).astype(PETSc.IntType))
+        matrix.zeroRowsColumns((np.flatnonzero(self._fixed) + first).astype(PETSc.IntType))
         self._ksp = factored(matrix)
         matrix.destroy()
         self._dt = dt
 
     def _drop(self) -> None:
-        for thing in (self._ksp, self._whole):
-            if thing is not None:
-                thing.destroy()
+        for petsc in (self._ksp, self._matrix):
+            if petsc is not None:
+                petsc.destroy()
 
     def destroy(self) -> None:
-        """Free matrices, vectors and factor."""
+        """Free the matrices, vectors and factor."""
         self._drop()
-        for thing in (self._stiff, self._mass, self._b, self._x):
-            thing.destroy()
+        for petsc in (self._stiff, self._mass, self._b, self._x):
+            petsc.destroy()

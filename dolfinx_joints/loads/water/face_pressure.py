@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Water and silt on a face: hydrostatic pressure, earth pressure, Westergaard's added mass."""
+"""Loads of water and silt on a face: hydrostatic and silt pressure, Westergaard's added mass."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ Depth = float | Callable[[Floats], Any]
 @dataclass(frozen=True, kw_only=True)
 @checked
 class HydrostaticPressure:
-    """Pressure of water at rest, rho g times the depth below its level; nothing above it.
+    """Hydrostatic pressure, rho g times the depth below the level; zero above the level.
 
     Attributes:
         group: Name of the facet group.
-        level: Height of the water, a coordinate along z (y in 2-D) [m].
-        density: Of the water [kg/m^3].
-        gravity: G [m/s^2].
-        factor: Multiplier at a time [s]; 1 unless given.
+        level: Height of the water level, a coordinate along z (y in 2-D) [m].
+        density: Density of the water [kg/m^3].
+        gravity: g [m/s^2].
+        factor: Multiplier at a time [s]; 1 by default.
     """
 
     group: str
@@ -44,7 +44,7 @@ class HydrostaticPressure:
     factor: TimeFactor = always
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Its consistent nodal forces (collective)."""
+        """Return the consistent nodal forces (collective)."""
         weight = self.density * self.gravity
         return [(_pressure(model, self.group, self.level, weight), self.factor)]
 
@@ -52,15 +52,15 @@ class HydrostaticPressure:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class SiltPressure:
-    """Pressure of submerged silt, K rho' g times the depth below its surface; nothing above it.
+    """Earth pressure of submerged silt, K rho' g times the depth below its surface.
 
     Attributes:
         group: Name of the facet group.
-        level: Height of the silt's surface, a coordinate along z (y in 2-D) [m].
-        density: Submerged density rho', without the water that it displaces [kg/m^3].
+        level: Height of the silt surface, a coordinate along z (y in 2-D) [m].
+        density: Submerged (buoyant) density rho' [kg/m^3].
         coefficient: Earth-pressure coefficient K, such as 1 - sin(phi) at rest.
-        gravity: G [m/s^2].
-        factor: Multiplier at a time [s]; 1 unless given.
+        gravity: g [m/s^2].
+        factor: Multiplier at a time [s]; 1 by default.
     """
 
     group: str
@@ -71,7 +71,7 @@ class SiltPressure:
     factor: TimeFactor = always
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Its consistent nodal forces (collective)."""
+        """Return the consistent nodal forces (collective)."""
         weight = self.coefficient * self.density * self.gravity
         return [(_pressure(model, self.group, self.level, weight), self.factor)]
 
@@ -79,17 +79,17 @@ class SiltPressure:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class WestergaardMass:
-    """Westergaard's added mass, generalised: 7/8 rho sqrt(H h) per area, along the normal.
+    """Generalised Westergaard added mass: 7/8 rho sqrt(H h) per area, along the normal.
 
-    H is the depth of the reservoir, h that of the point; nothing above the level. It moves with the
-    face and has no weight.
+    H is the depth of the reservoir and h the depth of the point below the level; the mass is zero
+    above the level. It moves with the face and has no weight.
 
     Attributes:
         group: Name of the facet group.
-        level: Height of the water, a coordinate along z (y in 2-D) [m].
-        depth: H, a number or a function of points (n, gdim) that gives (n,) [m]; from the level
-            down to the lowest vertex of the group unless given.
-        density: Of the water [kg/m^3].
+        level: Height of the water level, a coordinate along z (y in 2-D) [m].
+        depth: H [m], a number or a function of points (n, gdim) that returns (n,); the depth of the
+            lowest vertex of the group by default.
+        density: Density of the water [kg/m^3].
     """
 
     group: str
@@ -104,7 +104,7 @@ class WestergaardMass:
             )
 
     def matrix(self, model: LoadedBody) -> PETSc.Mat:
-        """The added mass in the layout of the model's matrices [kg] (collective)."""
+        """Return the added mass in the layout of the model's matrices [kg] (collective)."""
         faces = wetted_facets(model.V, model.jointed, self.group, self.level)
         comm = model.jointed.mesh.comm
         lowest = min(comm.allgather(faces.lowest))
@@ -116,10 +116,10 @@ class WestergaardMass:
         matrix.setUp()
         with raised_together(comm):
             for points in faces:
-                deep = self._deep(points.positions, lowest)
+                deep = self._depth_of_reservoir(points.positions, lowest)
                 per_area = 0.875 * self.density * np.sqrt(deep * points.depths)
                 area = np.linalg.norm(points.areas, axis=2)
-                # A point beside a sharp corner of a warped facet may carry no area at all.
+                # The area may vanish at a point near a sharp corner of a warped facet.
                 scale = np.divide(per_area, area, out=np.zeros_like(area), where=area > 0.0)
                 acting = points.shapes[..., None] * points.areas[:, :, None, :]
                 acting = acting.reshape(*acting.shape[:2], -1)
@@ -131,8 +131,8 @@ class WestergaardMass:
         matrix.assemble()
         return matrix
 
-    def _deep(self, positions: Floats, lowest: float) -> Any:
-        """H at points (..., gdim)."""
+    def _depth_of_reservoir(self, positions: Floats, lowest: float) -> Any:
+        """Return H at points (..., gdim)."""
         if not callable(self.depth):
             return self.level - lowest if self.depth is None else self.depth
         flat = positions.reshape(-1, positions.shape[-1])
@@ -142,14 +142,14 @@ class WestergaardMass:
 
 
 def _pressure(model: LoadedBody, group: str, level: float, weight: float) -> PETSc.Vec:
-    """Nodal forces of a pressure of ``weight`` [N/m^3] times the depth (collective)."""
+    """Return the nodal forces of a pressure of ``weight`` [N/m^3] times the depth (collective)."""
     faces = wetted_facets(model.V, model.jointed, group, level)
     force = model.mass.createVecRight()
     blocks = model.V.dofmap.index_map
     local = np.zeros((blocks.size_local + blocks.num_ghosts, model.gdim))
     for points in faces:
-        each = np.einsum("np,npi,npa->nai", -weight * points.depths, points.areas, points.shapes)
-        np.add.at(local, points.nodes, each)
+        forces = np.einsum("np,npi,npa->nai", -weight * points.depths, points.areas, points.shapes)
+        np.add.at(local, points.nodes, forces)
     number = blocks.local_to_global(np.arange(len(local), dtype=np.int32))
     dofs = model.gdim * number[:, None] + np.arange(model.gdim)
     force.setValues(dofs.ravel().astype(PETSc.IntType), local.ravel(), addv=True)

@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Water in joints: given uplift, and pressures that follow the opening of the joint.
+"""Water pressure in joints: prescribed uplift, and pressures that depend on the joint opening.
 
-A pressure p pushes both faces apart, so it is the load B^T (w p e_n), positive where gaps open.
-Tractions of the joints are then effective ones: total = effective - p.
+A pressure p pushes the two faces of a joint apart: its load is B^T (w p e_n). The tractions of the
+joints are then effective tractions: total = effective - p.
 """
 
 from __future__ import annotations
@@ -31,28 +31,28 @@ from dolfinx_joints.mesh.cells import Floats
 
 PorePressure = float | Callable[[Floats], Any]
 
-# Negative pressures relative to the largest of the joint that are taken for zero.
+# Negative pressures up to this share of the largest pressure in the joint are set to zero.
 ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
 @checked
 class SeepageLine:
-    """Pore pressure under heads that fall along a line, with a drain on the way if there is one.
+    """Pore pressure for a water level that falls along a line, with or without a drain.
 
-    The water level falls linearly from ``upstream`` at ``start`` to ``downstream`` at ``end``; with
-    a drain linearly to the drain and from there to the end. Before the start and beyond the end it
-    is level. Where the level lies below a point there is no pressure.
+    The level falls linearly from ``upstream`` at ``start`` to ``downstream`` at ``end``; with a
+    drain it is linear on both sides of the drain. It is constant before the start and beyond the
+    end. The pressure is zero at points above the level.
 
     Attributes:
         start: Coordinates of the upstream end, (gdim,) [m].
         end: Coordinates of the downstream end, (gdim,) [m].
         upstream: Level at the start, a height along z (y in 2-D) [m].
         downstream: Level at the end [m].
-        drain: Share of the way from start to end, and share of the difference of the levels that is
-            left there, such as (0.15, 1/3); no drain unless given.
-        density: Of the water [kg/m^3].
-        gravity: G [m/s^2].
+        drain: Position of the drain as a share of the line, and the share of the level difference
+            that remains there, such as (0.15, 1/3); no drain by default.
+        density: Density of the water [kg/m^3].
+        gravity: g [m/s^2].
     """
 
     start: Vector
@@ -67,23 +67,25 @@ class SeepageLine:
         if len(self.start) != len(self.end) or np.array_equal(self.start, self.end):
             raise ValueError(
                 f"SeepageLine: end is {self.end}; it must be another point than start "
-                f"{self.start}, with as many coordinates."
+                f"{self.start}, with the same number of coordinates."
             )
-        way, left = self.drain or (0.5, 0.5)
-        if not (0.0 < way < 1.0 and 0.0 <= left <= 1.0):
+        place, remaining = self.drain or (0.5, 0.5)
+        if not (0.0 < place < 1.0 and 0.0 <= remaining <= 1.0):
             raise ValueError(
-                f"SeepageLine: drain is {self.drain}; its share of the way must be inside 0 to 1, "
-                "the share that is left from 0 to 1."
+                f"SeepageLine: drain is {self.drain}; its position must be between 0 and 1 "
+                "(exclusive) and the remaining share from 0 to 1."
             )
 
     def __call__(self, points: Floats) -> Floats:
-        """Pressure at points (n, 3), shape (n,), [Pa]."""
+        """Return the pressure at points (n, 3), shape (n,), [Pa]."""
         start, end = np.asarray(self.start, dtype=float), np.asarray(self.end, dtype=float)
         line = end - start
-        way = (points[:, : len(line)] - start) @ line / (line @ line)
+        place = (points[:, : len(line)] - start) @ line / (line @ line)
         drains = [] if self.drain is None else [self.drain]
-        at, left = np.transpose([(0.0, 1.0), *drains, (1.0, 0.0)])
-        level = self.downstream + (self.upstream - self.downstream) * np.interp(way, at, left)
+        at, remaining = np.transpose([(0.0, 1.0), *drains, (1.0, 0.0)])
+        level = self.downstream + (self.upstream - self.downstream) * np.interp(
+            place, at, remaining
+        )
         depth = np.maximum(level - points[:, len(line) - 1], 0.0)
         return self.density * self.gravity * depth
 
@@ -91,13 +93,12 @@ class SeepageLine:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class Uplift:
-    """Given pore pressure in a joint, on both of its faces, whatever the joint does.
+    """Prescribed pore pressure on both faces of a joint, independent of its opening.
 
     Attributes:
         joint: Name of the joint.
-        pressure: Zero or more: a number, or a function of points (n, 3) that gives (n,), such as
-            `SeepageLine` [Pa].
-        factor: Multiplier at a time [s]; 1 unless given.
+        pressure: Number, at least 0, or function of points (n, 3), such as `SeepageLine` [Pa].
+        factor: Multiplier at a time [s]; 1 by default.
     """
 
     joint: str
@@ -108,35 +109,34 @@ class Uplift:
         _check_pressure("Uplift: pressure", self.pressure)
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Forces that push the faces apart (collective)."""
+        """Return the nodal forces that push the faces apart (collective)."""
         return [(opening_force(model, self.at_points(model)), self.factor)]
 
     def at_points(self, model: LoadedBody) -> Floats:
-        """Pressure at the local joint points, shape (n,), [Pa], 0 in other joints (collective)."""
+        """Return the pressure at local joint points, (n,), [Pa], 0 in other joints (collective)."""
         return given_pressure(model, self, "pressure", joint_points(model, self))
 
 
 @dataclass(frozen=True, kw_only=True)
 @checked
 class JointWater:
-    """Water of a reservoir in a joint: its full pressure where the joint is open.
+    """Reservoir water in a joint: full hydrostatic pressure at open points.
 
-    Statics look for openings and pressures that agree. In dynamics, pressures at the end of a step
-    are those of the openings at its start; like every load they act with the mean of both ends.
+    In statics, openings and pressures are iterated until they are consistent. In dynamics, the
+    openings at the start of a step determine the pressure at its end; the mean of both ends acts.
 
     Attributes:
         joint: Name of the joint.
-        level: Height of the water, a coordinate along z (y in 2-D) [m].
-        aperture: A point is open where its gap is larger than this [m].
-        closed: Pressure where the joint is not open or not reached, like `Uplift.pressure` [Pa].
-        reached_from: Name of a facet group; only points that open points connect with it, within
-            this joint, bear the full pressure. All open points unless given.
-        in_dynamics: ``follows``: by the openings in each step. ``frozen``: as at the start of the
-            stage. ``drained``: as at the start, but points that open in the stage bear none while
-            they are open.
-        density: Of the water [kg/m^3].
-        gravity: G [m/s^2].
-        factor: Multiplier at a time [s]; 1 unless given.
+        level: Height of the water level, a coordinate along z (y in 2-D) [m].
+        aperture: Gap above which a point is open [m].
+        closed: Pressure at points that are closed or not reached, like `Uplift.pressure` [Pa].
+        reached_from: Name of a facet group. If given, only open points that are connected with it
+            by open points of this joint have the full pressure; by default all open points.
+        in_dynamics: ``follows``: depends on the openings in each step. ``frozen``: as at the start
+            of the stage. ``drained``: likewise, but zero at other points while they are open.
+        density: Density of the water [kg/m^3].
+        gravity: g [m/s^2].
+        factor: Multiplier at a time [s]; 1 by default.
     """
 
     joint: str
@@ -153,18 +153,18 @@ class JointWater:
         _check_pressure("JointWater: closed", self.closed)
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """None that is fixed."""
+        """Return no patterns, since the pressure is not fixed."""
         return []
 
     def in_joint(self, name: str, model: LoadedBody) -> WaterInJoint:
-        """Its pressures in a model (collective)."""
+        """Return the pressures for a model (collective)."""
         return WaterInJoint(name, self, model)
 
     def at_points(self, model: LoadedBody, joints: Response) -> Floats:
-        """Pressure that openings lead to, ``factor`` left out, shape (n,), [Pa] (collective).
+        """Return the pressure at local joint points for given openings, (n,), [Pa] (collective).
 
-        At the local joint points, zero in other joints. ``joints`` is a response such as
-        ``StaticState.joints``; of a dynamic stage only where the water ``follows``.
+        It is without ``factor``, and zero in other joints. ``joints`` is a response such as
+        ``StaticState.joints``, or of a dynamic stage if the water ``follows``.
         """
         water = self.in_joint(label(self), model)
         return water.pressure(water.by_opening(joints.state.gap))
@@ -173,84 +173,81 @@ class JointWater:
 class Wetness(IntEnum):
     """State of the water at a joint point."""
 
-    CLOSED = 0  # the pressure of the closed joint; also points of joints without water
-    FULL = 1  # the pressure of the reservoir
-    DRAINED = 2  # none
+    CLOSED = 0  # pressure of the closed joint; also for points of joints without water
+    FULL = 1  # pressure of the reservoir
+    DRAINED = 2  # zero pressure
 
 
 class WaterInJoint:
-    """Pressures of a `JointWater`; `JointPressure` says what the methods give."""
+    """Pressures of a `JointWater`; see `JointPressure` for the methods."""
 
     def __init__(self, name: str, load: JointWater, model: LoadedBody) -> None:
-        """Find both pressures of each point (collective)."""
-        self.name, self._load, self._here = name, load, joint_points(model, load)
+        """Compute the closed and the full pressure of each point (collective)."""
+        self.name, self._load, self._in_joint = name, load, joint_points(model, load)
         assert model.operator is not None
         depth = np.maximum(load.level - model.operator.points[:, model.gdim - 1], 0.0)
-        full = np.where(self._here, load.density * load.gravity * depth, 0.0)
-        closed = given_pressure(model, load, "closed", self._here)
+        full = np.where(self._in_joint, load.density * load.gravity * depth, 0.0)
+        closed = given_pressure(model, load, "closed", self._in_joint)
         self._pressures = np.stack([closed, full, np.zeros(len(full))])
         self._paths: OpenPaths | None = None
         if load.reached_from is not None:
             self._paths = OpenPaths(model, load.joint, load.reached_from)
 
     def pressure(self, codes: Codes) -> Floats:
-        """Pressure of each point."""
+        """Return the pressure of each point."""
         return np.take_along_axis(self._pressures, codes[None].astype(np.int64), 0)[0]
 
     def factor(self, time: float) -> float:
-        """Multiplier at a time."""
+        """Return the multiplier at a time."""
         return number_at(f"{self.name}: factor", self._load.factor, time)
 
     def by_opening(self, gap: Floats) -> Codes:
-        """FULL where open and reached (collective)."""
+        """Return FULL for points that are open and reached, CLOSED for others (collective)."""
         wet = self._open(gap)
         if self._paths is not None:
             wet = self._paths.reached(wet)
         return np.where(wet, Wetness.FULL, Wetness.CLOSED).astype(np.int8)
 
     def in_step(self, codes: Codes, gap: Floats) -> Codes:
-        """Codes after a time step, by ``in_dynamics`` (collective)."""
+        """Return the codes after a time step, according to ``in_dynamics`` (collective)."""
         if self._load.in_dynamics == "follows":
             return self.by_opening(gap)
-        own = np.where(self._here, codes, Wetness.CLOSED).astype(np.int8)
+        own = np.where(self._in_joint, codes, Wetness.CLOSED).astype(np.int8)
         if self._load.in_dynamics == "drained":
             now = np.where(self._open(gap), Wetness.DRAINED, Wetness.CLOSED)
             own = np.where(own == Wetness.FULL, own, now).astype(np.int8)
         return own
 
     def _open(self, gap: Floats) -> Flags:
-        return np.asarray(self._here & (gap[:, 0] > self._load.aperture))
+        return np.asarray(self._in_joint & (gap[:, 0] > self._load.aperture))
 
 
 def joint_points(model: LoadedBody, load: JointLoad) -> Flags:
-    """Which of the local joint points belong to the joint of a load, shape (n,)."""
+    """Return True for the local joint points in the joint of a load, shape (n,)."""
     names = () if model.operator is None else model.operator.names
     if model.operator is None or load.joint not in names:
-        known = ", ".join(names) or "none"
-        raise MeshError(f"{label(load)}: there is no such joint; the joints are: {known}.")
+        joints = ", ".join(names) or "none"
+        raise MeshError(f"{label(load)}: this joint does not exist; the joints are: {joints}.")
     return np.asarray(model.operator.joint == names.index(load.joint))
 
 
-def given_pressure(model: LoadedBody, load: JointLoad, what: str, here: Flags) -> Floats:
-    """A pressure that is a number or a function, at the points ``here``, zero elsewhere [Pa].
-
-    Collective.
-    """
+def given_pressure(model: LoadedBody, load: JointLoad, attribute: str, in_joint: Flags) -> Floats:
+    """Evaluate a pressure of a load at the points of its joint, 0 at others [Pa] (collective)."""
     assert model.operator is not None
-    value, places = getattr(load, what), model.operator.points[here]
-    name, comm = f"{label(load)}: {what}", model.operator.comm
+    value, places = getattr(load, attribute), model.operator.points[in_joint]
+    name, comm = f"{label(load)}: {attribute}", model.operator.comm
     with raised_together(comm):
-        found = check_each(name, value(places) if callable(value) else value, len(places))
-    slack = ROUNDING * max(comm.allgather(float(found.max(initial=0.0))))
-    found = np.where((found < 0.0) & (found >= -slack), 0.0, found)
-    everywhere = np.zeros(len(here))
+        pressure = check_each(name, value(places) if callable(value) else value, len(places))
+    slack = ROUNDING * max(comm.allgather(float(pressure.max(initial=0.0))))
+    pressure = np.where((pressure < 0.0) & (pressure >= -slack), 0.0, pressure)
+    everywhere = np.zeros(len(in_joint))
     with raised_together(comm):
-        everywhere[here] = check_each(name, found, len(places), negative=False)
+        everywhere[in_joint] = check_each(name, pressure, len(places), negative=False)
     return everywhere
 
 
 def opening_force(model: LoadedBody, pressure: Floats) -> PETSc.Vec:
-    """B^T (w p e_n) of pressures p at the local joint points, (n,) [Pa]; [N] (collective)."""
+    """Return B^T (w p e_n) [N] for pressures p at local joint points, (n,) [Pa] (collective)."""
     assert model.operator is not None
     traction = np.zeros((len(pressure), 3))
     traction[:, 0] = pressure
@@ -258,7 +255,7 @@ def opening_force(model: LoadedBody, pressure: Floats) -> PETSc.Vec:
 
 
 def label(load: JointLoad) -> str:
-    """Name of a load in error messages."""
+    """Return the name of a load for error messages."""
     return f"{type(load).__name__} in {shown(load.joint)}"
 
 

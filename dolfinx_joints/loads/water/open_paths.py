@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Which open points of a joint are connected, by open points, with a face of the body."""
+"""Connectivity of open joint points with a face of the body, for water entering a joint."""
 
 from __future__ import annotations
 
@@ -17,25 +17,24 @@ from dolfinx_joints.mesh.blocks import connected, first_at_places
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
 
-# Of the shortest edge: nodes at the same place.
+# Distance, relative to the shortest edge, within which nodes are at the same place.
 SAME_PLACE = 1e-6
 
 
 class OpenPaths:
     """Paths from a facet group along the open points of a joint.
 
-    With a nodal rule, points of one facet and points at the same place are neighbours, and paths
-    begin at points on the group. With a Gauss rule, points of facets with a common edge (a common
-    vertex in 2-D) are neighbours, those of one facet as well, and paths begin in facets with an
-    edge (a vertex) on the group. Places count, not nodes: where another joint crosses, nodes are
-    double and water passes.
+    With a nodal rule, points of the same facet and points at the same place are neighbours. Paths
+    begin at points on the group. With a Gauss rule, points of the same facet and of facets with a
+    common edge (in 2-D: vertex) are neighbours. Paths begin in facets with an edge (vertex) on the
+    group. Coordinates are compared instead of node numbers, because nodes are duplicated where
+    another joint crosses and water passes there.
 
-    Neighbours are linked by what they have in common, a hub: a facet, an edge or a place. Each rank
-    has some of the hubs, with all their points.
+    Neighbours are linked by a common hub, a facet, edge or place, which one rank stores.
     """
 
     def __init__(self, model: LoadedBody, joint: str, group: str) -> None:
-        """Link points with their neighbours (collective)."""
+        """Link the points with their neighbours (collective)."""
         assert model.operator is not None
         self._comm = comm = model.operator.comm
         layout, number = model.operator.layout, model.jointed.joint_names.index(joint)
@@ -44,11 +43,11 @@ class OpenPaths:
         wet = model.V.tabulate_dof_coordinates()[model.nodes(group)]
         facets = np.flatnonzero(model.jointed.pairs.joint == number)
         self._starts: Flags = np.zeros(len(layout.areas), dtype=bool)
-        if bool((layout.rule < 1e-9).any()):  # points on the edge of a facet: a nodal rule
-            here = layout.joint == number
-            place, is_wet = _places(comm, layout.points[here], wet, near)
-            self._starts[here] = is_wet
-            points = blocks_of(comm, len(here))[comm.rank] + np.flatnonzero(here)
+        if bool((layout.rule < 1e-9).any()):  # a nodal rule has points on the edges of facets
+            in_joint = layout.joint == number
+            place, is_wet = _places(comm, layout.points[in_joint], wet, near)
+            self._starts[in_joint] = is_wet
+            points = blocks_of(comm, len(in_joint))[comm.rank] + np.flatnonzero(in_joint)
             hub = layout.facet[facets][:, None]
             links = [
                 _links(layout.number[facets], np.stack([np.full_like(hub, -1), hub], axis=2)),
@@ -62,7 +61,7 @@ class OpenPaths:
             set_rows(comm, self._starts, begin, np.ones(len(begin), dtype=bool))
             links = [_links(layout.number[facets], _edges(place))]
         if not comm.allreduce(int(self._starts.sum())):
-            raise MeshError(f"The facet group {group!r} touches no point of the joint {joint!r}.")
+            raise MeshError(f"The facet group {group!r} does not touch the joint {joint!r}.")
         every = np.concatenate(links)
         every = sent_to(comm, every[:, 1] % comm.size, every)
         points, self._point = np.unique(every[:, 2], return_inverse=True)
@@ -72,39 +71,39 @@ class OpenPaths:
         self._linked = RowsAt(comm, len(self._starts), points)
 
     def reached(self, open_points: Flags) -> Flags:
-        """Which of the local open points are reached (collective)."""
+        """Return True for the local open points that are connected with the group (collective)."""
         passable = self._linked(open_points)
         kept = passable[self._point]
         label = connected(self._point[kept], self._hub[kept], self._size)[: len(passable)]
-        found = np.asarray(open_points & self._starts)
+        reached = np.asarray(open_points & self._starts)
         grows = True
-        while grows:  # through the links of this rank, then on through those of others
-            before = self._linked(found)
+        while grows:  # each pass follows the links of this rank and shares the points reached
+            before = self._linked(reached)
             after = passable & np.isin(label, label[before])
-            self._linked.mark(after, found)
+            self._linked.mark(after, reached)
             grows = self._comm.allreduce(int(np.count_nonzero(after & ~before))) > 0
-        return found
+        return reached
 
 
 def _places(comm: Any, points: Floats, wet: Floats, near: float) -> tuple[Ints, Flags]:
-    """Number of the place of each point, and whether a wet node is there (collective)."""
+    """Return the place number of each point, and True if it has a wet node (collective)."""
     place = first_at_places(comm, np.concatenate([points, wet]), near)
     is_wet = np.zeros(len(place), dtype=bool)
     set_rows(comm, is_wet, place[len(points) :], np.ones(len(wet), dtype=bool))
-    here = place[: len(points)]
-    return here, rows_at(comm, is_wet, here)
+    of_points = place[: len(points)]
+    return of_points, rows_at(comm, is_wet, of_points)
 
 
 def _corners(model: LoadedBody, facets: Ints) -> Floats:
-    """Corners of facets of this rank, shape (n, corners, 3), [m]."""
+    """Return the corners of facets of this rank, shape (n, corners, 3), [m]."""
     pairs = model.jointed.pairs
-    found = np.zeros((len(facets), pairs.match.shape[1], 3))
-    found[..., : model.gdim] = pairs.nodes[facets, : found.shape[1]]
-    return found
+    corners = np.zeros((len(facets), pairs.match.shape[1], 3))
+    corners[..., : model.gdim] = pairs.nodes[facets, : corners.shape[1]]
+    return corners
 
 
 def _links(points: Ints, hubs: Ints) -> Ints:
-    """Rows of two numbers of a hub and one of a point, of points (n, q) and hubs (n, m, 2)."""
+    """Return rows that link points (n, q) with hubs of two numbers (n, m, 2): hub, hub, point."""
     shape = (*points.shape, hubs.shape[1])
     point = np.broadcast_to(points[:, :, None], shape)
     first, second = (np.broadcast_to(hubs[:, None, :, i], shape) for i in (0, 1))
@@ -112,7 +111,7 @@ def _links(points: Ints, hubs: Ints) -> Ints:
 
 
 def _edges(places: Ints) -> Ints:
-    """Both ends of the edges of facets (vertices in 2-D, twice), shape (num_facets, edges, 2)."""
+    """Return both ends of the edges of facets, shape (facets, edges, 2); in 2-D vertices twice."""
     corners = places.shape[1]
     edges = np.array(basix.topology(facet_cell_type(corners))[min(1, corners - 2)])
     return np.sort(places[:, edges], axis=2)[:, :, [0, -1]]

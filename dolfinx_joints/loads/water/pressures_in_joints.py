@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""All pressures in joints together: those that follow the joints (`JointWaters`), and their sum.
+"""All water pressures in joints: loads that follow the joints (`JointWaters`), and the total.
 
-What the water does is one number per joint point (`Wetness`); with the settings of the loads it
-gives all pressures. Within a static solve and within a time step it is given.
+The state of the water is one number per joint point (`Wetness`), which determines all pressures. It
+is constant within a static solve and within a time step.
 """
 
 from __future__ import annotations
@@ -23,29 +23,29 @@ from dolfinx_joints.mesh.cells import Floats
 
 @dataclass(frozen=True)
 class _End:
-    """Water at one end of a step: wetness of local points, forces of loads without factors [N]."""
+    """Water at one end of a step: codes of local points, forces of loads without factors [N]."""
 
     codes: Codes
     forces: list[PETSc.Vec]
 
 
 class JointWaters:
-    """Loads of a system that depend on the state of its joints; ``joints`` names all of these."""
+    """Loads of a system that depend on the joint openings; ``joints`` names all joints."""
 
     def __init__(
         self, model: LoadedBody, loads: Mapping[str, FollowsJoints], *, waves: bool = False
     ) -> None:
-        """Begin with closed joints; with ``waves`` forces are among all unknowns (collective)."""
+        """Start with closed joints; with ``waves``, vectors include the water (collective)."""
         joints = [load.joint for load in loads.values()]
         for joint in joints:
             if joints.count(joint) > 1:
                 raise ValueError(
-                    f"The joint {joint!r} has {joints.count(joint)} loads that follow it."
+                    f"The joint {joint!r} has {joints.count(joint)} loads that follow it; give one."
                 )
         self.names = list(loads)
         self._model, self._waves = model, waves
         self._parts = [load.in_joint(name, model) for name, load in loads.items()]
-        self._known: list[_End] = []
+        self._cache: list[_End] = []
         operator = model.operator
         assert operator is not None
         self.joints, self._operator = operator.names, operator
@@ -63,22 +63,24 @@ class JointWaters:
         return self._entered.codes
 
     def enter(self, gap: Floats, codes: Codes | None = None) -> Codes:
-        """Begin a stage at a gap (n, 3) [m], with its codes if they are known (collective)."""
-        self._start = self._end = self._at(self.by_opening(gap) if codes is None else codes)
+        """Begin a stage at a gap (n, 3) [m], with codes if given (collective)."""
+        self._start = self._end = self._forces_for(self.by_opening(gap) if codes is None else codes)
         self._entered = self._start
         return self._end.codes
 
     def by_opening(self, gap: Floats) -> Codes:
-        """Codes that a gap (n, 3) [m] leads to (collective)."""
+        """Return the codes for a gap (n, 3) [m] (collective)."""
         return np.max([part.by_opening(gap) for part in self._parts], axis=0)
 
     def begin_step(self, codes: Codes, gap: Floats) -> None:
-        """Take the water at the ends of a time step from the state at its start (collective)."""
-        self._start = self._at(codes)
-        self._end = self._at(np.max([part.in_step(codes, gap) for part in self._parts], axis=0))
+        """Set the water at both ends of a time step from the state at its start (collective)."""
+        self._start = self._forces_for(codes)
+        self._end = self._forces_for(
+            np.max([part.in_step(codes, gap) for part in self._parts], axis=0)
+        )
 
     def add(self, out: PETSc.Vec, time: float, scale: float = 1.0) -> None:
-        """Add the forces of the end of the step, times ``scale``, [N]."""
+        """Add the forces at the end of the step, times ``scale``, [N]."""
         for force in self.by_load(time, scale).values():
             out.axpy(1.0, force)
 
@@ -89,14 +91,14 @@ class JointWaters:
         return {part.name: scale * part.factor(time) * force for part, force in ends}
 
     def change(self, codes: Codes, out: PETSc.Vec) -> None:
-        """Take other codes, and add what that changes of the forces last added (collective)."""
+        """Set new codes, and update the forces last added to ``out`` (collective)."""
         time, scale = self._time_and_scale
         self.add(out, time, -scale)
-        self._start = self._end = self._at(codes)
+        self._start = self._end = self._forces_for(codes)
         self.add(out, time, scale)
 
     def work(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
-        """Work of each load on a displacement by the mean of its ends, [J] (collective)."""
+        """Return the work of each load on a displacement, by the mean of both ends (collective)."""
         ends = zip(self._parts, self._start.forces, self._end.forces, strict=True)
         return {
             part.name: 0.5
@@ -105,36 +107,36 @@ class JointWaters:
         }
 
     def toggled(self, codes: Codes, others: Codes) -> Ints:
-        """Points of each joint on all ranks in which codes differ (collective)."""
+        """Return the number of points of each joint with different codes (collective)."""
         differ = np.bincount(
             self._operator.joint, codes != others, minlength=len(self._operator.names)
         )
         total = np.sum(self._operator.comm.allgather(differ), axis=0)
         return np.asarray(total).astype(np.int64)
 
-    def _at(self, codes: Codes) -> _End:
-        """The forces of codes, those of the last few kept (collective)."""
-        for known in self._known:
-            if not self.toggled(codes, known.codes).any():
-                return known
+    def _forces_for(self, codes: Codes) -> _End:
+        """Return the forces for codes; the last few results are cached (collective)."""
+        for cached in self._cache:
+            if not self.toggled(codes, cached.codes).any():
+                return cached
         forces = [opening_force(self._model, part.pressure(codes)) for part in self._parts]
         if self._waves:
             forces = [self._model.joined(force) for force in forces]
-        found = _End(codes.copy(), forces)
-        self._known = [found, *self._known[:2]]
-        return found
+        end = _End(codes.copy(), forces)
+        self._cache = [end, *self._cache[:2]]
+        return end
 
 
 def water_in_joints(loads: Iterable[Load]) -> list[Uplift | FollowsJoints]:
-    """Those of some loads that are pressures in joints."""
+    """Return the loads that are pressures in joints."""
     return [load for load in loads if isinstance(load, Uplift | FollowsJoints)]
 
 
 class WaterPressures:
-    """All loads in the joints of a stage that are pressures."""
+    """Total pressure of all loads in the joints of a stage."""
 
     def __init__(self, model: LoadedBody, loads: Sequence[Uplift | FollowsJoints]) -> None:
-        """Find the pressures of each point (collective)."""
+        """Compute the pressures of each point (collective)."""
         given = [load for load in loads if isinstance(load, Uplift)]
         self._given = [(load.at_points(model), load.factor) for load in given]
         others = [load for load in loads if not isinstance(load, Uplift)]
@@ -143,12 +145,12 @@ class WaterPressures:
         self._size = len(model.operator.areas)
 
     def by_opening(self, gap: Floats) -> Codes | None:
-        """Codes that a gap (n, 3) [m] leads to; None where no load asks for them (collective)."""
+        """Return the codes for a gap (n, 3) [m]; None if no load depends on them (collective)."""
         codes = [part.by_opening(gap) for part in self._parts]
         return np.max(codes, axis=0) if codes else None
 
     def __call__(self, time: float, codes: Codes | None) -> Floats:
-        """Pressure at the local joint points, (n,), [Pa]; ``codes`` are ``DynamicState.water``."""
+        """Return the pressure at local joint points, (n,), [Pa]; codes: ``DynamicState.water``."""
         total = np.zeros(self._size)
         for pressure, factor in self._given:
             total += float(factor(time)) * pressure

@@ -1,10 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Added mass of a reservoir by finite elements, of incompressible water by default.
+"""Added mass of a reservoir by finite elements, for incompressible water by default.
 
-The reservoir is the wet face moved horizontally upstream: its floor and banks are the traces of the
-face's edges, so the valley has the same cross-section all along. It matches the face by
-construction and needs no mesh of its own; see `slabs`.
+The reservoir is the wet face extruded horizontally upstream: the edges of the face trace its floor
+and banks, so its cross-section is constant. It needs no separate mesh; see `reservoir_slabs`.
 """
 
 from __future__ import annotations
@@ -31,11 +30,11 @@ from dolfinx_joints.loads.water.wet_face import (
 )
 from dolfinx_joints.mesh.cells import Floats, Ints
 
-# Of the largest coupling, below which a direction of a node feels no pressure.
+# Coupling, relative to the largest one, below which a dof is not loaded by the water.
 UNFELT = 1e-12
 
-# Square matrices over the water's nodes while slabs are doubled; copies of the added mass with
-# their indices, in M, in its copies and in the factor of a step.
+# Number of dense matrices over the water nodes during the doubling of slabs; bytes per entry of the
+# added mass, for its copies with indices in M and in the factor of a step.
 SLAB_MATRICES, MASS_BYTES = 8, 64
 
 
@@ -44,20 +43,20 @@ SLAB_MATRICES, MASS_BYTES = 8, 64
 class ReservoirMass:
     """Added mass of water in a reservoir with the cross-section of the wet face.
 
-    The water is incompressible unless a frequency is given: Laplace's equation for the pressure,
-    p = 0 at the level, dp/dn = -rho a_n on the face, zero on floor and banks. The mass couples all
+    By default the water is incompressible. The pressure satisfies Laplace's equation with p = 0 at
+    the level, dp/dn = -rho a_n on the face and dp/dn = 0 on floor and banks. The mass couples all
     nodes of the wet face, moves with it and has no weight.
 
     Attributes:
-        group: Name of the facet group, which reaches up to the level or higher.
-        level: Height of the water, a coordinate along z (y in 2-D) [m].
-        length: Of the reservoir, up to a rigid end at rest [m]; endless unless given.
-        upstream: Horizontal vector along which it extends; the mean normal of the wet face, without
-            its vertical part, unless given.
-        density: Of the water [kg/m^3].
-        frequency: Of the motion [Hz]: above zero the mass is that of compressible water in a
-            steady vibration at this frequency, which must be below those of the reservoir itself.
-        sound_speed: Of compressible water [m/s].
+        group: Name of the facet group, which must reach up to the level or higher.
+        level: Height of the water level, a coordinate along z (y in 2-D) [m].
+        length: Length of the reservoir up to a rigid end at rest [m]; infinite by default.
+        upstream: Horizontal vector along which the reservoir extends; by default the horizontal
+            part of the mean normal of the wet face.
+        density: Density of the water [kg/m^3].
+        frequency: If positive, the water is compressible, in steady vibration at this frequency
+            [Hz], which must be below the natural frequencies of the reservoir.
+        sound_speed: Speed of sound of compressible water [m/s].
     """
 
     group: str
@@ -75,12 +74,12 @@ class ReservoirMass:
         return f"ReservoirMass on {shown(self.group)}"
 
     def matrix(self, model: LoadedBody) -> PETSc.Mat:
-        """The added mass in the layout of the model's matrices [kg] (collective).
+        """Return the added mass in the layout of the model's matrices [kg] (collective).
 
         Raises:
-            ValueError: The face ends below the level, a region of it does not reach the level, a
-                part of it does not look upstream, or the matrix does not fit into memory.
-            MeshError: There is no such group, or some of its facets lie inside the body.
+            ValueError: The face or a separate region of it does not reach the level, a part of it
+                does not face upstream, or the matrix does not fit into memory.
+            MeshError: The group does not exist, or some of its facets are inside the body.
         """
         comm = model.jointed.mesh.comm
         wet = wet_face(model, self)
@@ -103,31 +102,30 @@ class ReservoirMass:
         return _assembled(model, dofs, np.sqrt(self.density) * half)
 
     def _half(self, wet: WetFace, coupling: Floats) -> Floats:
-        """Y, Y^T Y being the added mass per density."""
+        """Return Y, where Y^T Y is the added mass over the density."""
         wavenumber = 2.0 * np.pi * self.frequency / self.sound_speed
         try:
             resists = resistance(wet.face, wet.upstream, self.length, wavenumber)
             return half_of_inverse(resists, coupling)
         except np.linalg.LinAlgError:
             raise ValueError(
-                f"{self}: frequency is {self.frequency:g} Hz; it must be below the lowest one at "
-                f"which the reservoir itself resonates (c/4H, with c = {self.sound_speed:g} m/s, "
-                "in a long one with a level floor)."
+                f"{self}: frequency is {self.frequency:g} Hz; it must be below the lowest natural "
+                f"frequency of the reservoir (c/4H, with c = {self.sound_speed:g} m/s, for a long "
+                "reservoir of constant depth H)."
             ) from None
 
     def _check_size(self, nodes: int, dofs: int, free: float) -> None:
         needed = 8.0 * SLAB_MATRICES * nodes**2 + MASS_BYTES * dofs**2
         if needed > SHARE * free:
             raise ValueError(
-                f"{self}: its {nodes} wet nodes make a full matrix, which may take "
-                f"{needed / 1e9:.2g} GB here and in the solver, more than the half of the "
-                f"{free / 1e9:.2g} GB that are free; take larger cells on the face, or a "
-                "WestergaardMass."
+                f"{self}: the dense matrix of {nodes} wet nodes needs {needed / 1e9:.2g} GB, "
+                f"including the solver, which is more than half of the {free / 1e9:.2g} GB of free "
+                "memory. Use larger cells on the face, or a WestergaardMass."
             )
 
 
 def _assembled(model: LoadedBody, dofs: Ints, half: Floats) -> PETSc.Mat:
-    """Y^T Y over given dofs in the layout of the model's matrices (collective)."""
+    """Return Y^T Y over the given dofs, in the layout of the model's matrices (collective)."""
     blocks = model.V.dofmap.index_map
     first, owned = (model.gdim * n for n in (blocks.local_range[0], blocks.size_local))
     mine = np.flatnonzero((dofs >= first) & (dofs < first + owned))

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Waves in a reservoir with a mesh of its own: any bathymetry, any distance before the dam."""
+"""Waves in a reservoir with a separate mesh, for any bathymetry and length of reservoir."""
 
 from __future__ import annotations
 
@@ -35,30 +35,30 @@ from dolfinx_joints.mesh.cells import Floats, Ints, facet_slots, vtk_layout
 from dolfinx_joints.mesh.closest_points import ClosestPoints, FacetSurface
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-# Distance between the faces of dam and water, over the longest side of the larger facet. Straight
-# sides on a circle, of 30 degrees each, leave it by 0.066 of their length.
+# Largest distance between the faces of dam and water, over the longest side of the larger facet.
+# Straight sides of 30 degrees on a circle deviate from it by 0.066 of their length.
 OUTSIDE = 0.07
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 @checked
 class MeshedReservoir:
-    """Compressible water with a mesh of its own, for time steps.
+    """Compressible water on a separate mesh, for time integration.
 
-    The top of the mesh is the level. Nodes on the dam's face need not be those of the dam. Bounds
-    that are in no group are rigid and at rest, as planes of symmetry are.
+    The top of the mesh is the water level. The meshes of water and dam need not match. Boundaries
+    without a group are rigid and at rest, like planes of symmetry.
 
     Attributes:
-        group: Name of the facet group of the dam that is wet.
-        mesh: The water, the same on every rank: read with the communicator ``MPI.COMM_SELF``.
-        face: Facet group of the water before the dam.
-        bottom: Facet groups of floor and banks, which absorb and move with the ground.
-        far_end: Facet group through which waves leave along its normal; none unless given.
-        density: Of the water [kg/m^3].
-        sound_speed: In the water [m/s].
-        bottom_reflection: What floor and banks reflect of a wave's pressure that meets them along
-            the normal, alpha.
-        gravity_waves: Whether the surface moves: p = rho g times its height instead of zero.
+        group: Name of the wet facet group of the dam.
+        mesh: Mesh of the water, complete on every rank: read it with ``MPI.COMM_SELF``.
+        face: Facet group of the water in front of the dam.
+        bottom: Facet groups of floor and banks, which absorb waves and move with the ground.
+        far_end: Facet group that absorbs waves along its normal; no group by default.
+        density: Density of the water [kg/m^3].
+        sound_speed: Speed of sound in the water [m/s].
+        bottom_reflection: Reflection coefficient alpha of floor and banks, the ratio of reflected
+            to incident pressure at normal incidence.
+        gravity_waves: True for p = rho g times the elevation of the surface instead of p = 0.
     """
 
     group: str
@@ -76,8 +76,8 @@ class MeshedReservoir:
         check_kind_of(f"{self}: mesh", self.mesh, good, "a mesh, as from read_msh")
         if self.mesh.mesh.comm.size > 1:
             raise MeshError(
-                f"{self}: its mesh is spread over {self.mesh.mesh.comm.size} ranks; read it with "
-                "MPI.COMM_SELF, so that each rank has all of it."
+                f"{self}: its mesh is distributed over {self.mesh.mesh.comm.size} ranks; read it "
+                "with MPI.COMM_SELF, so that each rank has the complete mesh."
             )
         for name in (self.face, *self.bottom, *([self.far_end] if self.far_end else [])):
             self.mesh.facets(name)
@@ -86,11 +86,11 @@ class MeshedReservoir:
         return f"MeshedReservoir on {shown(self.group)}"
 
     def water(self, model: LoadedBody) -> Water:
-        """Its matrices, in the same order on any number of ranks (collective).
+        """Return the matrices, ordered independently of the number of ranks (collective).
 
         Raises:
-            MeshError: The wet face of the dam is away from that of the water by more than
-                `OUTSIDE` of a facet's side, or the closest point of the latter is not found.
+            MeshError: The distance between the faces of dam and water exceeds `OUTSIDE` times the
+                side of a facet, or no closest point was found on the face of the water.
         """
         whole = _Meshed(self)
         coupling = whole.coupling(model)
@@ -108,13 +108,13 @@ class MeshedReservoir:
 
 
 class _Meshed:
-    """Matrices of the water below the level, on every rank.
+    """Matrices of the water below the level, complete on every rank.
 
     Attributes:
         size: Number of unknowns.
         driven: Integrals of shape functions times the outward normal of bottom and surface [m^2].
-        places: Coordinates of the unknowns' nodes [m].
-        level: Height of the water [m].
+        places: Coordinates of the unknowns [m].
+        level: Height of the water level [m].
     """
 
     def __init__(self, given: MeshedReservoir) -> None:
@@ -134,7 +134,7 @@ class _Meshed:
         self._assemble()
 
     def _water_face(self) -> tuple[FacetSurface, Ints]:
-        """The face before the dam, and unknowns at the nodes of each facet, -1 at the level.
+        """Return the face in front of the dam, and unknowns at nodes of facets, -1 at the level.
 
         Pressures and geometry have the same Lagrange element.
         """
@@ -167,11 +167,11 @@ class _Meshed:
                 self.driven[:, axis] += flux[self._kept]
 
     def _matrix(self, form: Any) -> csr_array:
-        found = fem.assemble_matrix(fem.form(form)).to_scipy()
-        return csr_array(found)[self._kept][:, self._kept]
+        matrix = fem.assemble_matrix(fem.form(form)).to_scipy()
+        return csr_array(matrix)[self._kept][:, self._kept]
 
     def _surface(self) -> ufl.Measure:
-        """The surface, of whose nodes all are unknowns or none."""
+        """Return the measure of the water surface; all or none of its nodes are unknowns."""
         mesh = self._jointed.mesh
         up, fdim = self._gdim - 1, mesh.topology.dim - 1
         top = np.sort(
@@ -181,7 +181,7 @@ class _Meshed:
         return ufl.Measure("ds", domain=mesh, subdomain_data=tags)(1)
 
     def cells(self) -> WaterCells:
-        """Cells of the mesh, whose nodes at the level come last where these are no unknowns."""
+        """Return the cells of the mesh; nodes at the level without an unknown are numbered last."""
         table = self._space.dofmap.list
         kind, order = vtk_layout(self._jointed.shape, table.shape[1])
         dry = np.flatnonzero(self._number < 0)
@@ -195,49 +195,49 @@ class _Meshed:
         return WaterRows(mass=mass, stiffness=stiffness, losses=losses)
 
     def coupling(self, model: LoadedBody) -> csr_array:
-        """Unknowns times dofs of the body, [m^2] (collective)."""
+        """Return the coupling matrix, unknowns times dofs of the body, [m^2] (collective)."""
         comm, blocks = model.jointed.mesh.comm, model.V.dofmap.index_map
         shape = (self.size, blocks.size_global * model.gdim)
         mine, worst = csr_array(shape), _Gap()
         wet = wetted_facets(model.V, model.jointed, self._given.group, self.level)
         with raised_together(comm):
             for points in wet:
-                # Of a facet that the level cuts not all points act.
+                # On a facet that the level cuts, only the points below the level have an area.
                 acts = np.any(points.areas != 0.0, axis=2)
                 if not acts.any():
                     continue
                 sizes = np.broadcast_to(points.sizes[:, None], acts.shape)
-                found, gap = self._closest(points.positions[acts], sizes[acts])
+                closest, gap = self._closest(points.positions[acts], sizes[acts])
                 worst = max(worst, gap)
                 if worst.allowed:
-                    entries = self._entries(points, acts, found, model)
+                    entries = self._entries(points, acts, closest, model)
                     mine = mine + csr_array(coo_array(entries, shape=shape))
         self._check(max(comm.allgather(worst)))
         first, *others = comm.allgather(mine)
         return sum(others, start=first)
 
     def _closest(self, places: Floats, sizes: Floats) -> tuple[ClosestPoints, _Gap]:
-        """Return the closest points of the water's face to places on the dam's, and the worst gap.
+        """Return the points of the water's face closest to places on the dam, and the worst gap.
 
-        ``sizes`` are the longest sides of the dam's facets there [m]. If the worst gap is too
-        large, the points are that of its place alone: all facets may have about the same distance
-        to a place that is far away.
+        ``sizes`` are the longest sides of the dam's facets at these places [m]. The farthest place
+        is checked first; if its gap is too large, only its closest point is returned. The search is
+        slow for distant places, because all facets have about the same distance.
         """
         for some in ([int(self._face.sample_distances(places).argmax())], slice(None)):
-            found = self._face.closest(places[some])
-            gap = self._gap(places[some], sizes[some], found)
+            closest = self._face.closest(places[some])
+            gap = self._gap(places[some], sizes[some], closest)
             if not gap.allowed:
                 break
-        return found, gap
+        return closest, gap
 
-    def _gap(self, places: Floats, sizes: Floats, found: ClosestPoints) -> _Gap:
-        """Return the worst gap at places with sizes as in `_closest`."""
-        sizes = np.maximum(sizes, self._face.sizes[found.facet])
-        parts = np.where(found.converged, found.distance / sizes, np.inf)
+    def _gap(self, places: Floats, sizes: Floats, closest: ClosestPoints) -> _Gap:
+        """Return the worst gap at places; sizes as in `_closest`."""
+        sizes = np.maximum(sizes, self._face.sizes[closest.facet])
+        parts = np.where(closest.converged, closest.distance / sizes, np.inf)
         worst = int(parts.argmax())
         return _Gap(
             part=float(parts[worst]),
-            distance=float(found.distance[worst]),
+            distance=float(closest.distance[worst]),
             size=float(sizes[worst]),
             place=tuple(places[worst].tolist()),
         )
@@ -249,21 +249,21 @@ class _Meshed:
         face = f"the water's face {shown(self._given.face)}"
         if np.isinf(worst.part):
             raise MeshError(
-                f"{self._given}: no closest point on {face} is found for ({place}) m on the dam's "
-                f"wet face, the best is {worst.distance:.3g} m away; check the water's mesh there "
-                "for folded facets."
+                f"{self._given}: the search for the point on {face} closest to ({place}) m on the "
+                f"dam's wet face did not converge; the best point is {worst.distance:.3g} m away. "
+                "Check this part of the water's mesh for folded facets."
             )
         raise MeshError(
             f"{self._given}: the dam's wet face at ({place}) m is {worst.distance:.3g} m away from "
-            f"{face}; {OUTSIDE * worst.size:.3g} m are allowed, {100 * OUTSIDE:g} % of a facet's "
+            f"{face}; the limit is {OUTSIDE * worst.size:.3g} m, {100 * OUTSIDE:g} % of a facet's "
             "side. Both faces must be the same surface."
         )
 
     def _entries(
-        self, points: WettedPoints, acts: Flags, found: ClosestPoints, model: LoadedBody
+        self, points: WettedPoints, acts: Flags, closest: ClosestPoints, model: LoadedBody
     ) -> tuple[Floats, tuple[Ints, Ints]]:
-        """Values with rows and columns of the points (pieces, q) of the body's face that act."""
-        basis, dofs = self._face.shape_functions(found.local), self._of_face[found.facet]
+        """Return values, rows and columns of the coupling at the points (pieces, q) that act."""
+        basis, dofs = self._face.shape_functions(closest.local), self._of_face[closest.facet]
         blocks = model.V.dofmap.index_map.local_to_global(points.nodes.ravel().astype(np.int32))
         blocks = blocks.reshape(points.nodes.shape)[np.nonzero(acts)[0]]
         forces = (points.shapes[..., None] * points.areas[:, :, None, :])[acts]
@@ -276,12 +276,12 @@ class _Meshed:
 
 @dataclass(frozen=True, kw_only=True, order=True)
 class _Gap:
-    """Distance of a place on the dam's face to the water's, compared by its part of a facet.
+    """Distance between a place on the dam's face and the water's face, ordered by ``part``.
 
     Attributes:
-        part: Distance over this size; infinite where no closest point is found.
-        distance: [m].
-        size: Longest side of the larger one of both facets [m].
+        part: Distance over ``size``; infinite if no closest point was found.
+        distance: Distance [m].
+        size: Longest side of the larger of the two facets [m].
         place: Coordinates on the dam's face [m].
     """
 

@@ -1,11 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Water behind a face made of lines or triangles: a stack of slabs, each the face moved upstream.
+"""Water upstream of a face of lines or triangles, as a stack of slabs of extruded face elements.
 
-With oblique coordinates (place on the face, way s upstream) all slabs have the same matrix. Two of
-them, or two stacks, make one of twice the length by eliminating the nodes between them: ten to
-twenty doublings reach from a tenth of a cell to where the pressure has died away, and what is left
-is a matrix over the nodes of the face.
+In oblique coordinates (position on the face, distance s upstream) all slabs have the same matrix.
+Eliminating the nodes between two equal stacks gives a stack of twice the length. The pressure has
+decayed after 10 to 20 doublings. The result is a matrix over the nodes of the face.
 """
 
 from __future__ import annotations
@@ -19,22 +18,22 @@ from scipy.sparse import coo_array
 from dolfinx_joints.mesh.blocks import connected
 from dolfinx_joints.mesh.cells import Floats, Ints
 
-# Thickness of the first slab, of the mean edge of the face: its error is far below the face's own.
+# Thickness of the first slab over the mean edge of the face; its error is far below the face's.
 THINNEST = 0.1
 
-# What reaches through a stack of slabs, of what stays at its ends, where it counts as endless.
+# Ratio of the coupling through a stack to its end matrix, below which the stack is infinite.
 ENDLESS = 1e-14
 
-# Number of a corner at the level, which is none of the whole.
+# Number of a corner on the level, which is not a corner of the uncut line or triangle.
 SURFACE = -1
 
 
 @dataclass(frozen=True, kw_only=True)
 class WaterFace:
-    """A face of water made of lines (in 2-D) or triangles.
+    """Face of the water, made of lines (in 2-D) or triangles.
 
     Attributes:
-        below: Number of its nodes below the level; the others are on it.
+        below: Number of nodes below the level; the other nodes are on the level.
         count: Number of nodes with a pressure: those below the level, or all.
         nodes: Nodes of the parts, shape (parts, gdim).
         corners: Coordinates of these nodes, shape (parts, gdim, gdim), [m].
@@ -46,7 +45,7 @@ class WaterFace:
     corners: Floats
 
     def matrix(self, nodes: Ints, elements: Floats) -> coo_array:
-        """The matrix of elements, shape (n, k, k), of their nodes with a pressure, shape (n, k)."""
+        """Assemble element matrices (n, k, k) over those of ``nodes`` (n, k) with a pressure."""
         rows = np.broadcast_to(nodes[:, :, None], elements.shape)
         columns = np.broadcast_to(nodes[:, None, :], elements.shape)
         kept = (rows < self.count) & (columns < self.count)
@@ -54,16 +53,16 @@ class WaterFace:
         return coo_array(entries, shape=(self.count, self.count))
 
 
-def clipped(depths: Floats) -> tuple[Ints, Floats, Ints]:
-    """The parts of lines or triangles below the level.
+def cut_at_level(depths: Floats) -> tuple[Ints, Floats, Ints]:
+    """Cut lines or triangles at the level and return the parts below it.
 
     Args:
-        depths: Of the corners, shape (n, corners), [m]; a corner of exactly zero is on the level.
+        depths: Depths of the corners, shape (n, corners), [m]; exactly zero on the level.
 
     Returns:
-        Which line or triangle each part is of, shape (parts,); barycentric coordinates of the
-        part's corners, shape (parts, corners, corners); and which corner of the whole each of them
-        is, `SURFACE` for those on the level, shape (parts, corners).
+        Line or triangle of each part, shape (parts,); barycentric coordinates of the corners of the
+        parts, shape (parts, corners, corners); corner of the uncut line or triangle, `SURFACE` for
+        corners on the level, shape (parts, corners).
     """
     count = depths.shape[1]
     deepest_first = np.argsort(-depths, axis=1, kind="stable")
@@ -91,8 +90,8 @@ def clipped(depths: Floats) -> tuple[Ints, Floats, Ints]:
     return np.concatenate(whole), np.concatenate(places), np.concatenate(corners)
 
 
-# Corners of the parts below the level, by the number of corners of the whole and of those that are
-# wet: (a, a) is the a-th deepest corner, (a, b) where the level cuts the edge between two.
+# Corners of the parts below the level, by number of corners and number of wet corners: (a, a) is
+# the a-th deepest corner, (a, b) is the point where the level cuts the edge between a and b.
 _PARTS: dict[int, dict[int, list[list[tuple[int, int]]]]] = {
     2: {1: [[(0, 0), (0, 1)]], 2: [[(0, 0), (1, 1)]]},
     3: {
@@ -103,8 +102,8 @@ _PARTS: dict[int, dict[int, list[list[tuple[int, int]]]]] = {
 }
 
 
-def lidded(face: WaterFace) -> int:
-    """Number of the face's separate regions that do not reach the level, so have no solution."""
+def regions_below_level(face: WaterFace) -> int:
+    """Count the separate regions of the face that do not reach the level and have no solution."""
     ends = np.minimum(face.nodes, face.below)
     return int(connected(np.repeat(ends[:, 0], ends.shape[1]), ends.ravel(), face.below + 1).max())
 
@@ -112,18 +111,18 @@ def lidded(face: WaterFace) -> int:
 def resistance(
     face: WaterFace, upstream: Floats, length: float | None, wavenumber: float = 0.0
 ) -> Floats:
-    """The energy of water in motion by the pressures p at its face, S in 1/2 p S p.
+    """Compute S, where 1/2 p S p is the energy of the water for pressures p at its face.
 
-    Per density and with the pressure as potential: S p are the fluxes of grad p into the water.
+    The energy is per density, with the pressure as potential; S p is the flux into the water.
 
     Args:
         face: The face; each of its regions reaches the level.
-        upstream: Unit vector, horizontal, shape (gdim,).
-        length: Where a rigid wall ends the water [m]; None for endless water.
-        wavenumber: Of sound at the frequency of the motion [1/m]; zero for incompressible water.
+        upstream: Horizontal unit vector, shape (gdim,).
+        length: Length of the water up to a rigid wall [m]; None for infinite length.
+        wavenumber: Wavenumber of sound at the frequency [1/m]; zero for incompressible water.
 
     Returns:
-        Shape (count, count), [m] in space, [-] in the plane; symmetric, positive definite.
+        Shape (count, count), [m], in 2-D [-]; symmetric, positive definite.
     """
     in_face, mixed, across, mass = (m.toarray() for m in face_matrices(face, upstream))
     in_face -= wavenumber**2 * mass
@@ -149,22 +148,23 @@ def resistance(
     return near - half.T @ half
 
 
-def half_of_inverse(matrix: Floats, right: Floats) -> Floats:
-    """Y with Y^T Y = R^T S^-1 R for S symmetric, positive definite."""
-    return solve_triangular(cholesky(matrix, lower=True), right, lower=True)
+def half_of_inverse(matrix: Floats, columns: Floats) -> Floats:
+    """Return Y with Y^T Y = R^T S^-1 R for columns R and S symmetric, positive definite."""
+    return solve_triangular(cholesky(matrix, lower=True), columns, lower=True)
 
 
 def _doubled(near: Floats, between: Floats, far: Floats) -> tuple[Floats, Floats, Floats]:
-    """Matrix of two equal stacks of slabs behind each other, over the nodes at their ends."""
+    """Return the matrix of two equal stacks in series, over the nodes at both ends."""
     lower = cholesky(near + far, lower=True)
     back, forth = (solve_triangular(lower, b, lower=True) for b in (between.T, between))
     return near - back.T @ back, -back.T @ forth, far - forth.T @ forth
 
 
 def face_matrices(face: WaterFace, upstream: Floats) -> list[coo_array]:
-    """Integrals per length of water: p A p + 2 p B p' + p' C p' of grad p squared, p D p of p.
+    """Return the matrices A, B, C and D of a face, per length of water.
 
-    D is also the mass matrix of the face as seen from upstream.
+    The integral of (grad p)^2 is p A p + 2 p B p' + p' C p', with p' the derivative along upstream.
+    The integral of p^2 is p D p; D is also the mass matrix of the face projected along upstream.
     """
     corners = face.corners
     axes = corners.shape[2]
@@ -182,5 +182,5 @@ def face_matrices(face: WaterFace, upstream: Floats) -> list[coo_array]:
     mixed = np.einsum("t,tdi,td->ti", volume / axes, slopes, along)
     mass = np.einsum("t,ij->tij", volume, same)
     across = np.einsum("td,td,tij->tij", along, along, mass)
-    each = (in_face, np.repeat(mixed[:, :, None], axes, axis=2), across, mass)
-    return [face.matrix(face.nodes, elements) for elements in each]
+    matrices = (in_face, np.repeat(mixed[:, :, None], axes, axis=2), across, mass)
+    return [face.matrix(face.nodes, elements) for elements in matrices]

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Waves in a reservoir that keeps its cross-section, by finite elements and in time."""
+"""Waves in a reservoir of constant cross-section, by finite elements in the time domain."""
 
 from __future__ import annotations
 
@@ -35,37 +35,35 @@ from dolfinx_joints.loads.water.wet_face import (
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 
-# Of the mean edge on the face: length of an element along the reservoir.
+# Default length of an element along the reservoir, over the mean edge on the face.
 LAYER = 2.0
 
-QUADRILATERAL, WEDGE = 9, 13  # VTK's numbers
+QUADRILATERAL, WEDGE = 9, 13  # VTK cell types
 
 
 @dataclass(frozen=True, kw_only=True)
 @checked
 class ReservoirWaves:
-    """Compressible water in a reservoir with the cross-section of the wet face, for time steps.
+    """Compressible water in a reservoir with the cross-section of the wet face.
 
-    The face is moved horizontally upstream, its edges make floor and banks. All of it moves with
-    the ground where that is given as the motion of a stage.
+    The face is extruded horizontally upstream; its edges form floor and banks. Under a uniform
+    ground motion, the whole boundary of the reservoir moves with the ground.
 
     Attributes:
-        group: Name of the facet group, which reaches up to the level or higher.
-        level: Height of the water, a coordinate along z (y in 2-D) [m].
-        length: Of the reservoir [m].
-        upstream: Horizontal vector along which it extends; the mean normal of the wet face, without
-            its vertical part, unless given.
-        density: Of the water [kg/m^3].
-        sound_speed: In the water [m/s].
-        bottom_reflection: What floor and banks reflect of a wave's pressure that meets them along
-            the normal, alpha.
-        gravity_waves: Whether the surface moves: p = rho g times its height instead of zero.
-        far_end: ``radiating``: plane waves along the reservoir leave it; or ``rigid``: a wall.
-        absorbing_length: Of the part before the far end in which waves are damped more and more,
-            which takes the slow ones near the frequencies of the cross-section as well; zero or at
-            least two elements [m].
-        layers: Number of elements along the reservoir; twice as long as the edges on the face are
-            in the mean unless given.
+        group: Name of the facet group, which must reach up to the level or higher.
+        level: Height of the water level, a coordinate along z (y in 2-D) [m].
+        length: Length of the reservoir [m].
+        upstream: Horizontal vector along which the reservoir extends; by default the horizontal
+            part of the mean normal of the wet face.
+        density: Density of the water [kg/m^3].
+        sound_speed: Speed of sound in the water [m/s].
+        bottom_reflection: Reflection coefficient alpha of floor and banks, the ratio of reflected
+            to incident pressure at normal incidence.
+        gravity_waves: True for p = rho g times the elevation of the surface instead of p = 0.
+        far_end: ``radiating``: absorbs plane waves along the reservoir; ``rigid``: a wall.
+        absorbing_length: Length of a part with increasing damping before the far end, zero or at
+            least two elements [m]; absorbs also slow waves near natural frequencies of the section.
+        layers: Number of elements along the reservoir, by default twice as long as the mean edge.
     """
 
     group: str
@@ -92,12 +90,12 @@ class ReservoirWaves:
         return f"ReservoirWaves on {shown(self.group)}"
 
     def water(self, model: LoadedBody) -> Water:
-        """Its matrices, in the same order on any number of ranks (collective).
+        """Return the matrices, ordered independently of the number of ranks (collective).
 
         Raises:
-            ValueError: The face ends below the level, a region of it does not reach the level, or
-                a part of it does not look upstream.
-            MeshError: There is no such group, or some of its facets lie inside the body.
+            ValueError: The face or a separate region of it does not reach the level, or a part of
+                it does not face upstream.
+            MeshError: The group does not exist, or some of its facets are inside the body.
         """
         comm = model.jointed.mesh.comm
         order = NodeNumbering(model.V)
@@ -105,15 +103,15 @@ class ReservoirWaves:
 
         def whole() -> WetFace:
             if not wet.face.count:
-                raise ValueError(f"{self}: no part of the face is below the level.")
+                raise ValueError(f"{self}: no part of the face is below the level; check level.")
             check_reaches_level(self, wet.face)
             return wet
 
-        return _Moved(self, on_root(comm, whole), model).water()
+        return _Extruded(self, on_root(comm, whole), model).water()
 
 
-class _Moved:
-    """The water of a face moved upstream, in layers: its matrices are Kronecker products."""
+class _Extruded:
+    """Water of a face extruded upstream in layers; its matrices are Kronecker products."""
 
     def __init__(self, waves: ReservoirWaves, wet: WetFace, model: LoadedBody) -> None:
         self._waves, self._wet, self._gdim = waves, wet, model.gdim
@@ -122,15 +120,15 @@ class _Moved:
         sides = np.linalg.norm(face.corners - np.roll(face.corners, 1, axis=1), axis=2)
         count = waves.layers or max(1, round(waves.length / (LAYER * float(sides.mean()))))
         layer = waves.length / count
-        if 0.0 < waves.absorbing_length < 1.99 * layer:  # 2 to the digits that are shown
+        if 0.0 < waves.absorbing_length < 1.99 * layer:  # tolerate the rounding in the message
             raise ValueError(
                 f"{waves}: absorbing_length is {waves.absorbing_length:g} m; it must be zero or at "
                 f"least two elements along the reservoir, {2.0 * layer:.3g} m."
             )
         self._s: Floats = np.linspace(0.0, waves.length, count + 1).astype(np.float64)
         self._face_matrices = [m.tocsr() for m in face_matrices(face, wet.upstream)]
-        self._bottom, floor = _moved(face, _outer(face), wet.upstream)
-        self._surface, surface = _moved(face, _on_level(face), wet.upstream)
+        self._bottom, floor = _extruded(face, _outer(face), wet.upstream)
+        self._surface, surface = _extruded(face, _on_level(face), wet.upstream)
         self._driven = floor + surface
 
     def water(self) -> Water:
@@ -157,19 +155,19 @@ class _Moved:
         )
 
     def _places(self) -> Floats:
-        """Of the nodes of the face, shape (n, gdim), [m]."""
+        """Return the coordinates of the nodes of the face, shape (n, gdim), [m]."""
         face = self._wet.face
         places = np.zeros((int(face.nodes.max()) + 1, self._gdim))
         places[face.nodes] = face.corners
         return places
 
     def _along(self, places: Floats) -> Floats:
-        """Places of the face in all layers, shape (layers n, gdim), [m]."""
+        """Return the coordinates of places of the face in all layers, (layers n, gdim), [m]."""
         moved = np.multiply.outer(self._s, self._wet.upstream)[:, None]
         return (places + moved).reshape(-1, self._gdim)
 
     def _cells(self) -> WaterCells:
-        """Quadrilaterals or wedges between the layers."""
+        """Return the quadrilaterals or wedges between the layers."""
         face, upstream, count = self._wet.face, self._wet.upstream, self._wet.face.count
         surface = self._places()[count:]
         layer = np.arange(len(self._s))[:, None, None]
@@ -178,10 +176,10 @@ class _Moved:
         near, far = nodes[:-1], nodes[1:]
         if self._gdim == 2:
             far = far[:, :, ::-1]
-        else:  # VTK's wedge looks out of its first triangle
+        else:  # the normal of the first triangle of a VTK wedge points outwards
             sides = face.corners[:, 1:] - face.corners[:, :1]
             inward = np.cross(sides[:, 0], sides[:, 1]) @ upstream > 0.0
-            near, far = (np.where(inward[:, None], each[..., ::-1], each) for each in (near, far))
+            near, far = (np.where(inward[:, None], side[..., ::-1], side) for side in (near, far))
         return WaterCells(
             surface=self._along(surface),
             nodes=np.concatenate([near, far], axis=2).reshape(-1, 2 * self._gdim),
@@ -189,7 +187,7 @@ class _Moved:
         )
 
     def _section(self) -> Section | None:
-        """The cross-section, and what its wave exerts on what absorbs at the far end."""
+        """Return the cross-section with the forces of its wave on the absorbing far end."""
         waves, end = self._waves, len(self._s) - 1
         if waves.far_end == "rigid" and not waves.absorbing_length:
             return None
@@ -207,22 +205,22 @@ class _Moved:
         )
 
     def _mass(self) -> csr_array:
-        """Of water and surface per length, (12u), [kg/m]."""
+        """Return the mass matrix of water and surface per length, (12u), [kg/m]."""
         rho, c = self._waves.density, self._waves.sound_speed
         return rho * self._face_matrices[3] + surface_inertia(rho, c) * self._surface
 
     def _absorbing(self) -> csr_array:
-        """Dashpots of the far end and before it along the reservoir, over rho c times D."""
+        """Return the dashpots of the far end and the absorbing part, over rho c times D."""
         end = len(self._s) - 1
-        found = csr_array((end + 1, end + 1))
+        dashpots = csr_array((end + 1, end + 1))
         if self._waves.far_end == "radiating":
-            found = found + csr_array(([1.0], ([end], [end])), shape=found.shape)
+            dashpots = dashpots + csr_array(([1.0], ([end], [end])), shape=dashpots.shape)
         if self._waves.absorbing_length:
-            found = found + _line(self._s, self._damping)[0]
-        return found
+            dashpots = dashpots + _line(self._s, self._damping)[0]
+        return dashpots
 
     def _rows(self, first: int, last: int) -> WaterRows:
-        """Rows of the unknowns from one up to another, those of a layer behind each other."""
+        """Return the rows of the unknowns ``first`` to ``last``, which are ordered by layer."""
         waves, count = self._waves, self._wet.face.count
         rho, c = waves.density, waves.sound_speed
         layers = slice(first // count, -(-last // count))
@@ -244,22 +242,22 @@ class _Moved:
         )
 
     def _damping(self, s: Floats) -> Floats:
-        """Damping over c before the far end, (12x), [1/m]."""
+        """Return the damping over c in the absorbing part, (12x), [1/m]."""
         length = self._waves.absorbing_length
-        way = np.maximum(s - self._waves.length + length, 0.0) / length
-        return 6.0 / length * way**2
+        share = np.maximum(s - self._waves.length + length, 0.0) / length
+        return 6.0 / length * share**2
 
 
 def _lengths(s: Floats) -> Floats:
-    """Integrals of the shape functions of a line's nodes [m]."""
+    """Return the integrals of the shape functions of the nodes of a line [m]."""
     half = np.diff(s) / 2.0
     return np.append(half, 0.0) + np.append(0.0, half)
 
 
 def _line(s: Floats, weight: Callable[[Floats], Floats] | None = None) -> list[csr_array]:
-    """Integrals of N N, N' N' and N N' of the linear shape functions of a line's nodes.
+    """Return the integrals of N N, N' N' and N N' for linear elements with nodes at s (n,) [m].
 
-    Nodes are at s, shape (n,), [m]; the weight is a factor of N N, taken in the middle of elements.
+    The weight is a factor of N N, evaluated at the centre of each element.
     """
     size, h = len(s), np.diff(s)
     factor = np.ones_like(h) if weight is None else weight(s[:-1] + h / 2.0)
@@ -271,19 +269,19 @@ def _line(s: Floats, weight: Callable[[Floats], Floats] | None = None) -> list[c
     nodes = np.arange(size - 1)[:, None] + [0, 1]
     rows, columns = np.repeat(nodes, 2, axis=1).ravel(), np.tile(nodes, (1, 2)).ravel()
     return [
-        csr_array(coo_array((each.ravel(), (rows, columns)), shape=(size, size)))
-        for each in elements
+        csr_array(coo_array((values.ravel(), (rows, columns)), shape=(size, size)))
+        for values in elements
     ]
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Edges:
-    """Edges of a face, ends of lines in the plane.
+    """Edges of a face; in 2-D the ends of lines.
 
     Attributes:
-        nodes: Shape (n, gdim - 1).
-        ends: Coordinates of these, shape (n, gdim - 1, gdim), [m].
-        apex: Coordinates of the corner across, on the inner side, shape (n, gdim), [m].
+        nodes: Nodes, shape (n, gdim - 1).
+        ends: Coordinates of the nodes, shape (n, gdim - 1, gdim), [m].
+        apex: Coordinates of the opposite corner, on the inner side, shape (n, gdim), [m].
     """
 
     nodes: Ints
@@ -310,7 +308,7 @@ def _on_level(face: WaterFace) -> _Edges:
 
 
 def _outer(face: WaterFace) -> _Edges:
-    """Edges below the level that belong to one part of the face only."""
+    """Return the boundary edges below the level, which belong to one part of the face only."""
     edges = _edges(face)
     edges = edges[np.flatnonzero((edges.nodes < face.below).any(axis=1))]
     _, place, times = np.unique(
@@ -319,8 +317,8 @@ def _outer(face: WaterFace) -> _Edges:
     return edges[place[times == 1]]
 
 
-def _moved(face: WaterFace, edges: _Edges, upstream: Floats) -> tuple[csr_array, Floats]:
-    """Of edges moved upstream, per length: mass matrix, and integrals of outward normals."""
+def _extruded(face: WaterFace, edges: _Edges, upstream: Floats) -> tuple[csr_array, Floats]:
+    """Return the mass matrix and the outward normal integrals of extruded edges, per length."""
     nodes, ends, axes = edges.nodes, edges.ends, len(upstream)
     if axes == 2:
         normal = np.tile([-upstream[1], upstream[0]], (len(ends), 1))
@@ -332,6 +330,6 @@ def _moved(face: WaterFace, edges: _Edges, upstream: Floats) -> tuple[csr_array,
     same = (np.ones((axes - 1, axes - 1)) + np.eye(axes - 1)) / (axes * (axes - 1))
     driven = np.zeros((face.count, axes))
     for end in range(axes - 1):
-        there = nodes[:, end] < face.count
-        np.add.at(driven, nodes[there, end], normal[there] / (axes - 1))
+        unknown = nodes[:, end] < face.count
+        np.add.at(driven, nodes[unknown, end], normal[unknown] / (axes - 1))
     return csr_array(face.matrix(nodes, area[:, None, None] * same)), driven

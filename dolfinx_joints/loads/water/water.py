@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Water with a potential, as matrices: what a body is coupled with, whatever they are made of.
+"""Matrices of compressible water for the coupling with a body, for any kind of reservoir.
 
-The unknown is y = phi / c, the velocity potential over the speed of sound [m], with the pressure
-p = -rho c dy/dt: like a displacement it has a mass, a stiffness and dashpots, (12t) to (12w).
+The unknown is y = phi / c [m], the velocity potential over the speed of sound. The pressure is
+p = -rho c dy/dt. Like a displacement, y has mass, stiffness and dashpots, (12t) to (12w).
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class WaterRows:
-    """Some rows of the water's matrices; columns are those of all its unknowns.
+    """Some rows of the water matrices; the columns are all unknowns of the water.
 
     Attributes:
-        mass: Of the energy of the pressure and of a surface that moves [kg].
-        stiffness: Of the energy of motion [N/m].
-        losses: Dashpots of the bottom, of the far end and before it [N s/m].
+        mass: Matrix of the energy of the pressure and of a moving surface [kg].
+        stiffness: Matrix of the energy of the motion [N/m].
+        losses: Dashpots of the bottom, of the far end and of the absorbing part before it [N s/m].
     """
 
     mass: csr_array
@@ -39,12 +39,12 @@ class WaterRows:
 
 @dataclass(frozen=True, kw_only=True)
 class WaterCells:
-    """The water as cells, for files.
+    """Cells of the water, for result files.
 
     Attributes:
-        surface: Points with no pressure, numbered after the unknowns, shape (n, gdim), [m].
-        nodes: Unknowns and these points in each cell, in VTK's order, shape (cells, nodes).
-        kind: VTK's number of the cells' shape.
+        surface: Points without pressure, numbered after the unknowns, shape (n, gdim), [m].
+        nodes: Unknowns and surface points of each cell in VTK's order, shape (cells, nodes).
+        kind: VTK cell type.
     """
 
     surface: Floats
@@ -54,20 +54,20 @@ class WaterCells:
 
 @dataclass(frozen=True, kw_only=True)
 class Water:
-    """Water with a potential, before a body.
+    """Compressible water in front of a body.
 
     Attributes:
-        size: Number of its unknowns.
+        size: Number of unknowns.
         impedance: rho c [Pa s/m].
-        rows: Makes the rows from one unknown up to another.
-        coupling: Unknowns times dofs of the body, the integral of shape functions times the
-            outward normal of the body, shape (size, dofs), [m^2].
-        driven: That of shape functions times the outward normal of the water over all that moves
-            with the ground, shape (size, gdim), [m^2].
+        rows: Function that returns the rows from one unknown up to another.
+        coupling: Integral of the shape functions of water and body times the normal of the body,
+            shape (size, dofs), [m^2].
+        driven: Integral of the shape functions times the outward normal of the water over all
+            boundaries that move with the ground, shape (size, gdim), [m^2].
         places: Coordinates of the unknowns, shape (size, gdim), [m].
-        face: Those on the face of the body, shape (n,).
-        cells: Makes its cells.
-        section: Its cross-section where the far end takes waves, None where that is not known.
+        face: Unknowns on the face of the body, shape (n,).
+        cells: Function that returns the cells.
+        section: Cross-section at an absorbing far end; None if there is no uniform section.
     """
 
     size: int
@@ -85,14 +85,14 @@ class Reservoir(Protocol):
     """Compressible water with waves, `ReservoirWaves` or `MeshedReservoir`."""
 
     def water(self, model: LoadedBody) -> Water:
-        """Its matrices, in the same order on any number of ranks (collective)."""
+        """Return the matrices, ordered independently of the number of ranks (collective)."""
 
 
 def reflected(alpha: float) -> float:
-    """Dashpot over rho c of a bound that reflects the share alpha of a wave's pressure, (12s)."""
+    """Return the dashpot over rho c of a boundary with reflection coefficient alpha, (12s)."""
     return (1.0 - alpha) / (1.0 + alpha)
 
 
 def surface_inertia(density: float, sound_speed: float) -> float:
-    """Mass per area of a surface whose height makes the pressure on it, rho c^2 / g, (12af)."""
+    """Return the mass per area of a surface with gravity waves, rho c^2 / g, (12af)."""
     return density * sound_speed**2 / STANDARD_GRAVITY

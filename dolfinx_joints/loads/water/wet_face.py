@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The wet part of a face as lines or triangles of water, and its coupling with the body.
+"""Wet part of a face as lines or triangles of water, and its coupling with the body.
 
-A reservoir that is this face moved horizontally upstream has its floor and banks along the edges of
-the face: it matches the face by construction and needs no mesh of its own.
+A reservoir made by extruding this face horizontally upstream has its floor and banks along the
+edges of the face. It conforms to the face and needs no separate mesh.
 """
 
 from __future__ import annotations
@@ -19,7 +19,12 @@ from dolfinx_joints.common.mpi import on_root, summed
 from dolfinx_joints.common.parameters import check_vector, shown
 from dolfinx_joints.loads.load import Vector
 from dolfinx_joints.loads.loaded_body import LoadedBody
-from dolfinx_joints.loads.water.reservoir_slabs import SURFACE, WaterFace, clipped, lidded
+from dolfinx_joints.loads.water.reservoir_slabs import (
+    SURFACE,
+    WaterFace,
+    cut_at_level,
+    regions_below_level,
+)
 from dolfinx_joints.loads.water.wetted_facets import (
     WettedFacets,
     WettedPoints,
@@ -30,22 +35,22 @@ from dolfinx_joints.mesh.blocks import same_places
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 
-# Of the height of the face: nodes nearer to the level are taken as lying on it.
+# Distance from the level, over the height of the face, within which a node counts as on the level.
 ON_LEVEL = 1e-6
 
-# Of the shortest edge: nodes of two blocks that are nearer are one node of the water.
+# Distance, over the shortest edge, within which nodes of two blocks are one node of the water.
 SAME_NODE = 0.01
 
-# Of the shortest side of a part that ends at the level: corners there that are nearer are one.
+# Distance, over the shortest side of the cut parts, within which corners on the level are merged.
 SAME_CORNER = 0.01
 
-# Least cosine of the angle between the face's normal and upstream.
+# Least cosine of the angle between the normal of the face and the upstream direction.
 STEEPEST = 0.05
 
-# Quadrature on a part of a facet: quadratic shapes in two directions, normals and pressures.
+# Degree of the quadrature on parts of facets, for quadratic shapes, normals and pressures.
 DEGREE = 8
 
-# Lines or triangles of a facet by its number of nodes, in 2-D and in space.
+# Lines or triangles into which a facet is divided, by dimension and number of nodes.
 _RING = (0, 4, 1, 6, 3, 7, 2, 5)
 PARTS: dict[tuple[int, int], list[list[int]]] = {
     (2, 2): [[0, 1]],
@@ -58,7 +63,7 @@ PARTS: dict[tuple[int, int], list[list[int]]] = {
 
 
 class MovedFace(Protocol):
-    """A reservoir with the cross-section of its wet face; its text names it in error messages."""
+    """Reservoir with the cross-section of its wet face; `str` gives its name for messages."""
 
     @property
     def group(self) -> str:
@@ -66,22 +71,22 @@ class MovedFace(Protocol):
 
     @property
     def level(self) -> float:
-        """Height of the water [m]."""
+        """Height of the water level [m]."""
 
     @property
     def upstream(self) -> Vector | None:
-        """Horizontal vector along which it extends, None for the face's mean normal."""
+        """Horizontal direction of the reservoir; None for the mean normal of the face."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class WetFace:
-    """The wet part of a face.
+    """Wet part of a face.
 
     Attributes:
-        face: Lines or triangles of the water; whole on rank 0, without parts elsewhere.
-        upstream: Unit vector, horizontal, shape (gdim,).
-        coupling: Nodes of the water, dofs of the body and the forces of unit pressures [m^2] that
-            act along the normal of the body; whole on rank 0, empty elsewhere.
+        face: Lines or triangles of the water; complete on rank 0, empty on other ranks.
+        upstream: Horizontal unit vector, shape (gdim,).
+        coupling: Water nodes, dofs of the body and forces of unit pressures [m^2] along the normal
+            of the body; complete on rank 0, empty on other ranks.
     """
 
     face: WaterFace
@@ -90,11 +95,11 @@ class WetFace:
 
 
 def check_upstream(water: MovedFace) -> None:
-    """Check that the direction is horizontal."""
+    """Check that the upstream direction is horizontal."""
     if water.upstream is not None and not (water.upstream[-1] == 0.0 and np.any(water.upstream)):
         raise ValueError(
-            f"{water}: upstream is {shown(water.upstream)}; it must be a horizontal vector, its "
-            "last number zero."
+            f"{water}: upstream is {shown(water.upstream)}; it must be a horizontal vector, with "
+            "zero as last number."
         )
 
 
@@ -105,14 +110,14 @@ def wet_face(
     *,
     surface_moves: bool = False,
 ) -> WetFace:
-    """The wet face of a reservoir (collective).
+    """Build the wet face of a reservoir (collective).
 
-    With ``order`` nodes of the water are in that of the body's, first those below the level and
-    then those on it, which have a pressure if ``surface_moves``.
+    Water nodes below the level come first, then those on the level. With ``order`` they follow the
+    order of the body's nodes. Nodes on the level have a pressure if ``surface_moves``.
 
     Raises:
-        ValueError: The face ends below the level, or a part of it does not look upstream.
-        MeshError: There is no such group, or some of its facets lie inside the body.
+        ValueError: The face ends below the level, or a part of it does not face upstream.
+        MeshError: The group does not exist, or some of its facets are inside the body.
     """
     comm = model.jointed.mesh.comm
     face = _Face(wetted_facets(model.V, model.jointed, water.group, float(water.level)))
@@ -123,7 +128,7 @@ def wet_face(
     count = every if surface_moves else below
     areas = parts.points.areas.sum(axis=1)
     upstream = _direction(water, summed(comm, areas.sum(axis=0)))
-    _check_looks(water, comm, areas, upstream)
+    _check_faces_upstream(water, comm, areas, upstream)
     nodes, corners = _gathered(comm, parts.nodes), _gathered(comm, parts.corners)
     rows, dofs, values = (_gathered(comm, part) for part in parts.coupling(model, count))
     return WetFace(
@@ -134,16 +139,16 @@ def wet_face(
 
 
 def check_reaches_level(water: MovedFace, face: WaterFace) -> None:
-    """Check that each region of a face reaches the level, without which nothing determines it."""
-    if lids := lidded(face):
+    """Check that each region of a face reaches the level, so that the pressure is determined."""
+    if lids := regions_below_level(face):
         raise ValueError(
-            f"{water}: {lids} separate regions of the face do not reach up to the level, "
-            f"{water.level:g} m; each must, since the reservoir has its cross-section."
+            f"{water}: {lids} separate regions of the face do not reach up to the level of "
+            f"{water.level:g} m; each must, because the face is the cross-section of the reservoir."
         )
 
 
 def _direction(water: MovedFace, area: Floats) -> Floats:
-    """The unit vector upstream; ``area`` is the wet face's, along its normal [m^2]."""
+    """Return the upstream unit vector; ``area`` is the area vector of the wet face [m^2]."""
     vector = np.append(area[:-1], 0.0)
     if water.upstream is not None:
         vector = check_vector(f"{water}: upstream", water.upstream, (len(area),))
@@ -152,8 +157,8 @@ def _direction(water: MovedFace, area: Floats) -> Floats:
         if not area.any():
             return np.eye(len(area))[0]
         raise ValueError(
-            f"{water}: the wet face has no horizontal normal in the mean, so where it looks is "
-            "not known; give upstream=, or a group that is one face."
+            f"{water}: the mean normal of the wet face has no horizontal part, so the "
+            "upstream direction is undetermined; give upstream=, or a group that is one face."
         )
     return np.asarray(vector / size)
 
@@ -161,27 +166,27 @@ def _direction(water: MovedFace, area: Floats) -> Floats:
 def _check_top(water: MovedFace, highest: float, lowest: float) -> None:
     if lowest < water.level and highest < water.level - ON_LEVEL * (highest - lowest):
         raise ValueError(
-            f"{water}: the level is {water.level:g} m, but the face ends at {highest:g} m; it "
-            "must reach up to the level, since the reservoir has its cross-section."
+            f"{water}: the level is {water.level:g} m, but the face ends at {highest:g} m; it must "
+            "reach up to the level, because it is the cross-section of the reservoir."
         )
 
 
-def _check_looks(water: MovedFace, comm: Any, areas: Floats, upstream: Floats) -> None:
-    """Check that all parts look upstream (collective)."""
+def _check_faces_upstream(water: MovedFace, comm: Any, areas: Floats, upstream: Floats) -> None:
+    """Check that the normals of all parts point upstream (collective)."""
     size = np.linalg.norm(areas, axis=1)
     off = areas @ upstream < STEEPEST * size
     sums = summed(comm, np.array([size[off].sum(), size.sum()]))
     if sums[0] > 0.0:
         shown = ", ".join(f"{x:.3g}" for x in upstream)
         raise ValueError(
-            f"{water}: {100 * sums[0] / sums[1]:.3g} % of the wet face do not look along "
-            f"upstream, ({shown}), but away from it or within 3 degrees of aside; leave these "
-            "facets out of the group, give another upstream=, or take a WestergaardMass."
+            f"{water}: {100 * sums[0] / sums[1]:.3g} % of the wet face does not face upstream, "
+            f"({shown}): its normal is more than 87 degrees away. Remove these facets from the "
+            "group, give another upstream=, or use a WestergaardMass."
         )
 
 
 class _Face:
-    """Facets of this rank as lines or triangles, along their middle nodes where they have some."""
+    """Facets of this rank, divided into lines or triangles at their nodes."""
 
     def __init__(self, facets: WettedFacets) -> None:
         self._facets = facets
@@ -196,9 +201,9 @@ class _Face:
         self._corners = at.positions
 
     def numbers(self, comm: Any, water: MovedFace) -> tuple[Ints, int]:
-        """Number of the water's node at each corner here, and of all such nodes (collective).
+        """Return node numbers of this rank's corners, and the number of nodes (collective).
 
-        `SURFACE` where a corner is not below the level.
+        Corners at or above the level have the number `SURFACE`.
         """
         level = float(water.level)
         own, first = np.unique(self._nodes, return_index=True)
@@ -215,18 +220,18 @@ class _Face:
 
         def work() -> tuple[list[Ints], int]:
             wet = level - np.concatenate(every)[:, -1] > self._on_level
-            found = np.full(len(wet), SURFACE)
-            _, found[wet] = np.unique(
+            numbers = np.full(len(wet), SURFACE)
+            _, numbers[wet] = np.unique(
                 same_places(np.concatenate(every)[wet], SAME_NODE * shortest), return_inverse=True
             )
             splits = np.cumsum([len(p) for p in every])[:-1]
-            return np.split(found, splits), int(found.max(initial=SURFACE)) + 1
+            return np.split(numbers, splits), int(numbers.max(initial=SURFACE)) + 1
 
-        each, count = on_root(comm, work)
-        return each[comm.rank][np.searchsorted(own, self._nodes)], count
+        by_rank, count = on_root(comm, work)
+        return by_rank[comm.rank][np.searchsorted(own, self._nodes)], count
 
     def in_order(self, comm: Any, numbers: Ints, count: int, nodes: NodeNumbering) -> Ints:
-        """The numbers in the order of the body's nodes, on any number of ranks (collective)."""
+        """Renumber the nodes in the order of the body's nodes, on any rank count (collective)."""
         wet = numbers != SURFACE
         pairs = np.column_stack([numbers[wet], nodes.number[self._nodes[wet]]])
         place = _places_by_key(count, *np.concatenate(comm.allgather(pairs)).T)
@@ -235,14 +240,14 @@ class _Face:
     def wet_parts(
         self, comm: Any, numbers: Ints, below: int, order: NodeNumbering | None
     ) -> tuple[_WetParts, int]:
-        """The parts below the level, and the number of all their nodes (collective).
+        """Cut the face at the level; return the wet parts and their number of nodes (collective).
 
-        Corners have numbers from `numbers` or `in_order`, nodes on the level higher ones.
+        Corners keep the numbers from `numbers` or `in_order`; nodes on the level have higher ones.
         """
         depths = self._level - self._corners[:, :, -1]
         depths = np.where(numbers == SURFACE, np.minimum(depths, 0.0), depths)
         depths[np.abs(depths) <= self._on_level] = 0.0
-        whole, shares, which = clipped(depths)
+        whole, shares, which = cut_at_level(depths)
         corners = np.einsum("pab,pbi->pai", shares, self._corners[whole])
         places = np.einsum("pab,pbi->pai", shares, self._places[whole])
         size = sizes(places)
@@ -253,8 +258,8 @@ class _Face:
         keys = _edge_keys(self._nodes[whole[level.nonzero()[0]]], shares[kept][level], order)
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
         shortest = float(sides[level | np.roll(level, 1, axis=1)].min(initial=np.inf))
-        each, count = _level_numbers(comm, corners[level], keys, shortest)
-        nodes[level] = below + each
+        on_level, count = _level_numbers(comm, corners[level], keys, shortest)
+        nodes[level] = below + on_level
         cell = (basix.CellType.interval, basix.CellType.triangle)[places.shape[1] - 2]
         points, weights = basix.make_quadrature(cell, DEGREE)
         pressures = np.column_stack([1.0 - points.sum(axis=1), points])
@@ -272,7 +277,7 @@ class _Face:
 
 
 def _places_by_key(count: int, label: Ints, keys: Ints) -> Ints:
-    """Place of each label in the order of its least key, shape (count,)."""
+    """Return the rank of each label in the order of least keys, shape (count,)."""
     least = np.full(count, np.iinfo(np.int64).max)
     np.minimum.at(least, label, keys)
     place = np.empty(count, dtype=np.int64)
@@ -283,9 +288,8 @@ def _places_by_key(count: int, label: Ints, keys: Ints) -> Ints:
 def _edge_keys(nodes: Ints, shares: Floats, order: NodeNumbering | None) -> Ints:
     """Return keys that sort corners on the level like the nodes of the body, shape (n,).
 
-    Without an order all keys are zero. The nodes and shares (barycentric coordinates) are those of
-    the whole triangle or line. Shares are zero except at the ends of the edge that the level cuts,
-    or at the node on the level.
+    Without an order all keys are zero. Nodes and shares (barycentric coordinates) refer to the
+    uncut part. Shares are zero except at the ends of the cut edge, or at the node on the level.
     """
     if order is None:
         return np.zeros(len(nodes), dtype=np.int64)
@@ -295,22 +299,22 @@ def _edge_keys(nodes: Ints, shares: Floats, order: NodeNumbering | None) -> Ints
 
 
 def _level_numbers(comm: Any, points: Floats, keys: Ints, shortest: float) -> tuple[Ints, int]:
-    """Number of each corner on the level, and of all of them, in the order of keys (collective).
+    """Return numbers of the corners on the level, ordered by keys, and their count (collective).
 
-    Points are this rank's corners, ``shortest`` is the side of a part at one of them [m].
+    Points are this rank's corners; ``shortest`` is the shortest side of a part there [m].
     """
     every = comm.gather((points, keys, shortest), root=0)
 
     def work() -> tuple[list[Ints], int]:
-        places, keys = (np.concatenate([each[i] for each in every]) for i in (0, 1))
-        distance = SAME_CORNER * min(each[2] for each in every)
+        places, keys = (np.concatenate([of_rank[i] for of_rank in every]) for i in (0, 1))
+        distance = SAME_CORNER * min(of_rank[2] for of_rank in every)
         _, label = np.unique(same_places(places, distance), return_inverse=True)
         number = _places_by_key(int(label.max(initial=-1)) + 1, label, keys)
-        ends = np.cumsum([len(each[0]) for each in every])
+        ends = np.cumsum([len(of_rank[0]) for of_rank in every])
         return np.split(number[label], ends[:-1]), len(number)
 
-    each, count = on_root(comm, work)
-    return each[comm.rank], count
+    by_rank, count = on_root(comm, work)
+    return by_rank[comm.rank], count
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -318,10 +322,10 @@ class _WetParts:
     """Lines or triangles of this rank below the level.
 
     Attributes:
-        nodes: Nodes of the water at their corners, shape (parts, gdim).
+        nodes: Water nodes at the corners, shape (parts, gdim).
         corners: Coordinates, shape (parts, gdim, gdim), [m].
-        pressures: Shape functions of the corners at the points, shape (points, gdim).
-        points: Quadrature points of the body.
+        pressures: Shape functions of the corners at quadrature points, shape (points, gdim).
+        points: Quadrature points with the shape functions of the body.
     """
 
     nodes: Ints
@@ -330,7 +334,7 @@ class _WetParts:
     points: WettedPoints
 
     def coupling(self, model: LoadedBody, count: int) -> tuple[Ints, Ints, Floats]:
-        """Forces of unit pressures at the first nodes: these nodes, dofs, values [m^2]."""
+        """Return nodes, dofs and forces [m^2] of unit pressures at the first ``count`` nodes."""
         gdim = model.gdim
         nodes = self.points.nodes
         blocks = model.V.dofmap.index_map.local_to_global(nodes.ravel().astype(np.int32))
@@ -345,6 +349,6 @@ class _WetParts:
 
 
 def _gathered(comm: Any, part: NDArray[Any]) -> NDArray[Any]:
-    """The rows of all ranks, on rank 0; elsewhere nothing (collective)."""
+    """Gather the rows of all ranks on rank 0; other ranks receive no rows (collective)."""
     every = comm.gather(part, root=0)
     return part[:0] if every is None else np.concatenate(every)

@@ -1,14 +1,14 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Quadrature on the part of a facet group that lies below a water level.
+"""Quadrature on the part of a facet group below a water level.
 
-Facets are taken as triangles (quadrilaterals as two), in 2-D as lines. Each is cut into horizontal
-slices at the depths of its corners and at the level, and Gauss points are set in the square root of
-the depth d. On a slice of a flat facet every polynomial of the position, times sqrt(d) or not, is a
-polynomial of that root, so pressures and added masses are integrated to rounding wherever the level
-is. A facet that the level cuts and whose height is no linear function of its own coordinates (a
-warped or curved one) is divided into `DIVISIONS` parts along each edge, on which it is taken as
-linear for the cut alone.
+Facets are treated as triangles (quadrilaterals as two), in 2-D as lines. Each is cut into
+horizontal slices at the depths of its corners and at the level. The integrands are polynomials of
+the position, times sqrt(depth) or not. On a slice of a flat facet they are polynomials of
+sqrt(depth), so Gauss points in sqrt(depth) integrate pressures and added masses exactly.
+
+A warped or curved facet that the level cuts is divided into `DIVISIONS` parts along each edge,
+because its height is not linear. Only the cut treats the height as linear on a part.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from dolfinx_joints.mesh.closest_points import longest_sides
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 DIVISIONS = 8
-_CHUNK = 128  # pieces of facets evaluated at a time
-_FLAT = 1e-4  # of the depth: pieces whose corners differ by less are taken as horizontal
-_LINEAR = 1e-9  # of the facet's height: what middles of edges may be off a linear height
+_CHUNK = 128  # number of pieces of facets evaluated at a time
+_FLAT = 1e-4  # difference of corner depths over the depth, below which a piece is horizontal
+_LINEAR = 1e-9  # error of the height at mid-edges over the facet's height, if it counts as linear
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,12 +37,12 @@ class WettedPoints:
     """Quadrature points on pieces of wetted facets.
 
     Attributes:
-        nodes: Local nodes of each piece's facet, shape (pieces, nodes).
+        nodes: Local nodes of the facet of each piece, shape (pieces, nodes).
         shapes: Shape functions of these nodes, shape (pieces, points, nodes).
         areas: Outward normals times weights, shape (pieces, points, gdim), [m^2], [m] in 2-D.
         positions: Coordinates, shape (pieces, points, gdim), [m].
         depths: Depths below the level, zero above it, shape (pieces, points), [m].
-        sizes: Longest side of each piece's facet, shape (pieces,), [m].
+        sizes: Longest side of the facet of each piece, shape (pieces,), [m].
     """
 
     nodes: Ints
@@ -54,15 +54,15 @@ class WettedPoints:
 
 
 def wetted_facets(space: Any, jointed: JointedMesh, group: str, level: float) -> WettedFacets:
-    """The part of a facet group below a level [m] (collective)."""
+    """Return the part of a facet group below a level [m] (collective)."""
     return WettedFacets(space, jointed, jointed.boundary_facets(group), level)
 
 
 class WettedFacets:
-    """Exterior facets of this rank, cut by a level; iterate for their quadrature points.
+    """Exterior facets of this rank, cut at a level; iteration yields their quadrature points.
 
     Attributes:
-        lowest: Lowest height of a vertex of the facets here [m], infinite without facets.
+        lowest: Lowest height of a vertex of this rank's facets [m], infinite without facets.
         nodes: Local nodes of the displacement on each facet, shape (facets, nodes).
     """
 
@@ -88,13 +88,13 @@ class WettedFacets:
         self._facet, self._corners = self._pieces()
 
     def __iter__(self) -> Iterator[WettedPoints]:
-        """Quadrature points, some pieces at a time."""
+        """Yield the quadrature points, for some pieces at a time."""
         for start in range(0, len(self._facet), _CHUNK):
             chunk = slice(start, start + _CHUNK)
             yield self._points(self._facet[chunk], self._corners[chunk])
 
     def _pieces(self) -> tuple[Ints, Floats]:
-        """Facets and corners in the reference cell of all pieces that reach below the level."""
+        """Return facet and reference corners of all pieces that reach below the level."""
         vertices = basix.geometry(self._shape.type)[self._shape.facet_vertices][self._local]
         simplices = [[0, 1, 2], [3, 1, 2]] if vertices.shape[1] == 4 else [[0, 1, 2][: self._gdim]]
         corners = np.concatenate([vertices[:, simplex] for simplex in simplices])
@@ -117,12 +117,12 @@ class WettedFacets:
         return np.concatenate([facet[wet], finer_facet]), np.concatenate([corners[wet], finer])
 
     def _depth(self, facet: Ints, points: Floats) -> Floats:
-        """Depths, negative above the level, at points (n, p, dim) of the reference cells."""
+        """Return depths, negative above the level, at points (n, p, dim) of the reference cells."""
         table = _tabulated(self._geometry, 0, points)[0]
         return self._level - np.einsum("npg,ng->np", table, self._x[facet][:, :, -1])
 
     def _points(self, facet: Ints, corners: Floats) -> WettedPoints:
-        """Points of pieces, mapped to the mesh."""
+        """Return the quadrature points of pieces, mapped to the mesh."""
         degree = self._displacement.degree + self._geometry.degree - 1
         degree *= 4 if len(self._shape.facet_vertices[0]) == 4 else 2
         barycentric, weights = slices(self._depth(facet, corners), degree)
@@ -131,10 +131,10 @@ class WettedFacets:
         return self.at(facet, points, weights * size[:, None])
 
     def at(self, facet: Ints, points: Floats, weights: Floats) -> WettedPoints:
-        """Points of the reference cells, mapped to the mesh.
+        """Map points of the reference cells to the mesh.
 
         Args:
-            facet: Positions among the facets here, shape (n,).
+            facet: Positions among this rank's facets, shape (n,).
             points: Shape (n, points, dim).
             weights: Lengths or areas on the reference facets, shape (n, points).
         """
@@ -164,40 +164,39 @@ class WettedFacets:
 
 
 def _tabulated(element: Any, order: int, points: Floats) -> Floats:
-    """Basis functions at points (n, p, dim), shape (derivatives, n, p, functions)."""
+    """Return basis functions at points (n, p, dim), shape (derivatives, n, p, functions)."""
     n, p, dim = points.shape
-    # One more than wanted: Basix ends the process where it is given no points.
+    # Add a point, because Basix aborts the process if there are no points.
     flat = np.append(points.reshape(-1, dim), np.zeros((1, dim)), axis=0)
     table = element.tabulate(order, flat)[:, :-1, :, 0]
     return table.reshape(len(table), n, p, element.dim)
 
 
 def slices(depth: Floats, degree: int) -> tuple[Floats, Floats]:
-    """Quadrature on the wet part of lines or triangles, exact where the depth is linear.
+    """Return a quadrature on the wet part of lines or triangles, exact for linear depths.
 
     Args:
         depth: Depths of the corners, shape (n, 2) or (n, 3), [m].
-        degree: Degree of the polynomials of the position that are integrated, times the depth or
-            its root.
+        degree: Degree of the polynomial integrand, which may have the factor depth or sqrt(depth).
 
     Returns:
-        Barycentric coordinates (n, points, corners) and weights (n, points), whose sum is the wet
-        share of the length or area.
+        Barycentric coordinates (n, points, corners) and weights (n, points); the sum of the weights
+        is the wet share of the length or area.
     """
     count = depth.shape[1]
     horizontal = np.ptp(depth, axis=1) <= _FLAT * np.abs(depth).max(axis=1)
     order = np.argsort(depth, axis=1)
     level = np.take_along_axis(depth, order, axis=1)
-    # Where all corners are as deep any slices do, and no division by their difference is wanted.
+    # If all corners have the same depth, any slices are valid; avoid division by the difference.
     level[horizontal] = np.arange(count)
-    found = _line(level, degree) if count == 2 else _triangle(level, degree)
-    barycentric = np.empty_like(found[0])
-    np.put_along_axis(barycentric, order[:, None, :].repeat(barycentric.shape[1], 1), found[0], 2)
-    return barycentric, found[1]
+    rule = _line(level, degree) if count == 2 else _triangle(level, degree)
+    barycentric = np.empty_like(rule[0])
+    np.put_along_axis(barycentric, order[:, None, :].repeat(barycentric.shape[1], 1), rule[0], 2)
+    return barycentric, rule[1]
 
 
 def _roots(top: Floats, bottom: Floats, degree: int) -> tuple[Floats, Floats]:
-    """Depths between two, of Gauss points in their square root, and their weights (n, points)."""
+    """Return depths and weights (n, points) of Gauss points in sqrt(depth) between two depths."""
     s, w = np.polynomial.legendre.leggauss(degree + 3)
     a, b = (np.sqrt(np.maximum(end, 0.0))[:, None] for end in (top, bottom))
     root = a + (b - a) * (1 + s) / 2
@@ -212,7 +211,10 @@ def _line(level: Floats, degree: int) -> tuple[Floats, Floats]:
 
 
 def _triangle(level: Floats, degree: int) -> tuple[Floats, Floats]:
-    """Slices above and below the middle corner, between the longest edge and the two others."""
+    """Return the rule on triangles, in slices above and below the middle corner.
+
+    Slices lie between the edge from highest to lowest corner and the two other edges.
+    """
     nodes, of_nodes = np.polynomial.legendre.leggauss(degree // 2 + 1)
     t, along = (1 + nodes) / 2, of_nodes / 2
     height = (level[:, 2] - level[:, 0])[:, None]
@@ -223,7 +225,7 @@ def _triangle(level: Floats, degree: int) -> tuple[Floats, Floats]:
         span = (level[:, i + 1] - level[:, i])[:, None]
         part = np.zeros_like(d)
         np.divide(np.abs(d - level[:, 2 * i, None]), span, out=part, where=span > 0.0)
-        np.minimum(part, 1.0, out=part)  # width of the slice, 1 at the middle corner
+        np.minimum(part, 1.0, out=part)  # relative width of the slice, 1 at the middle corner
         longest = np.stack([1 - far, np.zeros_like(far), far], axis=2)
         other = np.zeros_like(longest)
         other[:, :, 1], other[:, :, 2 * i] = part, 1 - part
@@ -234,7 +236,7 @@ def _triangle(level: Floats, degree: int) -> tuple[Floats, Floats]:
 
 
 def _divided(count: int) -> Floats:
-    """Barycentric corners of the parts of a line or triangle, shape (parts, count, count)."""
+    """Return barycentric corners of the parts of a line or triangle, (parts, count, count)."""
     n = DIVISIONS
     if count == 2:
         ends = [(i, i + 1) for i in range(n)]
@@ -245,6 +247,6 @@ def _divided(count: int) -> Floats:
 
 
 def sizes(simplices: Floats) -> Floats:
-    """Length of lines, twice the area of triangles (n, corners, dim), shape (n,)."""
+    """Return the length of lines or twice the area of triangles (n, corners, dim), shape (n,)."""
     edges = simplices[:, 1:] - simplices[:, :1]
     return np.sqrt(np.linalg.det(np.einsum("nid,njd->nij", edges, edges)))

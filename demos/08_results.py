@@ -46,7 +46,7 @@ results
 # ## Peaks and histories
 #
 # The crest moves by some 15 mm. Accelerations are those below 25 Hz: beyond what step
-# and mesh [resolve](../docs/guide/results.md#what-a-run-resolves) they say little, of which a
+# and mesh [resolve](../docs/guide/accelerations.md#what-a-run-resolves) they say little, of which a
 # warning tells here, as cells of 8 m resolve 18 Hz.
 # %%
 peaks = export.to_pandas(results, "peaks").set_index("peak")

@@ -90,7 +90,7 @@ def test_the_reader_finds_groups_and_joint(jointed):
 
 @pytest.mark.parametrize("force", [-3e6, 3e6])
 def test_law_and_load(page, jointed, force):
-    """The joint carries the whole force in pressure and tension, as a spring."""
+    """Compare traction and gap of the joint with a spring, in pressure and in tension."""
     law = page.Bonded(normal_stiffness=STIFFNESS, shear_stiffness=0.4 * STIFFNESS)
     model = model_of(jointed, [page.SpreadForce(group="top", force=(0.0, force))], law)
     simulation = dj.Simulation(model)
@@ -110,7 +110,7 @@ def test_every_group_of_a_load_is_checked(page, jointed):
 
 
 def test_a_new_row_is_in_files_and_tables(tmp_path):
-    """Put the row into the table, in a process of its own, and read its values back."""
+    """Put the row into the table, in a separate process, and read its values back."""
     (tmp_path / "two_squares.txt").write_text(MESH)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(PROJECT), *sys.path])}
     subprocess.run(
@@ -127,7 +127,10 @@ def with_row(row: str) -> None:
     assert source.count(begin) == 1
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
-    exec(compile(source.replace(begin, begin + row), spec.origin, "exec"), module.__dict__)
+    exec(
+        compile(source.replace(begin, f"{begin}        {row.strip()},\n"), spec.origin, "exec"),
+        module.__dict__,
+    )
 
 
 def run_with_row() -> None:

@@ -21,13 +21,13 @@
 #
 # $$m\ddot u + k u + k_{stop}\langle u - gap\rangle = 0,\qquad u(0) = 0,\ \dot u(0) = v_0$$
 #
-# The stop is a joint point with one degree of freedom: its normal gap is $gap - u$ and its law is
-# the no-tension law of every other joint of this package, with $k_n = k_{stop}$ on 1 m². The exact
-# motion is made of two harmonics (`dolfinx_joints.exact.ImpactOscillator`).
+# The stop is a joint point with one degree of freedom. Its normal gap is $gap - u$, and its law is
+# the no-tension law of the package with $k_n = k_{stop}$ on 1 m². The exact motion consists of two
+# harmonics (`dolfinx_joints.exact.ImpactOscillator`).
 #
-# As in the paper the time step is T/1500 near the impact and T/20 otherwise, T being the period of
-# the mass on its spring, and the scheme is Newmark's average acceleration. The energy-consistent
-# scheme, the package's default, then takes the same steps.
+# As in the paper, the time step is T/1500 near the impact and T/20 otherwise, where T is the period
+# of the mass on its spring. The scheme is Newmark's average acceleration. A second run takes the
+# same steps with the energy-consistent scheme, the default of the package.
 
 # %%
 from dataclasses import dataclass
@@ -58,21 +58,21 @@ PROBLEMS = {
 # %% [markdown]
 # ## The choice of the step
 #
-# A state is never changed once made, so a step may be tried and thrown away. A long step is kept
-# if the stop is open at both of its ends; otherwise a short one is taken instead. Contact, and up
-# to one long step before it, is thus resolved with short steps.
+# A scheme does not change the state it starts from, so a step can be tried and rejected. A long
+# step is accepted if the stop is open at both of its ends. Otherwise a short step replaces it. So
+# short steps resolve the contact and up to one long step before it.
 
 
 # %%
 def is_open(state: DynamicState) -> bool:
-    """Whether the mass is off the stop."""
+    """Return True if the mass does not touch the stop."""
     return bool(state.joints.state.gap[0, 0] > 0.0)
 
 
 def step(
     scheme: Scheme, solver: StepSolver, state: DynamicState, *, away: float, near: float
 ) -> tuple[DynamicState, StepReport]:
-    """One step of length ``away`` [s] where the stop stays open, else of length ``near`` [s]."""
+    """Advance by ``away`` [s] if the stop stays open, else by ``near`` [s]."""
     if is_open(state):
         trial = scheme.advance(solver, state, away)
         if is_open(trial[0]):
@@ -81,15 +81,15 @@ def step(
 
 
 # %% [markdown]
-# ## The march
+# ## The time loop
 #
-# `refinement` divides both steps.
+# `refinement` divides both step lengths.
 
 
 # %%
 @dataclass(frozen=True)
 class History:
-    """What a run gives, one entry per step: SI units."""
+    """Results of a run, one entry per step, in SI units."""
 
     time: np.ndarray
     displacement: np.ndarray
@@ -109,7 +109,7 @@ def march(
     refinement: int = 1,
     steps_away: int = STEPS_AWAY,
 ) -> History:
-    """March over two periods of the motion with impacts."""
+    """Compute two periods of the motion with impacts."""
     system = MatrixSystem.from_arrays(
         mass=[[problem.mass]],
         stiffness=[[problem.stiffness]],
@@ -144,19 +144,19 @@ def march(
 # ## Measures
 #
 # The displacement error is the largest over the run, relative to the free amplitude $v_0/\omega$.
-# Touching and leaving times of the first contact are interpolated between the steps; the impulse
-# is the trapezoidal sum of the force, as in Newmark's rule.
+# The start and the end of the first contact are interpolated between the steps. The impulse is the
+# trapezoidal sum of the force, as in Newmark's rule.
 
 
 # %%
 def displacement_error(problem: ImpactOscillator, run: History) -> float:
-    """Largest displacement error relative to the amplitude."""
+    """Return the largest displacement error relative to the amplitude."""
     difference = run.displacement - problem.displacement(run.time)
     return float(np.abs(difference).max() / problem.amplitude)
 
 
 def first_contact(problem: ImpactOscillator, run: History) -> tuple[float, float, float]:
-    """Duration [s], largest force [N] and impulse [N s] of the first contact."""
+    """Return duration [s], largest force [N] and impulse [N s] of the first contact."""
     closed = run.displacement >= problem.gap
     begin = int(np.argmax(closed))
     end = begin + int(np.argmin(closed[begin:]))
@@ -175,7 +175,7 @@ def first_contact(problem: ImpactOscillator, run: History) -> tuple[float, float
 # ## With the paper's steps
 
 # %%
-comm = MPI.COMM_WORLD  # every process marches the same small problem, the first one reports
+comm = MPI.COMM_WORLD  # all processes run the same small problem; the first one prints
 runs = {gap: march(problem) for gap, problem in PROBLEMS.items()}
 
 lines = [
@@ -183,9 +183,9 @@ lines = [
     f"{'contact [s]':>20} {'force [N]':>20} {'impulse [N s]':>20}"
 ]
 for gap, problem in PROBLEMS.items():
-    found = first_contact(problem, runs[gap])
+    computed = first_contact(problem, runs[gap])
     exact = (problem.contact_duration, problem.max_force, problem.impulse)
-    pairs = zip(found, exact, (".6f", ".2f", ".3f"), strict=True)
+    pairs = zip(computed, exact, (".6f", ".2f", ".3f"), strict=True)
     cells = " ".join(f"{f'{a:{form}} ({b:{form}})':>20}" for a, b, form in pairs)
     lines.append(
         f"{gap:8.2f} {runs[gap].steps:6d} {100 * runs[gap].energy_error:11.4f} % "
@@ -196,10 +196,10 @@ if comm.rank == 0:
     print("\n".join(lines))
 
 # %% [markdown]
-# The displacement error is one of phase. At T/20 the average-acceleration rule makes the free
-# period $(\omega\,\Delta t)^2/12 = 0.82\,\%$ too long, whatever is done about the contact: the
-# mass comes late, but with the right speed, so that duration, force and impulse of the contact are
-# right to 0.1 % and better. With short steps throughout next to nothing of it is left:
+# The displacement error is an error of phase. At T/20 the average-acceleration rule makes the free
+# period $(\omega\,\Delta t)^2/12 = 0.82\,\%$ too long, with any treatment of the contact. The mass
+# arrives late but with the correct speed, so duration, force and impulse of the contact are
+# accurate to 0.1 %. With short steps throughout, the error nearly vanishes:
 
 # %%
 short = march(PROBLEMS[0.03], steps_away=STEPS_NEAR)
@@ -213,9 +213,9 @@ if comm.rank == 0:
 # %% [markdown]
 # ## The energy-consistent scheme
 #
-# It asks the stop not for its force at the end of a step but for one that, times the way of the
-# step, is exactly the change of the energy stored. The balance then closes however the contact
-# falls within the steps. Phase is a matter of the length of the step, as before.
+# This scheme does not use the force of the stop at the end of a step. It uses a mean force whose
+# work in the step is exactly the change of the stored energy. The energy balance then closes
+# wherever the contact begins within a step. The phase still depends on the step length.
 
 # %%
 consistent = {gap: march(problem, scheme=EnergyConsistent()) for gap, problem in PROBLEMS.items()}
@@ -231,19 +231,18 @@ if comm.rank == 0:
 # %% [markdown]
 # ## Refinement
 #
-# Both steps are divided by 2, 4 and 8. The scheme's order 2 survives the impacts although they
-# begin and end within a step: a step that closes part-way errs in velocity by at most
-# $k_{stop} v_1 \Delta t^2/8m$, also of second order, only with a factor that depends on where in
-# the step the contact begins. In the energy, where one such step costs up to
-# $k_{stop} \Delta t^2/4m$ (0.044 % at T/1500), this factor is all that is seen, so the energy error
-# falls unevenly.
+# Both steps are divided by 2, 4 and 8. The scheme keeps its order 2, although impacts begin and end
+# within a step. If the contact begins within a step, the error of the velocity is at most
+# $k_{stop} v_1 \Delta t^2/8m$. This is of second order, too, with a factor that depends on where in
+# the step the contact begins. Such a step changes the energy by up to $k_{stop} \Delta t^2/4m$
+# (0.044 % at T/1500). Because of the factor, the energy error decreases unevenly.
 
 # %%
 LEVELS = (1, 2, 4, 8)
 
 
 def observed_order(errors: list[float]) -> float:
-    """Order of convergence fitted over `LEVELS`."""
+    """Return the order of convergence fitted over `LEVELS`."""
     return float(-np.polyfit(np.log(LEVELS), np.log(errors), 1)[0])
 
 
@@ -265,7 +264,7 @@ if comm.rank == 0:
 # %% [markdown]
 # ## Figure
 #
-# Displacement, force of the stop and energies; lines are exact, symbols are the long steps and
+# Displacement, force of the stop and energies. Lines are exact; symbols are the long steps and
 # every fifth of the short ones.
 
 

@@ -11,7 +11,7 @@
 # %% [markdown]
 # # A block slides on its base
 #
-# An elastic block, 2 m x 1 m x 0.2 m, lies on a thin slab that is clamped below; the joint between
+# An elastic block, 2 m x 1 m x 0.2 m, rests on a thin slab that is clamped below. The joint between
 # them has friction and no tension.
 #
 # ```text
@@ -23,16 +23,17 @@
 #                    /////////////////////////////  -> ground acceleration
 # ```
 #
-# 1. On an incline, at 99 % and at 101 % of the friction limit. The plane stays level and gravity
-#    is turned instead; weak springs along the top face carry what friction does not. With the
-#    weight $W$, the coefficient $\mu$, the slope $\theta$ and the springs' stiffness $K$
-#    $$s = \frac{W (\sin\theta - \mu\cos\theta)}{K}\quad\text{beyond the limit.}$$
-# 2. Newmark's block: the ground accelerates with $A$ for a time $t_p$. The block follows with no
-#    more than $a_y = \mu g$, lags behind, and comes to rest on its base at $t = A t_p/a_y$ after
+# 1. On an incline, at 99 % and at 101 % of the friction limit. The model turns gravity instead of
+#    the plane. Weak springs along the top face carry the force that exceeds friction. With the
+#    weight $W$, the coefficient $\mu$, the slope $\theta$ and the stiffness $K$ of the springs, the
+#    slip beyond the limit is
+#    $$s = \frac{W (\sin\theta - \mu\cos\theta)}{K}.$$
+# 2. Newmark's block: the ground accelerates with $A$ for a time $t_p$. The block accelerates with
+#    at most $a_y = \mu g$, lags behind, and comes to rest on its base at $t = A t_p/a_y$ after
 #    $$s = \frac{(A - a_y) A t_p^2}{2 a_y}.$$
 #
-# Displacements are small in the sense of the package: the joint is evaluated where it was, so a
-# slip of half a metre on a slab of the same length is no contradiction here.
+# The package assumes small displacements and evaluates the joint at its original place. On a level
+# base with uniform pressure even a slip of half a metre makes no difference.
 
 # %%
 import math
@@ -77,7 +78,7 @@ abort_on_error(comm)
 
 
 def blocks(cell: str = "hex") -> JointedMesh:
-    """The mesh; rank 0 alone writes and reads the file."""
+    """Return the mesh; only rank 0 writes and reads the file."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "blocks.msh"
         on_root(
@@ -96,7 +97,7 @@ def blocks(cell: str = "hex") -> JointedMesh:
 
 
 def mean_slip(model: Model, joints: Response) -> np.ndarray:
-    """Mean of the tangential gap over the joint, (s1, s2) = (x, y), [m]."""
+    """Return the mean tangential gap of the joint, (s1, s2) = (x, y), [m]."""
     slip = joints.state.gap[:, 1:]
     area = model.contact.integral(np.ones(len(slip)))
     return np.array([model.contact.integral(slip[:, axis]) for axis in (0, 1)]) / area
@@ -105,8 +106,8 @@ def mean_slip(model: Model, joints: Response) -> np.ndarray:
 # %% [markdown]
 # ## On the incline
 #
-# The springs are chosen to yield 10 mm at 101 % of the limit. What the block and the joint deform
-# elastically is below a thousandth of that.
+# The stiffness of the springs gives a slip of 10 mm at 101 % of the limit. Block and joint deform
+# elastically by less than a thousandth of that.
 
 # %%
 FRICTION_ANGLE = 30.0  # degrees
@@ -115,7 +116,7 @@ GRAVITY = 9.80665  # m/s^2
 
 
 def incline(jointed: JointedMesh, share: float) -> tuple[np.ndarray, float, StatusCounts]:
-    """Static slip where tan(theta) is a share of the friction limit: found, exact, points."""
+    """Return computed slip, exact slip and points at a share of the limit of tan(theta)."""
     mu = math.tan(math.radians(FRICTION_ANGLE))
 
     def excess(share: float) -> float:
@@ -156,14 +157,14 @@ if comm.rank == 0:
         )
 
 # %% [markdown]
-# At 99 % many points slide already (the slope turns some of the pressure towards the lower edge, so
-# that the limit is not the same everywhere), but those that stick hold the block: it moves by the
-# elastic slip of the joint, less than a micrometre. At 101 % all points slide.
+# At 99 % many points already slide: the slope shifts pressure towards the lower edge, so the limit
+# differs from point to point. The sticking points keep the block in place. It moves by the elastic
+# slip of the joint, less than a micrometre. At 101 % all points slide.
 #
 # ## Newmark's block
 #
-# A monitor collects the slip. At the end of the pulse the ground acceleration takes its mean value,
-# so that the trapezoidal rule sees the right impulse.
+# A monitor records the slip. At the end of the pulse the ground acceleration is set to its mean
+# value, so that the trapezoidal rule integrates the exact impulse.
 
 # %%
 MOTION = SlidingBlock(pulse=4.0, yield_acceleration=2.0, duration=0.5)
@@ -172,7 +173,7 @@ DURATION = 1.2  # s
 
 
 class SlipHistory(Monitor):
-    """Records time [s], mean slip (n, 2) [m] and friction work [J]."""
+    """Monitor that records time [s], mean slip (n, 2) [m] and friction work [J]."""
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         self.model, self.rows = model, []
@@ -188,14 +189,14 @@ class SlipHistory(Monitor):
 
 
 def ground(time: float) -> tuple[float, float, float]:
-    """Ground acceleration [m/s^2]: towards -x, so that the block slides towards +x."""
-    left = MOTION.duration - time
-    share = 0.5 if abs(left) < 1e-9 else float(left > 0.0)
+    """Return the ground acceleration [m/s^2], towards -x: the block slides towards +x."""
+    remaining = MOTION.duration - time
+    share = 0.5 if abs(remaining) < 1e-9 else float(remaining > 0.0)
     return -MOTION.pulse * share, 0.0, 0.0
 
 
 def shake(jointed: JointedMesh, dt: float) -> tuple[SlipHistory, Outcome]:
-    """Self weight, then the pulse, with a time step [s]."""
+    """Run self weight, then the pulse with a time step [s]."""
     mu = MOTION.yield_acceleration / LEVEL_GRAVITY
     model = Model(
         jointed,
@@ -216,12 +217,12 @@ def shake(jointed: JointedMesh, dt: float) -> tuple[SlipHistory, Outcome]:
 
 
 def slip_error(history: SlipHistory) -> float:
-    """Error of the final slip relative to the exact one, with its sign."""
+    """Return the relative error of the final slip, with its sign."""
     return float(history.slip[-1, 0] / MOTION.final_slip - 1.0)
 
 
 def expected_error(dt: float) -> float:
-    """Second-order error of the final slip, from the end of the pulse, see below."""
+    """Return the expected error of the final slip, see below."""
     return -0.25 * MOTION.pulse * dt**2 / MOTION.final_slip
 
 
@@ -244,13 +245,13 @@ if comm.rank == 0:
         )
 
 # %% [markdown]
-# The error is of second order in the time step, and known beforehand. A step's load is the mean of
-# its ends, so that in the two steps beside the end of the pulse the ground accelerates with 3/4 and
-# 1/4 of $A$ instead of $A$ and 0. The block is slower by $A\Delta t/4$ where they meet, and lags by
-# $A\Delta t^2/4$ ever after.
+# The error is of second order in the time step, and can be computed in advance. The load of a step
+# is the mean of its ends. So in the two steps at the end of the pulse the ground accelerates with
+# 3/4 and 1/4 of $A$ instead of $A$ and 0. The block is slower by $A\Delta t/4$ between these steps,
+# and lags by $A\Delta t^2/4$ from then on.
 #
-# The run warns that slip exceeds a tenth of the element size: points keep their partners. On a
-# level base of uniform pressure that does no harm.
+# The run warns that slip exceeds a tenth of the element size, because points keep their partners.
+# On a level base with uniform pressure this has no effect.
 #
 # ## Figure
 #
@@ -294,9 +295,9 @@ if comm.rank == 0:
 # # Verification
 
 # %%
-held, _, _ = inclines[0.99]
+sticking, _, _ = inclines[0.99]
 slid, rigid, counts = inclines[1.01]
-assert abs(held[0]) < 1e-6  # elastic slip, mu p / k_s with p about 5 kPa
+assert abs(sticking[0]) < 1e-6  # elastic slip, mu p / k_s with p about 5 kPa
 assert abs(slid[0] / rigid - 1.0) < 1e-4  # the block's own deformation
 assert counts.slip == counts.total
 assert abs(slid[1]) < 1e-6 * rigid

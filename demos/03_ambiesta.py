@@ -4,15 +4,16 @@
 # %% [markdown]
 # # An arch dam whose construction joints open and slide
 #
-# The shape resembles Ambiesta dam (height 57 m, crest 144.6 m): its published height and crest
-# length, the rest fitted to the published peak frequencies, 5.0 Hz (antisymmetric) and 5.22 Hz
-# (symmetric). The dam is clamped at base and abutments, the basin is empty, and the damping matrix
-# is constant and stiffness-proportional, 2 % at 5 Hz. Vertical joints, radial at the crest and
-# about 12 m apart, are active below 0.75 of the height: no tension, elastic contact, Coulomb
-# friction of 30 degrees without dilatancy, no initial gap.
+# The shape resembles Ambiesta dam. Height (57 m) and crest length (144.6 m) are the published ones;
+# the other dimensions are fitted to the published peak frequencies, 5.0 Hz (antisymmetric) and
+# 5.22 Hz (symmetric). The dam is clamped at base and abutments, and the basin is empty. The damping
+# matrix is constant and stiffness-proportional, 2 % at 5 Hz. The joints are vertical, radial at the
+# crest, about 12 m apart, and active below 0.75 of the height. They have no tension, elastic
+# contact, Coulomb friction of 30 degrees without dilatancy, and no initial gap.
 #
 # The dam is loaded by its own weight, then shaken for 11.165 s in all three directions, in 2288
-# steps of 0.00488 s with the energy-consistent scheme: as a monolith, and with its joints.
+# steps of 0.00488 s with the energy-consistent scheme. There are two runs: the dam as a monolith,
+# and the dam with its joints.
 #
 #     ./with-dolfinx python3 demos/03_ambiesta.py                      # built-in motion
 #     ./with-dolfinx python3 demos/03_ambiesta.py --record DIRECTORY   # three AT2 files
@@ -45,7 +46,7 @@ from studies.tables import print_tables
 
 
 def parse_arguments(arguments: list[str] | None = None) -> argparse.Namespace:
-    """Options of the command line."""
+    """Parse the command line."""
     parser = Parser(description="Seismic analysis of a jointed arch dam.")
     parser.add_argument("--size", type=float, default=5.5, help="cell size [m] (default 5.5)")
     parser.add_argument("--order", type=int, default=2, choices=(1, 2), help="element order")
@@ -83,13 +84,13 @@ def say(text: str) -> None:
 # %% [markdown]
 # ## The case
 #
-# Everything that can be chosen is a number of a `Case`; `studies/ambiesta.py` says what each one
-# means, and makes mesh, model and motion of it.
+# A `Case` contains all parameters. `studies/ambiesta.py` explains each of them, and builds mesh,
+# model and motion from them.
 
 
 # %%
 def chosen_case(options: argparse.Namespace) -> Case:
-    """The case that the options describe."""
+    """Return the case with the given options."""
     return Case(
         size=options.size,
         order=options.order,
@@ -108,14 +109,14 @@ def chosen_case(options: argparse.Namespace) -> Case:
 # ## A run
 #
 # The same mesh is read as a monolith or split at its joints. Natural modes, with all joints closed,
-# tell what their compliance does. Then self weight in four load steps with the joints active, and
-# the earthquake. Histories, energies and joint states go to an HDF5 file as the run goes, body and
-# joints to files for ParaView.
+# show the effect of the joints' compliance. Then follow self weight in four load steps with active
+# joints, and the earthquake. During the run histories, energies and joint states are written to an
+# HDF5 file, body and joints to files for ParaView.
 
 
 # %%
 class Analysed(NamedTuple):
-    """A dam that has been shaken: results file, closing lines, and first frequencies [Hz]."""
+    """Results of a run: results file, report, and first frequencies [Hz]."""
 
     results: Path
     report: str
@@ -126,7 +127,7 @@ class Analysed(NamedTuple):
 
 
 def run(which: Which, mesh: Path, case: Case, options: argparse.Namespace) -> Analysed:
-    """Model, modes, self weight and earthquake."""
+    """Compute modes, self weight and earthquake of a model."""
     model = ambiesta.build(case, which, mesh)
     fields = dj.FieldMonitor(
         options.out / f"{which}.vtkhdf", every=10 * ambiesta.STATE_INTERVAL, overwrite=True
@@ -148,7 +149,7 @@ def run(which: Which, mesh: Path, case: Case, options: argparse.Namespace) -> An
 
 
 def stiffer(mesh: Path) -> np.ndarray:
-    """First frequencies [Hz] with joints ten times as stiff."""
+    """Return the first frequencies [Hz] with joints ten times as stiff."""
     model = ambiesta.build(Case(normal_stiffness=1e12), "joints", mesh)
     return dj.modes(model.system(), 2).frequencies
 
@@ -156,29 +157,28 @@ def stiffer(mesh: Path) -> np.ndarray:
 # %% [markdown]
 # ## Both runs at once
 #
-# On one rank the monolith has a process of its own, beside that of the jointed dam, which then
-# draws half of the figures. Modes with joints ten times as stiff show that joints, closed, make
-# the dam little softer.
+# On one rank a second process runs the monolith and then draws half of the figures. Modes with
+# joints ten times as stiff show that closed joints soften the dam only a little.
 
 
 # %%
-def process_beside() -> AbstractContextManager[ProcessPoolExecutor | None]:
-    """Another process, on one rank; more ranks are busy themselves."""
+def second_process() -> AbstractContextManager[ProcessPoolExecutor | None]:
+    """Return a second process on one rank; with more ranks, None."""
     alone = MPI.COMM_WORLD.size == 1
     return ProcessPoolExecutor(1, mp_context=get_context("fork")) if alone else nullcontext()
 
 
 def both_runs(
-    case: Case, options: argparse.Namespace, beside: ProcessPoolExecutor | None
+    case: Case, options: argparse.Namespace, second: ProcessPoolExecutor | None
 ) -> tuple[Analysed, Analysed, np.ndarray]:
-    """The monolith, the jointed dam, and frequencies [Hz] of the latter with stiffer joints."""
+    """Run the monolith and the jointed dam; compute frequencies [Hz] with stiffer joints."""
     mesh = ambiesta.make_mesh(case, options.out)
-    if beside is None:
+    if second is None:
         linear, joints = (run(which, mesh, case, options) for which in ("linear", "joints"))
         return linear, joints, stiffer(mesh)
-    waiting = beside.submit(run, "linear", mesh, case, options), beside.submit(stiffer, mesh)
-    for package in ("matplotlib.figure", "pyvista"):  # for the figures, while there is time
-        beside.submit(import_module, package)
+    waiting = second.submit(run, "linear", mesh, case, options), second.submit(stiffer, mesh)
+    for package in ("matplotlib.figure", "pyvista"):  # load packages for the figures in advance
+        second.submit(import_module, package)
     joints = run("joints", mesh, case, options)
     return waiting[0].result(), joints, waiting[1].result()
 
@@ -192,10 +192,10 @@ def show_moment(joints: Path, out: Path) -> None:
 # %% [markdown]
 # ## The analysis
 #
-# The table compares the runs at the middle of the crest (paper: equal maxima in the strong phase,
-# larger x and z after it with joints, Fourier peaks at 5.22 Hz for x and z and at 5.0 Hz for y).
-# The figures are of the paper's kinds. Maps of joints show the moment at which open, sliding and
-# sticking points of the middle joint are most evenly mixed.
+# The table compares the runs at the middle of the crest. In the paper the maxima in the strong
+# phase are equal; after it, x and z are larger with joints. The Fourier peaks are at 5.22 Hz for x
+# and z and at 5.0 Hz for y. The figures are of the kinds in the paper. Maps of joints show the
+# moment at which open, sliding and sticking points of the middle joint are most evenly mixed.
 
 
 # %%
@@ -207,8 +207,8 @@ def main(arguments: list[str] | None = None) -> None:
     peaks = ", ".join(f"{p / 9.80665:.3f} g" for p in motion.peak)
     say(f"{case.steps} time steps of a dam without and with joints: about 1 s per 100 steps each")
     say(f"motion: {motion.name}, peaks {peaks} (x, y, z), {motion.duration:.3f} s")
-    with process_beside() as beside:
-        linear, joints, stiff = both_runs(case, options, beside)
+    with second_process() as second:
+        linear, joints, stiff = both_runs(case, options, second)
         frequencies = {
             "monolith": linear.frequencies,
             "joints closed": joints.frequencies,
@@ -218,7 +218,7 @@ def main(arguments: list[str] | None = None) -> None:
         for name, (antisymmetric, symmetric) in frequencies.items():
             say(f"first frequencies, {name}: {antisymmetric:.3f} and {symmetric:.3f} Hz")
         say(f"linear: {linear.report}\n\njoints: {joints.report}\n")
-        on_root(comm, lambda: conclude(options, linear, joints, frequencies, beside))
+        on_root(comm, lambda: conclude(options, linear, joints, frequencies, second))
     verify(case, linear, joints, stiff)
 
 
@@ -227,11 +227,11 @@ def conclude(
     linear: Analysed,
     joints: Analysed,
     frequencies: dict[str, np.ndarray],
-    beside: ProcessPoolExecutor | None,
+    second: ProcessPoolExecutor | None,
 ) -> None:
-    """Tables, figures and a summary, by one rank."""
-    what = joints.results, options.out
-    waiting = None if beside is None else beside.submit(show_moment, *what)
+    """Write tables, figures and a summary on one rank."""
+    moment = joints.results, options.out
+    waiting = None if second is None else second.submit(show_moment, *moment)
     with dj.Results(linear.results) as one, dj.Results(joints.results) as other:
         rows = print_tables(one, other)
         comparison_figures(one, other, options.out)
@@ -242,7 +242,7 @@ def conclude(
             "table": rows,
         }
     (options.out / "summary.json").write_text(json.dumps(summary, indent=1))
-    show_moment(*what) if waiting is None else waiting.result()
+    show_moment(*moment) if waiting is None else waiting.result()
     for path in sorted(options.out.iterdir()):
         print(f"written: {path}")
 
@@ -250,24 +250,24 @@ def conclude(
 # %% [markdown]
 # ## Verification
 #
-# The frequencies of the fitted shape, those of the closed joints, and the paper's bounds on the
-# energy error: below 2 % for the linear run and below 4 % with joints.
+# The demo checks the frequencies of the fitted shape, those with closed joints, and the bounds of
+# the paper on the energy error: below 2 % for the linear run and below 4 % with joints.
 
 
 # %%
 def verify(case: Case, linear: Analysed, joints: Analysed, stiff: np.ndarray) -> None:
-    """Assert what the analysis must satisfy."""
-    said = "energy errors below the paper's 2 % and 4 %"
+    """Check frequencies, size of the model and energy errors."""
+    checks = "energy errors below the paper's 2 % and 4 %"
     if case.order == 2 and case.size <= 6.0:
-        said = f"frequencies within 1 %, {said}"
-        for name, found in (("monolith", linear.frequencies), ("stiff joints", stiff)):
-            np.testing.assert_allclose(found, (5.00, 5.23), rtol=0.01, err_msg=name)
+        checks = f"frequencies within 1 %, {checks}"
+        for name, frequencies in (("monolith", linear.frequencies), ("stiff joints", stiff)):
+            np.testing.assert_allclose(frequencies, (5.00, 5.23), rtol=0.01, err_msg=name)
         assert linear.dofs >= 6000
         if case.active_height >= 0.75:
             assert joints.points >= 300
     assert linear.energy_error < 0.02
     assert joints.energy_error < 0.04
-    say(f"verified: {said}")
+    say(f"verified: {checks}")
 
 
 if __name__ == "__main__":

@@ -11,8 +11,9 @@
 # %% [markdown]
 # # A gravity dam slides and opens at its lift joints
 #
-# The tallest non-overflow monolith of Koyna dam in plane strain, cut by a lift joint at the neck,
-# where the downstream face bends and the dam cracked in 1967, and by the joint at its base:
+# The model is the tallest non-overflow monolith of Koyna dam in plane strain. A lift joint cuts it
+# at the neck, where the downstream face bends and the dam cracked in 1967. A second joint is at its
+# base:
 #
 # ```text
 #            ___
@@ -28,8 +29,8 @@
 #           /////////////
 # ```
 #
-# Self weight and the reservoir act first, then an artificial earthquake. Water moves with the
-# upstream face by Westergaard's added mass; there is no water in the joints, no uplift.
+# Self weight and the reservoir act first, then an artificial earthquake. Westergaard's added mass
+# moves with the upstream face. There is no water in the joints, so no uplift.
 #
 #     ./with-dolfinx python3 demos/04_gravity_dam.py
 
@@ -62,7 +63,7 @@ on_root(comm, lambda: out.mkdir(parents=True, exist_ok=True))
 
 
 def say(text: str) -> None:
-    """Print once, whatever the number of ranks."""
+    """Print on rank 0."""
     if comm.rank == 0:
         print(text, flush=True)
 
@@ -70,8 +71,9 @@ def say(text: str) -> None:
 # %% [markdown]
 # ## The dam
 #
-# Koyna's published properties. A joint called `neck` becomes the group `joint_neck`; one at height
-# 0 is the base joint, and puts a row of cells of the ground below it, which are held here.
+# The properties are the published ones of Koyna. The joint `neck` becomes the group `joint_neck`.
+# The joint at height 0 is the base joint; below it the mesh has a row of cells of the ground, which
+# is fixed here.
 
 # %%
 WATER = 91.75  # level of the reservoir above the base [m]
@@ -102,7 +104,7 @@ say(f"joints closed, with water: {frequencies[0]:.2f} and {frequencies[1]:.2f} H
 # %% [markdown]
 # ## Weight and water
 #
-# What the joints carry is what lies above them, whatever the mesh and the joints' stiffness.
+# The joints carry the weight and the thrust above them, for any mesh and joint stiffness.
 
 # %%
 results = out / "koyna.h5"
@@ -112,21 +114,21 @@ static = run.statics(steps=4).joints
 
 
 def carried(joint: str) -> tuple[float, float]:
-    """Compression and shear of a joint [N/m]."""
+    """Return compression and shear of a joint [N/m]."""
     number = model.operator.names.index(joint)
     normal, shear, _ = (model.contact.integrals(t)[number] for t in static.traction.T)
     return -float(normal), abs(float(shear))
 
 
 def expected(height: float) -> tuple[float, float]:
-    """Weight above a height and thrust of the water above it [N/m]."""
+    """Return the weight and the thrust of the water above a height [N/m]."""
     levels = np.unique(np.clip(KOYNA.levels, height, None))
     weight = CONCRETE.density * G * np.trapezoid(KOYNA.thickness(levels), levels)
     return float(weight), 0.5 * 1000.0 * G * (WATER - height) ** 2
 
 
-found = {joint: carried(joint) for joint in (BASE, NECK)}
-for joint, (normal, shear) in found.items():
+resultants = {joint: carried(joint) for joint in (BASE, NECK)}
+for joint, (normal, shear) in resultants.items():
     say(
         f"{joint}: carries {normal / 1e6:.3f} MN/m and {shear / 1e6:.3f} MN/m, "
         f"safety against sliding {normal * math.tan(math.radians(45.0)) / shear:.2f}"
@@ -135,8 +137,8 @@ for joint, (normal, shear) in found.items():
 # %% [markdown]
 # ## Earthquake
 #
-# Four seconds with 0.4 g along the stream and 0.25 g upwards: of the three components of a motion a
-# plane model takes x and z.
+# Four seconds with 0.4 g along the stream and 0.25 g upwards. A plane model uses the components x
+# and z of a motion.
 
 # %%
 motion = dj.synthetic_motion(seed=4, duration=4.0, peaks_g=(0.4, 0.0, 0.25))
@@ -145,14 +147,14 @@ say(run.report(outcome))
 
 
 # %% [markdown]
-# ## What the joints did
+# ## Opening and slip of the joints
 #
-# Slips are those added to the static state.
+# Slips count from the static state.
 
 
 # %%
 def report() -> dict[str, dict[str, float]]:
-    """Print the joints' largest and residual motions, and draw."""
+    """Print the largest and the residual motions of the joints, and draw."""
     with dj.Results(results) as file:
         measured = joint_measures(file, tail=0.5)
         for name, m in measured.items():
@@ -165,7 +167,7 @@ def report() -> dict[str, dict[str, float]]:
 
 
 def draw(file: dj.Results, time: float) -> None:
-    """The dam when its neck is open widest, and histories of crest and joints."""
+    """Draw the dam at the widest opening of its neck, and histories of crest and joints."""
     figure = Figure(figsize=(7.4, 4.2), layout="constrained")
     body, crest, opening, slip = figure.subplot_mosaic(
         [["dam", "crest"], ["dam", "opening"], ["dam", "slip"]], width_ratios=(1.0, 1.7)
@@ -202,12 +204,13 @@ measured = on_root(comm, report)
 # %% [markdown]
 # ## Verification
 #
-# Equilibrium of the static state, by hand to rounding; an energy balance to rounding; and what the
-# run is about: a neck that is closed under weight and water opens and slides, and the slip stays.
+# The static state agrees with equilibrium by hand to rounding, and the energies balance to
+# rounding. The neck is closed under weight and water, opens and slides in the earthquake, and keeps
+# a slip.
 
 # %%
 for joint, height in ((BASE, 0.0), (NECK, 66.5)):
-    assert np.allclose(found[joint], expected(height), rtol=1e-8), joint
+    assert np.allclose(resultants[joint], expected(height), rtol=1e-8), joint
 assert outcome.energy_error < 1e-9
 if comm.rank == 0:
     assert measured[NECK]["opening_static"] == 0.0

@@ -3,10 +3,10 @@
 # %% [markdown]
 # # A joint law in UFL, and integrals over joints
 #
-# The construction joints of an arch dam, [first](00_first_steps.py) seen with friction, get a law
-# of one's own: a bond with a strength and an energy of separation, whose traction falls
-# exponentially as it opens or slides. The dam carries its weight and is shaken for 0.2 s:
-# once with the joints integrated over interior facets, once by the operator B.
+# The construction joints of the arch dam of the [first steps](00_first_steps.py) get a user-defined
+# law: a bond with a strength and an energy of separation. Its traction decreases exponentially as
+# it opens or slides. The dam carries its weight and is shaken for 0.2 s. One run integrates the
+# joints over interior facets, the other uses the operator B.
 #
 #     ./with-dolfinx python3 demos/05_joint_law_in_ufl.py
 
@@ -32,7 +32,7 @@ on_root(comm, lambda: out.mkdir(parents=True, exist_ok=True))
 
 
 def say(text: str) -> None:
-    """Print once, whatever the number of ranks."""
+    """Print on rank 0."""
     if comm.rank == 0:
         print(text, flush=True)
 
@@ -40,8 +40,8 @@ def say(text: str) -> None:
 # %% [markdown]
 # ## The law
 #
-# Pressed faces are elastic; UFL makes traction and tangent of the energy. The bond is reversible:
-# what has come apart holds again when it is closed. A `TractionJoint` would remember it.
+# Faces in contact are elastic. UFL derives traction and tangent from the energy. The bond is
+# reversible: it carries load again when the joint closes. A `TractionJoint` can have a memory.
 
 # %%
 STIFFNESS, STRENGTH, SEPARATION = 1e11, 5e5, 250.0  # pressed [Pa/m]; bond [Pa], [J/m^2]
@@ -49,7 +49,7 @@ LENGTH = SEPARATION / (math.sqrt(math.e) * STRENGTH)  # gap at which the strengt
 
 
 def energy(g):
-    """Stored energy of a gap (n, s1, s2) [J/m^2]."""
+    """Return the stored energy of a gap (n, s1, s2) [J/m^2]."""
     apart = (ufl.max_value(g[0], 0.0) ** 2 + g[1] ** 2 + g[2] ** 2) / (2.0 * LENGTH**2)
     return 0.5 * STIFFNESS * ufl.min_value(g[0], 0.0) ** 2 + SEPARATION * (1.0 - ufl.exp(-apart))
 
@@ -60,8 +60,8 @@ law = dj.PotentialJoint(energy, normal_stiffness=STIFFNESS, shear_stiffness=SEPA
 # ## The dam by forms and by B
 #
 # `solver="forms"` assembles residual and tangent as interior-facet integrals,
-# `inner(t, jump(v)) * dS`, with the tractions of the law at their points; `"monolithic"` takes the
-# same sums from a matrix. The energy-consistent scheme balances the energy of the law.
+# `inner(t, jump(v)) * dS`, with the tractions of the law at the quadrature points. `"monolithic"`
+# computes the same sums with a matrix. The energy-consistent scheme balances the energy of the law.
 
 # %%
 say("An arch dam is shaken in two runs of 40 steps. All takes about 10 seconds.")
@@ -96,33 +96,34 @@ say(f"displacements by forms and by B differ by {apart:.1e}")
 # %% [markdown]
 # ## Integrals over joints
 #
-# The faces of a joint are exterior facets of a split mesh, so `ufl.dS` sees none of it.
-# `JointedMesh.dS` is the measure of joints, for forms in any function space on the mesh.
+# The faces of a joint are exterior facets of a split mesh, so `ufl.dS` contains no joint. The
+# measure of joints is `JointedMesh.dS`, for forms in any function space on the mesh.
 
 # %%
 u, n = model.function(by_forms), ufl.FacetNormal(dam.mesh)("-")
 
 
 def integral(measure) -> float:
-    """Volume between the faces [m^3] that a measure finds."""
+    """Return the volume between the faces [m^3] by a measure."""
     return comm.allreduce(fem.assemble_scalar(fem.form(ufl.dot(ufl.jump(u), n) * measure)))
 
 
 volume = model.contact.integral(model.operator.jump(by_forms)[:, 0])
 say(f"volume between the faces, by B:           {volume:.15g} m³")
 say(f"by JointedMesh.dS, of all joints:         {integral(dam.dS(quadrature='nodal')):.15g} m³")
-if comm.size == 1:  # on several, DOLFINx asks for more ghosts than joints need
+if comm.size == 1:  # on several ranks DOLFINx needs more ghost cells than joints do
     say(f"by UFL's dS, which knows no joint:        {integral(ufl.dS(domain=dam.mesh)):.1g} m³")
 
 # %% [markdown]
 # ## Where the bond is lost
 #
-# The normal tractions at the end of the run, and the points whose gap is past the strength.
+# The picture shows the normal tractions at the end of the run. A bond is past its strength if its
+# gap exceeds `LENGTH`.
 
 
 # %%
 def past_strength() -> float:
-    """Draw the tractions; the share of the points past the strength at any recorded time."""
+    """Draw the tractions; return the share of points past the strength at a recorded time."""
     with dj.Results(out / "forms.h5") as file:
         picture = plots.save(views.joint_map(file, "normal"), out / "tractions.png", dpi=120)
         print(f"picture: {picture}; results: {out}/*.h5")
@@ -137,7 +138,8 @@ say(f"past the strength of {STRENGTH / 1e6:g} MPa: {lost:.0%} of the joint point
 # %% [markdown]
 # ## Verification
 #
-# One solution, to what Newton's method leaves; all energy accounted for; one integral.
+# Both runs have the same solution within the tolerance of Newton's method, the energies balance,
+# and both integrals agree.
 
 # %%
 assert apart < 1e-10

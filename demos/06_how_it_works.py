@@ -3,18 +3,18 @@
 # %% [markdown]
 # # How it works: the formulation in sixty lines
 #
-# A wall of four blocks is shaken until its joints open and slide. Everything is written out with
-# DOLFINx and PETSc: weak form, return mapping at the quadrature points of the joints, Newmark's
-# method, Newton's method. The displacement $u$ at the end of a step satisfies
+# A wall of four blocks is shaken until its joints open and slide. The demo uses DOLFINx and PETSc
+# only: weak form, return mapping at the quadrature points of the joints, Newmark's method and
+# Newton's method. The displacement $u$ at the end of a step satisfies
 #
 # $$\int \rho\,(\ddot u + a_g)\cdot v + \sigma(u + c\,\dot u):\nabla v\;dx
 #   + \int_{joints} t(R\,[u])\cdot R\,[v]\;dS = 0$$
 #
-# for all test functions $v$. The jump $[u] = u^+ - u^-$, rotated by $R$ into the local axes
-# $(n, s_1, s_2)$ of a joint, is the gap; $t$ is the traction of the friction no-tension law. The
-# ground has the acceleration $a_g$, and $c$ is the factor of the damping. At the end the package
-# makes the same run, and the demo compares both. It is written for one rank, takes about 20
-# seconds, and writes `wall.msh`, `wall.h5` and `how_it_works.png` to the current folder.
+# for all test functions $v$. The jump $[u] = u^+ - u^-$, rotated by $R$ into the local axes $(n,
+# s_1, s_2)$ of a joint, is the gap; $t$ is the traction of the friction no-tension law. The ground
+# has the acceleration $a_g$, and $c$ is the factor of the damping. At the end the package repeats
+# the run, and the demo compares both. It is for one rank, takes about 20 seconds, and writes
+# `wall.msh`, `wall.h5` and `how_it_works.png` to the current folder.
 #
 #     ./with-dolfinx python3 demos/06_how_it_works.py
 
@@ -34,10 +34,10 @@ from dolfinx_joints.laws.law import JointState
 # %% [markdown]
 # ## Mesh and spaces
 #
-# Gmsh makes the mesh, and `read_msh` splits it: nodes on joints are there twice, so that functions
-# of the continuous space `V` jump there. Traction `t` and tangent `D` have a value at each
-# quadrature point of the joints; `q` is a test function of such values. The points of the nodal
-# rule are the nodes.
+# Gmsh makes the mesh, and `read_msh` splits it: nodes on joints exist twice, so functions of the
+# continuous space `V` jump there. Traction `t` and tangent `D` have a value at each quadrature
+# point of the joints, and `q` is a test function of such values. The points of the nodal rule are
+# the nodes.
 
 # %%
 wall = dj.read_msh(jointed_wall("wall.msh", divisions=(12, 1, 6)), MPI.COMM_WORLD)
@@ -68,7 +68,7 @@ bulk = (rho * ufl.inner(acceleration + ground, v) + ufl.inner(stress, ufl.grad(v
 # ## The joints
 #
 # `wall.dS` is the measure of all joints, and `wall.frame` the matrix $R$. The joints of this wall
-# are parallel, so that one matrix serves all of them.
+# are parallel, so all have the same matrix.
 
 # %%
 law = dj.FrictionNoTension(normal_stiffness=1e10, shear_stiffness=4e9, friction_angle_deg=30.0)
@@ -82,9 +82,9 @@ tangent = wall.form(ufl.derivative(bulk, u, du) + contact)
 # %% [markdown]
 # ## Time steps
 #
-# In each iteration of Newton's method the law maps gaps to tractions and tangents, always from the
-# state at the start of the step, so that iterations leave no trace in the history of the joints.
-# Full steps of Newton's method converge here; stiffer joints need the line search of the package.
+# In each iteration of Newton's method the law maps gaps to tractions and tangents. It always starts
+# from the state at the start of the step, so rejected iterates do not affect the history of the
+# joints. Full Newton steps converge here; stiffer joints need the line search of the package.
 
 # %%
 bcs = [fem.dirichletbc(np.zeros(3), fem.locate_dofs_topological(V, 2, wall.facets("base")), V)]
@@ -110,7 +110,7 @@ for step in range(1, STEPS + 1):
     u0.x.array[:], v0.x.array[:], state = u.x.array, v1, response.state
 
 # %% [markdown]
-# ## The same by the package
+# ## The same run by the package
 
 # %%
 model = dj.Model(wall, material=solid, joints=law, supports=[dj.Fixed(group="base")], damping=damp)

@@ -11,9 +11,10 @@
 # %% [markdown]
 # # An arch dam, from its sections to the report
 #
-# What a dam office does with a dam: its shape from a table of sections, blocks that stand alone
-# until their joints are grouted, a full reservoir, a cold winter, an earthquake that comes out of
-# the rock; once as a monolith, once with its joints; then a small study of what is not known well.
+# The demo follows the analysis of a dam in an office. The shape is a table of sections. Blocks
+# carry their weight alone until their joints are grouted; then come a full reservoir, a cold
+# winter, and an earthquake from the rock. One run has a monolith, one has joints. A small study
+# varies the uncertain parameters.
 #
 #     ./with-dolfinx python3 demos/07_arch_dam_study.py
 #     ./with-dolfinx python3 demos/07_arch_dam_study.py --record DIRECTORY   # of three AT2 files
@@ -41,7 +42,7 @@ DT = 0.01  # [s]
 
 
 def say(text: str) -> None:
-    """Print once, whatever the number of ranks."""
+    """Print on rank 0."""
     if COMM.rank == 0:
         print(text, flush=True)
 
@@ -49,8 +50,8 @@ def say(text: str) -> None:
 # %% [markdown]
 # ## Shape and mesh
 #
-# Three horizontal sections between the foot at 320 m and the crest at 370 m, a joint every 25 m of
-# the crest, rock to a depth of 50 m, and a perimetral joint between dam and rock.
+# The dam has three horizontal sections between the base at 320 m and the crest at 370 m, a joint
+# every 25 m of the crest, rock to a depth of 50 m, and a perimetral joint between dam and rock.
 
 # %%
 SECTIONS = """\
@@ -65,7 +66,7 @@ CROWN = (-20.0, 0.0, CREST)  # upstream edge of the crest [m]
 
 
 def make_mesh(folder: Path, size: float, order: int) -> Path:
-    """The mesh file of dam and rock, made on rank 0."""
+    """Write the mesh file of dam and rock on rank 0."""
 
     def make() -> Path:
         folder.mkdir(parents=True, exist_ok=True)
@@ -88,9 +89,9 @@ def make_mesh(folder: Path, size: float, order: int) -> Path:
 # %% [markdown]
 # ## Model
 #
-# The rock stands on dashpots. Its weight is left out: it has settled before the dam was built. The
-# temperature is that of the concrete against the one at which the joints were grouted. The concrete
-# is bonded to the rock: on banks as steep as these friction alone would not hold single blocks.
+# Dashpots support the rock. Its weight is left out, because it settled before the dam was built.
+# The reference temperature is that of the concrete when the joints were grouted. The concrete is
+# bonded to the rock: on these steep banks friction alone would not support single blocks.
 
 # %%
 ROCK = dj.Elastic(young=30e9, poisson=0.25, density=2600.0)
@@ -104,7 +105,7 @@ WINTER = dj.Temperature(value=4.0, reference=9.0, expansion=1e-5, cells="concret
 def make_model(
     mesh: Path, *, joints: bool = True, friction: float = 40.0, stiffness: float = 1e11
 ) -> dj.Model:
-    """The dam with its joints, or the same as a monolith."""
+    """Return the model of the dam with its joints, or as a monolith."""
     elastic = {"normal_stiffness": stiffness, "shear_stiffness": 0.4 * stiffness}
     contraction = dj.FrictionNoTension(friction_angle_deg=friction, **elastic)
     perimetral = dj.MohrCoulombJoint(
@@ -125,13 +126,13 @@ def make_model(
 # %% [markdown]
 # ## Construction, water, winter
 #
-# The blocks stand on the perimetral joint and carry their weight each by itself. Then the
-# contraction joints are grouted, the reservoir is filled, and the winter comes.
+# The perimetral joint supports the blocks, and each block carries its weight alone. Then the
+# contraction joints are grouted, the reservoir is filled, and the temperature falls.
 
 
 # %%
 def build_up(simulation: dj.Simulation) -> None:
-    """The static stages."""
+    """Run the static stages."""
     jointed = simulation.model.contact is not None
     alone = ["joint_perimetral"] if jointed else "active"
     simulation.statics(loads=[WEIGHT], joints=alone, name="weight")
@@ -144,12 +145,12 @@ def build_up(simulation: dj.Simulation) -> None:
 # %% [markdown]
 # ## Earthquake
 #
-# The record was taken at the surface: half of its velocity is the wave that rises in the rock.
+# The record is from the surface: half of its velocity is the wave that rises in the rock.
 
 
 # %%
 def make_motion(record: str | None, steps: int) -> dj.Motion:
-    """The record of a folder, or an artificial one, without drift."""
+    """Return the record of a folder, or an artificial one, with a corrected baseline."""
     if record is None:
         motion = dj.synthetic_motion(
             seed=1976, duration=max(4.0, DT * steps), peaks_g=(0.35, 0.3, 0.25)
@@ -160,7 +161,7 @@ def make_motion(record: str | None, steps: int) -> dj.Motion:
 
 
 def shake(simulation: dj.Simulation, motion: dj.Motion, steps: int) -> dj.Outcome:
-    """The dynamic stage."""
+    """Run the dynamic stage."""
     waves = dj.FreeField(
         groups=["foundation_outer"], incident=dj.incident_wave(motion), surface=CREST
     )
@@ -168,7 +169,7 @@ def shake(simulation: dj.Simulation, motion: dj.Motion, steps: int) -> dj.Outcom
 
 
 def run(model: dj.Model, motion: dj.Motion, steps: int, results: Path) -> dj.Outcome:
-    """All stages, with a results file, and files for ParaView beside it."""
+    """Run all stages; write a results file and files for ParaView."""
     monitors = [
         dj.ResultsMonitor(
             results,
@@ -191,15 +192,15 @@ def run(model: dj.Model, motion: dj.Motion, steps: int, results: Path) -> dj.Out
 # %% [markdown]
 # ## A study of four
 #
-# Friction angle and stiffness of the joints are not known well: two values of each, every case in
-# a process of its own.
+# Friction angle and stiffness of the joints are uncertain. The study runs two values of each, every
+# case in a separate process.
 
 
 # %%
 def case(
     folder: Path, *, friction: float, stiffness: float, mesh: str, record: str | None, steps: int
 ) -> dict[str, float]:
-    """One row of the table."""
+    """Run a case and return its row of the table."""
     model = make_model(Path(mesh), friction=friction, stiffness=stiffness)
     results = Path(folder) / "run.h5"
     run(model, make_motion(record, steps), steps, results)
@@ -237,14 +238,14 @@ def study(mesh: Path, record: str | None, steps: int, out: Path) -> Table:
 
 
 # %% [markdown]
-# ## What the office reads
+# ## Report and tables
 #
-# The report opens in any browser, the tables in any spreadsheet, the `.vtkhdf` files in ParaView.
+# Open the report in a browser, the tables in a spreadsheet, and the `.vtkhdf` files in ParaView.
 
 
 # %%
 def read(out: Path) -> None:
-    """Report and tables of both runs, and the largest openings and slips."""
+    """Write report and tables of both runs; print the largest openings and slips."""
     files = [out / "monolith.h5", out / "joints.h5"]
     print(f"report: {write_report(files, out / 'report.html')}")
     for path in files:
@@ -254,15 +255,15 @@ def read(out: Path) -> None:
     with dj.Results(files[1]) as results:
         for stage in measures.static_stages(results):
             print(f"{stage.name}: crown moves {1e3 * stage.displacement['crown'][0]:.1f} mm")
-        for joint, found in measures.joint_measures(results).items():
+        for joint, values in measures.joint_measures(results).items():
             print(
-                f"{joint}: opens by up to {1e3 * found['opening_max']:.2f} mm at "
-                f"{found['opening_time']:g} s, slides by up to {1e3 * found['slip_max']:.2f} mm"
+                f"{joint}: opens by up to {1e3 * values['opening_max']:.2f} mm at "
+                f"{values['opening_time']:g} s, slides by up to {1e3 * values['slip_max']:.2f} mm"
             )
 
 
 def parse_arguments(arguments: list[str] | None = None) -> argparse.Namespace:
-    """Options of the command line."""
+    """Parse the command line."""
     parser = Parser(description="An arch dam, from its sections to the report.")
     parser.add_argument("--size", type=float, default=12.0, help="cell size [m] (default 12)")
     parser.add_argument("--order", type=int, default=1, choices=(1, 2), help="element order")
@@ -282,8 +283,10 @@ def main(arguments: list[str] | None = None) -> None:
         outcome = run(
             make_model(mesh, joints=joints), motion, options.steps, options.out / f"{name}.h5"
         )
-        assert outcome.imbalance < 1e-9  # all lines of the ledger together
-        assert outcome.energy_error < (0.02 if joints else 1e-9)  # with what breaking bonds lose
+        assert outcome.imbalance < 1e-9  # sum of all energy lines
+        assert outcome.energy_error < (
+            0.02 if joints else 1e-9
+        )  # including the loss by broken bonds
     on_root(COMM, lambda: read(options.out))
     if COMM.size == 1:
         study(mesh, options.record, options.steps, options.out)

@@ -3,9 +3,9 @@
 # %% [markdown]
 # # Reading results: tables, histories, spectra, pictures
 #
-# A coarse arch dam, that of the [first steps](00_first_steps.py), is shaken for two seconds; then
-# its results file is read as one would in a notebook. Everything below the run needs the file
-# alone, and neither DOLFINx nor MPI.
+# The coarse arch dam of the [first steps](00_first_steps.py) is shaken for two seconds. Then its
+# results file is read as in a notebook. Everything below the run needs only the file, not DOLFINx
+# or MPI.
 #
 #     ./with-dolfinx python3 demos/08_results.py
 # %%
@@ -38,16 +38,16 @@ outcome
 # %% [markdown]
 # ## The file
 #
-# It is the same on any number of ranks, and whole while the run goes on.
+# The file is the same on any number of ranks, and complete at any time during the run.
 # %%
 results = dj.Results("dam.h5")
 results
 # %% [markdown]
 # ## Peaks and histories
 #
-# The crest moves by some 15 mm. Accelerations are those below 25 Hz: beyond what step
-# and mesh [resolve](../docs/guide/results.md#what-a-run-resolves) they say little, of which a
-# warning tells here, as cells of 8 m resolve 18 Hz.
+# The crest moves by about 15 mm. Accelerations are low-passed at 25 Hz. A warning states that this
+# is beyond the frequencies that step and mesh
+# [resolve](../docs/guide/accelerations.md#what-a-run-resolves): cells of 8 m resolve 18 Hz.
 # %%
 peaks = export.to_pandas(results, "peaks").set_index("peak")
 moved = "displacement of crest from the static state"
@@ -63,8 +63,8 @@ plots.response_spectra(results, "crest", "x")
 # %% [markdown]
 # ## Pictures
 #
-# At the time of the widest opening, displacements enlarged, and the joints with their openings.
-# `plots.save` writes a figure to a file, here `openings.png`.
+# The dam at the time of the widest opening, with enlarged displacements, and the openings of the
+# joints. `plots.save` writes a figure to a file, here `openings.png`.
 # %%
 widest = max(results.joints, key=lambda name: measures.joint_measures(results)[name]["opening_max"])
 extremes = measures.joint_extremes(results, widest)
@@ -78,8 +78,8 @@ figure
 # %% [markdown]
 # ## Other programs
 #
-# xarray has the joint points with their places; `dolfinx-joints vtk dam.h5` writes files for
-# ParaView ([guide](../docs/guide/export.md)).
+# In xarray the joint points have coordinates. `dolfinx-joints vtk dam.h5` writes files for ParaView
+# ([guide](../docs/guide/export.md)).
 # %%
 states = export.to_xarray(results, "states")
 pressure = (-states["traction"]).sel(axis="n").max("joint_point")

@@ -1,12 +1,12 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
 # %% [markdown]
-# # Joints in a solver of your own
+# # Joints in a user-defined solver
 #
-# Two rubber blocks are pressed together off the centre, so that the joint between them opens on one
-# side and slides. The blocks are a neo-Hookean body in UFL, solved by PETSc's SNES; the package
-# gives residual and tangent of the joint. The [guide](../docs/guide/own_solver.md) explains the
-# calls. The run takes about 10 seconds.
+# An eccentric pressure acts on two rubber blocks, so the joint between them opens on one side and
+# slides. The blocks are a neo-Hookean body in UFL, solved by PETSc's SNES. The package computes
+# residual and tangent of the joint. The [guide](../docs/guide/own_solver.md) explains the calls.
+# The run takes about 10 seconds.
 #
 #     ./with-dolfinx python3 demos/09_own_newton.py
 #     ./with-dolfinx mpirun -n 2 python3 demos/09_own_newton.py
@@ -33,9 +33,9 @@ dj.abort_on_error(comm)
 # %% [markdown]
 # ## The joint
 #
-# A `Model` holds the joint: its points, its law, and the space `V`. Its linear material serves for
-# the comparison at small loads alone. The pressure on the end face is 1 Pa on average, its
-# resultant 0.2 m above the middle; a shear traction of 0.2 Pa acts upwards.
+# A `Model` contains the joint: its points, its law, and the space `V`. Its linear material is used
+# only for the comparison at small loads. The mean pressure on the end face is 1 Pa, with its
+# resultant 0.2 m above the middle. A shear traction of 0.2 Pa acts upwards.
 
 # %%
 out.mkdir(parents=True, exist_ok=True)
@@ -46,7 +46,7 @@ blocks = dj.read_msh(on_root(comm, lambda: jointed_wall(out / "blocks.msh", **bo
 
 
 def press(v):
-    """Give the form of the load, of the test function v."""
+    """Return the form of the load with the test function v."""
     z = ufl.SpatialCoordinate(blocks.mesh)[2]
     return (-(1.0 + 2.4 * (z - 0.5)) * v[0] + 0.2 * v[2]) * blocks.ds("x_max")
 
@@ -79,7 +79,7 @@ bcs = [fem.dirichletbc(np.zeros(3), fixed, V)]
 # ## Residual and tangent for SNES
 #
 # `contact.trial` evaluates the law from the state of the last accepted step. `operator.force` and
-# `joint_tangent.assemble` carry tractions and tangents of the points to the nodes.
+# `joint_tangent.assemble` turn tractions and tangents of the points into nodal forces and a matrix.
 
 # %%
 free = u.x.petsc_vec.duplicate()
@@ -90,7 +90,7 @@ state = contact.at_rest(u.x.petsc_vec)
 
 
 def set_displacement(x):
-    """Take the displacement of SNES over into `u`."""
+    """Copy the displacement of SNES to `u`."""
     x.copy(u.x.petsc_vec)
     u.x.scatter_forward()
 
@@ -126,9 +126,9 @@ snes.setFromOptions()  # PETSC_OPTIONS=-snes_monitor shows the iterations
 # %% [markdown]
 # ## Three loads
 #
-# Each is put on the unloaded blocks, as `state` is that at rest; a path of loads would continue
-# from `response.state`. The tractions, as Functions on the joint, carry the load whatever the body.
-# The smaller the load, the closer is the solution to the linear one, by the order of the strains.
+# Each load acts on the unloaded blocks, because `state` is the state at rest. A path of loads would
+# continue from `response.state`. The tractions, as Functions on the joint, balance the load for any
+# body. The difference to the linear solution decreases with the load, as the strains do.
 
 # %%
 functions, apart = dj.JointFunctions(model), []
@@ -150,7 +150,7 @@ assert np.isclose(apart[1] / apart[0], 10.0, rtol=0.05)
 # %% [markdown]
 # ## Opening and pressure over the height of the joint
 #
-# They are those of the largest load.
+# The figure shows the largest load.
 
 # %%
 values = operator.points[:, 2], 1e3 * response.state.gap[:, 0], -1e-3 * response.traction[:, 0]

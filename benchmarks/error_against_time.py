@@ -300,20 +300,27 @@ def _line(labels: list[str], taken: list[Run], right: Run) -> Line:
     )
 
 
-def table(found: Mapping[str, Line]) -> str:
-    """Return the time that each kind takes for 1 %, then all runs, as tables in Markdown."""
-    head = "".join(f" {name} |" for name in QUANTITIES.values())
-    rule = "|---" * len(QUANTITIES)
+HEAD = "".join(f" {name} |" for name in QUANTITIES.values())
+RULE = "|---" * len(QUANTITIES)
+
+
+def times(found: Mapping[str, Line]) -> str:
+    """Return the time that each kind of run takes for 1 %, as a table in Markdown."""
     seconds, goal = found[DEFAULT].time_for(GOAL, "crest"), f"{100 * GOAL:g} %"
     rows = [
         f"Default scheme: {seconds:.1f} s for an error of the step of {goal} at the crest.\n",
-        f"| processor time [s] for an error of the step of {goal} |{head}",
-        f"|---{rule}|",
+        f"| processor time [s] for an error of the step of {goal} |{HEAD}",
+        f"|---{RULE}|",
     ]
     for name, line in found.items():
         needed = " | ".join(_seconds(line.time_for(GOAL, q)) for q in QUANTITIES)
         rows.append(f"| {name} | {needed} |")
-    rows += [f"\n| errors [%] | step or cell | time [s] |{head}", f"|---|---|---{rule}|"]
+    return "\n".join(rows)
+
+
+def error_table(found: Mapping[str, Line]) -> str:
+    """Return the errors of all runs as a table in Markdown."""
+    rows = [f"| errors [%] | step or cell | time [s] |{HEAD}", f"|---|---|---{RULE}|"]
     for name, line in found.items():
         for i, label in enumerate(line.labels):
             each = " | ".join(f"{100 * line.errors[q][i]:.2g}" for q in QUANTITIES)
@@ -356,13 +363,13 @@ def draw(found: Mapping[str, Line], path: Path, quantities: tuple[str, ...]) -> 
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run, print the table, draw."""
+    """Run, print the tables, draw."""
     parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=0.976, help="of the motion")
     parser.add_argument("--repeats", type=at_least(1), default=3, help="runs of each kind")
     parser.add_argument("--quick", action="store_true", help="two steps and two meshes")
     parser.add_argument("--plot", type=Path, help="write figures to this folder")
-    parser.add_argument("--write", action="store_true", help="write the tables to docs/accuracy.md")
+    parser.add_argument("--write", action="store_true", help="write the table to docs/accuracy.md")
     parser.add_argument(
         "--out", type=Path, default=Path("output/error_against_time"), help="where runs are kept"
     )
@@ -372,11 +379,10 @@ def main(arguments: list[str] | None = None) -> None:
     runs.warm_up()
     chosen = (PARTS[:2], SIZES[:2]) if options.quick else (PARTS, SIZES)
     found = dict(lines(runs, *chosen))
-    text = table(found)
-    print(text)
+    print(times(found), error_table(found), sep="\n\n")
     if options.write:
         head, _, _ = PAGE.read_text("utf-8").partition("Default scheme: ")
-        PAGE.write_text(f"{head}{text}\n", "utf-8")
+        PAGE.write_text(f"{head}{times(found)}\n", "utf-8")
     if options.plot:
         for name, quantities in (("crest", ("crest",)), ("all", tuple(QUANTITIES))):
             path = options.plot / f"error_against_time_{name}.png"

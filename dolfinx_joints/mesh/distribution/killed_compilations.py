@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Removal of what a killed compilation of a form left in FFCx's cache."""
+"""Removal of unfinished files of killed form compilations from FFCx's cache."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from typing import Any
 
 from dolfinx.jit import get_options
 
-# FFCx waits so long for the compilation of a form by another process, and then fails; the code of
-# any form of this package is generated in the longer time [s].
+# Time for which FFCx waits for another process to compile a form before it fails, and an upper
+# bound of the time to generate the code of any form of this package [s].
 _PATIENCE, _LONGEST = 10.0, 30.0
 
 
 def remove_killed_compilations(comm: Any) -> None:
     """Remove C files of forms whose compilation was killed (collective).
 
-    FFCx creates the C file first and ``.c.cached`` last. It takes a C file alone for the work of
-    another process, waits for `_PATIENCE` and fails, in all later runs.
+    FFCx creates the C file first and ``.c.cached`` last. If only the C file exists, FFCx assumes
+    that another process is compiling it, waits for `_PATIENCE` and fails, in every later run.
     """
     if comm.rank == 0:
-        names = {each.name for each in Path(get_options()["cache_dir"]).glob("libffcx_*")}
+        names = {file.name for file in Path(get_options()["cache_dir"]).glob("libffcx_*")}
         for name in names:
             if not name.endswith(".c") or f"{name}.cached" in names:
                 continue
             source = Path(get_options()["cache_dir"], name)
-            with suppress(OSError):  # another process may remove it, or own it
+            with suppress(OSError):  # removed by another process, or owned by another user
                 while not source.with_suffix(".c.cached").exists():
                     age = time.time() - source.stat().st_mtime
                     if age > _patience(source.stem, age):
@@ -39,10 +39,10 @@ def remove_killed_compilations(comm: Any) -> None:
 
 
 def _patience(name: str, age: float) -> float:
-    """Return the age from which on no process can be at work on an unfinished C file [s].
+    """Return the age above which no process can still be working on an unfinished C file [s].
 
-    A compiler has the name in its arguments. Before it starts, a busy process with DOLFINx that is
-    older than the file may be generating the code.
+    A running compiler has the file name in its arguments. Before the compiler starts, any busy
+    DOLFINx process that is older than the file may be generating the code.
     """
     longest = _PATIENCE
     for process in Path("/proc").glob("[0-9]*"):

@@ -25,7 +25,7 @@ def mesh_of_arrays(
         check_named(argument, given, "an array by name")
     points, gdim = numbers_of(x), _DIMENSION[cell]
     if points is None or points.ndim != 2 or points.shape[1] != gdim or not finite(points):
-        wanted = f"cells of kind {cell} need finite numbers of shape (n, {gdim})"
+        wanted = f"a {cell} mesh needs finite numbers of shape (n, {gdim})"
         raise MeshError(f"x is {_described(x, points)}; {wanted}.")
     shapes = {s.element().dim: s for s in (CellShape(name=cell, degree=d) for d in (1, 2))}
     nodes = _indices("cells", cells, "nodes", len(points), tuple(shapes))

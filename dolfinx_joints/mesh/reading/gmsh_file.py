@@ -136,7 +136,7 @@ def _warn_of_others(model: Any, dim: int, named: Collection[int], source: str) -
     count = sum(len(tags) for e in others for tags in model.mesh.getElements(dim, e)[1])
     if count:
         warn(
-            f"{source!r}: {count} cells in no named physical group are left out; name their "
+            f"{source!r}: {count} cells are in no named physical group and are not read; name their "
             f"{'volumes' if dim == 3 else 'surfaces'} if they are part of the body."
         )
 
@@ -150,7 +150,7 @@ def _warn_of_unnamed(model: Any, dim: int, tag: int, body: Any, source: str) -> 
         return
     warn(
         f"{source!r}: {np.count_nonzero(count)} facets in the unnamed physical group {tag} are "
-        f"ignored, {np.count_nonzero(count == 2)} of them inside the body; name the group if they "
+        f"not read, {np.count_nonzero(count == 2)} of them inside the body; name the group if they "
         "are a joint or a boundary. If several groups have the same name, Gmsh writes it for one "
         "of them only: put all entities into one group."
     )

@@ -136,8 +136,8 @@ def _warn_of_others(model: Any, dim: int, named: Collection[int], source: str) -
     count = sum(len(tags) for e in others for tags in model.mesh.getElements(dim, e)[1])
     if count:
         warn(
-            f"{source!r}: {count} cells are in no named physical group and are not read; name their "
-            f"{'volumes' if dim == 3 else 'surfaces'} if they are part of the body."
+            f"{source!r}: {count} cells are in no named physical group and are not read; name "
+            f"their {'volumes' if dim == 3 else 'surfaces'} if they are part of the body."
         )
 
 

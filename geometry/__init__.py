@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Gmsh models with named joints; each module is a script and has one function.
+"""Gmsh models with named joints; each module is a script with one public function.
 
 =====================  =========================================================
 module                 model

@@ -108,8 +108,8 @@ def ambiesta(
         s = sector.across(theta, ta, zeta)
         if not np.abs(s).max() < 1 + 1e-6:
             raise RuntimeError(
-                "the abutments fold back as seen from the axis of the crest's arch, but they must "
-                "widen steadily from the base to the crest: choose a less extreme shape."
+                "the abutments fold back as seen from the axis of the crest's arch, but the "
+                "valley must widen steadily up to the crest: choose a less extreme shape."
             )
         return dam.point(s, ta, zeta)
 

@@ -214,8 +214,8 @@ class Sector:
         """Return the relative height of the lower end of the body in the plane theta.
 
         It is 0 if the plane meets the base, or if the abutments are upright. Otherwise it is the
-        height of the abutment, from a bisection: as seen from the axis, the abutments must widen
-        monotonically.
+        height of the abutment, from a bisection. As seen from the axis, the valley must therefore
+        widen monotonically.
 
         Args:
             theta: angle about the axis, at most ``half_angle`` in absolute value [radians].

@@ -78,7 +78,8 @@ def fitted_level(
     """Return the levels of the elevation, shifted so that they fit the foundation at ta.
 
     The shift decreases linearly from the foundation to zero at the active height, so that height
-    is kept exactly. Near or above the active height, it decreases to zero within ``depth``.
+    is kept exactly. If the foundation is near or above that height, the shift decreases to zero
+    within ``depth``.
 
     Args:
         sector: the body and the axis of its top arch.

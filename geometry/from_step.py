@@ -199,7 +199,7 @@ def _sides(face: int) -> list[int]:
 
 
 def _extent(step: Path, size: float) -> float:
-    """Check and return the largest extent of the body, which exceeds the cell size [m]."""
+    """Return the largest extent of the body [m], after checking it against the cell size."""
     extent = float(np.ptp(np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)), axis=0).max())
     unit = f"the body in {step} is {extent:.3g} m long; check its unit of length"
     if size > extent:
@@ -383,7 +383,7 @@ def main(argv: list[str] | None = None) -> None:
         ("solid", named_point, "NAME=X,Y,Z", "name the solid around a point [m]"),
         ("joint", named_pair, "NAME=A,B", "name the joint between two volumes"),
         ("tied", pair_of, "A,B", "no joint between two volumes"),
-        ("surface", named_plane, "NAME:AXIS=VALUE", "name outer faces, as base:z=0, top:z=max"),
+        ("surface", named_plane, "NAME:AXIS=VALUE", "name outer faces, e.g. base:z=0 or top:z=max"),
     ):
         parser.add_argument(
             f"--{flag}",

@@ -57,7 +57,7 @@ def inclined_crack(
 ) -> Path:
     """Mesh a parallelogram about a crack through the origin, in 2-D or one cell thick in 3-D.
 
-    The crack has ``angle`` to the y axis; in 3-D it is parallel to the z axis. Two sides of the
+    The crack is at ``angle`` to the y axis; in 3-D it is parallel to the z axis. Two sides of the
     body are parallel to the crack. Cells have equal lengths along the crack and grow away from it.
     Their columns are inclined, so that the mesh is not symmetric about the crack. Groups: ``body``;
     ``outer`` (the four sides), ``joint_1`` (the crack), in 3-D ``faces`` (the two planes

@@ -265,7 +265,7 @@ def _check_thickness(half: SectionHalf, table: SectionTable) -> None:
 
 
 def _check_abutment(half: SectionHalf, table: SectionTable) -> None:
-    """Raise ValueError unless the abutment is vertical or widens steadily from the crown."""
+    """Raise ValueError unless the abutment is vertical or the valley widens steadily."""
     sector = Sector(half)
     if sector.upright:
         return
@@ -275,9 +275,9 @@ def _check_abutment(half: SectionHalf, table: SectionTable) -> None:
     if falls.any():
         level = table.base + table.height * zeta[1:][falls][0]
         raise ValueError(
-            f"{table.source}: at elevation {level:g} m the {_bank(half)} abutment stops widening "
-            "or turns back as seen from the axis of the crest's arch, but it must widen steadily "
-            "up to the crest, or be vertical from base to crest."
+            f"{table.source}: at elevation {level:g} m the {_bank(half)} abutment does not move "
+            "away from the crown, as seen from the axis of the crest's arch; the valley must widen "
+            "up to the crest, or the abutment must be vertical from base to crest."
         )
 
 

@@ -104,7 +104,7 @@ def compiled(
     for integral in form.integrals():
         domains = extract_domains(integral.integrand())
         used = {domain: by_domain[domain] for domain in domains if domain in by_domain}
-        if not used or integral.ufl_domain() in by_domain:  # no function, or surface alone
+        if not used or integral.ufl_domain() in by_domain:  # integral over the surface itself
             continue
         needed |= used
         joints = joints_of(integral)

@@ -66,7 +66,7 @@ class JointedMesh(Summarised):
         cells = topology.index_map(topology.dim).size_global
         nodes, ranks = geometry.index_map().size_global, self.mesh.comm.size
         yield "cells", f"{number(cells)}, {self.shape.name}, degree {self.shape.degree}"
-        yield "nodes", f"{number(nodes)} in {geometry.dim} dimensions, those on joints twice"
+        yield "nodes", f"{number(nodes)} in {geometry.dim} dimensions, duplicated on joints"
         yield "joints", names(self.joint_names) or "none"
         yield "joint facets", number(self.pairs.count) if self.joint_names else ""
         yield "cell groups", names(self.cell_groups)

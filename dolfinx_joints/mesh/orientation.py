@@ -27,10 +27,10 @@ def orient_pairs(
 ) -> Flags:
     """Return True for each joint facet whose - side is ``two``, False if it is ``one``, (n,).
 
-    In a connected part of a joint all normals point from the - side to the + side. The largest
-    component of the part's mean normal is positive; of equal components, the first of x, y, z
-    counts. On a closed part, which has no mean normal, the normals point outward. The choice
-    depends on the geometry alone, not on the order of cells or on the partition.
+    Normals point from the - side to the + side. The - side is the same in each connected part of a
+    joint. It makes the largest component of the mean normal positive; of equal components, the
+    first of x, y, z counts. On a closed part, which has no mean normal, the normals point outward.
+    The choice depends on the geometry alone, not on the order of cells or on the partition.
 
     Cells are not yet split; ``one`` and ``two`` are (cell, local facet), shape (n, 2).
     """

@@ -3,7 +3,8 @@
 """Duplication of the nodes of a conforming mesh across its joints: arrays in, arrays out.
 
 A node is split if the cells around it are not connected through facets without a joint. This rule
-also covers joints that end inside the body, whose front nodes stay single, and T and X crossings.
+also covers T and X crossings, and joints that end inside the body: nodes on the joint's front, its
+edge inside the body, stay single.
 Vertices are split first. A node inside an edge or facet is split exactly if the vertices of that
 edge or facet are, so the split mesh is conforming.
 """
@@ -154,12 +155,12 @@ def split_cells(
         if not np.any(apart & (number == i)):
             raise MeshError(
                 f"Joint {name!r} cannot open: all vertices of its {bonded[i]} facets lie on its "
-                "front inside the body; refine the mesh."
+                "edge inside the body; refine the mesh."
             )
         if bonded[i]:
             warn(
                 f"Joint {name!r}: {bonded[i]} facets cannot open because all their vertices lie on "
-                "the joint's front inside the body; refine the mesh there."
+                "the joint's edge inside the body; refine the mesh there."
             )
     one, two, number = one[apart], two[apart], number[apart]
     swap = orient_pairs(shape, cells, x, number, one, two)

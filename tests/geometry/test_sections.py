@@ -257,7 +257,7 @@ BAD_TABLES = {
     ),
     "abutment that turns back": (
         HEADER + "0,50,4,40,60\n10,50,4,50,60\n30,50,4,45,60\n",
-        "FILE: at elevation 10.125 m the left abutment stops widening or turns back",
+        "FILE: at elevation 10.125 m the left abutment does not move away from the crown",
     ),
 }
 

@@ -192,7 +192,7 @@ def test_joint_that_cannot_open_is_refused(shape):
     with pytest.raises(MeshError) as failure:
         split_cells(shape, cells, x, [("short", middle)])
     assert str(failure.value) == (
-        f"Joint 'short' cannot open: all vertices of its {len(middle)} facets lie on its front "
+        f"Joint 'short' cannot open: all vertices of its {len(middle)} facets lie on its edge "
         "inside the body; refine the mesh."
     )
 

@@ -14,14 +14,14 @@ from dolfinx.jit import get_options
 
 # Time for which FFCx waits for another process to compile a form before it fails, and an upper
 # bound of the time to generate the code of any form of this package [s].
-_PATIENCE, _LONGEST = 10.0, 30.0
+_FFCX_WAIT, _LONGEST_GENERATION = 10.0, 30.0
 
 
 def remove_killed_compilations(comm: Any) -> None:
     """Remove C files of forms whose compilation was killed (collective).
 
     FFCx creates the C file first and ``.c.cached`` last. If only the C file exists, FFCx assumes
-    that another process is compiling it, waits for `_PATIENCE` and fails, in every later run.
+    that another process is compiling it, waits for `_FFCX_WAIT` and fails, in every later run.
     """
     if comm.rank == 0:
         names = {file.name for file in Path(get_options()["cache_dir"]).glob("libffcx_*")}
@@ -32,27 +32,27 @@ def remove_killed_compilations(comm: Any) -> None:
             with suppress(OSError):  # removed by another process, or owned by another user
                 while not source.with_suffix(".c.cached").exists():
                     age = time.time() - source.stat().st_mtime
-                    if age > _patience(source.stem, age):
+                    if age > _age_limit(source.stem, age):
                         source.unlink()
                     time.sleep(0.1)
     comm.barrier()
 
 
-def _patience(name: str, age: float) -> float:
+def _age_limit(name: str, age: float) -> float:
     """Return the age above which no process can still be working on an unfinished C file [s].
 
     A running compiler has the file name in its arguments. Before the compiler starts, any busy
     DOLFINx process that is older than the file may be generating the code.
     """
-    longest = _PATIENCE
+    limit = _FFCX_WAIT
     for process in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             if name.encode() in (process / "cmdline").read_bytes():
                 return float("inf")
-            facts = (process / "stat").read_text().rpartition(")")[2].split()
-            begun = int(facts[19]) / os.sysconf("SC_CLK_TCK")
+            fields = (process / "stat").read_text().rpartition(")")[2].split()
+            begun = int(fields[19]) / os.sysconf("SC_CLK_TCK")
             older = time.clock_gettime(time.CLOCK_BOOTTIME) - begun > age
-            busy = facts[0] in "RD" and process.name != str(os.getpid())
+            busy = fields[0] in "RD" and process.name != str(os.getpid())
             if older and busy and b"dolfinx" in (process / "maps").read_bytes():
-                longest = _LONGEST
-    return longest
+                limit = _LONGEST_GENERATION
+    return limit

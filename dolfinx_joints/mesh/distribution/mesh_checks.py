@@ -26,7 +26,8 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.mesh.orientation import facet_normals
 
 # A cell has no volume if its volume is below this times the cube (square in 2-D) of its size.
-# Rounding of coordinates up to 1e6 times the size is below; a layer of 1e-9 of its width is above.
+# Rounding errors of coordinates up to 1e6 times the size are below this limit. A layer with a
+# thickness of 1e-9 of its width is above it.
 NO_VOLUME = 1e-10
 TOUCHING = 1e-6  # facets touch if their distance is below this times the facet size
 

@@ -83,7 +83,7 @@ def distribute(comm: Any, prepare: Callable[[], PreparedMesh]) -> JointedMesh:
 
 def check_comm(comm: Any) -> None:
     """Check that ``comm`` is an MPI communicator."""
-    check_kind_of("comm", comm, offers(comm, "bcast"), "an MPI communicator, as MPI.COMM_WORLD")
+    check_kind_of("comm", comm, offers(comm, "bcast"), "an MPI communicator such as MPI.COMM_WORLD")
 
 
 def create_jointed(comm: Any, share: PreparedMesh) -> JointedMesh:
@@ -137,7 +137,7 @@ def facets_of_cells(mesh: Any, shape: CellShape) -> NDArray[np.int32]:
 
 
 def share_of(jointed: JointedMesh) -> PreparedMesh:
-    """Return an equal block of a mesh for each rank, in the order of the input (collective).
+    """Return this rank's equal block of a mesh, in the order of the input (collective).
 
     Unused node numbers have zero coordinates.
     """

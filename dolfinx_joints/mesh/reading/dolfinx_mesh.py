@@ -42,7 +42,7 @@ def split_share(
     cell_tags: dolfinx.mesh.MeshTags | None,
     cell_groups: Mapping[str, Any],
 ) -> PreparedMesh:
-    """Return the equal share of each rank of a mesh split at facet groups (collective).
+    """Split a mesh at facet groups, and return this rank's equal share (collective).
 
     A group is a tag or, without tags, the local entities of each rank.
     """

@@ -23,8 +23,8 @@ _NAME = re.compile(r'([0-3])\s+(\d+)\s+"([^"\n]*)"')
 def check_msh(path: Path) -> dict[tuple[int, int], str]:
     """Check that a file is a mesh with plausible counts, and return its physical names.
 
-    Gmsh recognises a mesh, or a section of comments before it, by the first word of the file. It
-    runs any other file as a script.
+    Gmsh reads a file as a mesh if its first word begins a mesh or a section of comments. It runs
+    any other file as a script.
 
     Returns:
         Name of each physical group by dimension and tag. Gmsh itself keeps one group per name.

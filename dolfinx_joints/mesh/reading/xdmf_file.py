@@ -104,7 +104,7 @@ class XdmfGrids:
     def _choose(
         self, kind: str, argument: str, candidates: list[tuple[str, set[str], T]], name: str | None
     ) -> T:
-        """Return the value of the only named candidate (label, names, value), or Gmsh's groups."""
+        """Return the value of the only candidate (label, names, value), or of ``gmsh:physical``."""
         available = ", ".join(repr(label) for label, *_ in candidates) or "none"
         chosen = [candidate for candidate in candidates if name in (None, *candidate[1])]
         if name is not None and not chosen:

@@ -116,18 +116,13 @@ class GravitySection:
 def _is_face(corners: Any) -> bool:
     """Return True if ``corners`` are corners (z, x) of a face that rises from 0."""
     try:
-        points = np.asarray(corners)
+        array = np.asarray(corners)
     except ValueError:  # rows of different lengths
         return False
-    if (
-        points.ndim != 2
-        or points.shape[1:] != (2,)
-        or len(points) < 2
-        or points.dtype.kind not in "if"
-    ):
+    if array.ndim != 2 or array.shape[1:] != (2,) or len(array) < 2 or array.dtype.kind not in "if":
         return False
-    rises = points[0, 0] == 0 and (np.diff(points[:, 0]) > _CLOSEST * points[-1, 0]).all()
-    return bool(rises and np.isfinite(points).all())
+    rises = array[0, 0] == 0 and (np.diff(array[:, 0]) > _CLOSEST * array[-1, 0]).all()
+    return bool(rises and np.isfinite(array).all())
 
 
 @checked
@@ -329,9 +324,7 @@ def main(argv: list[str] | None = None) -> None:
         metavar="NAME=HEIGHT",
         help="horizontal joint at a height above the base [m]; base=0 is the base joint",
     )
-    parser.add_argument(
-        "--width", type=float, help="extent of a solid in y [m]; default: plane mesh"
-    )
+    parser.add_argument("--width", type=float, help="extent of a solid in y; plane without it [m]")
 
     def model(out: Path, *, section: str, joints: list[tuple[str, float]], **options: Any) -> Path:
         if len(dict(joints)) < len(joints):

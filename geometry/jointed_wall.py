@@ -101,9 +101,7 @@ def jointed_wall(
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = gmsh_model.argument_parser(
-        "Mesh a wall with vertical joints.", "jointed_wall.msh", None
-    )
+    parser = gmsh_model.argument_parser("Mesh a jointed wall.", "jointed_wall.msh", None)
     for flag, default in (("length", 20.0), ("thickness", 4.0), ("height", 20.0)):
         parser.add_argument(f"--{flag}", type=float, default=default, help="extent [m]")
     parser.add_argument("--joints", type=int, default=3, help="number of joints")

@@ -124,14 +124,12 @@ def sections_dam(
             ground |= groups.get(name, False)
         xyz = np.empty_like(reference)
         for side, sector in sectors.items():
-            on_side = side * reference[:, 0] >= 0
-            local = reference[on_side] * [side, 1, 1]
-            part = _dam(
-                sector, local, ground[on_side], groups["crest"][on_side], active_height, size
-            )
+            mine = side * reference[:, 0] >= 0
+            local = reference[mine] * [side, 1, 1]
+            part = _dam(sector, local, ground[mine], groups["crest"][mine], active_height, size)
             if block is not None:
-                part = block.place(sector, local, ground[on_side], part)
-            xyz[on_side] = part * [1, side, 1]
+                part = block.place(sector, local, ground[mine], part)
+            xyz[mine] = part * [1, side, 1]
         return xyz + np.array([0.0, 0.0, table.base])
 
     return gmsh_model.write_mesh(out, solid, order, place=place, gui=gui, duplicated=duplicated)
@@ -200,27 +198,18 @@ def _dam(
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = gmsh_model.argument_parser(
-        "Mesh an arch dam from a table of sections.", "dam.msh", 5.0
-    )
+    parser = gmsh_model.argument_parser("Mesh an arch dam given by sections.", "dam.msh", 5.0)
     parser.set_defaults(order=2)
     parser.add_argument("table", type=Path, help="CSV file of the sections")
     parser.add_argument("--layers", type=int, default=1, help="elements through the thickness")
     parser.add_argument("--joints", type=int, default=9, help="number of joints")
     parser.add_argument(
-        "--joint-angles",
-        type=float,
-        nargs="+",
-        help="angles of the joints [degrees], instead of --joints",
+        "--joint-angles", type=float, nargs="+", help="joint angles [degrees], instead of --joints"
     )
-    parser.add_argument(
-        "--active-height", type=float, default=1.0, help="relative height of the joints"
-    )
+    parser.add_argument("--active-height", type=float, default=1.0, help="relative joint height")
     parser.add_argument("--foundation", type=float, help="depth of a foundation block [m]")
     parser.add_argument("--spread", type=float, help="extent of the block beyond the faces [m]")
-    parser.add_argument(
-        "--perimetral", action="store_true", help="add a joint between dam and block"
-    )
+    parser.add_argument("--perimetral", action="store_true", help="joint between dam and block")
 
     def model(out: Path, **options: object) -> Path:
         angles = options.pop("joint_angles")

@@ -147,7 +147,7 @@ def main(argv: list[str] | None = None) -> None:
         ("radius", 10.0, "radius of the centre line [m]"),
         ("thickness", 1.2, "thickness of the arch [m]"),
         ("half-angle", 90.0, "angle from the crown to a springing [degrees]"),
-        ("width", None, "extent of a solid across the arch [m]; default: plane mesh"),
+        ("width", None, "extent of a solid across the arch [m]; plane mesh without it"),
     ):
         parser.add_argument(f"--{flag}", type=float, default=default, help=text)
     parser.add_argument("--voussoirs", type=int, default=15, help="number of blocks")

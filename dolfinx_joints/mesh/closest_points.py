@@ -32,8 +32,7 @@ ROUNDING = 1e-14
 # Points as far away as the radius of curvature need halved steps.
 ITERATIONS, HALVINGS = 100, 12
 
-# Two directions are parallel if the determinant of the facet's metric is below this times its
-# squared trace.
+# Two directions are parallel if determinant / trace^2 of the facet's metric is below this.
 SINGULAR = 1e-14
 
 
@@ -123,7 +122,7 @@ class FacetSurface:
     def _candidates(self, points: Floats) -> tuple[Ints, Ints, Floats]:
         """Return candidate pairs of a point and a facet, and the starting point on each facet."""
         nearest = self._nearest(points)
-        candidates = []
+        pairs = []
         for facets, tree in self._trees:
             radii = nearest + (1.0 + 1e-9) * self._reach[facets].max()
             lists = tree.query_ball_point(points, radii)
@@ -131,10 +130,8 @@ class FacetSurface:
             samples = np.concatenate([np.asarray(hits, dtype=np.int64) for hits in lists])
             place, sample = np.divmod(samples, len(self._lattice))
             away = np.linalg.norm(points[point] - tree.data[samples], axis=1)
-            candidates.append((point, facets[place], sample, away))
-        point, facet, sample, away = (
-            np.concatenate(parts) for parts in zip(*candidates, strict=True)
-        )
+            pairs.append((point, facets[place], sample, away))
+        point, facet, sample, away = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
         order = np.lexsort((away, facet, point))
         point, facet, sample = point[order], facet[order], sample[order]
         other = (np.diff(point) > 0) | (np.diff(facet) != 0)

@@ -35,11 +35,7 @@ TOUCHING = 1e-6  # facets touch if their distance is below this times the facet 
 def check_cells(comm: Any, shape: CellShape, cells: Ints, x: Floats) -> None:
     """Check that cells have a volume and are distinct, with at most two per facet (collective).
 
-    Args:
-        comm: MPI communicator of the mesh.
-        shape: Reference cell and degree of the geometry.
-        cells: Global node numbers of this rank's cells.
-        x: Coordinates of the nodes of these cells [m].
+    ``cells`` are global node numbers of this rank's cells, ``x`` the coordinates of the nodes [m].
 
     Raises:
         MeshError: A coordinate is not finite, or a cell or facet is invalid.

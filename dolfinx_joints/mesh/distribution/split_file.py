@@ -69,9 +69,7 @@ def write_split(path: str | Path, mesh: JointedMesh, *, overwrite: bool = False)
                 if rank == comm.rank:
                     with h5py.File(part, "r+" if rank else "w", libver="latest") as file:
                         if not rank:
-                            _begin(
-                                file, share, {name: starts[-1] for name, starts in blocks.items()}
-                            )
+                            _begin(file, share, {name: ends[-1] for name, ends in blocks.items()})
                         for name, rows in arrays.items():
                             file[name][slice(*blocks[name][rank : rank + 2])] = rows
         on_root(comm, lambda: part.replace(path))

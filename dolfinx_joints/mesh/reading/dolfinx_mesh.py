@@ -86,9 +86,7 @@ def split_share(
     set_rows(comm, glued, node, split.glued)
     facet_values = np.zeros((len(table), len(shape.facet_vertices)), dtype=np.int32)
     cell_values = np.zeros(len(table), dtype=np.int32)
-    of_cells = {
-        name: original[cells_of_group, None] for name, cells_of_group in cells_of_groups.items()
-    }
+    of_cells = {name: original[ids, None] for name, ids in cells_of_groups.items()}
     tagged, tags, cell_groups = _tagged(comm, len(table), of_cells)
     cell_values[tagged[:, 0]] = tags
     return PreparedMesh(
@@ -140,7 +138,7 @@ def _split_near(
     whole: list[tuple[Ints, Ints, PreparedMesh]] = []
 
     def work() -> tuple[Ints, Ints, PreparedMesh]:
-        table, numbers, x = (np.concatenate(parts_of) for parts_of in zip(*parts, strict=True))
+        table, numbers, x = (np.concatenate(values) for values in zip(*parts, strict=True))
         table = table[np.argsort(table[:, 0])]
         used, first = np.unique(numbers, return_index=True)
         raw = RawMesh(
@@ -149,8 +147,8 @@ def _split_near(
             x=x[first],
             cell_groups={},
             facet_groups={
-                name: np.unique(np.searchsorted(used, parts_of), axis=0)
-                for name, parts_of in facet_groups.items()
+                name: np.unique(np.searchsorted(used, vertices), axis=0)
+                for name, vertices in facet_groups.items()
             },
         )
         made, cell = prepare(raw, joints), table[:, 0]
@@ -233,11 +231,9 @@ def _tagged(
     """
     rows, group, names = members(slots)
     blocks = blocks_of(comm, num_cells)
-    received = sent_to(comm, rank_of(blocks, rows[:, 0]), np.column_stack([rows, group]))
-    received[:, 0] -= blocks[comm.rank]
-    return tag_sets(
-        received[:, :-1], received[:, -1], names, lambda m: np.concatenate(comm.allgather(m))
-    )
+    own = sent_to(comm, rank_of(blocks, rows[:, 0]), np.column_stack([rows, group]))
+    own[:, 0] -= blocks[comm.rank]
+    return tag_sets(own[:, :-1], own[:, -1], names, lambda m: np.concatenate(comm.allgather(m)))
 
 
 def _group_entities(
@@ -250,15 +246,12 @@ def _group_entities(
     count = index_map.size_local + index_map.num_ghosts
     with raised_together(comm):
         if tags is None:
-            entities = {
-                name: _entities(kind, name, entities_of, count)
-                for name, entities_of in groups.items()
-            }
+            local = {name: _entities(kind, name, given, count) for name, given in groups.items()}
         else:
             _check_tags(tags, dim, f"{kind}_tags", count)
-            entities = {name: tags.indices[tags.values == tag] for name, tag in groups.items()}
-    sizes = comm.allreduce(np.array([len(entities_of) for entities_of in entities.values()]))
-    for name in (name for name, size in zip(entities, sizes, strict=True) if not size):
+            local = {name: tags.indices[tags.values == tag] for name, tag in groups.items()}
+    sizes = comm.allreduce(np.array([len(ids) for ids in local.values()]))
+    for name in (name for name, size in zip(local, sizes, strict=True) if not size):
         if tags is None:
             raise MeshError(f"The {kind} group {name!r} is empty on all ranks.")
         tag_values = sorted(set().union(*comm.allgather(np.unique(tags.values).tolist())))
@@ -267,7 +260,7 @@ def _group_entities(
             f"No {kind} has the tag {groups[name]} of the group {name!r}; the tags of {kind}s "
             f"are: {available}."
         )
-    return entities
+    return local
 
 
 def _entities(kind: str, name: str, given: Any, count: int) -> NDArray[np.int32]:

@@ -150,12 +150,10 @@ class XdmfGrids:
             raise MeshError(f"{self._path}: {len(entities)} {kind}s have {len(tags)} tags.")
         for name, tag in groups.items():
             if tag not in tags:
-                available = shown(
-                    np.unique(tags).tolist(), lambda values: ", ".join(map(str, values))
-                )
+                listed = shown(np.unique(tags).tolist(), lambda values: ", ".join(map(str, values)))
                 raise MeshError(
                     f"No {kind} has the tag {tag} of the group {name!r}; the tags of {kind}s "
-                    f"are: {available}."
+                    f"are: {listed}."
                 )
         return {name: entities[tags == tag] for name, tag in groups.items()}
 

@@ -225,7 +225,7 @@ def gravity_dam(
     """
     out = mesh_path(out)
     gmsh_model.check_window(gui)
-    heights = _checked(joints or {}, section)
+    heights = _checked_heights(joints or {}, section)
     plane = _reference(section, heights, size, cell)
     across = round(float(plane.points[:, 0].max()))
 
@@ -247,7 +247,7 @@ def gravity_dam(
     )
 
 
-def _checked(joints: Mapping[str, float], section: GravitySection) -> dict[str, float]:
+def _checked_heights(joints: Mapping[str, float], section: GravitySection) -> dict[str, float]:
     """Return the heights of the joints after checking them."""
     for name, height in joints.items():
         if not re.fullmatch(r"\w+", name):
@@ -301,7 +301,7 @@ def _reference(
     return PlaneMesh(points, groups, edges)
 
 
-def _joint(text: str) -> tuple[str, float]:
+def _named_height(text: str) -> tuple[str, float]:
     """Return the name and the height of the text NAME=HEIGHT."""
     name, _, height = text.partition("=")
     try:
@@ -317,7 +317,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--section", choices=SECTIONS, default="koyna", help="cross-section")
     parser.add_argument(
         "--joint",
-        type=_joint,
+        type=_named_height,
         action="append",
         dest="joints",
         default=[],

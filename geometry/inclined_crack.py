@@ -86,7 +86,7 @@ def inclined_crack(
     gmsh_model.check_window(gui)
     plane_cell = {"quad": "hex", "tri": "tet"}.get(cell)
     plane = _plane_mesh(half_length, extent, size, growth, plane_cell or cell)
-    points = _placed(plane.points, angle, lean)
+    points = _turned_points(plane.points, angle, lean)
     plane = replace(plane, points=points)
     if plane_cell:
         return write_plane(out, plane, order, gui=gui, duplicated=duplicated)
@@ -106,7 +106,7 @@ def _plane_mesh(
     """Return the mesh of the body in the axes of the crack, with columns normal to it."""
     count = _cells_along(half_length, size)
     step = 2.0 * half_length / count
-    check_fine(2 * count * _number(step, extent * half_length, growth))
+    check_fine(2 * count * _number_graded(step, extent * half_length, growth))
     beyond = half_length + _graded(step, (extent - 1.0) * half_length, growth)
     away = _graded(step, extent * half_length, growth)
     along = np.linspace(-half_length, half_length, count + 1)
@@ -123,7 +123,7 @@ def _plane_mesh(
 
 def _graded(first: float, length: float, growth: float) -> FloatArray:
     """Return the ends of cells that fill a length and grow at a constant ratio from ``first``."""
-    count = _number(first, length, growth)
+    count = _number_graded(first, length, growth)
 
     def excess(ratio: float) -> float:
         return first * sum(ratio**k for k in range(count)) - length
@@ -133,12 +133,12 @@ def _graded(first: float, length: float, growth: float) -> FloatArray:
     return length * ends / ends[-1]
 
 
-def _number(first: float, length: float, growth: float) -> int:
+def _number_graded(first: float, length: float, growth: float) -> int:
     """Return the number of cells that fill a length and grow from ``first`` by ``growth``."""
     return math.ceil(math.log1p(length * (growth - 1.0) / first) / math.log(growth))
 
 
-def _placed(points: FloatArray, angle: float, lean: float) -> FloatArray:
+def _turned_points(points: FloatArray, angle: float, lean: float) -> FloatArray:
     """Return the points with inclined columns, and the crack turned from axis 1 to its angle."""
     p = points[:, 0] + points[:, 1] * np.tan(np.radians(lean))
     along, normal = crack_axes(angle)

@@ -130,24 +130,24 @@ class SectionHalf(CircularArches):
         """Height of the crest above the lowest section [m]."""
         return self.table.height
 
-    def _at(self, name: str, zeta: ArrayLike) -> FloatArray:
+    def _value(self, name: str, zeta: ArrayLike) -> FloatArray:
         """Return a column interpolated at relative heights."""
         values: FloatArray = self.table.curves[name](np.asarray(zeta))
         return values
 
     def half_angle(self, zeta: ArrayLike) -> FloatArray:
         """Return phi, the angle from the crown to the abutment [radians]."""
-        return np.radians(self._at("left_angle" if self.side > 0 else "right_angle", zeta))
+        return np.radians(self._value("left_angle" if self.side > 0 else "right_angle", zeta))
 
     def radius(self, zeta: ArrayLike) -> FloatArray:
         """Return R, the radius of the upstream face [m]."""
-        return self._at("extrados_radius", zeta)
+        return self._value("extrados_radius", zeta)
 
     def centre(self, zeta: ArrayLike) -> FloatArray:
         """Return the x coordinate of the centre of the upstream face [m]."""
         if "centre_x" not in self.table.columns:
             return np.zeros(np.shape(zeta))
-        return self._at("centre_x", zeta)
+        return self._value("centre_x", zeta)
 
     def thickness(self, zeta: ArrayLike, s: ArrayLike) -> FloatArray:
         """Return t, measured towards the centre of the upstream face [m].
@@ -157,18 +157,18 @@ class SectionHalf(CircularArches):
         """
         names = self.table.columns
         if "intrados_radius" in names:
-            outer, inner = self.radius(zeta), self._at("intrados_radius", zeta)
+            outer, inner = self.radius(zeta), self._value("intrados_radius", zeta)
             if "crown_thickness" not in names:
                 return outer - inner + 0 * np.asarray(s)
-            e = outer - inner - self._at("crown_thickness", zeta)
+            e = outer - inner - self._value("crown_thickness", zeta)
             alpha = np.asarray(s) * self.half_angle(zeta)
             square = inner**2 - (e * np.sin(alpha)) ** 2
             with np.errstate(invalid="ignore"):  # NaN if the arc ends before the abutment
                 return np.asarray(outer - e * np.cos(alpha) - np.sqrt(square))
-        crown = self._at("crown_thickness", zeta)
+        crown = self._value("crown_thickness", zeta)
         if "left_thickness" not in names:
             return crown + 0 * np.asarray(s)
-        abutment = self._at("left_thickness" if self.side > 0 else "right_thickness", zeta)
+        abutment = self._value("left_thickness" if self.side > 0 else "right_thickness", zeta)
         return crown + (abutment - crown) * np.square(s)
 
 
@@ -202,12 +202,12 @@ def read_sections(path: str | os.PathLike[str]) -> SectionTable:
         raise ValueError(f"{file} is empty.")
     names = rows[0][1]
     _check_names(names, f"{file}, line {rows[0][0]}")
-    table = [_numbers(words, names, f"{file}, line {number}") for number, words in rows[1:]]
+    table = [_line_numbers(words, names, f"{file}, line {number}") for number, words in rows[1:]]
     columns = np.array(table).reshape(-1, len(names)).T
     return SectionTable(dict(zip(names, columns, strict=True)), str(file))
 
 
-def _numbers(words: list[str], names: list[str], where: str) -> list[float]:
+def _line_numbers(words: list[str], names: list[str], where: str) -> list[float]:
     """Return the numbers of one line."""
     if len(words) != len(names):
         raise ValueError(f"{where}: {len(words)} values for {len(names)} columns.")

@@ -108,7 +108,7 @@ def sections_dam(
         table = read_sections(table)
     sectors = {side: Sector(table.half(side)) for side in _SIDES}
     block = None if foundation is None else Block(sectors, foundation, spread, size)
-    arcs = _arcs(sectors, joints)
+    arcs = _joint_arcs(sectors, joints)
     plane = _elevation(sectors, size, cell, arcs, active_height)
     levels = np.linspace(0, 1, layers + 1)
     if block is None:
@@ -126,7 +126,7 @@ def sections_dam(
         for side, sector in sectors.items():
             mine = side * reference[:, 0] >= 0
             local = reference[mine] * [side, 1, 1]
-            part = _dam(sector, local, ground[mine], groups["crest"][mine], active_height, size)
+            part = _dam_xyz(sector, local, ground[mine], groups["crest"][mine], active_height, size)
             if block is not None:
                 part = block.place(sector, local, ground[mine], part)
             xyz[mine] = part * [1, side, 1]
@@ -135,7 +135,7 @@ def sections_dam(
     return gmsh_model.write_mesh(out, solid, order, place=place, gui=gui, duplicated=duplicated)
 
 
-def _arcs(sectors: dict[int, Sector], joints: int | Sequence[float]) -> dict[str, float]:
+def _joint_arcs(sectors: dict[int, Sector], joints: int | Sequence[float]) -> dict[str, float]:
     """Return the coordinate a of each joint by name [m]."""
     left, right = (np.degrees(sectors[side].half_angle) for side in _SIDES)
     if isinstance(joints, int):
@@ -178,7 +178,7 @@ def _elevation(
     return PlaneMesh(points, {"concrete": np.concatenate(cells)}, edges)
 
 
-def _dam(
+def _dam_xyz(
     sector: Sector,
     reference: FloatArray,
     ground: BoolArray,

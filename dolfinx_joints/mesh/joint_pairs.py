@@ -64,22 +64,22 @@ class JointPairs:
 
     def sent_to(self, comm: Any, rank: NDArray[Any]) -> JointPairs:
         """Send each pair to a rank, and return the pairs received (collective)."""
-        return self._of({name: sent_to(comm, rank, values) for name, values in self.rows().items()})
+        return self._with({name: sent_to(comm, rank, row) for name, row in self.rows().items()})
 
     def gathered(self, comm: Any) -> JointPairs:
         """Return the pairs of all ranks (collective)."""
         rows = self.rows().items()
-        return self._of({name: np.concatenate(comm.allgather(values)) for name, values in rows})
+        return self._with({name: np.concatenate(comm.allgather(values)) for name, values in rows})
 
-    def _of(self, rows: dict[str, Any]) -> JointPairs:
+    def _with(self, rows: dict[str, Any]) -> JointPairs:
         order = np.argsort(rows["number"])
         return replace(self, **{name: values[order] for name, values in rows.items()})
 
 
 PAIR_ROWS = tuple(
-    each.name
-    for each in fields(JointPairs)
-    if each.name not in ("names", "count", "axes", "gaps_in_geometry", "bonded")
+    field.name
+    for field in fields(JointPairs)
+    if field.name not in ("names", "count", "axes", "gaps_in_geometry", "bonded")
 )
 
 

@@ -300,9 +300,9 @@ class JointedMesh(Summarised):
 
 def _tags_of(groups: Mapping[str, tuple[int, ...]], name: str, kind: str) -> tuple[int, ...]:
     if not isinstance(name, str) or name not in groups:
-        known = ", ".join(sorted(groups)) or "none"
+        available = ", ".join(sorted(groups)) or "none"
         raise MeshError(
-            f"The mesh has no {kind} group {shown(name)}; its {kind} groups are: {known}."
+            f"The mesh has no {kind} group {shown(name)}; its {kind} groups are: {available}."
         )
     return groups[name]
 

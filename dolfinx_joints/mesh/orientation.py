@@ -41,15 +41,15 @@ def orient_pairs(
         axis=1
     )
     sign = np.where(np.einsum("ij,ij->i", normal, towards) < 0, -1, 1)
-    graph = _agreement(cycle, sign, joint)
+    graph = _agreement_graph(cycle, sign, joint)
     _, part = connected_components(graph, directed=False)
-    flip = _signs_along(graph, part)
+    flip = _relative_signs(graph, part)
     normals = (flip * sign)[:, None] * normal
     flip = flip * _part_signs(part, x[cycle].mean(axis=1), normals)
     return flip < 0
 
 
-def _signs_along(graph: csr_array, part: Ints) -> Ints:
+def _relative_signs(graph: csr_array, part: Ints) -> Ints:
     """Return the sign of each facet relative to the first facet of its part, shape (n,).
 
     The first facet is the root of the part's breadth-first tree. The sign of a facet is the product
@@ -74,7 +74,7 @@ def _signs_along(graph: csr_array, part: Ints) -> Ints:
     return flip
 
 
-def _agreement(cycle: Ints, sign: Ints, joint: Ints) -> csr_array:
+def _agreement_graph(cycle: Ints, sign: Ints, joint: Ints) -> csr_array:
     """Return the graph of facets that share a ridge: 1 if their sides agree, otherwise -1."""
     count, size = cycle.shape
     if size == 2:

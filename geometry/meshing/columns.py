@@ -54,10 +54,10 @@ class Elevation:
         check_fine(high * max(len(self.lines), float(self.lines[-1]) / self.size))
         lines = _refined(self.lines, 2 * self.size)
         rows = self._rows(lines)
-        hanging = [self._hang(float(a), n) for a, n in zip(lines, rows, strict=True)]
+        hanging = [self._line_nodes(float(a), n) for a, n in zip(lines, rows, strict=True)]
         patches = []
         for left_line, right_line in pairwise(hanging):
-            patches += self._block(left_line, right_line)
+            patches += self._patches_of(left_line, right_line)
         return _join(patches)
 
     def _rows(self, lines: FloatArray) -> list[int]:
@@ -66,7 +66,7 @@ class Elevation:
         upright = float(self.foundation(lines[-1:])[0]) < self.top
         for a in lines if upright else lines[:-1]:
             base = float(self.foundation(np.array(a)))
-            above = max(1, round((self.top - self.level) / self.size)) if self._split(a) else 0
+            above = max(1, round((self.top - self.level) / self.size)) if self._has_level(a) else 0
             bottom = self.level if above else self.top
             ideal = above + (bottom - base) / self.size
             least = max(2, above + 1)
@@ -76,16 +76,16 @@ class Elevation:
             rows.append(min(allowed, key=lambda n: abs(np.log(n / ideal)), default=least))
         return rows if upright else [*rows, 0]
 
-    def _split(self, a: float) -> bool:
+    def _has_level(self, a: float) -> bool:
         """Return True if the line at ``a`` has a node at the level."""
         return self.level < self.top and self.reaches(a)
 
-    def _hang(self, a: float, rows: int) -> FloatArray:
+    def _line_nodes(self, a: float, rows: int) -> FloatArray:
         """Return the nodes of a line from the top down, shape (rows + 1, 2)."""
         if rows == 0:
             return np.array([[a, self.top]])
         base = float(self.foundation(np.array(a)))
-        if self._split(a):
+        if self._has_level(a):
             above = max(1, round((self.top - self.level) / self.size))
             upper = np.linspace(self.top, self.level, above + 1)
             z = np.concatenate([upper, np.linspace(self.level, base, rows - above + 1)[1:]])
@@ -93,7 +93,7 @@ class Elevation:
             z = np.linspace(self.top, base, rows + 1)
         return np.column_stack([np.full(rows + 1, a), z])
 
-    def _ground(self, a0: float, a1: float, count: int) -> FloatArray:
+    def _on_ground(self, a0: float, a1: float, count: int) -> FloatArray:
         """Return count + 1 points on the foundation at equal arc lengths, with exact ends."""
         a = np.linspace(a0, a1, 201)
         arc = np.concatenate([[0], np.cumsum(np.hypot(np.diff(a), np.diff(self.foundation(a))))])
@@ -101,12 +101,12 @@ class Elevation:
         a[[0, -1]] = a0, a1
         return np.column_stack([a, self.foundation(a)])
 
-    def _block(self, left: FloatArray, right: FloatArray) -> list[FloatArray]:
+    def _patches_of(self, left: FloatArray, right: FloatArray) -> list[FloatArray]:
         """Return the patches of the block between two lines, each of shape (i + 1, j + 1, 2)."""
         through, drop = len(right) - 1, len(left) - len(right)
         width = right[0, 0] - left[0, 0]
         across = max(2 if drop else 1, round(width / self.size))
-        ground = self._ground(left[0, 0], right[0, 0], across)
+        ground = self._on_ground(left[0, 0], right[0, 0], across)
         upper = np.linspace(left[0], right[0], across + 1)
         if not drop:
             ground[0], ground[-1] = left[-1], right[-1]
@@ -115,10 +115,10 @@ class Elevation:
         patches = []
         if through:
             patches = [_patch(left[: through + 1], right, upper, lower)]
-        length = np.hypot(*np.diff(self._ground(left[0, 0], right[0, 0], 100), axis=0).T).sum()
+        length = np.hypot(*np.diff(self._on_ground(left[0, 0], right[0, 0], 100), axis=0).T).sum()
         least, most = abs(across - drop) + 2, across + drop - 2
         count = least + 2 * round((min(max(length / self.size, least), most) - least) / 2)
-        ground = self._ground(left[0, 0], right[0, 0], count)
+        ground = self._on_ground(left[0, 0], right[0, 0], count)
         ground[0], ground[-1] = left[-1], right[-1]
         return patches + _triangle(lower, left[through:], ground)
 

@@ -42,7 +42,7 @@ def check_cells(comm: Any, shape: CellShape, cells: Ints, x: Floats) -> None:
     """
     start, local = blocks_of(comm, len(cells))[comm.rank], shape.facet_vertices
 
-    def refuse(invalid: Ints, fault: str) -> None:
+    def reject(invalid: Ints, fault: str) -> None:
         first = [(start + cell, middle(x[cell])) for cell in invalid[:1]]
         by_rank = comm.allgather((len(invalid), first))
         if count := sum(number for number, _ in by_rank):
@@ -56,15 +56,15 @@ def check_cells(comm: Any, shape: CellShape, cells: Ints, x: Floats) -> None:
     volume, size = np.abs(np.linalg.det(jacobian)), np.abs(jacobian).max(axis=(1, 2))
     flat = volume <= NO_VOLUME * size**shape.dim
     extent = "volume" if shape.dim == 3 else "area"
-    refuse(np.flatnonzero(flat), f"have no {extent}: move their nodes, or remove the cells")
-    mixed = _mixed(cells[:, : int(local.max()) + 1])
-    twice = _repeated(comm, mixed.sum(axis=1), 1)
-    refuse(twice, "have all vertices of another cell: keep one of each (copied volumes in Gmsh)")
-    crowded = _repeated(comm, mixed[:, local].sum(axis=2).ravel(), 2) // len(local)
-    refuse(np.unique(crowded), "have a facet that belongs to more than two cells: they overlap")
+    reject(np.flatnonzero(flat), f"have no {extent}: move their nodes, or remove the cells")
+    mixed = _hashes(cells[:, : int(local.max()) + 1])
+    twice = _repeated_keys(comm, mixed.sum(axis=1), 1)
+    reject(twice, "have all vertices of another cell: keep one of each (copied volumes in Gmsh)")
+    crowded = _repeated_keys(comm, mixed[:, local].sum(axis=2).ravel(), 2) // len(local)
+    reject(np.unique(crowded), "have a facet that belongs to more than two cells: they overlap")
 
 
-def warn_of_untied(jointed: JointedMesh) -> None:
+def warn_of_touching_facets(jointed: JointedMesh) -> None:
     """Warn on rank 0 of touching boundary facets that are not a joint (collective)."""
     mesh, shape = jointed.mesh, jointed.shape
     outer = exterior_facet_indices(mesh.topology)
@@ -76,7 +76,7 @@ def warn_of_untied(jointed: JointedMesh) -> None:
     vertices = shape.facet_vertices[facet][:, shape.facet_cycle, None]
     corners = np.take_along_axis(x, vertices, axis=1)
     inner = x[:, : int(shape.facet_vertices.max()) + 1].mean(axis=1)
-    touching = _touching(*_with_neighbours(mesh.comm, corners, inner))
+    touching = _touching_facets(*_with_neighbours(mesh.comm, corners, inner))
     by_rank = mesh.comm.gather(
         (len(touching), sorted(tuple(map(float, row)) for row in touching)[:1])
     )
@@ -90,7 +90,7 @@ def warn_of_untied(jointed: JointedMesh) -> None:
 
 
 def _with_neighbours(comm: Any, x: Floats, inner: Floats) -> tuple[Floats, Floats, Flags]:
-    """Return the arguments of `_touching` for this rank's cubes of space (collective).
+    """Return the arguments of `_touching_facets` for this rank's cubes of space (collective).
 
     The cubes are assigned to the ranks by a hash, so that no rank receives the whole surface. A
     rank receives all facets that reach into its cubes; those centred there are its own facets.
@@ -114,11 +114,11 @@ def _with_neighbours(comm: Any, x: Floats, inner: Floats) -> tuple[Floats, Float
 
 def _rank_of(comm: Any, cube: Ints) -> Ints:
     """Return the rank of each cube, given by its integer coordinates along the last axis."""
-    key = (_mixed(cube) * np.arange(1, 2 * cube.shape[-1], 2, dtype=np.uint64)).sum(axis=-1)
+    key = (_hashes(cube) * np.arange(1, 2 * cube.shape[-1], 2, dtype=np.uint64)).sum(axis=-1)
     return (key % np.uint64(comm.size)).astype(np.int64)
 
 
-def _touching(x: Floats, inner: Floats, own: Flags) -> Floats:
+def _touching_facets(x: Floats, inner: Floats, own: Flags) -> Floats:
     """Return the centres of own facets that lie on a facet with the opposite normal.
 
     Args:
@@ -154,7 +154,7 @@ def _jacobians(shape: CellShape, x: Floats) -> Floats:
     return np.tensordot(x, element.tabulate(1, centre[None])[1:, 0, :, 0], axes=(1, 1))
 
 
-def _mixed(nodes: Ints) -> NDArray[np.uint64]:
+def _hashes(nodes: Ints) -> NDArray[np.uint64]:
     """Return the SplitMix64 hashes of node numbers."""
     z = (nodes.astype(np.uint64) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -162,7 +162,7 @@ def _mixed(nodes: Ints) -> NDArray[np.uint64]:
     return z ^ (z >> np.uint64(31))
 
 
-def _repeated(comm: Any, keys: NDArray[np.uint64], most: int) -> Ints:
+def _repeated_keys(comm: Any, keys: NDArray[np.uint64], most: int) -> Ints:
     """Return the positions of keys that occur more than ``most`` times in total (collective)."""
     rank = (keys % np.uint64(comm.size)).astype(np.int64)
     received = np.sort(keys if comm.size == 1 else sent_to(comm, rank, keys))

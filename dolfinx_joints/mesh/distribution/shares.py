@@ -18,14 +18,14 @@ from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.distribution.killed_compilations import remove_killed_compilations
-from dolfinx_joints.mesh.distribution.mesh_checks import check_cells, warn_of_untied
+from dolfinx_joints.mesh.distribution.mesh_checks import check_cells, warn_of_touching_facets
 from dolfinx_joints.mesh.distribution.partition import glued, partitioner_across
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh, mesh_tags
 
 # Meshes kept alive on one rank. If a call that creates a mesh fails, the mesh would be freed while
 # the exception propagates. mpi4py cannot free a communicator then: a SystemError hides the message.
-_kept: list[tuple[weakref.ref[JointedMesh], Any]] = []
+_alive: list[tuple[weakref.ref[JointedMesh], Any]] = []
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,16 +114,16 @@ def create_jointed(comm: Any, share: PreparedMesh) -> JointedMesh:
         _facet_tags=mesh_tags(mesh, shape.dim - 1, facets, values[cell, 1 + facet][first]),
         _facet_groups=share.facet_groups,
     )
-    warn_of_untied(jointed)
+    warn_of_touching_facets(jointed)
     if comm.size == 1:
-        _keep(jointed)
+        _keep_alive(jointed)
     return jointed
 
 
-def _keep(jointed: JointedMesh) -> None:
+def _keep_alive(jointed: JointedMesh) -> None:
     """Keep the mesh alive until the next mesh is created, and release unused meshes."""
-    _kept[:] = [(reference, mesh) for reference, mesh in _kept if reference() is not None]
-    _kept.append((weakref.ref(jointed), jointed.mesh))
+    _alive[:] = [(reference, mesh) for reference, mesh in _alive if reference() is not None]
+    _alive.append((weakref.ref(jointed), jointed.mesh))
 
 
 def facets_of_cells(mesh: Any, shape: CellShape) -> NDArray[np.int32]:

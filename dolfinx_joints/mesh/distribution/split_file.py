@@ -69,7 +69,7 @@ def write_split(path: str | Path, mesh: JointedMesh, *, overwrite: bool = False)
                 if rank == comm.rank:
                     with h5py.File(part, "r+" if rank else "w", libver="latest") as file:
                         if not rank:
-                            _begin(file, share, {name: ends[-1] for name, ends in blocks.items()})
+                            _create(file, share, {name: ends[-1] for name, ends in blocks.items()})
                         for name, rows in arrays.items():
                             file[name][slice(*blocks[name][rank : rank + 2])] = rows
         on_root(comm, lambda: part.replace(path))
@@ -87,7 +87,7 @@ def _rows(share: PreparedMesh) -> dict[str, Any]:
     }
 
 
-def _begin(file: h5py.File, share: PreparedMesh, counts: dict[str, int]) -> None:
+def _create(file: h5py.File, share: PreparedMesh, counts: dict[str, int]) -> None:
     """Write the data that all ranks have in common, and create the datasets for their rows."""
     set_texts(file, format=FORMAT)
     file.attrs["version"] = VERSION

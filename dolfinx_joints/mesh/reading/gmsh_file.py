@@ -96,7 +96,7 @@ def _read_model(model: Any, source: str, names: Names) -> RawMesh:
             members.append(numbered[entity])
         cell_groups[name] = np.concatenate(members)
     shape = cell_shape(kinds, source)
-    _warn_of_others(model, dim, numbered, source)
+    _warn_of_unnamed_cells(model, dim, numbered, source)
     tags, coordinates, _ = model.mesh.getNodes()
     nodes = np.vstack(blocks).astype(np.int64)
     place = np.full(int(tags.max()) + 1, -1)  # position by node tag; tags have no gaps
@@ -115,7 +115,7 @@ def _read_model(model: Any, source: str, names: Names) -> RawMesh:
     cells = nodes[:, gmsh_permutation(shape.name, nodes.shape[1])]
     for d, tag in model.getPhysicalGroups(dim - 1):
         if not names.get((d, tag)):
-            _warn_of_unnamed(model, dim, tag, (shape, cells, used), source)
+            _warn_of_unnamed_facets(model, dim, tag, (shape, cells, used), source)
     x = x[:, :dim].copy()
     check_curves(shape, x, cells, repr(source))
     return RawMesh(shape=shape, cells=cells, x=x, cell_groups=cell_groups, facet_groups=facets)
@@ -130,7 +130,7 @@ def _groups(model: Any, dim: int, names: Names) -> dict[str, list[int]]:
     return {name: list(dict.fromkeys(entities)) for name, entities in groups.items()}
 
 
-def _warn_of_others(model: Any, dim: int, named: Collection[int], source: str) -> None:
+def _warn_of_unnamed_cells(model: Any, dim: int, named: Collection[int], source: str) -> None:
     """Warn of cells in no named group: a part of the body may have been forgotten."""
     others = [entity for _, entity in model.getEntities(dim) if entity not in named]
     count = sum(len(tags) for e in others for tags in model.mesh.getElements(dim, e)[1])
@@ -141,7 +141,7 @@ def _warn_of_others(model: Any, dim: int, named: Collection[int], source: str) -
         )
 
 
-def _warn_of_unnamed(model: Any, dim: int, tag: int, body: Any, source: str) -> None:
+def _warn_of_unnamed_facets(model: Any, dim: int, tag: int, body: Any, source: str) -> None:
     """Warn of facets of the body in an unnamed group: a joint may have been forgotten."""
     entities, (shape, cells, used) = model.getEntitiesForPhysicalGroup(dim - 1, tag), body
     try:

@@ -72,6 +72,7 @@ class JointPairs:
         return self._with({name: np.concatenate(comm.allgather(values)) for name, values in rows})
 
     def _with(self, rows: dict[str, Any]) -> JointPairs:
+        """Return the pairs with these rows, sorted by number."""
         order = np.argsort(rows["number"])
         return replace(self, **{name: values[order] for name, values in rows.items()})
 

@@ -85,9 +85,9 @@ def from_step(
         The path written.
 
     Raises:
-        ValueError: if an argument is not allowed, the size is larger than the body, the file has
-            no solids or cannot be read, a solid cannot be built, solids overlap, a solid touches no
-            other one, or a name matches no solid or face.
+        ValueError: if an argument is not allowed, or the size is larger than the body. Also if the
+            file cannot be read or has no solids, if solids cannot be built, overlap or touch no
+            other solid, or if a name matches no solid or face.
         RuntimeError: if the file cannot be read in a separate process, or Gmsh fails to mesh the
             solids.
     """

@@ -35,9 +35,9 @@ class SectionTable:
     sections stay between the values of these sections.
 
     Args:
-        columns: columns of the table by name, each of shape (num_sections,): elevation,
-            extrados_radius, centre_x and the columns of the thickness [m]; left_angle and
-            right_angle from the crown to the abutments at +y and -y [degrees].
+        columns: columns of the table by name, each of shape (num_sections,). Lengths are in m:
+            elevation, extrados_radius, centre_x and the columns of the thickness. Angles from the
+            crown to the abutments at +y and -y are in degrees: left_angle and right_angle.
         source: name of the table in error messages.
 
     Raises:

@@ -82,7 +82,7 @@ def sections_dam(
         cell: "hex" or "tet".
         layers: number of elements through the thickness.
         joints: number of joints at equal arcs of the crest, or ascending angles of the joints
-            about the axis of the crest's arch, positive to the left, 0 at the crown [degrees].
+            [degrees]. Angles are about the axis of the crest's arch, 0 at the crown, positive left.
         active_height: relative height up to which the joints can open, in (0, 1].
         foundation: depth of the foundation below the base [m]; None for no foundation.
         spread: extent of the foundation upstream and downstream of the faces [m]; by default its

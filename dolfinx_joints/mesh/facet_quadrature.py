@@ -42,14 +42,14 @@ def facet_rule(facet_vertices: int, degree: int, rule: str | int = "auto") -> tu
 
     On 6-node triangles these integrals are zero at the vertices. ``nodal`` then uses only the
     nodes on the edges, so vertex pairs can open and overlap without resistance. ``auto`` uses the
-    vertices and the centre as well: exact to degree 3, with positive weights at every node pair.
+    vertices and the centre as well: exact to degree 3, with a positive weight at every node.
 
     Args:
         facet_vertices: 2, 3 or 4.
         degree: Degree of the displacement on the facet, 1 or 2.
-        rule: ``nodal``; ``gauss``, exact for polynomials of twice the degree; the degree to which
-            a Gauss rule is exact, from 2 to 20; or ``auto``: nodes and centre on 6-node triangles,
-            ``gauss`` above degree 2, otherwise ``nodal``.
+        rule: ``nodal``; ``gauss``, exact for polynomials of twice the degree; or the degree to
+            which a Gauss rule is exact, from 2 to 20. ``auto`` is nodes and centre on 6-node
+            triangles, ``gauss`` above degree 2, otherwise ``nodal``.
 
     Returns:
         Points, shape (n, facet dimension), and weights, shape (n,), on the basix reference facet.

@@ -132,9 +132,8 @@ def _refined(lines: FloatArray, width: float) -> FloatArray:
 def _triangle(top: FloatArray, side: FloatArray, ground: FloatArray) -> list[FloatArray]:
     """Return three blocks of cells that fill a triangle and meet inside it.
 
-    With m, d and c cells on the sides, the blocks at the corners top-left, bottom and right have
-    alpha x beta, alpha x gamma and beta x gamma cells, where m = alpha + gamma, d = beta + gamma
-    and c = alpha + beta.
+    The sides have m = alpha + gamma, d = beta + gamma and c = alpha + beta cells. The blocks at the
+    corners top-left, bottom and right have alpha x beta, alpha x gamma and beta x gamma cells.
 
     Args:
         top: points from the top-left corner to the right one, shape (m + 1, 2).

@@ -12,8 +12,8 @@ from typing import Any
 
 from dolfinx.jit import get_options
 
-# Time for which FFCx waits for another process to compile a form before it fails, and an upper
-# bound of the time to generate the code of any form of this package [s].
+# Time after which FFCx stops waiting for the compilation by another process and fails, and upper
+# bound of the time to generate the code of a form of this package [s].
 _FFCX_WAIT, _LONGEST_GENERATION = 10.0, 30.0
 
 

@@ -38,7 +38,7 @@ def read_msh(path: str | Path, comm: Any, *, joints: list[str] | None = None) ->
             ``joint`` in lower or upper case.
 
     Raises:
-        MeshError: The file cannot be read, mixes cell types or has no joint of a given name, or a
+        MeshError: The file cannot be read, mixes cell types or has no joint of a given name. A
             joint facet does not have one cell on each side.
     """
     return distribute(comm, lambda: prepare(load_msh(Path(path)), joints))
@@ -102,8 +102,8 @@ def read_xdmf(
         facet_file: XDMF file of the facet tags, if it is a different file.
 
     Raises:
-        MeshError: A file is missing or cannot be read, a mesh or tags of a given name are missing,
-            no facet has a given tag, or a joint facet does not have one cell on each side.
+        MeshError: A file is missing or cannot be read. A mesh, tags or a group are not in the
+            file. A joint facet does not have one cell on each side.
     """
     joints, groups, cell_groups = joints or {}, groups or {}, cell_groups or {}
     every = _checked_groups(joints, groups, cell_groups, True, True)
@@ -154,10 +154,10 @@ def mesh_from_arrays(
         comm: MPI communicator of the mesh.
         cell: ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
         x: Node coordinates, shape (nodes, 2) in 2-D or (nodes, 3) in 3-D, [m].
-        cells: Nodes of each cell, shape (cells, nodes of a cell), in the order of DOLFINx (basix):
-            3, 4, 4 or 8 nodes of degree 1, or 6, 9, 10 or 27 of degree 2 (curved). From the order
-            of Gmsh, VTK and Abaqus, use ``cells[:, [0, 1, 3, 2]]`` for quadrilaterals and
-            ``cells[:, [0, 1, 3, 2, 4, 5, 7, 6]]`` for hexahedra.
+        cells: Nodes of each cell in the order of DOLFINx (basix), shape (cells, nodes of a cell).
+            Cells have 3, 4, 4 or 8 nodes (degree 1), or 6, 9, 10 or 27 (degree 2, curved). From
+            the order of Gmsh, VTK and Abaqus, use ``cells[:, [0, 1, 3, 2]]`` for quadrilaterals
+            and ``cells[:, [0, 1, 3, 2, 4, 5, 7, 6]]`` for hexahedra.
         facet_groups: Vertices of the facets of each group, including joints as in `read_msh`, in
             any order, shape (n, vertices of a facet).
         cell_groups: Cell numbers of each group, shape (n,).
@@ -165,8 +165,8 @@ def mesh_from_arrays(
             ``joint`` in lower or upper case.
 
     Raises:
-        MeshError: An array has the wrong shape or invalid numbers, nodes of cells are in the wrong
-            order, or a joint facet does not have one cell on each side.
+        MeshError: An array has the wrong shape or invalid numbers. Nodes of cells are in the wrong
+            order. A joint facet does not have one cell on each side.
     """
 
     def prepared() -> PreparedMesh:

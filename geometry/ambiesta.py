@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""An arch dam like Ambiesta dam, with vertical contraction joints that are radial at the crest.
+"""Mesh of an arch dam like Ambiesta dam, with vertical joints that are radial at the crest.
 
 python3 geometry/ambiesta.py --size 5.5 --order 2 --active-height 0.75 --duplicated --out dam.msh
 
-The formulas of the shape are in ``arch``; other numbers make another dam.
+The shape is defined in ``arch``; other parameters make another dam.
 """
 
 from __future__ import annotations
@@ -61,14 +61,13 @@ def ambiesta(
     """Mesh an arch dam with its contraction joints: x downstream, y across the valley, z up.
 
     The joints are vertical planes through the axis of the crest's arch, at equal arcs of the
-    crest.  Joint k, counted from -y to +y, is the group ``joint_k``: the part below the active
-    height.  A joint of which less than half a cell would be active (it leaves through the abutment
-    there) has no group, so numbers may be missing at both ends.
+    crest. Joint k, counted from -y to +y, is the group ``joint_k``; it contains the part below the
+    active height. A joint whose active part is lower than half a cell has no group, so numbers may
+    be missing at both ends.
 
     Further groups: volume ``concrete``; surfaces ``upstream``, ``downstream``, ``crest``, ``base``
-    (the flat bottom) and ``abutments``.  All nodes lie on the exact shape.  The edge between base
-    and abutments, where the foundation is smooth, runs along the nearest element edges.  The mesh
-    is symmetric about y = 0.
+    (the flat bottom) and ``abutments``. All nodes lie on the exact shape. The edge between base
+    and abutments follows the nearest element edges. The mesh is symmetric about y = 0.
 
     Args:
         out: path of the .msh file.
@@ -77,13 +76,13 @@ def ambiesta(
         cell: "hex" or "tet".
         joints: number of joints, 0 for a monolithic dam.
         active_height: relative height up to which the joints can open, in (0, 1].
-        crest_arch: whether the dam goes on, unjointed, above the active height; if not it ends
-            there, and the joints are radial at that level.
+        crest_arch: True if the dam continues without joints above the active height. Otherwise it
+            ends there, and the joints are radial at that level.
         layers: number of elements through the thickness.
-        parameters: the shape of the dam; None for the default one.
+        parameters: shape of the dam; None for the default.
         gui: show the mesh in Gmsh's window afterwards.
-        duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.  `read_msh`
-            makes the same split mesh of both files; runs without joints need the conforming file.
+        duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+. `read_msh`
+            makes the same split mesh from both files; runs without joints need a conforming file.
 
     Returns:
         The path written.
@@ -109,8 +108,8 @@ def ambiesta(
         s = sector.across(theta, ta, zeta)
         if not np.abs(s).max() < 1 + 1e-6:
             raise RuntimeError(
-                "the abutments fold back as seen from the axis of the crest's arch, but they must "
-                "part steadily from the base to the crest: choose a less extreme shape."
+                "the abutments fold back as seen from the axis of the crest's arch, but the "
+                "valley must widen steadily up to the crest: choose a less extreme shape."
             )
         return dam.point(s, ta, zeta)
 
@@ -118,7 +117,9 @@ def ambiesta(
 
 
 def _elevation(sector: Sector, size: float, cell: str, joints: int, active: float) -> PlaneMesh:
-    """Mesh the surface halfway between the faces, developed about the axis.
+    """Return the mesh of the surface halfway between the faces, developed about the axis.
+
+    The coordinates are a = (radius of the top's upstream edge) theta and z [m].
 
     Args:
         sector: the body and the axis of its top arch.
@@ -126,14 +127,11 @@ def _elevation(sector: Sector, size: float, cell: str, joints: int, active: floa
         cell: "hex" or "tet".
         joints: number of joints.
         active: relative height up to which the joints are active.
-
-    Returns:
-        The mesh in the coordinates a = (radius of the top's upstream edge) theta and z [m].
     """
     end = sector.radius * sector.half_angle
     arcs = end * (2 * np.arange(1, joints + 1) / (joints + 1) - 1)
-    right = {f"joint_{k}": max(a, 0.0) for k, a in enumerate(arcs, start=1) if 2 * k > joints}
-    half = half_elevation(sector, size, cell, right, active)
+    one_side = {f"joint_{k}": max(a, 0.0) for k, a in enumerate(arcs, start=1) if 2 * k > joints}
+    half = half_elevation(sector, size, cell, one_side, active)
     twins = {f"joint_{k}": f"joint_{joints + 1 - k}" for k in range(1, joints + 1)}
     whole = mirror(half, twins)
     names = [name for name in half.edges if not name.startswith("joint")]
@@ -143,7 +141,9 @@ def _elevation(sector: Sector, size: float, cell: str, joints: int, active: floa
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = gmsh_model.argument_parser("An arch dam with contraction joints.", "ambiesta.msh", 5.5)
+    parser = gmsh_model.argument_parser(
+        "Mesh an arch dam with contraction joints.", "ambiesta.msh", 5.5
+    )
     parser.set_defaults(order=2)
     parser.add_argument("--joints", type=int, default=11, help="number of joints")
     parser.add_argument(

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The shape of an arch dam as formulas: circular arches of varying radius, thickness and position.
+"""Shape of an arch dam in formulas: circular arches of varying radius, thickness, position.
 
 A point of the dam has the coordinates s in [-1, 1] across the valley (the abutments are s = -1 and
 s = 1), ta in [0, 1] from the upstream to the downstream face, and zeta = z/height in [0, 1].
@@ -26,7 +26,7 @@ HalfAngle = Annotated[float, at.Interval(gt=0, lt=90), at.Unit("degrees")]
 
 
 class CircularArches(ABC):
-    """A dam, or its half s >= 0, whose horizontal sections are circular about y = 0.
+    """Dam, or its half s >= 0, with circular horizontal sections about y = 0.
 
     Attributes:
         height: H [m].
@@ -51,7 +51,7 @@ class CircularArches(ABC):
         """Return the x coordinate of the centre of the upstream face [m]."""
 
     def point(self, s: ArrayLike, ta: ArrayLike, zeta: ArrayLike) -> FloatArray:
-        """Return (x, y, z) [m]; the shape is that of the arguments, with a last axis of 3."""
+        """Return (x, y, z) along a last axis of 3 [m]; the arguments are broadcast."""
         r = self.radius(zeta) - np.asarray(ta) * self.thickness(zeta, s)
         alpha = np.asarray(s) * self.half_angle(zeta)
         x = self.centre(zeta) - r * np.cos(alpha)
@@ -62,10 +62,10 @@ class CircularArches(ABC):
 @dataclass(frozen=True)
 @checked
 class ArchDam(CircularArches):
-    """An arch dam whose horizontal sections are circular; the defaults resemble Ambiesta dam.
+    """Arch dam with circular horizontal sections; the defaults resemble Ambiesta dam.
 
-    With zeta the relative height, the upstream face at each level is an arc of half-angle phi and
-    radius R, its crown overhangs towards upstream by o, and the thickness is t:
+    At the relative height zeta the upstream face is an arc of half-angle phi and radius R. Its
+    crown overhangs towards upstream by o, and the thickness is t:
 
         phi(zeta)  = phi_0 + (phi_1 - phi_0) zeta
         w(zeta)    = w_0 + (w_1 - w_0) zeta^n                       half-chord, R = w/sin(phi)
@@ -73,8 +73,8 @@ class ArchDam(CircularArches):
         o(zeta)    = e H zeta (1 - f zeta)
         x = -o + R - (R - ta t) cos(s phi),   y = (R - ta t) sin(s phi),   z = H zeta
 
-    Of the default numbers the height (57.0 m) and the length of the crest (144.6 m) are those
-    published for the dam; all others are a fit to its published frequencies, not its drawings.
+    The default height (57.0 m) and crest length (144.6 m) are published values of the dam. The
+    other defaults are fitted to its published frequencies; they are not from drawings.
 
     Args:
         height: H [m].
@@ -82,16 +82,16 @@ class ArchDam(CircularArches):
         crest_half_angle: phi_1 [degrees].
         base_half_chord: w_0 [m].
         crest_half_chord: w_1 [m].
-        chord_exponent: n; a smaller one makes a wider valley.
+        chord_exponent: n; a smaller value makes a wider valley.
         base_thickness: t_0 at the crown [m].
         crest_thickness: t_1 at the crown [m].
         thickening: c, relative increase of thickness from the crown to the abutments at the base.
-        thickening_decay: d, its relative decrease from base to crest.
+        thickening_decay: d, relative decrease of ``thickening`` from base to crest.
         overhang: e.
         overhang_return: f; above 1/2 the crown leans downstream again near the crest.
 
     Raises:
-        ValueError: if a number is out of range, or the thickness is somewhere.
+        ValueError: if a number, or the thickness at some level, is out of range.
     """
 
     height: Length = 57.0
@@ -115,33 +115,33 @@ class ArchDam(CircularArches):
             )
         zeta = np.linspace(0, 1, 51)[:, None]
         thickness = self.thickness(zeta, np.linspace(0, 1, 21))
-        wrong = ~((thickness > 0) & (thickness < self.radius(zeta))).all(axis=1)
-        if wrong.any():
+        invalid = ~((thickness > 0) & (thickness < self.radius(zeta))).all(axis=1)
+        if invalid.any():
             raise ValueError(
-                f"The dam is not thicker than 0 and thinner than its radius at "
-                f"{self.height * zeta[wrong][0, 0]:g} m above its base: choose other thicknesses."
+                f"The thickness of the dam is not between 0 and its radius at "
+                f"{self.height * zeta[invalid][0, 0]:g} m above its base: choose other thicknesses."
             )
 
     @classmethod
     def of_crest(cls, length: float, **others: float) -> ArchDam:
-        """Return the dam whose crest, along its upstream edge, has this length.
+        """Return the dam with a given length of the crest along its upstream edge.
 
         Args:
-            length: of the crest [m].
-            others: parameters but ``crest_half_chord``, by name.
+            length: length of the crest [m].
+            others: parameters except ``crest_half_chord``, by name.
 
         Raises:
-            ValueError: if one of them is not allowed, or there is no such parameter.
+            ValueError: if a value is not allowed, or a parameter does not exist.
         """
         names = {field.name for field in fields(cls)} - {"crest_half_chord"}
         if unknown := sorted(set(others) - names):
-            raise ValueError(f"{unknown[0]!r} is no parameter: {', '.join(sorted(names))}.")
+            raise ValueError(f"{unknown[0]!r} is not one of {', '.join(sorted(names))}.")
         degrees = others.get("crest_half_angle", cls.crest_half_angle)
         return cls(crest_half_chord=0.5 * length * float(np.sinc(degrees / 180)), **others)
 
     @property
     def crest_length(self) -> float:
-        """The length of the crest along its upstream edge [m]."""
+        """Length of the crest along its upstream edge [m]."""
         return float(2 * self.half_angle(1.0) * self.radius(1.0))
 
     def half_angle(self, zeta: ArrayLike) -> FloatArray:
@@ -169,11 +169,11 @@ class ArchDam(CircularArches):
 
 @dataclass(frozen=True)
 class Sector:
-    """An arch dam seen from the vertical axis through the centre of its top arch.
+    """Arch dam in coordinates about the vertical axis through the centre of its top arch.
 
     The angle theta about that axis, positive towards +y, replaces s: theta = constant is a vertical
-    plane, radial at the top.  With d(zeta) the distance of the arch's centre from the axis, and
-    r = R - ta t, the angle alpha = s phi of the arch obeys r sin(alpha - theta) = d sin(theta).
+    plane, radial at the top. The centre of an arch has the distance d(zeta) from the axis. With
+    r = R - ta t, the angle alpha = s phi of the arch satisfies r sin(alpha - theta) = d sin(theta).
 
     Args:
         dam: the shape.
@@ -185,22 +185,22 @@ class Sector:
 
     @property
     def axis(self) -> float:
-        """The x coordinate of the axis [m] (its y is 0)."""
+        """Coordinate x of the axis [m] (y is 0)."""
         return float(self.dam.centre(self.top))
 
     @property
     def radius(self) -> float:
-        """The radius of the upstream edge of the top [m]."""
+        """Radius of the upstream edge of the top [m]."""
         return float(self.dam.radius(self.top))
 
     @property
     def half_angle(self) -> float:
-        """The angle theta at which the top meets the abutment [radians]."""
+        """Angle theta at which the top meets the abutment [radians]."""
         return float(self.dam.half_angle(self.top))
 
     @cached_property
     def upright(self) -> bool:
-        """Whether the abutments are vertical: they have one angle theta at all heights."""
+        """True if the abutments are vertical, with the same angle theta at all heights."""
         zeta = np.linspace(0, self.top, 101)
         angles = self.abutment_angle(np.array([[0.0], [0.5], [1.0]]), zeta)
         return bool(np.ptp(angles) < 1e-9)
@@ -211,14 +211,14 @@ class Sector:
         return np.arctan2(xyz[..., 1], self.axis - xyz[..., 0])
 
     def foundation(self, theta: ArrayLike, ta: ArrayLike) -> FloatArray:
-        """Return the relative height at which the plane theta leaves the body below.
+        """Return the relative height of the lower end of the body in the plane theta.
 
-        It is 0 where the plane meets the base, and else the height of the abutment there, found
-        by bisection (the abutments must part monotonically as seen from the axis).  Between
-        upright abutments it is 0.
+        It is 0 if the plane meets the base, or if the abutments are upright. Otherwise it is the
+        height of the abutment, from a bisection. As seen from the axis, the valley must therefore
+        widen monotonically.
 
         Args:
-            theta: angle about the axis, up to ``half_angle`` in size [radians].
+            theta: angle about the axis, at most ``half_angle`` in absolute value [radians].
             ta: relative position between the faces; broadcast against theta.
         """
         angle, ta = np.broadcast_arrays(np.abs(theta), np.asarray(ta, dtype=float))
@@ -235,8 +235,8 @@ class Sector:
     def across(self, theta: ArrayLike, ta: ArrayLike, zeta: ArrayLike) -> FloatArray:
         """Return the coordinate s of points given by their angle theta about the axis.
 
-        Fixed-point iteration of alpha = theta + asin(d sin(theta)/r(alpha)); the thickness varies
-        slowly with s, so that each pass gains one to two digits.
+        This is a fixed-point iteration of alpha = theta + asin(d sin(theta)/r(alpha)). The
+        thickness varies slowly with s, so each iteration gains one to two digits.
         """
         distance = self.axis - self.dam.centre(zeta)
         phi = self.dam.half_angle(zeta)
@@ -251,7 +251,7 @@ def mid_crest(parameters: ArchDam | None = None) -> tuple[float, float, float]:
     """Return the upstream edge of the crest at the crown, (x, y, z) [m].
 
     Args:
-        parameters: the shape; None for the default dam.
+        parameters: shape of the dam; None for the default.
     """
     x, y, z = (parameters or ArchDam()).point(0.0, 0.0, 1.0)
     return float(x), float(y), float(z)

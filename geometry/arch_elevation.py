@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The elevation of half an arch dam as a plane mesh, and its fit to the foundation."""
+"""Elevation of half an arch dam as a plane mesh, and its fit to the foundation."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from dolfinx_joints.geometry.meshing.extrusion import (
     split_quadrilaterals,
 )
 
-_MIDDLE = 0.5  # the elevation is drawn on the surface halfway between the faces
+_MIDDLE = 0.5  # the elevation is that of the surface halfway between the faces
 
 
 def half_elevation(
     sector: Sector, size: float, cell: str, joints: Mapping[str, float], active: float
 ) -> PlaneMesh:
-    """Mesh half of the surface halfway between the faces, developed about the axis.
+    """Return the mesh of half the surface halfway between the faces, developed about the axis.
 
     Args:
         sector: the body and the axis of its top arch.
@@ -35,8 +35,8 @@ def half_elevation(
         active: relative height up to which the joints are active.
 
     Returns:
-        The mesh in the coordinates a = (radius of the top's upstream edge) theta and z [m], with
-        the edges ``crest``, ``base``, ``abutments`` and the joints of at least half a cell.
+        Mesh in the coordinates a = (radius of the top's upstream edge) theta and z [m], with the
+        edges ``crest``, ``base``, ``abutments`` and the joints with at least half a cell.
     """
     height, radius = sector.dam.height, sector.radius
 
@@ -75,21 +75,22 @@ def fitted_level(
     active: float,
     depth: float,
 ) -> FloatArray:
-    """Move the levels drawn halfway between the faces so that they fit the foundation at ta.
+    """Return the levels of the elevation, shifted so that they fit the foundation at ta.
 
-    The foundation's own shift fades out linearly towards the active height, which thus is kept
-    exactly; where the foundation is near or above it, within ``depth`` of the foundation.
+    The shift decreases linearly from the foundation to zero at the active height, so that height
+    is kept exactly. If the foundation is near or above that height, the shift decreases to zero
+    within ``depth``.
 
     Args:
         sector: the body and the axis of its top arch.
         theta: angles about the axis [radians], shape (num_nodes,).
         ta: relative positions between the faces, shape (num_nodes,).
-        zeta: relative heights in the drawing, shape (num_nodes,).
+        zeta: relative heights in the elevation, shape (num_nodes,).
         active: relative height up to which the joints are active.
-        depth: least relative height over which the shift fades out.
+        depth: least relative height over which the shift decreases to zero.
 
     Returns:
-        The relative heights, shape (num_nodes,).
+        Relative heights, shape (num_nodes,).
     """
     drawn = sector.foundation(theta, _MIDDLE)
     shift = sector.foundation(theta, ta) - drawn

@@ -1,11 +1,11 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A foundation block that follows the valley of an arch dam.
+"""Mesh of a foundation block that follows the valley of an arch dam.
 
-In the elevation (a, z) the block lies between the ground and its image, enlarged by a factor about
-the middle of the crest; ring for ring, so that cells grow outwards and never fold.  In space each
-node keeps the distance from the axis of the crest's arch that its image on the ground has, and
-beyond the faces of the dam it goes on along the radius.
+In the elevation (a, z) the block lies between the ground and its image, enlarged about the middle
+of the crest. It consists of rings that are enlarged step by step, so that cells grow outwards and
+never fold. In space each node has the same distance from the axis of the crest's arch as its image
+on the ground. Beyond the faces of the dam, the block continues along the radius.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from dolfinx_joints.geometry.meshing.extrusion import (
     split_quadrilaterals,
 )
 
-_GROWTH = 1.5  # from one ring of cells to the next
+_GROWTH = 1.5  # ratio of the sizes of neighbouring rings of cells
 _MAX_TURN = 170.0  # [degrees]; the ends of the block must not meet downstream
 
 
 @dataclass(frozen=True)
 class Block:
-    """A foundation block.
+    """Foundation block of an arch dam.
 
     Args:
         sectors: both halves of the dam, by side.
-        depth: below the base [m].
-        spread: beyond the faces of the dam [m]; None for the depth.
-        size: of the cells at the dam [m].
+        depth: depth below the base [m].
+        spread: extent beyond the faces of the dam [m]; None for the depth.
+        size: size of the cells at the dam [m].
 
     Raises:
         ValueError: if a length is not allowed for this dam.
@@ -72,16 +72,16 @@ class Block:
 
     @property
     def reach(self) -> float:
-        """How far the block goes beyond the faces of the dam [m]."""
+        """Extent of the block beyond the faces of the dam [m]."""
         return float(self.depth if self.spread is None else self.spread)
 
     def factors(self) -> FloatArray:
-        """Return the factors by which the rings are enlarged, from 1 on."""
+        """Return the enlargement factors of the rings, starting from 1."""
         height = self.sectors[1].dam.height
         return 1 + self.depth / height * _graded(self.depth, self.size)
 
     def levels(self, through: FloatArray) -> FloatArray:
-        """Return the relative positions ta of all layers: [-1, 0] and [1, 2] are the block's."""
+        """Return the relative positions ta of all layers; [-1, 0] and [1, 2] are the block."""
         if self.reach == 0:
             return through
         beyond = _graded(self.reach, self.size)[1:]
@@ -90,16 +90,13 @@ class Block:
     def place(
         self, sector: Sector, reference: FloatArray, ground: BoolArray, dam: FloatArray
     ) -> FloatArray:
-        """Send nodes of the block from (a >= 0, z, ta) to space; others stay where the dam is.
+        """Return the nodes in space: block nodes from (a >= 0, z, ta), others from ``dam``.
 
         Args:
-            sector: the half of the dam.
-            reference: of all nodes of this half, shape (num_nodes, 3).
+            sector: half of the dam.
+            reference: coordinates (a, z, ta) of all nodes of this half, shape (num_nodes, 3).
             ground: True at nodes on the ground under the dam, shape (num_nodes,).
-            dam: what the dam's own map gives, z from the base, shape (num_nodes, 3), [m].
-
-        Returns:
-            The nodes in space, shape (num_nodes, 3), [m].
+            dam: positions from the map of the dam, z from the base, shape (num_nodes, 3), [m].
         """
         a, z, ta = reference.T
         factor = np.where(ground, 1.0, self._factor(sector, a, z))
@@ -122,7 +119,7 @@ class Block:
         return xyz
 
     def _factor(self, sector: Sector, a: FloatArray, z: FloatArray) -> FloatArray:
-        """Return the factor of each point, 1 inside the dam, by bisection; shape (num_nodes,)."""
+        """Return the enlargement factor of each point by bisection, 1 inside the dam, (n,)."""
         height, end = sector.dam.height, sector.radius * sector.half_angle
 
         def inside(factor: FloatArray) -> BoolArray:
@@ -142,17 +139,16 @@ class Block:
 
 
 def _graded(length: float, first: float) -> FloatArray:
-    """Return relative positions 0 to 1 of steps that grow from about ``first`` on."""
+    """Return relative positions from 0 to 1 with steps that grow from about ``first``."""
     count = max(1, round(float(np.log1p(length / first * (_GROWTH - 1)) / np.log(_GROWTH))))
     return (_GROWTH ** np.arange(count + 1) - 1) / (_GROWTH**count - 1)
 
 
 def ground_ring(plane: PlaneMesh, block: Block, cell: str) -> PlaneMesh:
-    """Add the block to the elevation of a dam.
+    """Return the elevation of a dam with the cells ``foundation`` of the block added.
 
-    Returns:
-        The mesh with the cells ``foundation``; the edges ``base`` and ``abutments`` have become
-        ``ground``, and ``outer`` and ``rim`` (at the level of the crest) are new.
+    The edges ``base`` and ``abutments`` become ``ground``. The edges ``outer`` and ``rim`` (at the
+    level of the crest) are new.
     """
     ground = np.concatenate([plane.edges["base"], plane.edges["abutments"]])
     nodes, local = np.unique(ground, return_inverse=True)
@@ -179,7 +175,7 @@ def ground_ring(plane: PlaneMesh, block: Block, cell: str) -> PlaneMesh:
 
 
 def _counter_clockwise(points: FloatArray, quads: IntArray) -> IntArray:
-    """Turn the quadrilaterals that run clockwise."""
+    """Return the quadrilaterals with the clockwise ones reversed."""
     p = points[quads]
     one, two = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
     clockwise = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0] < 0
@@ -189,10 +185,10 @@ def _counter_clockwise(points: FloatArray, quads: IntArray) -> IntArray:
 def solid_with_foundation(
     plane: PlaneMesh, through: FloatArray, block: Block, contact: str
 ) -> SolidMesh:
-    """Extrude the dam through its thickness, and the block further on both sides.
+    """Extrude the dam through its thickness, and the block beyond it on both sides.
 
     Args:
-        plane: what ``ground_ring`` gives.
+        plane: mesh from ``ground_ring``.
         through: relative positions of the dam's layers, from 0 to 1, shape (num_layers + 1,).
         block: the block.
         contact: name of the surface between dam and block.

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A mesh of tetrahedra from a STEP file of touching solids; where two touch is a joint.
+"""Mesh of tetrahedra from a STEP file of touching solids, with joints at common faces.
 
 python3 geometry/from_step.py dam.step --size 4 --surface base:z=min --out dam.msh
 """
@@ -39,11 +39,11 @@ from dolfinx_joints.geometry.meshing.step_options import (
     pair_of,
 )
 
-_NAMELESS = "Open CASCADE STEP translator"  # what its writer calls solids without a name
+_NAMELESS = "Open CASCADE STEP translator"  # its writer's label of unnamed solids
 _FUZZY = "Geometry.ToleranceBoolean"
 _OPTIONS = {"Geometry.OCCImportLabels": 1, "Geometry.OCCScaling": 1e-3, _FUZZY: 0.0}
-JOINED = 1e-6  # of the size of the body: faces that are nearer are joined
-NEAR = 2e-3  # wider gaps between faces are taken as meant [m]
+JOINED = 1e-6  # faces closer than this part of the body's extent are joined
+NEAR = 2e-3  # wider gaps between faces are assumed to be intended [m]
 
 
 @checked
@@ -63,21 +63,21 @@ def from_step(
 ) -> Path:
     """Mesh the solids of a STEP file, conforming where they touch.
 
-    Groups: a volume for each name of solids, ``solid_1``, ``solid_2``, ... in the order of the
-    file where it says none; the common faces of two volumes A and B are the joint ``joint_A_B``;
-    outer faces are ``outside`` unless ``surfaces`` names them.  Solids of one name are one volume
-    without joints inside.  The unit of length is read from the file and turned into metres.
+    Each solid name is a volume group; unnamed solids are ``solid_1``, ``solid_2``, ... in the order
+    of the file. The common faces of two volumes A and B are the joint ``joint_A_B``. Outer faces
+    are ``outside`` unless ``surfaces`` names them. Solids with the same name are one volume
+    without internal joints. Lengths are converted from the unit of the file to metres.
 
     Args:
         out: path of the .msh file.
         step: the STEP file.
         size: largest cell size [m].
-        joint_size: largest cell size at the joints [m]; ``size`` unless given.
+        joint_size: largest cell size at the joints [m]; ``size`` by default.
         order: order of the tetrahedra, 1 or 2.
-        solids: names by a point (x, y, z) inside the solid [m]; they replace those of the file.
+        solids: names with a point (x, y, z) inside the solid [m]; they replace those of the file.
         joints: other names of joints, NAME: (A, B) for the group ``joint_NAME``.
-        tied: pairs (A, B) of volumes that are grown together: no joint.
-        surfaces: names of outer faces by the plane that they lie in.
+        tied: pairs (A, B) of volumes that are connected without a joint.
+        surfaces: names of outer faces, with the plane that contains them.
         gui: show the mesh in Gmsh's window afterwards.
         duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.
 
@@ -85,11 +85,11 @@ def from_step(
         The path written.
 
     Raises:
-        ValueError: if an argument is not allowed, the size is larger than the body, the file holds
-            no solids, cannot be read or not all of its solids can be built, solids overlap, one
-            touches no other, or a name fits nothing.
-        RuntimeError: if the file cannot be tried in a process of its own, or Gmsh fails to mesh
-            the solids.
+        ValueError: if an argument is not allowed, or the size is larger than the body. Also if the
+            file cannot be read or has no solids, if solids cannot be built, overlap or touch no
+            other solid, or if a name matches no solid or face.
+        RuntimeError: if the file cannot be read in a separate process, or Gmsh fails to mesh the
+            solids.
     """
     path = mesh_path(out)
     gmsh_model.check_window(gui)
@@ -98,19 +98,19 @@ def from_step(
     with gmsh_model.gmsh_session():
         unit = gmsh.option.getString("Geometry.OCCTargetUnit")
         numbers = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
-        # Open CASCADE keeps the unit of the last reading for all that is written later in the
-        # process; millimetres are its own default.
+        # Open CASCADE uses the unit of the last file for everything that it writes later in the
+        # process. Its default is millimetres.
         gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
         for name, value in _OPTIONS.items():
             gmsh.option.setNumber(name, value)
-        gmsh.option.setNumber("Mesh.SecondOrderLinear", 0)  # nodes go to the curved faces
+        gmsh.option.setNumber("Mesh.SecondOrderLinear", 0)  # move nodes to the curved faces
         try:
             volumes = _volumes(_import(step, described, size, solids or {}), solids or {})
             _warn_of_gaps(step, volumes)
             faces = _joints(volumes, joints or {}, tied)
             outer = _surfaces(volumes, surfaces or {})
             if both := sorted(set(faces) & set(outer)):
-                raise ValueError(f"A joint and a surface have one name: {both[0]!r}.")
+                raise ValueError(f"A joint and a surface have the same name: {both[0]!r}.")
             faces |= outer
             _group(3, volumes)
             _group(2, faces)
@@ -133,9 +133,9 @@ def _import(
         names.append(f"solid_{number}" if not name or label.startswith(_NAMELESS) else name)
     gmsh.model.occ.remove(gmsh.model.occ.getEntities(3), recursive=True)
     gmsh.model.occ.synchronize()
-    # Gmsh drops the names where it scales.
+    # Gmsh drops the names if it scales the shapes.
     tags = [tag for tag, _ in _read(step, described, scale=1e-3)]
-    for name, point in solids.items():  # messages on the solids have the user's names
+    for name, point in solids.items():  # messages use the user's names of the solids
         for place, tag in enumerate(tags if is_point(point) else ()):
             if gmsh.model.isInside(3, tag, list(map(float, point))):
                 names[place] = name
@@ -153,7 +153,7 @@ def _import(
                 shared = gmsh.model.occ.getMass(3, tag)
                 raise ValueError(
                     f"{step}: the solids {owner[tag]!r} and {name!r} overlap by {shared:.3g} m^3, "
-                    "but they may only touch."
+                    "but solids may only touch."
                 )
             owner[tag] = name
     for tag, name in owner.items():
@@ -161,28 +161,30 @@ def _import(
             others = [other for other in owner if other != tag]
             gap, other = min((gmsh.model.occ.getDistance(3, tag, 3, o)[0], o) for o in others)
             raise ValueError(
-                f"{step}: the solid {name!r} shares no face with another one, {owner[other]!r} is "
-                f"{gap:.3g} m away; close the gap, or mesh it alone."
+                f"{step}: the solid {name!r} shares no face with another one; {owner[other]!r} is "
+                f"{gap:.3g} m away; close the gap, or mesh the solid alone."
             )
     return owner
 
 
 def _read(step: Path, described: int, scale: float) -> list[tuple[int, str]]:
-    """Import the shapes in millimetres times a scale; return tag and label of each solid."""
+    """Import the shapes in millimetres times ``scale``; return each solid's tag and label."""
     gmsh.option.setNumber("Geometry.OCCScaling", scale)
     try:
-        found = gmsh.model.occ.importShapes(str(step))
+        shapes = gmsh.model.occ.importShapes(str(step))
         gmsh.model.occ.synchronize()
     except Exception as error:
         raise ValueError(f"{step} cannot be read: {error}.") from None
-    solids = [tag for dim, tag in found if dim == 3]
-    if len(solids) < described:  # Open CASCADE leaves out what it cannot build
+    solids = [tag for dim, tag in shapes if dim == 3]
+    if len(solids) < described:  # Open CASCADE omits solids that it cannot build
         raise ValueError(
             f"{step} describes {described} solids, of which {len(solids)} were built; the others "
-            "are wrong, of a kind that Open CASCADE does not know, or belong to no part."
+            "are invalid, of a kind that Open CASCADE does not support, or belong to no part."
         )
     if not solids:
-        raise ValueError(f"{step} holds no solids, {len(found)} other shapes; solids are needed.")
+        raise ValueError(
+            f"{step} has no solids, only {len(shapes)} other shapes; solids are needed."
+        )
     return [(tag, gmsh.model.getEntityName(3, tag).rpartition("/")[2]) for tag in solids]
 
 
@@ -192,23 +194,23 @@ def _faces(volume: int) -> list[int]:
 
 
 def _sides(face: int) -> list[int]:
-    """Return the volumes on the sides of a face."""
+    """Return the volumes next to a face."""
     return [int(volume) for volume in gmsh.model.getAdjacencies(2, face)[0]]
 
 
 def _extent(step: Path, size: float) -> float:
-    """Return the largest extent of the body [m]; cells must be smaller."""
+    """Return the largest extent of the body [m], after checking it against the cell size."""
     extent = float(np.ptp(np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)), axis=0).max())
-    unit = f"the body in {step} is {extent:.3g} m long; look at its unit of length"
+    unit = f"the body in {step} is {extent:.3g} m long; check its unit of length"
     if size > extent:
         raise ValueError(f"size is {size:g} m, but {unit}, or choose a smaller size.")
     if not 1.0 <= extent <= 2e4:
-        warn(f"{unit[0].upper()}{unit[1:]}: usual is 1 m to 20 km.", PlausibilityWarning)
+        warn(f"{unit[0].upper()}{unit[1:]}; 1 m to 20 km is usual.", PlausibilityWarning)
     return extent
 
 
 def _warn_of_gaps(step: Path, volumes: dict[str, list[int]]) -> None:
-    """Warn of solids with outer faces so near to each other that a joint may be meant there."""
+    """Warn of outer faces of solids that are so close that a joint may be intended."""
     name = {tag: name for name, tags in volumes.items() for tag in tags}
     faces = [(tag, face) for tag in name for face in _faces(tag) if len(_sides(face)) == 1]
     box = {f: np.reshape(gmsh.model.getBoundingBox(2, f), (2, 3)) for _, f in faces}
@@ -223,7 +225,7 @@ def _warn_of_gaps(step: Path, volumes: dict[str, list[int]]) -> None:
         if gap <= NEAR:
             warn(
                 f"{step}: faces of the solids {name[one]!r} and {name[two]!r} are {gap:.3g} m "
-                "apart, without a joint between them; let them touch if a joint is meant."
+                "apart, without a joint between them; close the gap if a joint is intended."
             )
 
 
@@ -234,13 +236,13 @@ def _volumes(owner: dict[int, str], solids: Mapping[str, Sequence[float]]) -> di
         check_word("A solid", name)
         if not is_point(point):
             raise ValueError(
-                f"The solid {shown(name)} is at {shown(point)}, but it must be at (x, y, z)."
+                f"The solid {shown(name)} is at {shown(point)}, but the point must be (x, y, z)."
             )
         hits = [tag for tag in owner if gmsh.model.isInside(3, tag, list(map(float, point)))]
         if len(hits) != 1:
             raise ValueError(
-                f"{len(hits)} solids hold the point {tuple(point)} of {name!r}, but the point must "
-                "be inside one."
+                f"{len(hits)} solids contain the point {tuple(point)} of {name!r}, but the point "
+                "must be inside exactly one solid."
             )
         named[hits[0]] = name
     groups: dict[str, list[int]] = {}
@@ -266,20 +268,20 @@ def _joints(
         for pair in combinations(volumes, 2)
         if frozenset(pair) in touching
     }
-    known = ", ".join(" and ".join(p) for p in combinations(volumes, 2) if frozenset(p) in names)
+    allowed = ", ".join(" and ".join(p) for p in combinations(volumes, 2) if frozenset(p) in names)
     wanted = [*((f"Joint {name!r}", pair) for name, pair in joints.items())]
     wanted += [("A tied pair", pair) for pair in tied]
     seen: set[frozenset[str]] = set()
-    for what, pair in wanted:
+    for subject, pair in wanted:
         if isinstance(pair, str) or len(pair) != 2:
-            raise ValueError(f"{what} is {pair!r}, but it must be a pair of names.")
+            raise ValueError(f"{subject} is {pair!r}, but it must be a pair of names.")
         if frozenset(pair) not in touching:
             raise ValueError(
-                f"{what} is between {shown(pair[0])[1:-1]} and {shown(pair[1])[1:-1]}, which do "
-                f"not touch; those that do: {known or 'none'}."
+                f"{subject} is between {shown(pair[0])[1:-1]} and {shown(pair[1])[1:-1]}, which do "
+                f"not touch; touching pairs: {allowed or 'none'}."
             )
         if frozenset(pair) in seen:
-            raise ValueError(f"{what} is between {' and '.join(pair)}, which are named already.")
+            raise ValueError(f"{subject} is between {' and '.join(pair)}, which are given twice.")
         seen.add(frozenset(pair))
     for name, pair in joints.items():
         check_word("A joint", name)
@@ -287,12 +289,12 @@ def _joints(
     for pair in tied:
         del names[frozenset(pair)]
     if len(set(names.values())) < len(names):
-        raise ValueError(f"Two joints have one name: {', '.join(sorted(names.values()))}.")
+        raise ValueError(f"Two joints have the same name: {', '.join(sorted(names.values()))}.")
     return {f"joint_{name}": touching[sides] for sides, name in names.items()}
 
 
 def _surfaces(volumes: dict[str, list[int]], surfaces: Mapping[str, Plane]) -> dict[str, list[int]]:
-    """Return the outer faces of each name; those of none are ``outside``."""
+    """Return the outer faces of each name; unnamed faces are ``outside``."""
     outer = {
         face: np.reshape(gmsh.model.getBoundingBox(2, face), (2, 3))
         for tags in volumes.values()
@@ -303,8 +305,8 @@ def _surfaces(volumes: dict[str, list[int]], surfaces: Mapping[str, Plane]) -> d
     boxes = np.array(list(outer.values()))
     low, high = boxes[:, 0].min(axis=0).round(6) + 0.0, boxes[:, 1].max(axis=0).round(6) + 0.0
     slack = 1e-6 * float(np.max(high - low))
-    left = dict(outer)
-    found = {}
+    unnamed = dict(outer)
+    named = {}
     for name, plane in surfaces.items():
         check_word("A surface", name)
         if not is_plane(plane):
@@ -315,18 +317,17 @@ def _surfaces(volumes: dict[str, list[int]], surfaces: Mapping[str, Plane]) -> d
         axis, where = plane
         k = "xyz".index(axis)
         value = float({"min": low[k], "max": high[k]}.get(str(where), where))
-        faces = [f for f, box in left.items() if np.abs(box[:, k] - value).max() < slack]
+        faces = [f for f, box in unnamed.items() if np.abs(box[:, k] - value).max() < slack]
         if not faces:
             raise ValueError(
-                f"The surface {name!r} is at {axis}={where}, but no outer face that is still "
-                f"without a name lies in that plane; the body reaches from {axis} = {low[k]:.6g} "
-                f"to {high[k]:.6g} m."
+                f"The surface {name!r} is at {axis}={where}, but no unnamed outer face lies in "
+                f"that plane; the body reaches from {axis} = {low[k]:.6g} to {high[k]:.6g} m."
             )
         for face in faces:
-            del left[face]
-        found[name] = faces
-    found[UNNAMED_SURFACE] = [*found.get(UNNAMED_SURFACE, []), *left]
-    return {name: faces for name, faces in found.items() if faces}
+            del unnamed[face]
+        named[name] = faces
+    named[UNNAMED_SURFACE] = [*named.get(UNNAMED_SURFACE, []), *unnamed]
+    return {name: faces for name, faces in named.items() if faces}
 
 
 def _group(dim: int, groups: dict[str, list[int]]) -> None:
@@ -335,7 +336,7 @@ def _group(dim: int, groups: dict[str, list[int]]) -> None:
 
 
 def _number_of_cells(size: float, joint_size: float, joint: list[tuple[int, int]]) -> float:
-    """Return about how many tetrahedra fill the solids, and lie on the joints, at these sizes."""
+    """Return the approximate number of tetrahedra in the solids and at the joints."""
     whole = sum(gmsh.model.occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3))
     outer = sum(gmsh.model.occ.getMass(2, tag) for _, tag in gmsh.model.getEntities(2))
     edges = sum(gmsh.model.occ.getMass(1, tag) for _, tag in gmsh.model.getEntities(1))
@@ -370,7 +371,7 @@ def _mesh(size: float, joint_size: float | None, faces: dict[str, list[int]], or
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = Parser(description="A mesh of the solids of a STEP file.")
+    parser = Parser(description="Mesh the solids of a STEP file.")
     parser.add_argument("step", type=Path, help="STEP file")
     parser.add_argument("--out", type=Path, default=Path("step.msh"), help="mesh file to write")
     parser.add_argument("--size", type=float, required=True, help="cell size [m]")
@@ -378,11 +379,11 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--order", type=int, default=2, help="order of the elements, 1 or 2")
     parser.add_argument("--gui", action="store_true", help="show the mesh in Gmsh's window")
     parser.add_argument("--duplicated", action="store_true", help="duplicate the joint faces")
-    for flag, kind, form, what in (
+    for flag, kind, form, text in (
         ("solid", named_point, "NAME=X,Y,Z", "name the solid around a point [m]"),
         ("joint", named_pair, "NAME=A,B", "name the joint between two volumes"),
         ("tied", pair_of, "A,B", "no joint between two volumes"),
-        ("surface", named_plane, "NAME:AXIS=VALUE", "name outer faces, as base:z=0, top:z=max"),
+        ("surface", named_plane, "NAME:AXIS=VALUE", "name outer faces, e.g. base:z=0 or top:z=max"),
     ):
         parser.add_argument(
             f"--{flag}",
@@ -391,15 +392,15 @@ def main(argv: list[str] | None = None) -> None:
             default=[],
             metavar=form,
             dest="tied" if flag == "tied" else f"{flag}s",
-            help=what,
+            help=text,
         )
 
     def model(out: Path, **options: object) -> Path:
-        for what in ("solids", "joints", "surfaces"):
-            pairs: list[tuple[str, object]] = options[what]  # type: ignore[assignment]
-            options[what] = dict(pairs)
+        for option in ("solids", "joints", "surfaces"):
+            pairs: list[tuple[str, object]] = options[option]  # type: ignore[assignment]
+            options[option] = dict(pairs)
             if len(dict(pairs)) < len(pairs):
-                raise ValueError(f"two of the {what} have one name, but each needs its own.")
+                raise ValueError(f"two of the {option} have the same name, but names must differ.")
         return from_step(out, **options)  # type: ignore[arg-type]
 
     gmsh_model.run_script(parser, model, argv)

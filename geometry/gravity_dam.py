@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A monolith of a gravity dam with horizontal lift joints, in the plane or as a solid.
+"""Mesh of a gravity dam monolith with horizontal lift joints, in the plane or as a solid.
 
 python3 geometry/gravity_dam.py --section koyna --joint neck=66.5 --joint base=0 --out koyna.msh
 """
@@ -47,18 +47,18 @@ from dolfinx_joints.geometry.meshing.plane_mesh import write_plane
 
 Corners = tuple[tuple[float, float], ...]
 
-_CLOSEST = 1e-6  # of the height, between two corners or joints that are not at one height
+_CLOSEST = 1e-6  # least distance of different corners or joints, over the height
 
 
 @dataclass(frozen=True)
 class GravitySection:
-    """The cross-section of a gravity dam between two faces made of straight lines.
+    """Cross-section of a gravity dam between two faces made of straight lines.
 
     x points downstream, z up from the base.
 
     Args:
         upstream: corners (z, x) of the upstream face from the base (z = 0) to the crest [m].
-        downstream: corners (z, x) of the downstream face, likewise [m].
+        downstream: corners (z, x) of the downstream face, in the same order [m].
 
     Raises:
         ValueError: if a face does not rise from 0, the faces do not end at the same height, or
@@ -84,23 +84,23 @@ class GravitySection:
         thickness = self.thickness(self.levels)
         if not thickness.min() > 0:  # also when it is not a number
             raise ValueError(
-                f"The section is {thickness.min():g} m thick where it is thinnest, but the "
+                f"The least thickness of the section is {thickness.min():g} m, but the "
                 "downstream face must be downstream of the upstream face everywhere."
             )
 
     @property
     def height(self) -> float:
-        """The height of the crest above the base [m]."""
+        """Height of the crest above the base [m]."""
         return float(self.upstream[-1][0])
 
     @property
     def levels(self) -> FloatArray:
-        """The heights of all corners, ascending [m]."""
+        """Heights of all corners, ascending [m]."""
         return np.unique([z for z, _ in (*self.upstream, *self.downstream)])
 
     @property
     def area(self) -> float:
-        """The area of the section [m^2]."""
+        """Area of the section [m^2]."""
         return float(np.trapezoid(self.thickness(self.levels), self.levels))
 
     def face(self, name: str, z: FloatArray) -> FloatArray:
@@ -114,15 +114,15 @@ class GravitySection:
 
 
 def _is_face(corners: Any) -> bool:
-    """Tell whether these are corners (z, x) of a face that rises from 0."""
+    """Return True if ``corners`` are corners (z, x) of a face that rises from 0."""
     try:
-        found = np.asarray(corners)
+        array = np.asarray(corners)
     except ValueError:  # rows of different lengths
         return False
-    if found.ndim != 2 or found.shape[1:] != (2,) or len(found) < 2 or found.dtype.kind not in "if":
+    if array.ndim != 2 or array.shape[1:] != (2,) or len(array) < 2 or array.dtype.kind not in "if":
         return False
-    rises = found[0, 0] == 0 and (np.diff(found[:, 0]) > _CLOSEST * found[-1, 0]).all()
-    return bool(rises and np.isfinite(found).all())
+    rises = array[0, 0] == 0 and (np.diff(array[:, 0]) > _CLOSEST * array[-1, 0]).all()
+    return bool(rises and np.isfinite(array).all())
 
 
 @checked
@@ -135,12 +135,12 @@ def battered_section(
     upstream_break: Length,
     downstream_slope: Annotated[float, at.Gt(0)],
 ) -> GravitySection:
-    """Return a section whose faces are inclined below and vertical above a break each.
+    """Return a section whose faces are each inclined below a break and vertical above.
 
     The downstream break follows from the other numbers.
 
     Args:
-        height: of the crest above the base [m].
+        height: height of the crest above the base [m].
         base: thickness at the base [m].
         crest: thickness at the crest [m].
         upstream_slope: horizontal over vertical, below ``upstream_break``.
@@ -148,13 +148,13 @@ def battered_section(
         downstream_slope: horizontal over vertical, below the downstream break.
 
     Raises:
-        ValueError: if the faces do not fit together.
+        ValueError: if a break is not between the base and the crest.
     """
     heel = upstream_slope * upstream_break
     bend = (base - crest - heel) / downstream_slope
-    for what, level in (("upstream_break", upstream_break), ("The downstream break", bend)):
+    for name, level in (("upstream_break", upstream_break), ("The downstream break", bend)):
         if not 0 < level < height:
-            raise ValueError(f"{what} is at {level:g} m, but it must be between 0 and {height:g}.")
+            raise ValueError(f"{name} is at {level:g} m, but it must be between 0 and {height:g}.")
     return GravitySection(
         upstream=((0.0, 0.0), (upstream_break, heel), (height, heel)),
         downstream=((0.0, base), (bend, heel + crest), (height, heel + crest)),
@@ -167,7 +167,7 @@ KOYNA = GravitySection(
     upstream=((0.0, 0.0), (103.0, 0.0)),
     downstream=((0.0, 70.0), (66.5, 19.25), (103.0, 14.8)),
 )
-"""The non-overflow monolith of Koyna dam as it is usually analysed, the upstream face vertical."""
+"""Non-overflow monolith of Koyna dam as usually analysed, with a vertical upstream face."""
 
 PINE_FLAT_FACES = {
     "height": 400 * FOOT,
@@ -178,7 +178,7 @@ PINE_FLAT_FACES = {
     "downstream_slope": 0.78,
 }
 PINE_FLAT = battered_section(**PINE_FLAT_FACES)
-"""The tallest non-overflow monolith of Pine Flat dam."""
+"""Tallest non-overflow monolith of Pine Flat dam."""
 
 SECTIONS = {"koyna": KOYNA, "pine_flat": PINE_FLAT}
 
@@ -198,12 +198,13 @@ def gravity_dam(
 ) -> Path:
     """Mesh a monolith with horizontal joints: x downstream, y up, or a solid with z up.
 
-    A joint called NAME is the group ``joint_NAME``, through the whole section.  One at height 0
-    is the base joint: the dam then stands on a row of cells, the group ``foundation``, with its
-    ends ``foundation_ends``.  Further groups: cells ``concrete``; surfaces ``base`` (what stands
-    on the ground: the bottom of the foundation, or of the dam), ``upstream``, ``downstream``,
-    ``crest``, and of a solid, y in [0, width], ``front`` (y = 0) and ``back``.  All nodes lie on
-    the exact shape.
+    A joint called NAME is the group ``joint_NAME``, through the whole section. A joint at height 0
+    is the base joint. It lies between the dam and a row of foundation cells, the group
+    ``foundation``, whose ends are ``foundation_ends``.
+
+    Further groups: cells ``concrete``; surfaces ``base`` (bottom of the foundation, or of the dam
+    without a foundation), ``upstream``, ``downstream`` and ``crest``. A solid, y in [0, width], has
+    also ``front`` (y = 0) and ``back``. All nodes lie on the exact shape.
 
     Args:
         out: path of the .msh file.
@@ -224,7 +225,7 @@ def gravity_dam(
     """
     out = mesh_path(out)
     gmsh_model.check_window(gui)
-    heights = _checked(joints or {}, section)
+    heights = _checked_heights(joints or {}, section)
     plane = _reference(section, heights, size, cell)
     across = round(float(plane.points[:, 0].max()))
 
@@ -246,12 +247,12 @@ def gravity_dam(
     )
 
 
-def _checked(joints: Mapping[str, float], section: GravitySection) -> dict[str, float]:
-    """Return the heights of the joints if they lie in the dam and are apart."""
+def _checked_heights(joints: Mapping[str, float], section: GravitySection) -> dict[str, float]:
+    """Return the heights of the joints after checking them."""
     for name, height in joints.items():
         if not re.fullmatch(r"\w+", name):
             raise ValueError(
-                f"A joint is called {shown(name)}, but its name must be of letters, digits and '_'."
+                f"A joint is called {shown(name)}, but names may have only letters, digits and '_'."
             )
         if not 0 <= real(height) < section.height:
             raise ValueError(
@@ -261,11 +262,11 @@ def _checked(joints: Mapping[str, float], section: GravitySection) -> dict[str, 
     if len(set(joints.values())) < len(joints):
         raise ValueError(f"joints is {shown(dict(joints))}, but their heights must differ.")
     levels = np.unique([*section.levels, *joints.values()]).astype(float)
-    apart = _CLOSEST * section.height
-    if (np.diff(levels) < apart).any() or len(joints) > MAX_JOINTS:
+    spacing = _CLOSEST * section.height
+    if (np.diff(levels) < spacing).any() or len(joints) > MAX_JOINTS:
         raise ValueError(
-            f"joints is {shown(dict(joints))}, but there must be at most {MAX_JOINTS}, {apart:g} m "
-            "or more apart and from the corners of the section if they are not at one."
+            f"joints is {shown(dict(joints))}, but there must be at most {MAX_JOINTS}, and joints "
+            f"and corners of the section must be at one height or at least {spacing:g} m apart."
         )
     return {name: float(height) for name, height in joints.items()}
 
@@ -273,7 +274,7 @@ def _checked(joints: Mapping[str, float], section: GravitySection) -> dict[str, 
 def _reference(
     section: GravitySection, joints: Mapping[str, float], size: float, cell: str
 ) -> PlaneMesh:
-    """Mesh the section in p, the number of cells from the upstream face, and the height z."""
+    """Return the mesh in p, the number of cells from the upstream face, and the height z."""
     fixed = np.unique([*section.levels, *joints.values()])
     across = cells_along(section.area / section.height, size)
     check_fine(across * section.height / size)
@@ -300,8 +301,8 @@ def _reference(
     return PlaneMesh(points, groups, edges)
 
 
-def _joint(text: str) -> tuple[str, float]:
-    """Read NAME=HEIGHT."""
+def _named_height(text: str) -> tuple[str, float]:
+    """Return the name and the height of the text NAME=HEIGHT."""
     name, _, height = text.partition("=")
     try:
         return name, float(height)
@@ -311,23 +312,23 @@ def _joint(text: str) -> tuple[str, float]:
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = gmsh_model.argument_parser("A monolith of a gravity dam.", "gravity_dam.msh", 4.0)
+    parser = gmsh_model.argument_parser("Mesh a monolith of a gravity dam.", "gravity_dam.msh", 4.0)
     parser.set_defaults(order=2)
     parser.add_argument("--section", choices=SECTIONS, default="koyna", help="cross-section")
     parser.add_argument(
         "--joint",
-        type=_joint,
+        type=_named_height,
         action="append",
         dest="joints",
         default=[],
         metavar="NAME=HEIGHT",
-        help="a horizontal joint at a height above the base [m], base=0 for the base joint",
+        help="horizontal joint at a height above the base [m]; base=0 is the base joint",
     )
-    parser.add_argument("--width", type=float, help="extent of a solid in y [m]; else a plane mesh")
+    parser.add_argument("--width", type=float, help="extent of a solid in y; plane without it [m]")
 
     def model(out: Path, *, section: str, joints: list[tuple[str, float]], **options: Any) -> Path:
         if len(dict(joints)) < len(joints):
-            raise ValueError("two joints have one name, but each needs its own.")
+            raise ValueError("two joints have the same name, but names must differ.")
         return gravity_dam(out, section=SECTIONS[section], joints=dict(joints), **options)
 
     gmsh_model.run_script(parser, model, argv)

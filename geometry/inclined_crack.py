@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A large body with one plane crack inside, inclined to the vertical.
+"""Mesh of a large body with one plane crack inside, inclined to the vertical.
 
 python3 geometry/inclined_crack.py --angle 45 --size 0.1 --cell quad --out crack.msh
 """
@@ -57,17 +57,17 @@ def inclined_crack(
 ) -> Path:
     """Mesh a parallelogram about a crack through the origin, in 2-D or one cell thick in 3-D.
 
-    The crack makes ``angle`` with the y axis; in 3-D it contains the z direction.  Two sides of
-    the body are parallel to the crack.  Cells have equal lengths along the crack and grow away
-    from it; their columns lean, so that the mesh is not its own mirror image about the crack.
-    Groups: ``body``; ``outer`` (the four sides), ``joint_1`` (the crack), in 3-D ``faces`` (the
-    two planes z = constant).
+    The crack is at ``angle`` to the y axis; in 3-D it is parallel to the z axis. Two sides of the
+    body are parallel to the crack. Cells have equal lengths along the crack and grow away from it.
+    Their columns are inclined, so that the mesh is not symmetric about the crack. Groups: ``body``;
+    ``outer`` (the four sides), ``joint_1`` (the crack), in 3-D ``faces`` (the two planes
+    z = constant).
 
     Args:
         out: path of the .msh file.
         half_length: half the length of the crack [m].
-        angle: between crack and y axis [degrees].
-        extent: half the length and half the height of the body, over the half-length.
+        angle: angle between crack and y axis [degrees].
+        extent: half the length and half the height of the body, over ``half_length``.
         lean: inclination of the columns of cells to the normal of the crack [degrees].
         size: cell size at the crack, and thickness in 3-D [m]; rounded so that whole cells fit.
         growth: largest ratio of the sizes of neighbouring cells away from the crack.
@@ -86,7 +86,7 @@ def inclined_crack(
     gmsh_model.check_window(gui)
     plane_cell = {"quad": "hex", "tri": "tet"}.get(cell)
     plane = _plane_mesh(half_length, extent, size, growth, plane_cell or cell)
-    points = _placed(plane.points, angle, lean)
+    points = _turned_points(plane.points, angle, lean)
     plane = replace(plane, points=points)
     if plane_cell:
         return write_plane(out, plane, order, gui=gui, duplicated=duplicated)
@@ -103,10 +103,10 @@ def _cells_along(half_length: float, size: float) -> int:
 def _plane_mesh(
     half_length: float, extent: float, size: float, growth: float, cell: str
 ) -> PlaneMesh:
-    """Mesh the body in the axes of the crack, columns upright."""
+    """Return the mesh of the body in the axes of the crack, with columns normal to it."""
     count = _cells_along(half_length, size)
     step = 2.0 * half_length / count
-    check_fine(2 * count * _number(step, extent * half_length, growth))
+    check_fine(2 * count * _number_graded(step, extent * half_length, growth))
     beyond = half_length + _graded(step, (extent - 1.0) * half_length, growth)
     away = _graded(step, extent * half_length, growth)
     along = np.linspace(-half_length, half_length, count + 1)
@@ -122,8 +122,8 @@ def _plane_mesh(
 
 
 def _graded(first: float, length: float, growth: float) -> FloatArray:
-    """Return the ends of cells that fill a length and grow evenly from a first size."""
-    count = _number(first, length, growth)
+    """Return the ends of cells that fill a length and grow at a constant ratio from ``first``."""
+    count = _number_graded(first, length, growth)
 
     def excess(ratio: float) -> float:
         return first * sum(ratio**k for k in range(count)) - length
@@ -133,13 +133,13 @@ def _graded(first: float, length: float, growth: float) -> FloatArray:
     return length * ends / ends[-1]
 
 
-def _number(first: float, length: float, growth: float) -> int:
-    """Return how many cells fill a length that are each so much longer than the one before."""
+def _number_graded(first: float, length: float, growth: float) -> int:
+    """Return the number of cells that fill a length and grow from ``first`` by ``growth``."""
     return math.ceil(math.log1p(length * (growth - 1.0) / first) / math.log(growth))
 
 
-def _placed(points: FloatArray, angle: float, lean: float) -> FloatArray:
-    """Lean the columns and turn the crack, which lies along the first axis, into its direction."""
+def _turned_points(points: FloatArray, angle: float, lean: float) -> FloatArray:
+    """Return the points with inclined columns, and the crack turned from axis 1 to its angle."""
     p = points[:, 0] + points[:, 1] * np.tan(np.radians(lean))
     along, normal = crack_axes(angle)
     return p[:, None] * along + points[:, 1:] * normal
@@ -153,10 +153,10 @@ def crack_axes(angle: float) -> tuple[FloatArray, FloatArray]:
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = gmsh_model.argument_parser("A crack in a large body.", "inclined_crack.msh", 0.1)
+    parser = gmsh_model.argument_parser("Mesh a crack in a large body.", "inclined_crack.msh", 0.1)
     for flag, default, text in (
         ("half-length", 1.0, "half the length of the crack [m]"),
-        ("angle", 45.0, "between crack and y axis [degrees]"),
+        ("angle", 45.0, "angle between crack and y axis [degrees]"),
         ("extent", 40.0, "half the size of the body over the half-length"),
         ("lean", 25.0, "inclination of the columns of cells [degrees]"),
         ("growth", 1.5, "largest ratio of the sizes of neighbouring cells"),

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A wall on a rigid base, cut into equal blocks by vertical plane joints.
+"""Mesh of a wall on a rigid base, cut into equal blocks by vertical plane joints.
 
 python3 geometry/jointed_wall.py --divisions 40 8 40 --out wall.msh
 """
@@ -49,11 +49,11 @@ def jointed_wall(
     gui: bool = False,
     duplicated: bool = False,
 ) -> Path:
-    """Mesh the box x in [0, length], y in [0, thickness], z in [0, height], and its joints.
+    """Mesh the box x in [0, length], y in [0, thickness], z in [0, height], with joints.
 
     Joint k is the plane x = k length/(joints + 1).  Groups: volume ``concrete``; surfaces ``base``
     (z = 0), ``crest`` (z = height), ``x_min``, ``x_max``, ``y_min``, ``y_max``, and ``joint_1``,
-    ``joint_2``, ... in the order of x.  Cells are equal boxes, or those cut into tetrahedra.
+    ``joint_2``, ... in the order of x. Cells are equal boxes, or equal boxes cut into tetrahedra.
 
     Args:
         out: path of the .msh file.
@@ -62,7 +62,7 @@ def jointed_wall(
         height: extent in z [m].
         joints: number of joints, 0 for a monolithic wall.
         divisions: number of cells along x, y and z; the first is a multiple of joints + 1.
-        size: cell size [m]; if given, it replaces ``divisions``, rounded so that whole cells fit.
+        size: cell size [m], rounded so that whole cells fit; if given, replaces ``divisions``.
         order: order of the elements, 1 or 2.
         cell: "hex" or "tet".
         gui: show the mesh in Gmsh's window afterwards.
@@ -88,7 +88,7 @@ def jointed_wall(
         )
     check_fine(n_x * n_y * n_z)
 
-    # Reference coordinates (p, q, r) = (x, y, z), with p in cells, so that joints compare exactly.
+    # Reference coordinates (p, q, r) = (x, y, z); p counts cells, so that joints compare exactly.
     points, cells = grid(np.arange(n_x + 1.0), np.linspace(0, thickness, n_y + 1), cell)
     lines = {"x_min": (0, 0), "x_max": (0, n_x), "y_min": (1, 0), "y_max": (1, thickness)}
     lines |= {f"joint_{k}": (0, k * n_x // blocks) for k in range(1, blocks)}
@@ -101,7 +101,7 @@ def jointed_wall(
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = gmsh_model.argument_parser("A wall with vertical joints.", "jointed_wall.msh", None)
+    parser = gmsh_model.argument_parser("Mesh a jointed wall.", "jointed_wall.msh", None)
     for flag, default in (("length", 20.0), ("thickness", 4.0), ("height", 20.0)):
         parser.add_argument(f"--{flag}", type=float, default=default, help="extent [m]")
     parser.add_argument("--joints", type=int, default=3, help="number of joints")

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The shape of an arch dam from a table of horizontal sections, a CSV file."""
+"""Shape of an arch dam from a table of horizontal sections in a CSV file."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from dolfinx_joints.geometry.meshing.extrusion import BoolArray, FloatArray
 _REQUIRED = ("elevation", "extrados_radius", "left_angle", "right_angle")
 _OPTIONAL = ("intrados_radius", "crown_thickness", "left_thickness", "right_thickness", "centre_x")
 _MAX_HEIGHT = 1000.0  # [m]; the highest dam has 305 m
-_MIN_ANGLE = 2.0  # [degrees]; if no angle is larger they are radians
+_MIN_ANGLE = 2.0  # [degrees]; if no angle is larger, the table has radians
 
 
 @dataclass(frozen=True, eq=False)
 class SectionTable:
-    """Circular horizontal sections at rising elevations; between them all numbers are smooth.
+    """Circular horizontal sections of a dam at rising elevations, interpolated smoothly.
 
-    The upstream face of a section is an arc about (centre_x, 0), its crown at the smallest x.  The
-    numbers of the table are interpolated in the elevation by monotone cubics (PCHIP): no value
-    between two sections lies outside theirs.
+    The upstream face of a section is an arc about (centre_x, 0), with its crown at the smallest x.
+    The columns are interpolated in the elevation by monotone cubics (PCHIP), so values between two
+    sections stay between the values of these sections.
 
     Args:
-        columns: the columns of the table by name, each of shape (num_sections,): elevation,
-            extrados_radius, centre_x, and what gives the thickness [m]; left_angle and right_angle
-            from the crown to the abutments at +y and -y [degrees].
-        source: what errors call the table.
+        columns: columns of the table by name, each of shape (num_sections,). Lengths are in m:
+            elevation, extrados_radius, centre_x and the columns of the thickness. Angles from the
+            crown to the abutments at +y and -y are in degrees: left_angle and right_angle.
+        source: name of the table in error messages.
 
     Raises:
         ValueError: if columns are missing or contradict each other, or a number is out of range.
@@ -56,29 +56,29 @@ class SectionTable:
 
     @property
     def base(self) -> float:
-        """The lowest elevation [m]."""
+        """Lowest elevation [m]."""
         return float(self.columns["elevation"][0])
 
     @property
     def height(self) -> float:
-        """The height of the crest above the lowest section [m]."""
+        """Height of the crest above the lowest section [m]."""
         return float(self.columns["elevation"][-1] - self.base)
 
     @cached_property
     def curves(self) -> dict[str, PchipInterpolator]:
-        """The columns as functions of the relative height in [0, 1]."""
+        """Columns as functions of the relative height in [0, 1]."""
         relative = (self.columns["elevation"] - self.base) / self.height
         return {name: PchipInterpolator(relative, c) for name, c in self.columns.items()}
 
     def half(self, side: int) -> SectionHalf:
-        """Return the half at +y (side 1, the left bank) or -y (side -1), as seen from its side."""
+        """Return the half at +y (side 1, left bank) or -y (side -1), mirrored to +y."""
         return SectionHalf(self, side)
 
     def _check_numbers(self) -> None:
         elevation = self.columns["elevation"]
         if len(elevation) < 2:
             raise ValueError(
-                f"{self.source} has too few sections, {len(elevation)} where at least 2 are needed."
+                f"{self.source} has {len(elevation)} sections, but at least 2 are needed."
             )
         for name, values in self.columns.items():
             self._check(name, ~np.isfinite(values), "must be a finite number")
@@ -87,7 +87,7 @@ class SectionTable:
             if name.endswith("angle"):
                 self._check(name, (values <= 0) | (values >= 90), "must be in (0, 90) [degrees]")
         falls = np.concatenate([[False], np.diff(elevation) <= 0])
-        self._check("elevation", falls, "must be above the one before: sections rise")
+        self._check("elevation", falls, "must be above the section before: sections rise")
         if self.height > _MAX_HEIGHT:
             raise ValueError(
                 f"{self.source} makes a dam {self.height:g} m high, but elevations must be in "
@@ -104,7 +104,7 @@ class SectionTable:
                 self._check(name, wrong, "must be below extrados_radius")
 
     def _check(self, name: str, wrong: BoolArray, rule: str) -> None:
-        """Raise ValueError with the first section where a column is wrong."""
+        """Raise ValueError with the first section in which a column is invalid."""
         if wrong.any():
             row = int(np.flatnonzero(wrong)[0])
             raise ValueError(
@@ -115,11 +115,11 @@ class SectionTable:
 
 @dataclass(frozen=True, eq=False)
 class SectionHalf(CircularArches):
-    """One half of the dam of a table, seen so that its abutment is at s = 1.
+    """Half of the dam of a table, with its abutment at s = 1.
 
     Args:
         table: the table.
-        side: 1 for the half at +y, -1 for the other, mirrored.
+        side: 1 for the half at +y, -1 for the mirrored half at -y.
     """
 
     table: SectionTable
@@ -127,48 +127,48 @@ class SectionHalf(CircularArches):
 
     @property
     def height(self) -> float:  # type: ignore[override]
-        """The height of the crest above the lowest section [m]."""
+        """Height of the crest above the lowest section [m]."""
         return self.table.height
 
-    def _at(self, name: str, zeta: ArrayLike) -> FloatArray:
-        """Interpolate a column at relative heights."""
+    def _value(self, name: str, zeta: ArrayLike) -> FloatArray:
+        """Return a column interpolated at relative heights."""
         values: FloatArray = self.table.curves[name](np.asarray(zeta))
         return values
 
     def half_angle(self, zeta: ArrayLike) -> FloatArray:
         """Return phi, the angle from the crown to the abutment [radians]."""
-        return np.radians(self._at("left_angle" if self.side > 0 else "right_angle", zeta))
+        return np.radians(self._value("left_angle" if self.side > 0 else "right_angle", zeta))
 
     def radius(self, zeta: ArrayLike) -> FloatArray:
         """Return R, the radius of the upstream face [m]."""
-        return self._at("extrados_radius", zeta)
+        return self._value("extrados_radius", zeta)
 
     def centre(self, zeta: ArrayLike) -> FloatArray:
         """Return the x coordinate of the centre of the upstream face [m]."""
         if "centre_x" not in self.table.columns:
             return np.zeros(np.shape(zeta))
-        return self._at("centre_x", zeta)
+        return self._value("centre_x", zeta)
 
     def thickness(self, zeta: ArrayLike, s: ArrayLike) -> FloatArray:
         """Return t, measured towards the centre of the upstream face [m].
 
-        With an intrados of radius r whose centre is by e nearer to the crown than that of the
-        extrados, t = R - e cos(alpha) - sqrt(r^2 - e^2 sin(alpha)^2).
+        If the intrados has the radius r and its centre is by e nearer to the crown than that of
+        the extrados, t = R - e cos(alpha) - sqrt(r^2 - e^2 sin(alpha)^2).
         """
         names = self.table.columns
         if "intrados_radius" in names:
-            outer, inner = self.radius(zeta), self._at("intrados_radius", zeta)
+            outer, inner = self.radius(zeta), self._value("intrados_radius", zeta)
             if "crown_thickness" not in names:
                 return outer - inner + 0 * np.asarray(s)
-            e = outer - inner - self._at("crown_thickness", zeta)
+            e = outer - inner - self._value("crown_thickness", zeta)
             alpha = np.asarray(s) * self.half_angle(zeta)
             square = inner**2 - (e * np.sin(alpha)) ** 2
-            with np.errstate(invalid="ignore"):  # NaN where the arc ends before the abutment
+            with np.errstate(invalid="ignore"):  # NaN if the arc ends before the abutment
                 return np.asarray(outer - e * np.cos(alpha) - np.sqrt(square))
-        crown = self._at("crown_thickness", zeta)
+        crown = self._value("crown_thickness", zeta)
         if "left_thickness" not in names:
             return crown + 0 * np.asarray(s)
-        abutment = self._at("left_thickness" if self.side > 0 else "right_thickness", zeta)
+        abutment = self._value("left_thickness" if self.side > 0 else "right_thickness", zeta)
         return crown + (abutment - crown) * np.square(s)
 
 
@@ -176,14 +176,14 @@ class SectionHalf(CircularArches):
 def read_sections(path: str | os.PathLike[str]) -> SectionTable:
     """Read a table of horizontal sections.
 
-    A CSV file: a line of names, then a line of numbers for each section, from the base up, with
-    commas between them.  Empty lines and those that start with # do not count.
+    The CSV file has a line of column names, then one line of numbers per section from the base up,
+    separated by commas. Empty lines and lines that start with # are ignored.
 
     Args:
         path: the file.
 
     Raises:
-        ValueError: if the file is not such a table; the message says where.
+        ValueError: if the file is not a valid table; the message gives the line.
     """
     file = Path(path)
     check_file(file, f"The table of sections {str(file)!r} does not exist.")
@@ -191,7 +191,7 @@ def read_sections(path: str | os.PathLike[str]) -> SectionTable:
         lines = file.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
         raise ValueError(
-            f"{file} is not a text file: its byte {error.start + 1} is no UTF-8."
+            f"{file} is not a text file: its byte {error.start + 1} is not UTF-8."
         ) from None
     rows = [
         (number, [word.strip() for word in next(csv.reader([line]))])
@@ -202,15 +202,15 @@ def read_sections(path: str | os.PathLike[str]) -> SectionTable:
         raise ValueError(f"{file} is empty.")
     names = rows[0][1]
     _check_names(names, f"{file}, line {rows[0][0]}")
-    table = [_numbers(words, names, f"{file}, line {number}") for number, words in rows[1:]]
+    table = [_line_numbers(words, names, f"{file}, line {number}") for number, words in rows[1:]]
     columns = np.array(table).reshape(-1, len(names)).T
     return SectionTable(dict(zip(names, columns, strict=True)), str(file))
 
 
-def _numbers(words: list[str], names: list[str], where: str) -> list[float]:
-    """Read one line of numbers."""
+def _line_numbers(words: list[str], names: list[str], where: str) -> list[float]:
+    """Return the numbers of one line."""
     if len(words) != len(names):
-        raise ValueError(f"{where}: {len(words)} values where the columns are {len(names)}.")
+        raise ValueError(f"{where}: {len(words)} values for {len(names)} columns.")
     values = []
     for name, word in zip(names, words, strict=True):
         try:
@@ -224,12 +224,12 @@ def _numbers(words: list[str], names: list[str], where: str) -> list[float]:
 
 
 def _check_names(names: list[str], where: str) -> None:
-    """Raise ValueError unless the columns make a table."""
-    known = ", ".join(_REQUIRED + _OPTIONAL)
+    """Raise ValueError unless the columns are a valid table of sections."""
+    columns = ", ".join(_REQUIRED + _OPTIONAL)
     for name in names:
         if name not in _REQUIRED + _OPTIONAL:
             raise ValueError(
-                f"{where}: {shown(name)} is no column of a table of sections: {known}."
+                f"{where}: {shown(name)} is not a column of a table of sections: {columns}."
             )
         if names.count(name) > 1:
             raise ValueError(f"{where}: the column {name!r} is given {names.count(name)} times.")
@@ -247,17 +247,17 @@ def _check_names(names: list[str], where: str) -> None:
         ways = "; ".join(" and ".join(way) for way in allowed)
         raise ValueError(
             f"{where}: the thickness is given by {' and '.join(given) or 'no column'}, but it must "
-            f"be one of these: {ways}."
+            f"be given by one of: {ways}."
         )
 
 
 def _check_thickness(half: SectionHalf, table: SectionTable) -> None:
-    """Raise ValueError where the faces meet or the downstream one ends before the abutment."""
+    """Raise ValueError if the faces meet or the downstream face ends before the abutment."""
     zeta = np.linspace(0, 1, 201)
     thickness = half.thickness(zeta[:, None], np.linspace(0, 1, 41))
-    wrong = ~((thickness > 0) & (thickness < half.radius(zeta)[:, None])).all(axis=1)
-    if wrong.any():
-        level = table.base + table.height * zeta[wrong][0]
+    invalid = ~((thickness > 0) & (thickness < half.radius(zeta)[:, None])).all(axis=1)
+    if invalid.any():
+        level = table.base + table.height * zeta[invalid][0]
         raise ValueError(
             f"{table.source}: at elevation {level:g} m the downstream face does not reach the "
             f"{_bank(half)} abutment at a thickness above 0 and below extrados_radius."
@@ -265,7 +265,7 @@ def _check_thickness(half: SectionHalf, table: SectionTable) -> None:
 
 
 def _check_abutment(half: SectionHalf, table: SectionTable) -> None:
-    """Raise ValueError unless the abutment is vertical or parts steadily from the crown."""
+    """Raise ValueError unless the abutment is vertical or the valley widens steadily."""
     sector = Sector(half)
     if sector.upright:
         return
@@ -275,9 +275,9 @@ def _check_abutment(half: SectionHalf, table: SectionTable) -> None:
     if falls.any():
         level = table.base + table.height * zeta[1:][falls][0]
         raise ValueError(
-            f"{table.source}: at elevation {level:g} m the {_bank(half)} abutment stands still or "
-            "turns back as seen from the axis of the crest's arch, but it must part from the crown "
-            "all the way up, or be vertical from base to crest."
+            f"{table.source}: at elevation {level:g} m the {_bank(half)} abutment does not move "
+            "away from the crown, as seen from the axis of the crest's arch; the valley must widen "
+            "up to the crest, or the abutment must be vertical from base to crest."
         )
 
 

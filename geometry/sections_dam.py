@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""An arch dam from a table of horizontal sections, with contraction joints and a foundation.
+"""Mesh of an arch dam from a table of sections, with contraction joints and a foundation.
 
 python3 geometry/sections_dam.py sections.csv --joints 9 --foundation 60 --perimetral --out dam.msh
 """
@@ -42,7 +42,7 @@ from dolfinx_joints.geometry.meshing.extrusion import BoolArray, FloatArray, Pla
 from dolfinx_joints.geometry.section_table import SectionTable, read_sections
 
 _SIDES = (1, -1)
-_CLOSEST = 1e-6  # of the angle of the crest, between two joints
+_CLOSEST = 1e-6  # least angle between two joints, over that of the crest
 
 
 @checked
@@ -64,15 +64,15 @@ def sections_dam(
 ) -> Path:
     """Mesh an arch dam given by sections: x downstream, y to the left bank, z the elevation.
 
-    The joints are vertical planes through the axis of the crest's arch.  Joint k, counted from the
-    right bank (-y) to the left, is the group ``joint_k``: the part below the active height.  A
-    joint of which less than half a cell would be active has no group.
+    The joints are vertical planes through the axis of the crest's arch. Joint k, counted from the
+    right bank (-y) to the left, is the group ``joint_k``; it contains the part below the active
+    height. A joint whose active part is lower than half a cell has no group.
 
-    Further groups: volume ``concrete``; surfaces ``upstream``, ``downstream``, ``crest``, and
-    ``base`` (the flat bottom) and ``abutments``.  With a foundation the last two are one surface,
-    ``joint_perimetral`` or, without that joint, ``contact``; the volume ``foundation`` follows the
-    valley, its outer surface is ``foundation_outer`` (to be supported) and what is free of it
-    ``foundation_free``.  The nodes of the dam lie on the exact shape.
+    Further groups: volume ``concrete``; surfaces ``upstream``, ``downstream``, ``crest``, ``base``
+    (the flat bottom) and ``abutments``. With a foundation, ``base`` and ``abutments`` become one
+    surface, ``joint_perimetral`` or, without that joint, ``contact``. The volume ``foundation``
+    follows the valley; its outer surface is ``foundation_outer`` (to be supported), its free
+    surface ``foundation_free``. The nodes of the dam lie on the exact shape.
 
     Args:
         out: path of the .msh file.
@@ -81,13 +81,13 @@ def sections_dam(
         order: order of the elements, 1 or 2.
         cell: "hex" or "tet".
         layers: number of elements through the thickness.
-        joints: their number, at equal arcs of the crest; or their angles about the axis of the
-            crest's arch, rising, positive towards the left bank, 0 at the crown [degrees].
+        joints: number of joints at equal arcs of the crest, or ascending angles of the joints
+            [degrees]. Angles are about the axis of the crest's arch, 0 at the crown, positive left.
         active_height: relative height up to which the joints can open, in (0, 1].
-        foundation: depth of the foundation below the base [m]; None for none.
-        spread: how far the foundation reaches upstream and downstream beyond the faces [m]; as its
-            depth unless given; 0 makes a saddle as thick as the dam (pulvino).
-        perimetral: whether there is a joint between dam and foundation.
+        foundation: depth of the foundation below the base [m]; None for no foundation.
+        spread: extent of the foundation upstream and downstream of the faces [m]; by default its
+            depth; 0 makes a saddle as thick as the dam (pulvino).
+        perimetral: add a joint between dam and foundation.
         gui: show the mesh in Gmsh's window afterwards.
         duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.
 
@@ -101,14 +101,14 @@ def sections_dam(
     out = mesh_path(out)
     gmsh_model.check_window(gui)
     if perimetral and foundation is None:
-        raise ValueError("perimetral is True, but without a foundation there is no such joint.")
+        raise ValueError("perimetral is True, but a perimetral joint needs a foundation.")
     if spread is not None and foundation is None:
-        raise ValueError(f"spread is {spread:g}, but there is no foundation to spread.")
+        raise ValueError(f"spread is {spread:g}, but foundation is not given.")
     if not isinstance(table, SectionTable):
         table = read_sections(table)
     sectors = {side: Sector(table.half(side)) for side in _SIDES}
     block = None if foundation is None else Block(sectors, foundation, spread, size)
-    arcs = _arcs(sectors, joints)
+    arcs = _joint_arcs(sectors, joints)
     plane = _elevation(sectors, size, cell, arcs, active_height)
     levels = np.linspace(0, 1, layers + 1)
     if block is None:
@@ -124,18 +124,18 @@ def sections_dam(
             ground |= groups.get(name, False)
         xyz = np.empty_like(reference)
         for side, sector in sectors.items():
-            here = side * reference[:, 0] >= 0
-            local = reference[here] * [side, 1, 1]
-            part = _dam(sector, local, ground[here], groups["crest"][here], active_height, size)
+            mine = side * reference[:, 0] >= 0
+            local = reference[mine] * [side, 1, 1]
+            part = _dam_xyz(sector, local, ground[mine], groups["crest"][mine], active_height, size)
             if block is not None:
-                part = block.place(sector, local, ground[here], part)
-            xyz[here] = part * [1, side, 1]
+                part = block.place(sector, local, ground[mine], part)
+            xyz[mine] = part * [1, side, 1]
         return xyz + np.array([0.0, 0.0, table.base])
 
     return gmsh_model.write_mesh(out, solid, order, place=place, gui=gui, duplicated=duplicated)
 
 
-def _arcs(sectors: dict[int, Sector], joints: int | Sequence[float]) -> dict[str, float]:
+def _joint_arcs(sectors: dict[int, Sector], joints: int | Sequence[float]) -> dict[str, float]:
     """Return the coordinate a of each joint by name [m]."""
     left, right = (np.degrees(sectors[side].half_angle) for side in _SIDES)
     if isinstance(joints, int):
@@ -158,27 +158,27 @@ def _arcs(sectors: dict[int, Sector], joints: int | Sequence[float]) -> dict[str
 def _elevation(
     sectors: dict[int, Sector], size: float, cell: str, arcs: dict[str, float], active: float
 ) -> PlaneMesh:
-    """Mesh the surface halfway between the faces in a (to the left bank) and z above the base."""
+    """Return the mesh halfway between the faces in a (to the left bank) and z from the base."""
     halves = {}
     for side, sector in sectors.items():
         own = {name: side * a for name, a in arcs.items() if side * a > 0 or (a == 0 and side > 0)}
         halves[side] = half_elevation(sector, size, cell, own, active)
-    left, right = halves[1], halves[-1]
-    points = np.concatenate([left.points, right.points * [-1, 1] + 0.0])
+    plus, minus = halves[1], halves[-1]
+    points = np.concatenate([plus.points, minus.points * [-1, 1] + 0.0])
     points, number = np.unique(points, axis=0, return_inverse=True)
     number = number.reshape(-1)
-    shift = len(left.points)
-    cells = [number[left.cells["concrete"]], number[right.cells["concrete"] + shift][:, ::-1]]
+    shift = len(plus.points)
+    cells = [number[plus.cells["concrete"]], number[minus.cells["concrete"] + shift][:, ::-1]]
     edges = {}
     for name in ("crest", "base", "abutments", *arcs):
-        parts = [left.edges.get(name), right.edges.get(name)]
+        parts = [plus.edges.get(name), minus.edges.get(name)]
         numbered = [number[p + i * shift] for i, p in enumerate(parts) if p is not None]
         if numbered:
             edges[name] = np.concatenate(numbered)
     return PlaneMesh(points, {"concrete": np.concatenate(cells)}, edges)
 
 
-def _dam(
+def _dam_xyz(
     sector: Sector,
     reference: FloatArray,
     ground: BoolArray,
@@ -186,7 +186,7 @@ def _dam(
     active: float,
     size: float,
 ) -> FloatArray:
-    """Send nodes of the dam from (a, z, ta) to space, z from the base, shape (num_nodes, 3)."""
+    """Return the dam nodes at (a, z, ta) in space, z from the base, shape (num_nodes, 3)."""
     theta, zeta, ta = reference.T / [[sector.radius], [sector.dam.height], [1.0]]
     ta = np.clip(ta, 0, 1)
     if not sector.upright:
@@ -198,18 +198,18 @@ def _dam(
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = gmsh_model.argument_parser("An arch dam from a table of sections.", "dam.msh", 5.0)
+    parser = gmsh_model.argument_parser("Mesh an arch dam given by sections.", "dam.msh", 5.0)
     parser.set_defaults(order=2)
     parser.add_argument("table", type=Path, help="CSV file of the sections")
     parser.add_argument("--layers", type=int, default=1, help="elements through the thickness")
     parser.add_argument("--joints", type=int, default=9, help="number of joints")
     parser.add_argument(
-        "--joint-angles", type=float, nargs="+", help="their angles [degrees], instead of a number"
+        "--joint-angles", type=float, nargs="+", help="joint angles [degrees], instead of --joints"
     )
-    parser.add_argument("--active-height", type=float, default=1.0, help="of the joints, relative")
+    parser.add_argument("--active-height", type=float, default=1.0, help="relative joint height")
     parser.add_argument("--foundation", type=float, help="depth of a foundation block [m]")
-    parser.add_argument("--spread", type=float, help="its reach beyond the faces [m]")
-    parser.add_argument("--perimetral", action="store_true", help="a joint between dam and block")
+    parser.add_argument("--spread", type=float, help="extent of the block beyond the faces [m]")
+    parser.add_argument("--perimetral", action="store_true", help="joint between dam and block")
 
     def model(out: Path, **options: object) -> Path:
         angles = options.pop("joint_angles")

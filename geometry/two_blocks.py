@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Two elastic blocks, one on the other, with a horizontal or inclined joint between them.
+"""Mesh of two elastic blocks with a horizontal or inclined joint between them.
 
 python3 geometry/two_blocks.py --angle 20 --size 0.25 --out blocks.msh
 """
@@ -41,7 +41,7 @@ def two_blocks(
     """Mesh two blocks, x in [0, length], y in [0, width], z in [0, lower + upper height].
 
     The joint is the plane z = lower_height + (x - length/2) tan(angle).  Groups: volumes
-    ``lower`` and ``upper``; surfaces ``base`` (z = 0), ``top``, ``sides`` (the four others) and
+    ``lower`` and ``upper``; surfaces ``base`` (z = 0), ``top``, ``sides`` (the other four) and
     ``joint_1``.
 
     Args:
@@ -61,7 +61,7 @@ def two_blocks(
         The path written.
 
     Raises:
-        ValueError: if an argument is not allowed, or the joint would leave through base or top.
+        ValueError: if an argument is not allowed, or the joint would cut the base or the top.
     """
     out = mesh_path(out)
     gmsh_model.check_window(gui)
@@ -72,7 +72,7 @@ def two_blocks(
     if not abs(angle) < limit:
         raise ValueError(
             f"angle is {angle:g}, but it must be between -{limit:.4g} and {limit:.4g} degrees, "
-            "so that the joint leaves through the sides."
+            "so that the joint ends at the sides."
         )
     # Reference coordinates (p, q, r) = (z, x, y), with p in [0, 1] below the joint, [1, 2] above.
     p = np.concatenate([np.linspace(0, 1, n_lower + 1), np.linspace(1, 2, n_upper + 1)[1:]])
@@ -102,7 +102,7 @@ def two_blocks(
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
     parser = gmsh_model.argument_parser(
-        "Two blocks with a joint between them.", "two_blocks.msh", 0.25
+        "Mesh two blocks with a joint between them.", "two_blocks.msh", 0.25
     )
     for flag, default in (("length", 1.0), ("width", 1.0)):
         parser.add_argument(f"--{flag}", type=float, default=default, help="extent [m]")

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A circular arch of equal voussoirs with radial joints, in the plane or as a solid.
+"""Mesh of a circular arch of equal voussoirs with radial joints, in the plane or as a solid.
 
 python3 geometry/voussoir_arch.py --voussoirs 15 --thickness 1.2 --out arch.msh
 """
@@ -57,25 +57,27 @@ def voussoir_arch(
     gui: bool = False,
     duplicated: bool = False,
 ) -> Path:
-    """Mesh an arch about the origin, its crown above it, and a cell of abutment at either end.
+    """Mesh an arch about the origin, crown upwards, with one cell of abutment at either end.
 
     The arch is a plane mesh in (x, y), y up, or with a width a solid in (x, y, z), z up and y in
-    [0, width].  Joint k, counted from the left springing (x < 0), lies in the direction
+    [0, width]. Joint k, counted from the left springing (x < 0), lies in the direction
     -half_angle + (k - 1) 2 half_angle/voussoirs from the crown; joints 1 and voussoirs + 1 are the
-    springings.  Groups: cells ``arch``, ``abutments``; surfaces ``intrados``, ``extrados``
-    (those of the abutments included), ``base`` (their far sides), ``joint_1``, ... and of a solid
-    ``front`` (y = 0) and ``back``.  Cells of order 1 have straight edges between nodes on arcs.
+    springings.
+
+    Groups: cells ``arch``, ``abutments``; surfaces ``intrados`` and ``extrados`` (both including
+    the abutments), ``base`` (far sides of the abutments), ``joint_1``, ... A solid has also
+    ``front`` (y = 0) and ``back``. Cells of order 1 have straight edges between nodes on arcs.
 
     Args:
         out: path of the .msh file.
-        radius: of the centre line [m].
-        thickness: of the arch, below twice the radius [m].
-        half_angle: from the crown to a springing, 90 for a semicircle, at most 120 [degrees].
-        voussoirs: number of blocks; if it is odd, one is at the crown.
+        radius: radius of the centre line [m].
+        thickness: thickness of the arch, below twice the radius [m].
+        half_angle: angle from the crown to a springing, 90 for a semicircle, at most 120 [degrees].
+        voussoirs: number of blocks; an odd number has one at the crown.
         width: extent in y [m]; None for a plane mesh.
         divisions: number of cells along each voussoir, through the thickness, and across the
             width.
-        size: cell size [m]; if given, it replaces ``divisions``, rounded so that whole cells fit.
+        size: cell size [m], rounded so that whole cells fit; if given, replaces ``divisions``.
         order: order of the elements, 1 or 2.
         cell: "hex" or "tet"; in the plane quadrilaterals or triangles.
         gui: show the mesh in Gmsh's window afterwards.
@@ -102,8 +104,8 @@ def voussoir_arch(
     step = 2 * math.radians(half_angle) / (n_along * voussoirs)
     if step > np.pi / 4:
         raise ValueError(
-            f"A cell spans {np.degrees(step):.4g} degrees, but it must be at most 45: more cells "
-            "along the arch are needed."
+            f"A cell spans {np.degrees(step):.4g} degrees, but it must be at most 45: use more "
+            "cells along the arch."
         )
     plane = _reference(voussoirs, n_along, n_through, cell)
 
@@ -124,7 +126,7 @@ def voussoir_arch(
 
 
 def _reference(voussoirs: int, n_along: int, n_through: int, cell: str) -> PlaneMesh:
-    """Mesh the arch in cells (p, q) along it and through it; p = 0 is the left springing."""
+    """Return the mesh in cells p along the arch, from the left springing, and q through it."""
     length = n_along * voussoirs
     points, cells = grid(np.arange(-1.0, length + 2), np.arange(n_through + 1.0), cell)
     p, q = points.T
@@ -140,14 +142,14 @@ def _reference(voussoirs: int, n_along: int, n_through: int, cell: str) -> Plane
 
 def main(argv: list[str] | None = None) -> None:
     """Run the script."""
-    parser = gmsh_model.argument_parser("An arch of voussoirs.", "voussoir_arch.msh", None)
-    for flag, default, what in (
-        ("radius", 10.0, "of the centre line [m]"),
-        ("thickness", 1.2, "of the arch [m]"),
-        ("half-angle", 90.0, "from the crown to a springing [degrees]"),
-        ("width", None, "extent of a solid across the arch [m]; a plane mesh without it"),
+    parser = gmsh_model.argument_parser("Mesh an arch of voussoirs.", "voussoir_arch.msh", None)
+    for flag, default, text in (
+        ("radius", 10.0, "radius of the centre line [m]"),
+        ("thickness", 1.2, "thickness of the arch [m]"),
+        ("half-angle", 90.0, "angle from the crown to a springing [degrees]"),
+        ("width", None, "extent of a solid across the arch [m]; plane mesh without it"),
     ):
-        parser.add_argument(f"--{flag}", type=float, default=default, help=what)
+        parser.add_argument(f"--{flag}", type=float, default=default, help=text)
     parser.add_argument("--voussoirs", type=int, default=15, help="number of blocks")
     parser.add_argument(
         "--divisions",

@@ -84,7 +84,7 @@ def test_split_writes_what_read_split_reads(wall_file, comm, tmp_path, capsys):
     assert list(read_split(out, comm).joint_names) == names
     assert capsys.readouterr().out.startswith(f"{out}\nJointedMesh\n")
     assert cli.main(arguments) == 2
-    assert "there already; --force replaces" in capsys.readouterr().err
+    assert "exists already; replace it by --force" in capsys.readouterr().err
     assert cli.main([*arguments, "--force"]) == 0
 
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""From a Gmsh file or a DOLFINx mesh to a split mesh with named groups.
+"""Split meshes with named groups, from Gmsh files, XDMF files, arrays or DOLFINx meshes.
 
-It knows no unknowns; `NodeNumbering` takes the nodes of any function space.
+This subpackage does not depend on unknowns; `NodeNumbering` works with any function space.
 """

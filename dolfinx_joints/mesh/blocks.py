@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Blocks: the parts of a split mesh that hang together by their cells."""
+"""Blocks: the parts of a split mesh that are connected by cells."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from dolfinx_joints.mesh.node_numbering import NodeNumbering
 
 
 def block_of_nodes(nodes: NodeNumbering) -> Ints:
-    """Number of the block of each local node, ghosts included (collective).
+    """Return the block of each local node, including ghosts (collective).
 
-    Blocks are numbered by their first node.
+    Blocks are numbered in the order of their first nodes.
     """
     comm, index_map = nodes.space.mesh.comm, nodes.space.dofmap.index_map
     cells = nodes.space.dofmap.list
-    here = connected(np.repeat(cells[:, 0], cells.shape[1]), cells.ravel(), len(nodes.number))
-    count, owned = int(here.max(initial=-1)) + 1, index_map.size_local
+    local_part = connected(np.repeat(cells[:, 0], cells.shape[1]), cells.ravel(), len(nodes.number))
+    count, owned = int(local_part.max(initial=-1)) + 1, index_map.size_local
     least = np.full(count, nodes.count, dtype=np.int64)
-    np.minimum.at(least, here, nodes.number)
-    # A part of this rank is one with that of another rank to which a common node belongs.
+    np.minimum.at(least, local_part, nodes.number)
+    # Parts on two ranks belong to one block if they share a node.
     blocks = blocks_of(comm, count)
-    mine = here + blocks[comm.rank]
-    ghosts = np.arange(owned, len(here), dtype=np.int32)
+    mine = local_part + blocks[comm.rank]
+    ghosts = np.arange(owned, len(local_part), dtype=np.int32)
     theirs = rows_at(comm, mine[:owned], index_map.local_to_global(ghosts).astype(np.int64))
     links = np.unique(np.column_stack([mine[owned:], theirs]), axis=0)
-    links, least = (np.concatenate(comm.allgather(each)) for each in (links, least))
+    links, least = (np.concatenate(comm.allgather(values)) for values in (links, least))
     part = connected(links[:, 0], links[:, 1], len(least))
     first = np.full(len(least), nodes.count, dtype=np.int64)
     np.minimum.at(first, part, least)
@@ -43,43 +43,43 @@ def block_of_nodes(nodes: NodeNumbering) -> Ints:
 
 
 def blocks_of_pairs(nodes: NodeNumbering, pairs: JointPairs, block: Ints) -> Ints:
-    """Blocks on the - and + side of each facet pair of this rank, shape (pairs, 2)."""
+    """Return the blocks on the - and + side of this rank's facet pairs, (pairs, 2)."""
     cells = np.stack([pairs.minus[:, 0], pairs.plus[:, 0]], axis=1)
     local = local_cells(nodes.space.mesh, cells.ravel()).reshape(cells.shape)
     return np.asarray(block[nodes.space.dofmap.list[local, 0]])
 
 
 def connected(one: Ints, other: Ints, size: int) -> Ints:
-    """Number of the connected part of each of ``size`` nodes, of which some pairs are linked."""
+    """Return the connected part of each of ``size`` nodes, given the linked pairs of nodes."""
     graph = coo_array((np.ones(len(one)), (one, other)), shape=(size, size))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def same_places(points: Floats, distance: float) -> Ints:
-    """Numbers of points, the same for those nearer to each other than a distance [m], (n,)."""
+    """Return point numbers, equal for points closer to each other than ``distance`` [m], (n,)."""
     pairs = KDTree(points).query_pairs(distance, output_type="ndarray")
     return connected(pairs[:, 0], pairs[:, 1], len(points))
 
 
 def first_at_places(comm: Any, points: Floats, distance: float) -> Ints:
-    """Number among those of all ranks of the first point at the place of each, (n,) (collective).
+    """Return the global number of the first point at the place of each point, (n,) (collective).
 
-    Points, (n, 3), that are nearer to each other than a distance are at the same place [m].
+    Points, (n, 3), closer to each other than ``distance`` [m] are at the same place.
     """
     blocks = blocks_of(comm, len(points))
     number = blocks[comm.rank] + np.arange(len(points))
-    # In strips across an axis, each for a rank; who is near to a border goes to both sides.
+    # Assign strips of space to the ranks. Points near a border are sent to both strips.
     along = points @ np.sqrt([1.0, 2.0, 3.0])
     reach = 2.0 * np.sqrt(6.0) * distance
     strip = np.floor((along[:, None] + [-reach, reach]) / (1000.0 * reach)).astype(np.int64)
     both = np.append(np.arange(len(points)), np.flatnonzero(strip[:, 0] != strip[:, 1]))
     rank = np.append(strip[:, 0], strip[both[len(points) :], 1]) % comm.size
-    numbers, places = (sent_to(comm, rank, each[both]) for each in (number, points))
+    numbers, places = (sent_to(comm, rank, values[both]) for values in (number, points))
     label = same_places(places, distance)
     least = np.full(int(label.max(initial=-1)) + 1, blocks[-1])
     np.minimum.at(least, label, numbers)
-    found = np.column_stack([numbers, least[label]])
-    rows = sent_to(comm, rank_of(blocks, numbers), found)
+    first_numbers = np.column_stack([numbers, least[label]])
+    rows = sent_to(comm, rank_of(blocks, numbers), first_numbers)
     first = number.copy()
     np.minimum.at(first, rows[:, 0] - blocks[comm.rank], rows[:, 1])
     return first

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Reference cells, their facets and node layout, and where given facets lie in a mesh."""
+"""Reference cells with their facets and nodes, search for facets, and checks of cell shapes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dolfinx_joints.common.arrays import Floats as Floats
 from dolfinx_joints.common.arrays import Ints as Ints
 from dolfinx_joints.common.errors import MeshError
 
-# VTK's numbers of linear and of Lagrange cells.
+# VTK numbers of the linear and the Lagrange cell types.
 _VTK = {
     "triangle": (5, 69),
     "quadrilateral": (9, 70),
@@ -35,7 +35,7 @@ def lagrange(kind: basix.CellType, degree: int) -> basix.finite_element.FiniteEl
 
 @dataclass(frozen=True, kw_only=True)
 class CellShape:
-    """Reference cell and its Lagrange node layout (basix numbering).
+    """Reference cell with its Lagrange nodes (basix numbering).
 
     Attributes:
         name: ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
@@ -47,7 +47,7 @@ class CellShape:
 
     @property
     def type(self) -> basix.CellType:
-        """The basix cell type."""
+        """Cell type in basix."""
         return getattr(basix.CellType, self.name)
 
     @property
@@ -67,12 +67,12 @@ class CellShape:
         return np.array([0, 1, 3, 2] if count == 4 else range(count), dtype=np.int64)
 
     def element(self) -> basix.finite_element.FiniteElement:
-        """The scalar Lagrange element whose dofs are the geometry nodes."""
+        """Return the scalar Lagrange element whose dofs are the geometry nodes."""
         return lagrange(self.type, self.degree)
 
     @property
     def facet_nodes(self) -> Ints:
-        """Local nodes of each local facet in the order of the facet's own Lagrange element.
+        """Local nodes of each local facet, in the order of the facet's Lagrange element.
 
         Shape (facets, nodes per facet).
         """
@@ -81,7 +81,7 @@ class CellShape:
 
 
 def vtk_layout(shape: CellShape, count: int) -> tuple[int, Ints]:
-    """VTK's number of a Lagrange cell, and its nodes in VTK's order."""
+    """Return the VTK number of a Lagrange cell, and its nodes in VTK order."""
     kind = getattr(dolfinx.mesh.CellType, shape.name)
     order = np.argsort(dolfinx.cpp.io.perm_vtk(kind, count))
     is_linear = count == len(basix.geometry(shape.type))
@@ -90,7 +90,7 @@ def vtk_layout(shape: CellShape, count: int) -> tuple[int, Ints]:
 
 @dataclass(frozen=True, kw_only=True)
 class RawMesh:
-    """A conforming mesh with named groups, whole on one process.
+    """Conforming mesh with named groups, complete on one process.
 
     Attributes:
         shape: Reference cell.
@@ -111,8 +111,8 @@ def find_facets(shape: CellShape, cells: Ints, facets: Ints) -> tuple[Ints, Ints
     """Find the cells at facets given by their vertices in any order, (n, vertices per facet).
 
     Returns:
-        ``owner`` of shape (n, 2, 2): (cell, local facet) of the first and second cell, -1 where
-        there is none; ``count`` of shape (n,): number of cells at each facet.
+        ``owner``, shape (n, 2, 2): (cell, local facet) of the first and second cell, -1 for a
+        missing cell. ``count``, shape (n,): number of cells at each facet.
     """
     local = shape.facet_vertices
     is_wanted = np.zeros(int(max(cells.max(initial=-1), facets.max(initial=-1))) + 1, dtype=bool)
@@ -130,15 +130,15 @@ def find_facets(shape: CellShape, cells: Ints, facets: Ints) -> tuple[Ints, Ints
     count = np.searchsorted(sorted_keys, key_of_wanted, side="right") - first
     owner = np.full((len(wanted), 2, 2), -1, dtype=np.int64)
     for side in range(2):
-        there = count > side
-        slot = candidates[order[first[there] + side]]
-        owner[there, side, 0] = slot // len(local)
-        owner[there, side, 1] = slot % len(local)
+        present = count > side
+        slot = candidates[order[first[present] + side]]
+        owner[present, side, 0] = slot // len(local)
+        owner[present, side, 1] = slot % len(local)
     return owner, count
 
 
 def inside_out(shape: CellShape, x: Floats, cells: NDArray[Any]) -> Ints:
-    """Cells that are turned inside out in a part of them, told by the volume at their nodes."""
+    """Return the cells whose volume changes sign between their nodes: partly inside out."""
     element = shape.element()
     derivatives = element.tabulate(1, element.points)[1:, :, :, 0]
     if np.ptp(derivatives, axis=1).max() < 1e-12:  # the volume is the same at all nodes
@@ -152,25 +152,25 @@ def inside_out(shape: CellShape, x: Floats, cells: NDArray[Any]) -> Ints:
 
 
 def check_curves(shape: CellShape, x: Floats, cells: NDArray[Any], source: str) -> None:
-    """Check that no cell is turned inside out, as Gmsh leaves curved ones in thin parts."""
-    wrong = inside_out(shape, x, cells)
-    if len(wrong):
-        remedy = "refine the mesh there, or make edges straight (of Gmsh Mesh.SecondOrderLinear)"
+    """Check that no cell is partly inside out. Gmsh makes such curved cells in thin parts."""
+    inverted = inside_out(shape, x, cells)
+    if len(inverted):
+        remedy = "refine the mesh there, or use straight edges (Mesh.SecondOrderLinear in Gmsh)"
         if shape.degree == 1:
-            remedy = "a corner of each is dented, or its nodes are in a wrong order"
+            remedy = "each has a re-entrant corner, or its nodes are in the wrong order"
         raise MeshError(
-            f"{source}: {len(wrong)} cells are turned inside out in a part of them, the first "
-            f"around {middle(x[cells[wrong[0]]])}; {remedy}."
+            f"{source}: {len(inverted)} cells are partly inside out, the first one around "
+            f"{middle(x[cells[inverted[0]]])}; {remedy}."
         )
 
 
 def middle(x: Floats) -> str:
-    """Return the mean of some points, shape (n, gdim), for messages."""
+    """Return the mean of points, shape (n, gdim), as text for messages."""
     return f"({', '.join(f'{value:.4g}' for value in x.mean(axis=0))})"
 
 
 def facet_slots(mesh: dolfinx.mesh.Mesh, facets: NDArray[np.integer[Any]]) -> tuple[Any, Ints]:
-    """The first local cell of each of some local facets, and which facet of it that is."""
+    """Return the first local cell of each given local facet, and its position in that cell."""
     topology, tdim = mesh.topology, mesh.topology.dim
     topology.create_connectivity(tdim - 1, tdim)
     topology.create_connectivity(tdim, tdim - 1)

@@ -3,7 +3,7 @@
 """Closest points of straight and curved facets, by a constrained Gauss-Newton method.
 
 Distances are measured in space, in metres. The unknowns are the reference coordinates of a facet,
-so neither the shape nor the size of the cell behind the facet enters.
+so the result depends on neither the shape nor the size of the cell behind the facet.
 """
 
 from __future__ import annotations
@@ -21,30 +21,30 @@ from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
 # Samples along a side of a facet; the iteration starts from the nearest sample.
 DIVISIONS = 4
 
-# The iteration ends if a step is shorter than this part of the facet's longest side, or of the
-# distance: the distance is flat at its minimum, where rounding leaves half of the digits.
+# The iteration ends if a step is shorter than STEP times the facet's longest side plus STEP_FAR
+# times the distance. The distance is flat at its minimum: rounding halves the number of digits.
 STEP, STEP_FAR = 1e-10, 1e-6
 
-# Over coordinates and distance: differences of distances below this are rounding.
+# Rounding error of a distance, relative to the sum of the coordinates and the distance.
 ROUNDING = 1e-14
 
-# Of a facet whose radius of curvature is ten times the distance or more, each iteration gains a
-# digit. Halvings of a step are needed for points that are as far away as the radius of curvature.
+# If a facet's radius of curvature is at least ten times the distance, each iteration gains a digit.
+# Points as far away as the radius of curvature need halved steps.
 ITERATIONS, HALVINGS = 100, 12
 
-# Determinant over the squared trace of a facet's metric, below which two directions are parallel.
+# Two directions are parallel if determinant / trace^2 of the facet's metric is below this.
 SINGULAR = 1e-14
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClosestPoints:
-    """Closest points of facets to n given points.
+    """Points on facets that are closest to n given points.
 
     Attributes:
-        facet: Number of the facet, the lowest one if several are equally near, shape (n,).
+        facet: Facet number, the lowest if several facets are equally near, shape (n,).
         local: Reference coordinates on the facet, shape (n, dim of the facet).
         distance: Distance to the given point, shape (n,), [m].
-        converged: False where the iteration ended without a minimum, shape (n,).
+        converged: False if the iteration did not reach a minimum, shape (n,).
     """
 
     facet: Ints
@@ -54,7 +54,7 @@ class ClosestPoints:
 
 
 def longest_sides(vertices: Floats) -> Floats:
-    """Return the longest side of facets between vertices (facets, vertices, gdim), (facets,)."""
+    """Return the longest side of each facet, (facets,), from (facets, vertices, gdim), [m]."""
     ends = np.array(basix.topology(facet_cell_type(vertices.shape[1]))[1])
     sides = vertices[:, ends[:, 1]] - vertices[:, ends[:, 0]]
     return np.asarray(np.linalg.norm(sides, axis=2).max(axis=1))
@@ -64,9 +64,9 @@ class FacetSurface:
     """Facets of cells of degree 1 or 2, as lines in the plane or surfaces in space.
 
     Args:
-        x: Coordinates of the nodes of each facet in the order of the facet's own Lagrange element,
-            shape (facets, nodes, gdim), [m].
-        vertices: Number of vertices of a facet; these are its first nodes.
+        x: Coordinates of the nodes of each facet in the order of its Lagrange element, shape
+            (facets, nodes, gdim), [m].
+        vertices: Number of vertices of a facet. The vertices are its first nodes.
         degree: Polynomial degree of the geometry.
 
     Attributes:
@@ -75,7 +75,7 @@ class FacetSurface:
 
     def __init__(self, x: Floats, vertices: int, degree: int) -> None:
         kind = facet_cell_type(vertices)
-        # Coordinates of maps are millions of metres: differences would be rounding.
+        # Map coordinates reach millions of metres: subtract the mean to reduce rounding error.
         self._origin: Floats = x.reshape(-1, x.shape[2]).mean(axis=0)
         self._x, self._dim = x - self._origin, x.shape[2] - 1
         self._extent = float(np.abs(self._x).max())
@@ -87,9 +87,9 @@ class FacetSurface:
         table = self._element.tabulate(1, lattice)[..., 0]
         samples = np.einsum("sk,fki->fsi", table[0], self._x)
         slopes = np.linalg.norm(np.einsum("dsk,fki->fsid", table[1:], x), axis=(2, 3)).max(axis=1)
-        # No place in the reference facet is farther from a sample than half a square's diagonal.
+        # A reference point is at most half the diagonal of a grid square from a sample.
         reach = slopes * np.sqrt(self._dim) / (2 * DIVISIONS)
-        # Trees of facets of similar size: small ones must not be searched with the reach of large.
+        # One tree per facet size, so that small facets are not searched with a large radius.
         octaves = np.floor(np.log2(np.maximum(reach, np.finfo(float).tiny)))
         self._trees = [
             (np.flatnonzero(octaves == n), KDTree(samples[octaves == n].reshape(-1, x.shape[2])))
@@ -105,7 +105,7 @@ class FacetSurface:
         return np.asarray(np.min([tree.query(points)[0] for _, tree in self._trees], axis=0))
 
     def shape_functions(self, local: Floats) -> Floats:
-        """Return the shape functions of a facet's nodes at reference coordinates, (n, nodes)."""
+        """Return the nodal shape functions of a facet at reference coordinates, (n, nodes)."""
         return self._element.tabulate(0, local)[0, :, :, 0]
 
     def closest(self, points: Floats) -> ClosestPoints:
@@ -120,18 +120,18 @@ class FacetSurface:
         )
 
     def _candidates(self, points: Floats) -> tuple[Ints, Ints, Floats]:
-        """Return numbers of points, of facets that may be closest, and where to start on these."""
+        """Return candidate pairs of a point and a facet, and the starting point on each facet."""
         nearest = self._nearest(points)
-        found = []
+        pairs = []
         for facets, tree in self._trees:
             radii = nearest + (1.0 + 1e-9) * self._reach[facets].max()
             lists = tree.query_ball_point(points, radii)
-            point = np.repeat(np.arange(len(points)), [len(each) for each in lists])
-            samples = np.concatenate([np.asarray(each, dtype=np.int64) for each in lists])
+            point = np.repeat(np.arange(len(points)), [len(hits) for hits in lists])
+            samples = np.concatenate([np.asarray(hits, dtype=np.int64) for hits in lists])
             place, sample = np.divmod(samples, len(self._lattice))
             away = np.linalg.norm(points[point] - tree.data[samples], axis=1)
-            found.append((point, facets[place], sample, away))
-        point, facet, sample, away = (np.concatenate(each) for each in zip(*found, strict=True))
+            pairs.append((point, facets[place], sample, away))
+        point, facet, sample, away = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
         order = np.lexsort((away, facet, point))
         point, facet, sample = point[order], facet[order], sample[order]
         other = (np.diff(point) > 0) | (np.diff(facet) != 0)
@@ -141,7 +141,7 @@ class FacetSurface:
     def _projected(
         self, points: Floats, facet: Ints, local: Floats
     ) -> tuple[Floats, Floats, Flags]:
-        """Return the closest place on one facet for each point, its distance, and convergence."""
+        """Return the closest point on one facet per given point, its distance, and convergence."""
         local, distance = local.copy(), np.zeros(len(points))
         active = np.arange(len(points))
         for _ in range(ITERATIONS):
@@ -152,8 +152,8 @@ class FacetSurface:
             distance[active] = np.linalg.norm(offset, axis=1)
             step = self._linear_minimum(jacobian, offset, local[active]) - local[active]
             length = np.linalg.norm(np.einsum("pid,pd->pi", jacobian, step), axis=1)
-            enough = STEP * self.sizes[facet[active]] + STEP_FAR * distance[active]
-            active, step = active[length > enough], step[length > enough]
+            tolerance = STEP * self.sizes[facet[active]] + STEP_FAR * distance[active]
+            active, step = active[length > tolerance], step[length > tolerance]
             if not len(active):
                 break
             local[active] = self._best_part(points[active], facet[active], local[active], step)
@@ -162,7 +162,7 @@ class FacetSurface:
         return local, distance, converged
 
     def _best_part(self, points: Floats, facet: Ints, local: Floats, step: Floats) -> Floats:
-        """Return where the distance is least after a step or a half, a quarter, ... of it."""
+        """Return the best point after the full step or a half, a quarter, ... of it."""
 
         def distance(at: Floats, which: Ints) -> Floats:
             places = np.einsum("pk,pki->pi", self.shape_functions(at), self._x[facet[which]])
@@ -173,9 +173,9 @@ class FacetSurface:
         least, rounding = distance(best, which), ROUNDING * (self._extent + before)
         for halving in range(1, HALVINGS + 1):
             shorter = local[which] + 0.5**halving * step[which]
-            found = distance(shorter, which)
-            better = found < (least - rounding)[which]
-            best[which[better]], least[which[better]] = shorter[better], found[better]
+            trial_distance = distance(shorter, which)
+            better = trial_distance < (least - rounding)[which]
+            best[which[better]], least[which[better]] = shorter[better], trial_distance[better]
             which = which[better | (least > before + rounding)[which]]
             if not len(which):
                 break
@@ -186,19 +186,19 @@ class FacetSurface:
     def _linear_minimum(self, jacobian: Floats, offset: Floats, local: Floats) -> Floats:
         """Return the place in the reference facet that minimises |offset - J (place - local)|.
 
-        The minimum lies inside, where it is that without bounds, or else on one of the edges.
+        The minimum is the unbounded one if that lies inside the facet, otherwise on an edge.
         """
         least, place = np.full(len(local), np.inf), local.copy()
         for start, end in self._edges:
-            rest = offset - np.einsum("pid,pd->pi", jacobian, start - local)
+            from_start = offset - np.einsum("pid,pd->pi", jacobian, start - local)
             along = jacobian @ (end - start)
             square = (along**2).sum(axis=1)
             ratio = np.zeros(len(local))
-            np.divide((along * rest).sum(axis=1), square, out=ratio, where=square > 0.0)
+            np.divide((along * from_start).sum(axis=1), square, out=ratio, where=square > 0.0)
             share = np.clip(ratio, 0.0, 1.0)[:, None]
-            miss = np.linalg.norm(rest - share * along, axis=1)
-            nearer = miss < least
-            least[nearer], place[nearer] = miss[nearer], (start + share * (end - start))[nearer]
+            residual = np.linalg.norm(from_start - share * along, axis=1)
+            nearer = residual < least
+            least[nearer], place[nearer] = residual[nearer], (start + share * (end - start))[nearer]
         if self._dim == 2:
             a, b = jacobian[:, :, 0], jacobian[:, :, 1]
             aa, ab, bb = ((u * v).sum(axis=1) for u, v in ((a, a), (a, b), (b, b)))
@@ -206,8 +206,8 @@ class FacetSurface:
             determinant = aa * bb - ab**2
             regular = determinant > SINGULAR * (aa + bb) ** 2
             step = np.zeros_like(local)
-            right = np.stack([bb * ar - ab * br, aa * br - ab * ar], axis=1)
-            np.divide(right, determinant[:, None], out=step, where=regular[:, None])
+            numerator = np.stack([bb * ar - ab * br, aa * br - ab * ar], axis=1)
+            np.divide(numerator, determinant[:, None], out=step, where=regular[:, None])
             inner = local + step
             beyond = inner.sum(axis=1) if len(self._edges) == 3 else inner.max(axis=1)
             inside = regular & (inner.min(axis=1) >= 0.0) & (beyond <= 1.0)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Every difference between the supported DOLFINx versions (0.9 to 0.11) in one place."""
+"""All code that depends on the DOLFINx version (0.9 to 0.11)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from dolfinx_joints.common.errors import JointsError
 def create_mesh(
     comm: Any, cells: Ints, x: Floats, element: Any, partitioner: Callable[..., Any] | None = None
 ) -> Any:
-    """Distribute a mesh; DOLFINx 0.10 swapped coordinates and element (collective)."""
+    """Create and distribute a mesh; 0.10 swapped coordinates and element (collective)."""
     from dolfinx import mesh
 
     parameters = list(inspect.signature(mesh.create_mesh).parameters)
@@ -30,7 +30,7 @@ def create_mesh(
 
 
 def cell_partitioner() -> Callable[..., Any]:
-    """DOLFINx's partitioner without ghosts; since 0.10 it is told how many cells share a facet."""
+    """Return DOLFINx's partitioner without ghosts; 0.10 added the number of cells per facet."""
     from dolfinx.mesh import GhostMode, create_cell_partitioner
 
     try:
@@ -40,7 +40,7 @@ def cell_partitioner() -> Callable[..., Any]:
 
 
 def adjacency_list(links: NDArray[Any], offsets: NDArray[Any]) -> Any:
-    """An adjacency list as partitioners return it; inside of a Python object since 0.10."""
+    """Return an adjacency list for partitioners; since 0.10 a Python object wraps it."""
     from dolfinx.graph import adjacencylist
 
     made = adjacencylist(links.astype(np.int32), offsets.astype(np.int32))
@@ -48,26 +48,26 @@ def adjacency_list(links: NDArray[Any], offsets: NDArray[Any]) -> Any:
 
 
 def facet_permutations(mesh: Any) -> NDArray[np.uint8]:
-    """Codes of the permutations of the facets' quadrature points, (cells * facets per cell,).
+    """Return the codes that permute facet quadrature points, (cells * facets per cell,).
 
-    A view of the codes that DOLFINx assembles with: writing to it changes these, which Python's
-    interface does not offer.
+    The result is a writable view of the codes that DOLFINx uses in assembly. DOLFINx's Python
+    interface itself does not allow writing to them.
 
     Raises:
-        JointsError: This version of DOLFINx hands out a copy.
+        JointsError: This version of DOLFINx returns a copy.
     """
     mesh.topology.create_entity_permutations()
     known, again = (mesh.topology.get_facet_permutations() for _ in range(2))
     if not known.size:  # a rank without cells
         return np.empty(0, dtype=np.uint8)
     if known.ctypes.data != again.ctypes.data:
-        raise JointsError("This version of DOLFINx copies permutations of facets: no dS on joints.")
+        raise JointsError("This DOLFINx version copies facet permutations; dS cannot be used.")
     first = ctypes.cast(known.ctypes.data, ctypes.POINTER(ctypes.c_uint8))
     return np.ctypeslib.as_array(first, known.shape)
 
 
 def create_submesh(mesh: Any, dim: int, entities: NDArray[np.int32]) -> tuple[Any, Any]:
-    """Mesh of some entities, and the entity of each of its cells; a map object since 0.10."""
+    """Return the mesh of some entities, and the entity of each cell; a map since 0.10."""
     from dolfinx import mesh as dolfinx_mesh
 
     made, entity, *_ = dolfinx_mesh.create_submesh(mesh, dim, entities.astype(np.int32))
@@ -79,10 +79,11 @@ def create_submesh(mesh: Any, dim: int, entities: NDArray[np.int32]) -> tuple[An
 
 
 def surface_entity_maps(body: Any, surface: Any, facets: NDArray[Any], cells: NDArray[Any]) -> Any:
-    """What `fem.form` takes to find the surface's cell of facets of the body, several to a cell.
+    """Return the entity maps for `fem.form` from facets of the body to cells of the surface.
 
-    Since 0.10 a map leads from cells of a submesh to entities of a mesh, one to one, and serves
-    both ways; several facets have one cell here, so the surface takes the place of the mesh.
+    Since 0.10 an entity map is one to one, from cells of a submesh to entities of a mesh, and
+    works in both directions. Here several facets have the same cell, so the surface is passed as
+    the mesh and the body as the submesh.
     """
     from dolfinx import mesh
 
@@ -95,14 +96,14 @@ def surface_entity_maps(body: Any, surface: Any, facets: NDArray[Any], cells: ND
 
 
 def merged_entity_maps(maps: Sequence[Any]) -> Any:
-    """What `fem.form` takes, of several `surface_entity_maps`; None of none."""
+    """Merge several `surface_entity_maps` for `fem.form`; None if there are no maps (0.10)."""
     if maps and isinstance(maps[0], dict):
         return {mesh: known for each in maps for mesh, known in each.items()}
     return [known for each in maps for known in each] or None
 
 
 def permuted_points(facet_vertices: int, points: Floats, code: int) -> Floats:
-    """Points of a reference facet as FFCx permutes them by a code, shape (n, facet dimension)."""
+    """Return the points of a reference facet permuted by an FFCx code, (n, facet dimension)."""
     from ffcx.ir import elementtables
 
     if facet_vertices == 2:
@@ -115,21 +116,21 @@ def permuted_points(facet_vertices: int, points: Floats, code: int) -> Floats:
 
 
 def geometry_nodes(mesh: Any) -> NDArray[np.int32]:
-    """Local nodes of each local cell, shape (cells, nodes of a cell); one of a list since 0.11."""
+    """Return the nodes of the local cells, (cells, nodes of a cell); in a list since 0.11."""
     geometry = mesh.geometry
     found = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
     return np.asarray(found, dtype=np.int32)
 
 
 def geometry_degree(mesh: Any) -> int:
-    """Degree of the cells' geometry; its map is one of a list since 0.11."""
+    """Return the degree of the cell geometry; the coordinate map is in a list since 0.11."""
     geometry = mesh.geometry
     found = geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap
     return int(found.degree)
 
 
 def gmsh_permutation(cell_name: str, num_nodes: int) -> Ints:
-    """Map from Gmsh's node order to DOLFINx's; the module was renamed in 0.10."""
+    """Return the map from Gmsh's node order to DOLFINx's; 0.10 renamed the module."""
     from dolfinx.mesh import CellType
 
     try:
@@ -140,7 +141,7 @@ def gmsh_permutation(cell_name: str, num_nodes: int) -> Ints:
 
 
 def petsc_code(error: Exception) -> int:
-    """PETSc's code of what SLEPc raised; slepc4py 3.25 hides it as the cause of a SystemError."""
+    """Return the PETSc code of a SLEPc error; slepc4py 3.25 wraps it in a SystemError."""
     known = error.__cause__ if isinstance(error, SystemError) else error
     code = getattr(known, "ierr", None)
     if code is None:
@@ -149,17 +150,14 @@ def petsc_code(error: Exception) -> int:
 
 
 def interpolation_points(V: Any) -> Floats:
-    """Points of the reference cell that interpolation evaluates at; no method since 0.10."""
+    """Return the reference points of interpolation; a property, not a method, since 0.10."""
     points = V.element.interpolation_points
     return np.asarray(points() if callable(points) else points)
 
 
 def _show_warnings() -> None:
-    """Let warnings be seen: FFCx 0.9 hands them to a logger that may show none.
-
-    Loggers that handle them keep them.
-    """
-    import ffcx  # noqa: F401, which must have done so before
+    """Undo FFCx 0.9's redirection of warnings to logging, unless a handler shows them."""
+    import ffcx  # noqa: F401, redirects the warnings on import
 
     loggers = (logging.getLogger(), logging.getLogger("py.warnings"))
     handlers = [h for logger in loggers for h in logger.handlers]

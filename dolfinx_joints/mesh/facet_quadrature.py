@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Quadrature rules on joint facets: Gauss points, the nodes, or nodes and centre."""
+"""Quadrature rules on joint facets: at Gauss points, at nodes, or at nodes and the centre."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from dolfinx_joints.mesh.cells import Floats, lagrange
 _SIMPSON = np.array([1.0, 1.0, 4.0]) / 6.0
 _NODES_AND_CENTRE = np.array([3.0, 8.0, 27.0]) / 120.0  # a vertex, an edge, the centre
 RULES = ("auto", "nodal", "gauss")
-GAUSS_DEGREES = (2, 20)  # one point per facet, degree 1, would let it turn
+GAUSS_DEGREES = (2, 20)  # degree 1 has one point per facet: the facet could rotate freely
 
 
 def facet_cell_type(facet_vertices: int) -> basix.CellType:
-    """Reference cell of a facet with 2, 3 or 4 vertices."""
+    """Return the reference cell of a facet with 2, 3 or 4 vertices."""
     return {
         2: basix.CellType.interval,
         3: basix.CellType.triangle,
@@ -29,27 +29,27 @@ def facet_cell_type(facet_vertices: int) -> basix.CellType:
 
 
 def vertex_functions(facet_vertices: int, places: Floats) -> Floats:
-    """Linear functions of a facet's vertices at places on it, shape (q, vertices)."""
+    """Return the linear vertex functions of a facet at reference points, (q, vertices)."""
     return lagrange(facet_cell_type(facet_vertices), 1).tabulate(0, places)[0, :, :, 0]
 
 
 def facet_rule(facet_vertices: int, degree: int, rule: str | int = "auto") -> tuple[Floats, Floats]:
-    """Points and weights on the reference facet.
+    """Return the points and weights of a quadrature rule on the reference facet.
 
-    A nodal rule has one point per pair of nodes, which keeps contact tractions free of
-    oscillation however stiff the joint is. Its weights are the integrals of the shape functions,
-    so that a uniform traction makes the right nodal forces. On 6-node triangles these integrals
-    vanish at the vertices: the points of ``nodal`` are the nodes on the edges there, and it leaves
-    pairs of vertices untied, free to part and to overlap however stiff the joint is. ``auto``
-    adds vertices and centre there; a rule exact to degree 3 with positive weights, which ties
-    every pair.
+    A nodal rule has one point per node pair. Contact tractions then do not oscillate, regardless
+    of the joint stiffness. The weights are the integrals of the shape functions, so a uniform
+    traction gives the correct nodal forces.
+
+    On 6-node triangles these integrals are zero at the vertices. ``nodal`` then uses only the
+    nodes on the edges, so vertex pairs can open and overlap without resistance. ``auto`` uses the
+    vertices and the centre as well: exact to degree 3, with a positive weight at every node.
 
     Args:
         facet_vertices: 2, 3 or 4.
         degree: Degree of the displacement on the facet, 1 or 2.
-        rule: ``nodal``; ``gauss``, exact for polynomials of twice the degree; a whole number
-            from 2 to 20, the degree of polynomials that a Gauss rule is exact for; or ``auto``:
-            nodes and centre on 6-node triangles, beyond degree 2 ``gauss``, otherwise ``nodal``.
+        rule: ``nodal``; ``gauss``, exact for polynomials of twice the degree; or the degree to
+            which a Gauss rule is exact, from 2 to 20. ``auto`` is nodes and centre on 6-node
+            triangles, ``gauss`` above degree 2, otherwise ``nodal``.
 
     Returns:
         Points, shape (n, facet dimension), and weights, shape (n,), on the basix reference facet.
@@ -61,7 +61,7 @@ def facet_rule(facet_vertices: int, degree: int, rule: str | int = "auto") -> tu
     kind = facet_cell_type(facet_vertices)
     if rule == "nodal" and degree not in (1, 2):
         raise ValueError(
-            f"quadrature 'nodal' exists for degree 1 and 2, not {degree}; use 'gauss'."
+            f"quadrature 'nodal' exists for degrees 1 and 2 only, not for {degree}; use 'gauss'."
         )
     if rule not in ("auto", "nodal") or degree not in (1, 2):
         exact_to = 2 * degree if isinstance(rule, str) else operator.index(rule)
@@ -81,7 +81,7 @@ def facet_rule(facet_vertices: int, degree: int, rule: str | int = "auto") -> tu
 
 
 def check_rule(rule: Any) -> None:
-    """Refuse what is neither the name of a rule nor the degree of one."""
+    """Raise ValueError unless ``rule`` is the name or the degree of a quadrature rule."""
     least, most = GAUSS_DEGREES
     if rule not in (RULES if isinstance(rule, str) else range(least, most + 1)):
         raise ValueError(

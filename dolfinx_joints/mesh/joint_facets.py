@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Facet pairs of the joints as interior facets of DOLFINx's forms.
 
-An interior-facet integral takes two cells with a facet of each. Nothing in DOLFINx asks these
-facets to be one and the same, but for the order of quadrature points: on each side they are
-permuted by a code that follows from the global numbers of the facet's vertices, so that the two
-sides agree on it. The two faces of a joint have vertices of their own. So the code of the + facet
-is replaced by the one that puts its points where those of the - facet are. It is an exterior
-facet, whose code matters only where an integral over the + side has functions on a submesh of
-facets: they go under an interior-facet integral instead.
+An interior-facet integral takes two cells and one facet of each. DOLFINx does not require that
+the two facets are the same; only the order of their quadrature points must agree. On each side a
+code derived from the global vertex numbers permutes the points. The two faces of a joint have
+different vertices, so their codes differ. This module replaces the code of the + facet by the one
+that moves its points onto those of the - facet. The + facet is an exterior facet: the code has no
+other effect, except in ``ds`` integrals over the + side with functions on a submesh of facets. Use
+interior-facet integrals for these functions.
 """
 
 from __future__ import annotations
@@ -28,14 +28,13 @@ from dolfinx_joints.mesh.joint_pairs import JointPairs
 
 @dataclass(frozen=True, kw_only=True)
 class IntegratedPairs:
-    """The facet pairs of this rank, over which it integrates.
+    """Facet pairs that this rank integrates over.
 
     Attributes:
-        entities: Local cell and facet on the + side, then on the - side, shape (n, 4); the first
-            side of an interior-facet integral is the ``+`` of UFL.
-        turned: Where the points of the - facet's permutation stand: for each vertex of the
-            reference facet as integrals see it, the vertex of the - facet, shape
-            (n, vertices per facet).
+        entities: Local cell and facet on the + side, then on the - side, shape (n, 4). The first
+            side of an interior-facet integral is ``+`` in UFL.
+        turned: Vertex of the - facet at each vertex of the permuted reference facet, as integrals
+            use it, shape (n, vertices per facet).
     """
 
     entities: Ints
@@ -49,10 +48,10 @@ def integrated_pairs(
     minus: NDArray[np.int32],
     plus: NDArray[np.int32],
 ) -> IntegratedPairs:
-    """Find the pairs of this rank, and make the quadrature points of their two sides meet.
+    """Return the pairs of this rank, and align the quadrature points of their two sides.
 
-    The cells across the joints are ghosts on the rank of the - side; ``minus`` and ``plus`` are the
-    local numbers of each pair's cells.
+    ``minus`` and ``plus`` are the local numbers of the cells of each pair. The + cells may be
+    ghosts.
     """
     entities = np.column_stack([plus, pairs.plus[:, 1], minus, pairs.minus[:, 1]])
     codes = dolfinx_versions.facet_permutations(mesh)
@@ -66,11 +65,11 @@ def integrated_pairs(
 
 
 def vertex_permutations(facet_vertices: int) -> Ints:
-    """Where each code of DOLFINx takes the vertices of a facet, shape (codes, vertices)."""
+    """Return the vertex permutation of each DOLFINx facet code, shape (codes, vertices)."""
     corners = basix.cell.geometry(facet_cell_type(facet_vertices))
     moved = [
         dolfinx_versions.permuted_points(facet_vertices, corners, code)
         for code in range(2 if facet_vertices == 2 else 2 * facet_vertices)
     ]
-    apart = np.linalg.norm(np.array(moved)[:, :, None] - corners, axis=3)
-    return apart.argmin(axis=2)
+    distances = np.linalg.norm(np.array(moved)[:, :, None] - corners, axis=3)
+    return distances.argmin(axis=2)

@@ -3,7 +3,7 @@
 """Geometry of joint facets, and the local frames (n, s1, s2) of joints.
 
 Each local frame is right-handed and continuous along a joint: s2 is the steepest direction in the
-joint and s1 is horizontal; where a joint comes near the horizontal, s1 follows x (else y) instead.
+joint and s1 is horizontal. On joints with nearly horizontal facets, s1 follows x, or else y.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from dolfinx_joints.mesh.joint_pairs import JointPairs
 def facet_geometry(
     pairs: JointPairs, shape: CellShape, places: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Geometry of the - facets at places on the reference facet, shape (q, facet dimension).
+    """Return the geometry of the - facets at reference points, shape (q, facet dimension).
 
     Returns:
-        Coordinates, shape (F, q, 3), unit normals to the + side (F, q, 3), area stretch (F, q).
+        Coordinates (F, q, 3) [m], unit normals to the + side (F, q, 3), area factors (F, q).
     """
     gdim = pairs.nodes.shape[2]
     element = lagrange(facet_cell_type(shape.facet_vertices.shape[1]), shape.degree)
@@ -42,23 +42,23 @@ def facet_geometry(
 
 
 def fixed_axes(pairs: JointPairs, shape: CellShape) -> list[int]:
-    """The global axis (0, 1, 2) that a tangent of each joint follows."""
+    """Return, for each joint, the global axis (0, 1, 2) that one of its tangents follows."""
     corners = basix.cell.geometry(facet_cell_type(shape.facet_vertices.shape[1]))
     normal = facet_geometry(pairs, shape, corners)[1]
     return [fixed_axis(normal[pairs.joint == i].reshape(-1, 3)) for i in range(len(pairs.names))]
 
 
 def fixed_axis(normal: Floats) -> int:
-    """The first of z, x, y that is near none of some unit normals, shape (n, 3)."""
+    """Return the first of z, x, y that is nearly parallel to no unit normal, shape (n, 3)."""
     axes = (2, 0, 1)
     across = np.minimum(normal[:, axes] ** 2, 1.0)
     shortest = np.sqrt(1.0 - across).min(axis=0, initial=1.0)
-    enough = np.flatnonzero(shortest > 0.3)
-    return axes[enough[0] if len(enough) else shortest.argmax()]
+    suitable = np.flatnonzero(shortest > 0.3)
+    return axes[suitable[0] if len(suitable) else shortest.argmax()]
 
 
 def frames(normal: Floats, axis: int, *, plane: bool) -> Floats:
-    """Rows n, s1, s2 of frames along one joint, shape (n, 3, 3), of normals of shape (n, 3)."""
+    """Return the frames along a joint, rows n, s1, s2, (n, 3, 3), from normals (n, 3)."""
     if plane:
         s2 = np.broadcast_to([0.0, 0.0, 1.0], normal.shape)
         return np.stack([normal, np.cross(s2, normal), s2], axis=1)
@@ -70,7 +70,7 @@ def frames(normal: Floats, axis: int, *, plane: bool) -> Floats:
 
 
 def ufl_frame(normal: Any, axis: int) -> Any:
-    """`frames` as a UFL matrix, rows n, s1 and in space s2, of a unit normal in UFL."""
+    """Return the frame of a unit normal in UFL as a matrix: rows n, s1 and, in 3-D, s2."""
     if normal.ufl_shape == (2,):
         return ufl.as_matrix([[normal[0], normal[1]], [-normal[1], normal[0]]])
     tangent = ufl.unit_vector(axis, 3) - normal[axis] * normal

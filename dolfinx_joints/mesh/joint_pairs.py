@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What ties the two sides of joints together: a table of facet pairs."""
+"""Table of the facet pairs that connect the two sides of the joints."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from dolfinx_joints.mesh.cells import Floats, Ints
 
 @dataclass(frozen=True, kw_only=True)
 class JointPairs:
-    """Facet pairs of the joints, in a `JointedMesh` those whose - cell this rank owns.
+    """Facet pairs of the joints. A `JointedMesh` has those whose - cell this rank owns.
 
     Attributes:
         names: Joint names.
         count: Number of pairs on all ranks.
-        axes: The global axis (0, 1, 2) that a tangent of each joint follows.
-        number: Number of each pair among all, ascending, shape (num_pairs,).
+        axes: Global axis (0, 1, 2) that one tangent of each joint follows.
+        number: Global number of each pair, ascending, shape (num_pairs,).
         joint: Joint number of each pair, ascending, shape (num_pairs,).
         minus: Input cell number and local facet on the - side, shape (num_pairs, 2).
         plus: The same on the + side.
-        match: Position among the vertices of the + facet of the partner of each vertex of the
-            - facet, shape (num_pairs, vertices per facet).
-        minus_vertices: Numbers of the vertices of the - facet, shape like ``match``.
-        plus_vertices: Numbers of their partners on the + side; equal on the joint's front.
-        nodes: Coordinates of the nodes of the - facet in the order of the facet's own Lagrange
-            element, shape (num_pairs, nodes per facet, gdim), [m].
-        sign: 1 where the normal by the vertex order of the - facet points to the + side, else -1.
-        gaps_in_geometry: Whether the two faces may be apart in the mesh itself.
-        bonded: Joint facets per joint that cannot open, shape (num_joints,).
+        match: Position in the + facet of the partner of each vertex of the - facet, shape
+            (num_pairs, vertices per facet).
+        minus_vertices: Node numbers of the vertices of the - facet, shape like ``match``.
+        plus_vertices: Node numbers of their partners on the + side; equal on the joint's front.
+        nodes: Coordinates of the nodes of the - facet in the order of its Lagrange element, shape
+            (num_pairs, nodes per facet, gdim), [m].
+        sign: 1 if the normal by vertex order of the - facet points to the + side, otherwise -1.
+        gaps_in_geometry: True if the two faces may be apart in the undeformed mesh.
+        bonded: Number of facets of each joint that cannot open, shape (num_joints,).
     """
 
     names: tuple[str, ...]
@@ -55,34 +55,35 @@ class JointPairs:
     bonded: Ints
 
     def rows(self) -> dict[str, Any]:
-        """What there is of each pair, by name."""
+        """Return the arrays that have one row per pair, by name."""
         return {name: getattr(self, name) for name in PAIR_ROWS}
 
     def block(self, start: int, stop: int) -> JointPairs:
-        """Some of the pairs."""
-        return replace(self, **{name: each[start:stop] for name, each in self.rows().items()})
+        """Return the pairs from position ``start`` up to ``stop``."""
+        return replace(self, **{name: values[start:stop] for name, values in self.rows().items()})
 
     def sent_to(self, comm: Any, rank: NDArray[Any]) -> JointPairs:
-        """Send each pair to a rank; those that this one gets (collective)."""
-        return self._of({name: sent_to(comm, rank, each) for name, each in self.rows().items()})
+        """Send each pair to a rank, and return the pairs received (collective)."""
+        return self._with({name: sent_to(comm, rank, row) for name, row in self.rows().items()})
 
     def gathered(self, comm: Any) -> JointPairs:
-        """The pairs of all ranks (collective)."""
+        """Return the pairs of all ranks (collective)."""
         rows = self.rows().items()
-        return self._of({name: np.concatenate(comm.allgather(each)) for name, each in rows})
+        return self._with({name: np.concatenate(comm.allgather(values)) for name, values in rows})
 
-    def _of(self, rows: dict[str, Any]) -> JointPairs:
+    def _with(self, rows: dict[str, Any]) -> JointPairs:
+        """Return the pairs with these rows, sorted by number."""
         order = np.argsort(rows["number"])
-        return replace(self, **{name: each[order] for name, each in rows.items()})
+        return replace(self, **{name: values[order] for name, values in rows.items()})
 
 
 PAIR_ROWS = tuple(
-    each.name
-    for each in fields(JointPairs)
-    if each.name not in ("names", "count", "axes", "gaps_in_geometry", "bonded")
+    field.name
+    for field in fields(JointPairs)
+    if field.name not in ("names", "count", "axes", "gaps_in_geometry", "bonded")
 )
 
 
 def no_such_joint(name: Any, names: Collection[str]) -> str:
-    """Return the message on the name of a joint that a mesh does not have."""
+    """Return the error message for an unknown joint name."""
     return f"There is no joint {shown(name)}; the joints are: {', '.join(names) or 'none'}."

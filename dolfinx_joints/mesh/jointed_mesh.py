@@ -3,8 +3,8 @@
 """Meshes with named groups whose nodes are duplicated across the joints.
 
 After splitting, the two sides of a joint are ordinary exterior facets of an ordinary DOLFINx mesh:
-any function space, form or writer works on it. `JointedMesh.dS` is the measure of integrals over
-joints. What ties the sides together is `JointPairs`, of which each rank has its part.
+any function space, form or writer works on it. `JointedMesh.dS` is the measure for integrals over
+joints. `JointPairs` connects the two sides; each rank has its part of the pairs.
 """
 
 from __future__ import annotations
@@ -34,21 +34,22 @@ from dolfinx_joints.mesh.joint_surface import JointSurface, compiled
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class JointedMesh(Summarised):
-    """A DOLFINx mesh split at its joints, with its groups by name.
+    """DOLFINx mesh split at its joints, with named groups.
 
-    For integrals over a joint take `dS`, over one side of it ``ds("NAME-")`` or ``ds("NAME+")``:
-    both sides are exterior facets, so that ``ufl.dS`` has none of them and gives zero there.
-    Functions on a joint live on `surface` and go under `dS`, restricted to either side, or under
-    ``ds("NAME-")``; under ``ds("NAME+")`` functions on any submesh of facets may be wrong, without
-    an error, once `dS` is in use.
+    Integrate over a joint with `dS`, and over one side with ``ds("NAME-")`` or ``ds("NAME+")``.
+    Both sides are exterior facets: ``ufl.dS`` does not include them and gives zero there.
+
+    Functions on a joint are defined on `surface`. Integrate them with `dS`, restricted to either
+    side, or with ``ds("NAME-")``. Do not use ``ds("NAME+")`` for functions on a submesh of facets:
+    once `dS` has been used, the result may be wrong without an error.
 
     Attributes:
         mesh: The mesh.
         shape: Reference cell and degree of the geometry.
         cell_tags: Tags of the cells.
         cell_groups: Tags that make up each named cell group.
-        pairs: The facet pairs of the joints whose - cell this rank owns.
-        _facet_tags: Tags of the facets, those of the joints' sides among them.
+        pairs: Facet pairs of the joints whose - cell this rank owns.
+        _facet_tags: Tags of the facets, including the sides of the joints.
         _facet_groups: Tags that make up each named facet group and each side.
     """
 
@@ -65,7 +66,7 @@ class JointedMesh(Summarised):
         cells = topology.index_map(topology.dim).size_global
         nodes, ranks = geometry.index_map().size_global, self.mesh.comm.size
         yield "cells", f"{number(cells)}, {self.shape.name}, degree {self.shape.degree}"
-        yield "nodes", f"{number(nodes)} in {geometry.dim} dimensions, those on joints twice"
+        yield "nodes", f"{number(nodes)} in {geometry.dim} dimensions, duplicated on joints"
         yield "joints", names(self.joint_names) or "none"
         yield "joint facets", number(self.pairs.count) if self.joint_names else ""
         yield "cell groups", names(self.cell_groups)
@@ -74,7 +75,7 @@ class JointedMesh(Summarised):
 
     @cached_property
     def facet_groups(self) -> dict[str, tuple[int, ...]]:
-        """Tags that make up each named facet group, none of a joint's side."""
+        """Tags that make up each named facet group, without the sides of joints."""
         groups, names = self._facet_groups, self.joint_names
         sides = {side: groups[side] for name in names for side in (f"{name}-", f"{name}+")}
         of_sides = {tag for tags in sides.values() for tag in tags}
@@ -86,7 +87,7 @@ class JointedMesh(Summarised):
 
     @cached_property
     def facet_tags(self) -> dolfinx.mesh.MeshTags:
-        """Tags of the facets, none on a joint."""
+        """Tags of the facets, without the sides of joints."""
         tags, every = self._facet_tags, self.facet_groups.values()
         kept = np.isin(tags.values, [tag for tags_of_group in every for tag in tags_of_group])
         return mesh_tags(self.mesh, tags.dim, tags.indices[kept], tags.values[kept])
@@ -97,55 +98,55 @@ class JointedMesh(Summarised):
         return self.pairs.names
 
     def facets(self, name: str) -> NDArray[np.int32]:
-        """Local facets of a named group, or of a side ``NAME-`` or ``NAME+`` of a joint.
+        """Return the local facets of a group, or of a side ``NAME-`` or ``NAME+`` of a joint.
 
         Raises:
-            MeshError: There is no such group.
+            MeshError: The group does not exist.
         """
         tags = self._tags_of_facets(name)
         return self._facet_tags.indices[np.isin(self._facet_tags.values, tags)]
 
     def boundary_facets(self, name: str) -> NDArray[np.int32]:
-        """Owned facets of such a group, all on the boundary of the body (collective).
+        """Return the owned facets of a group on the boundary of the body (collective).
 
         Raises:
-            MeshError: There is no such group, or some of its facets lie inside the body.
+            MeshError: The group does not exist, or some of its facets lie inside the body.
         """
         facets, topology = self.facets(name), self.mesh.topology
         facet_map, outer = topology.index_map(topology.dim - 1), exterior_facet_indices(topology)
         marked = la.vector(facet_map)
-        marked.array[facets] = 1.0  # where two ranks meet, one alone may know of the group
+        marked.array[facets] = 1.0  # only one of the ranks that share a facet may have its tag
         marked.scatter_reverse(la.InsertMode.add)
         marked.array[outer] = 0.0
         inside = self.mesh.comm.allreduce(np.count_nonzero(marked.array[: facet_map.size_local]))
         if inside:
             raise MeshError(
                 f"{inside} facets of {name!r} lie inside the body; loads, springs, viscous "
-                "boundaries, water and integrals over ds act on its boundary only."
+                "boundaries, water and integrals over ds need facets on its boundary."
             )
         return np.intersect1d(facets, outer)
 
     def corners(self, name: str) -> Floats:
-        """Vertices of the facets of such a group, shape (n, vertices per facet, gdim), [m]."""
+        """Return the vertices of the facets of a group, (n, vertices per facet, gdim), [m]."""
         x, facets = self.mesh.geometry.x[:, : self.mesh.geometry.dim], self.facets(name)
-        if not len(facets):  # DOLFINx divides by their number
+        if not len(facets):  # DOLFINx divides by the number of facets
             return np.empty((0, self.shape.facet_vertices.shape[1], x.shape[1]))
         return x[entities_to_geometry(self.mesh, self.mesh.topology.dim - 1, facets)]
 
     def cells(self, name: str) -> NDArray[np.int32]:
-        """Local cells of a named group.
+        """Return the local cells of a named group.
 
         Raises:
-            MeshError: There is no such group.
+            MeshError: The group does not exist.
         """
         tags = _tags_of(self.cell_groups, name, "cell")
         return self.cell_tags.indices[np.isin(self.cell_tags.values, tags)]
 
     def ds(self, name: str) -> ufl.Measure:
-        """Surface measure of a named group, or of a side ``NAME-`` or ``NAME+`` of a joint.
+        """Return the surface measure of a group, or of a side ``NAME-`` or ``NAME+`` of a joint.
 
         Raises:
-            MeshError: There is no such group, or some of its facets lie inside the body.
+            MeshError: The group does not exist, or some of its facets lie inside the body.
         """
         self.boundary_facets(name)
         tags = self._tags_of_facets(name)
@@ -154,8 +155,8 @@ class JointedMesh(Summarised):
     def _tags_of_facets(self, name: str) -> tuple[int, ...]:
         if name in self.joint_names:
             raise MeshError(
-                f"{name!r} is a joint; integrals over it take dS({name!r}), one side of it is the "
-                f"facet group '{name}-' or '{name}+'."
+                f"{name!r} is a joint, not a facet group; use dS({name!r}) for integrals, or "
+                f"its sides '{name}-' and '{name}+'."
             )
         return _tags_of(self._facet_groups, name, "facet")
 
@@ -166,32 +167,32 @@ class JointedMesh(Summarised):
         quadrature: str | int | None = None,
         degree: int | None = None,
     ) -> ufl.Measure:
-        """Interior-facet measure of joints, for forms on any function spaces of `mesh`.
+        """Return the interior-facet measure of joints, for forms on function spaces of `mesh`.
 
-        The sides are those of the conventions: ``jump(u)`` is u+ - u- and
-        ``FacetNormal(mesh)("-")`` the normal n, see also `frame`; ``jump(u + x)`` with the mesh's
-        own ``SpatialCoordinate`` x includes gaps in the geometry. Where faces that are apart have
-        other areas, that of the + face counts. Restrict every function: one of a Lagrange space
-        without ``("+")`` or ``("-")`` UFL takes for continuous, on its + side.
+        ``jump(u)`` is u+ - u-, and ``FacetNormal(mesh)("-")`` is the normal n, see also `frame`.
+        ``jump(u + x)`` with ``x = SpatialCoordinate(mesh)`` includes gaps in the geometry. If the
+        two faces are apart and differ in area, the area of the + face counts. Restrict every
+        function by ``("+")`` or ``("-")``: UFL treats an unrestricted function of a Lagrange space
+        as continuous and evaluates it on the + side.
 
-        ``ufl.dS`` has the facets inside the body only; a form that has both takes
-        ``jointed.dS()("everywhere")`` for it. On several ranks DOLFINx refuses ``ufl.dS``, as no
-        other cells than those across joints are ghosts.
+        ``ufl.dS`` covers only facets inside the body. In a form with both measures, use
+        ``jointed.dS()("everywhere")`` instead of ``ufl.dS``. On several ranks DOLFINx rejects
+        ``ufl.dS``, because only the cells across joints are ghosts.
 
         Args:
-            joints: A joint, several, or all.
-            quadrature: ``nodal``, ``gauss`` or a degree, see `facet_rule`; UFL's choice for the
-                integrand unless given, or what ``dS(...)(degree=4)`` says.
-            degree: Degree of the displacement, 1 unless given, that ``nodal`` or ``gauss`` is for.
+            joints: A joint name or several; all joints by default.
+            quadrature: ``nodal``, ``gauss`` or a degree, see `facet_rule`. By default UFL chooses
+                the degree, unless you set it by ``dS(...)(degree=4)``.
+            degree: Degree of the displacement for ``nodal`` or ``gauss``, 1 by default.
 
         Raises:
-            MeshError: There is no such joint.
-            ValueError: The rule does not exist, or a degree was given without one.
+            MeshError: A joint does not exist.
+            ValueError: The rule does not exist, or a degree was given without a rule.
         """
         if quadrature is None and degree is not None:
             raise ValueError(
-                f"degree is {shown(degree)} without quadrature='nodal' or 'gauss': it is that of "
-                "the displacement; the degree of UFL's own rule is dS(...)(degree=4)."
+                f"degree is {shown(degree)} but quadrature is not given; degree is that of the "
+                "displacement, for 'nodal' and 'gauss'. Set UFL's degree by dS(...)(degree=4)."
             )
         numbers = 0 if joints is None else tuple(k + 1 for k in self._positions(joints))
         measure = ufl.Measure("dS", domain=self.mesh, subdomain_data=self._joint_entities)(numbers)
@@ -207,27 +208,27 @@ class JointedMesh(Summarised):
         )
 
     def frame(self, joint: str) -> Any:
-        """The local axes of a joint as a UFL matrix, rows n, s1 and in space s2, to use under `dS`.
+        """Return the local axes of a joint as a UFL matrix for `dS`: rows n, s1 and, in 3-D, s2.
 
         ``dot(jointed.frame("joint_1"), jump(u))`` is the change of the gap in local axes. On curved
-        joints the frame follows the - face of each facet; a nodal rule has the mean of the facets
-        around a node.
+        joints the frame follows the - face of each facet. With a nodal rule, the model uses the
+        mean of the facets around a node instead.
 
         Raises:
-            MeshError: There is no such joint.
+            MeshError: The joint does not exist.
         """
         (position,) = self._positions(joint)
         normal = ufl.FacetNormal(self.mesh)("-")
         return ufl_frame(normal, self.pairs.axes[position])
 
     def surface(self, joints: str | Sequence[str] | None = None) -> JointSurface:
-        """Mesh of the - faces of joints, for functions on them; made once and kept (collective).
+        """Return the mesh of the - faces of joints, created on the first call (collective).
 
         Args:
-            joints: A joint, several, or all.
+            joints: A joint name or several; all joints by default.
 
         Raises:
-            MeshError: There is no such joint.
+            MeshError: A joint does not exist.
         """
         chosen = self._positions(joints)
         if chosen not in self._surfaces:
@@ -236,23 +237,23 @@ class JointedMesh(Summarised):
         return self._surfaces[chosen]
 
     def form(self, form: Any) -> Any:
-        """A form or nested lists of them, compiled by `dolfinx.fem.form` (collective).
+        """Compile a form, or nested lists of forms, by `dolfinx.fem.form` (collective).
 
-        Arguments and coefficients may live on joint surfaces: it finds the entity maps.
+        Arguments and coefficients may be functions on joint surfaces; their entity maps are added.
 
         Raises:
-            MeshError: Functions on a surface stand under another measure than `dS` of its joints,
-                or `ds` of - sides.
+            MeshError: A function on a surface is integrated over anything other than its joints
+                (`dS`) or - sides (`ds`).
         """
         if isinstance(form, list | tuple):
-            return [self.form(each) for each in form]
+            return [self.form(part) for part in form]
         if not self._surfaces or not isinstance(form, ufl.Form):
             return fem.form(form)
         minus = {tag for name in self.joint_names for tag in self._facet_groups[f"{name}-"]}
         return compiled(form, self._surfaces.values(), self.joints_of, minus)
 
     def joints_of(self, integral: Any) -> set[int] | None:
-        """Positions of the joints of an integral over `dS`, None for other integrals."""
+        """Return the positions of the joints of an integral over `dS`, None for other integrals."""
         numbers = integral.subdomain_id()
         if integral.subdomain_data() is not self._joint_entities or isinstance(numbers, str):
             return None
@@ -260,11 +261,11 @@ class JointedMesh(Summarised):
         return set(range(len(self.joint_names))) if -1 in chosen else chosen
 
     def _positions(self, joints: str | Sequence[str] | None) -> tuple[int, ...]:
-        """Positions of joints among their names, ascending."""
+        """Return the positions of joints in the list of joint names, ascending."""
         given = self.joint_names if joints is None else joints
         names = [given] if isinstance(given, str) else given
         if not isinstance(names, list | tuple) or (joints is not None and not names):
-            raise MeshError(f"joints is {shown(joints)}; it must name joints, or be None for all.")
+            raise MeshError(f"joints is {shown(joints)}; give joint names, or None for all.")
         for name in names:
             if name not in self.joint_names:
                 raise MeshError(no_such_joint(name, self.joint_names))
@@ -272,7 +273,7 @@ class JointedMesh(Summarised):
 
     @cached_property
     def _surfaces(self) -> dict[tuple[int, ...], JointSurface]:
-        """Surfaces made so far, by `_positions`."""
+        """Surfaces created so far, by the positions of their joints."""
         return {}
 
     @cached_property
@@ -285,36 +286,36 @@ class JointedMesh(Summarised):
 
     @cached_property
     def _joint_entities(self) -> list[tuple[int, NDArray[np.int32]]]:
-        """Integration entities of all joints as 0, and of each by its number from 1 on."""
-        found = self.integrated_pairs
+        """Integration entities of all joints (tag 0) and of each joint (tags 1, 2, ...)."""
+        pairs = self.integrated_pairs
         joint = self.pairs.joint
-        each = [found.entities[joint == i] for i in range(len(self.joint_names))]
-        return [(i, entities.ravel()) for i, entities in enumerate([found.entities, *each])]
+        of_joints = [pairs.entities[joint == i] for i in range(len(self.joint_names))]
+        return [(i, entities.ravel()) for i, entities in enumerate([pairs.entities, *of_joints])]
 
     def dx(self, name: str) -> ufl.Measure:
-        """Volume measure of a named cell group."""
+        """Return the volume measure of a named cell group."""
         tags = _tags_of(self.cell_groups, name, "cell")
         return ufl.Measure("dx", domain=self.mesh, subdomain_data=self.cell_tags)(tags)
 
 
 def _tags_of(groups: Mapping[str, tuple[int, ...]], name: str, kind: str) -> tuple[int, ...]:
     if not isinstance(name, str) or name not in groups:
-        known = ", ".join(sorted(groups)) or "none"
+        available = ", ".join(sorted(groups)) or "none"
         raise MeshError(
-            f"The mesh has no {kind} group {shown(name)}; its {kind} groups are: {known}."
+            f"The mesh has no {kind} group {shown(name)}; its {kind} groups are: {available}."
         )
     return groups[name]
 
 
 def mesh_tags(mesh: dolfinx.mesh.Mesh, dim: int, entities: Any, values: Any) -> Any:
-    """Tags of some entities in ascending order."""
+    """Return the tags of entities, which are in ascending order."""
     return dolfinx.mesh.meshtags(mesh, dim, entities.astype(np.int32), values.astype(np.int32))
 
 
 def local_cells(mesh: dolfinx.mesh.Mesh, cells: Ints) -> NDArray[np.int32]:
-    """Local numbers of input cells, -1 where this rank does not hold one."""
+    """Return the local numbers of input cells, -1 for cells that are not on this rank."""
     original = np.asarray(mesh.topology.original_cell_index)
     order = np.append(np.argsort(original), -1).astype(np.int32)
     place = np.searchsorted(original, cells, sorter=order[:-1])
-    known = np.append(original, -1)[order]
-    return np.where(known[place] == cells, order[place], -1).astype(np.int32)
+    numbers = np.append(original, -1)[order]
+    return np.where(numbers[place] == cells, order[place], -1).astype(np.int32)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Numbers of nodes that no partition changes, and nodal vectors in their order."""
+"""Node numbers that do not depend on the partition, and nodal vectors in their order."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ from dolfinx_joints.mesh.cells import Floats
 
 
 class NodeNumbering:
-    """Numbers of the nodes in the order of the input mesh, the same on any number of ranks.
+    """Node numbers in the order of the input mesh, equal on any number of ranks.
 
-    In this order nodes are dealt to the ranks in equal blocks, whoever owns them.
+    Each rank receives an equal block of nodes in this order, regardless of ownership.
 
     Attributes:
         space: Vector space of the nodes.
-        count: Number of nodes of all ranks.
-        blocks: First node dealt to each rank, and their number, shape (ranks + 1,).
-        positions: Coordinates of the nodes dealt to this rank, shape (n, 3), [m].
-        number: Position of each local node (ghosts included) in that order.
+        count: Number of nodes on all ranks.
+        blocks: First node of each rank's block, and the number of nodes, shape (ranks + 1,).
+        positions: Coordinates of the nodes in this rank's block, shape (n, 3), [m].
+        number: Number of each local node, including ghosts.
     """
 
     def __init__(self, V: FunctionSpace) -> None:
-        """Exchange the order once (collective)."""
+        """Create the numbering, and prepare the exchange of rows (collective)."""
         self.space = V
         self._comm, self._gdim = V.mesh.comm, V.mesh.geometry.dim
         index_map = V.dofmap.index_map
@@ -57,34 +57,34 @@ class NodeNumbering:
 
     @property
     def first(self) -> int:
-        """First node that is dealt to this rank."""
+        """First node of this rank's block."""
         return int(self.blocks[self._comm.rank])
 
     def dealt(self, u: PETSc.Vec) -> Floats:
-        """Nodal vectors of the nodes dealt to this rank, shape (n, 3) (collective)."""
+        """Return the nodal vectors of this rank's block, shape (n, 3) (collective)."""
         rows = self._rows(u.getArray(readonly=True).reshape(-1, self._gdim))
         values = np.zeros((len(rows), 3))
         values[:, : self._gdim] = rows
         return values
 
     def across(self, rows: NDArray[Any]) -> NDArray[Any] | Dealt:
-        """Rows of the nodes dealt to each rank as one array."""
+        """Return the rows of the blocks of all ranks as one array."""
         return across(self._comm, rows, self.blocks)
 
     def own(self, rows: NDArray[Any]) -> NDArray[Any]:
-        """Rows of the nodes that this rank owns from those of the dealt ones (collective)."""
+        """Return the rows of this rank's owned nodes from the rows of all blocks (collective)."""
         return rows_at(self._comm, rows, self.number[: self.space.dofmap.index_map.size_local])
 
     def gather(self, u: PETSc.Vec) -> Floats:
-        """Nodal vectors of all nodes, (num_nodes, 3), on rank 0, empty elsewhere (collective)."""
+        """Return all nodal vectors, (num_nodes, 3), on rank 0, empty elsewhere (collective)."""
         every = gathered(self._comm, self.dealt(u))
         return np.zeros((0, 3)) if every is None else every
 
 
 def _least_slots(V: FunctionSpace, place: Ints) -> Ints:
-    """A number for each local node that no partition changes (collective).
+    """Return a number per local node that does not depend on the partition (collective).
 
-    The smallest (input cell, position in the cell) slot that holds the node, on any rank.
+    The number is the smallest slot (input cell, position in the cell) of the node on any rank.
     """
     mesh, dofmap = V.mesh, V.dofmap
     cells = np.asarray(mesh.topology.original_cell_index, dtype=np.int64)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Which side of a joint is the - side: by geometry alone, and the same all along the joint."""
+"""Choice of the - side of a joint: by geometry alone, and the same along the whole joint."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 
 
 def facet_normals(x: Floats) -> Floats:
-    """Normals times area (length in 2-D) of plane facets, by their vertices in cyclic order."""
+    """Return the normals of plane facets, times area (length in 2-D), from cyclic vertices."""
     if x.shape[2] == 2:
         edge = x[:, 1] - x[:, 0]
         return np.stack([edge[:, 1], -edge[:, 0]], axis=1)
@@ -25,14 +25,14 @@ def facet_normals(x: Floats) -> Floats:
 def orient_pairs(
     shape: CellShape, cells: Ints, x: Floats, joint: Ints, one: Ints, two: Ints
 ) -> Flags:
-    """Decide which side of each joint facet is the - side: True where it is ``two``, shape (n,).
+    """Return True for each joint facet whose - side is ``two``, False if it is ``one``, (n,).
 
-    Within a connected part of a joint all normals (from - to +) agree; the part as a whole is
-    turned so that the largest component of its mean normal is positive (x before y before z where
-    they are equal), or outward where the part is closed and has no mean normal. The choice depends
-    on the geometry alone, not on the order of cells or on the partition.
+    Normals point from the - side to the + side. The - side is the same in each connected part of a
+    joint. It makes the largest component of the mean normal positive; of equal components, the
+    first of x, y, z counts. On a closed part, which has no mean normal, the normals point outward.
+    The choice depends on the geometry alone, not on the order of cells or on the partition.
 
-    Cells are those before splitting; ``one`` and ``two`` are (cell, local facet), shape (n, 2).
+    Cells are not yet split; ``one`` and ``two`` are (cell, local facet), shape (n, 2).
     """
     cycle = cells[one[:, :1], shape.facet_vertices[one[:, 1]][:, shape.facet_cycle]]
     normal = facet_normals(x[cycle])
@@ -41,19 +41,19 @@ def orient_pairs(
         axis=1
     )
     sign = np.where(np.einsum("ij,ij->i", normal, towards) < 0, -1, 1)
-    graph = _agreement(cycle, sign, joint)
+    graph = _agreement_graph(cycle, sign, joint)
     _, part = connected_components(graph, directed=False)
-    flip = _signs_along(graph, part)
+    flip = _relative_signs(graph, part)
     normals = (flip * sign)[:, None] * normal
     flip = flip * _part_signs(part, x[cycle].mean(axis=1), normals)
     return flip < 0
 
 
-def _signs_along(graph: csr_array, part: Ints) -> Ints:
-    """Sign of each facet relative to the first facet of its part, shape (n,).
+def _relative_signs(graph: csr_array, part: Ints) -> Ints:
+    """Return the sign of each facet relative to the first facet of its part, shape (n,).
 
-    A breadth-first tree hangs each part from its first facet; the sign of a facet is the product
-    of the relations on its way to the root, collected in doubling strides.
+    The first facet is the root of the part's breadth-first tree. The sign of a facet is the product
+    of the relations on its path to the root. Each pass doubles the length of the covered path.
     """
     count = graph.shape[0]
     first = np.unique(part, return_index=True)[1]
@@ -74,8 +74,8 @@ def _signs_along(graph: csr_array, part: Ints) -> Ints:
     return flip
 
 
-def _agreement(cycle: Ints, sign: Ints, joint: Ints) -> csr_array:
-    """Graph of facets that share a ridge: 1 where their sides agree, -1 where they do not."""
+def _agreement_graph(cycle: Ints, sign: Ints, joint: Ints) -> csr_array:
+    """Return the graph of facets that share a ridge: 1 if their sides agree, otherwise -1."""
     count, size = cycle.shape
     if size == 2:
         start, end = cycle[:, 0], cycle[:, 1]
@@ -100,7 +100,7 @@ def _agreement(cycle: Ints, sign: Ints, joint: Ints) -> csr_array:
 
 
 def _part_signs(part: Ints, centres: Floats, normals: Floats) -> Ints:
-    """Sign that turns the connected part of each facet to the side the convention asks for."""
+    """Return, for each facet, the sign that orients its part as `orient_pairs` describes."""
     parts = int(part.max(initial=-1)) + 1
     members = np.bincount(part, minlength=parts)[:, None]
     mean = _sums(part, normals, parts)
@@ -114,5 +114,5 @@ def _part_signs(part: Ints, centres: Floats, normals: Floats) -> Ints:
 
 
 def _sums(part: Ints, values: Floats, parts: int) -> Floats:
-    """Sums of the columns of ``values`` over each part, shape (parts, columns)."""
+    """Return the column sums of ``values`` over each part, shape (parts, columns)."""
     return np.column_stack([np.bincount(part, v, minlength=parts) for v in values.T])

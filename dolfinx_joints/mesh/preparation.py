@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""On rank 0, from a mesh with named groups to split cells, pairs of facets and tags."""
+"""Splitting of a mesh with named groups into cells, facet pairs and tags, on rank 0."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def prepare(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
             )
         if joints is None and np.any(count == 2):
             _warn_of_misspelt(raw, name, names)
-        slots[name] = owner[owner[:, :, 0] >= 0]  # facets on a joint from both of its sides
+        slots[name] = owner[owner[:, :, 0] >= 0]  # facets on a joint twice, once per side
     if duplicated or not names:
         split = pair_coincident(raw.shape, raw.cells, raw.x, names, slots)
     else:
@@ -47,9 +47,9 @@ def prepare(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
     x = raw.x[split.parent]
     pairs = _pair_table(raw.shape, x, names, split, duplicated)
     for i, name in enumerate(names):
-        here = pairs.joint == i
+        of_joint = pairs.joint == i
         slots.pop(name, None)
-        slots[f"{name}-"], slots[f"{name}+"] = pairs.minus[here], pairs.plus[here]
+        slots[f"{name}-"], slots[f"{name}+"] = pairs.minus[of_joint], pairs.plus[of_joint]
     facets, tags, facet_groups = tag_sets(*members(slots))
     facet_values = np.zeros((len(split.cells), len(raw.shape.facet_vertices)), dtype=np.int32)
     facet_values[facets[:, 0], facets[:, 1]] = tags
@@ -71,17 +71,17 @@ def prepare(raw: RawMesh, joints: list[str] | None) -> PreparedMesh:
 
 
 def check_names(facet_groups: Iterable[str]) -> None:
-    """Check names of groups: those of joints and of supports are paths in results files."""
+    """Check facet group names: joints and supports become paths in results files."""
     for name in facet_groups:
         if not is_plain_name(name):
             raise MeshError(
-                f"The facet group {shown(name)} has a name that results files cannot hold; names "
-                f"are {PLAIN_NAMES}."
+                f"The facet group name {shown(name)} cannot be used in results files; names must "
+                f"be {PLAIN_NAMES}."
             )
 
 
 def _joint_names(raw: RawMesh, joints: list[str] | None) -> tuple[list[str], bool]:
-    """Names of the joints, and whether their faces are already duplicated in the mesh."""
+    """Return the joint names, and whether the mesh already has duplicated joint faces."""
     groups = raw.facet_groups
     whole = {name.rstrip("+-") for name in groups if name[-1:] in "+-"}
     if joints is None:
@@ -93,29 +93,29 @@ def _joint_names(raw: RawMesh, joints: list[str] | None) -> tuple[list[str], boo
     doubled = [name for name in joints if f"{name}-" in groups and f"{name}+" in groups]
     for name in joints:
         if name not in groups and name not in doubled:
-            known = ", ".join(sorted(groups)) or "none"
+            available = ", ".join(sorted(groups)) or "none"
             raise MeshError(
-                f"The mesh has no joint {shown(name)} (neither a surface group of that name nor "
-                f"the pair of its sides, - and +); its surface groups are: {known}."
+                f"The mesh has no joint {shown(name)}: neither a surface group of that name nor "
+                f"a pair of groups NAME- and NAME+; its surface groups are: {available}."
             )
     if doubled and len(doubled) != len(joints):
         raise MeshError(
-            f"Joints with duplicated faces ({', '.join(doubled)}) and joints to be split cannot "
-            "stand in one mesh; give all of them in the same way."
+            f"The mesh has joints with duplicated faces ({', '.join(doubled)}) and joints to be "
+            "split; define all joints in the same way."
         )
     return joints, bool(doubled)
 
 
 def _warn_of_misspelt(raw: RawMesh, name: str, joints: list[str]) -> None:
-    """Warn of a group inside the body that is no joint by its name, but is called nearly so."""
+    """Warn of a facet group inside the body whose name resembles that of a joint."""
     stem, *stems = (n.rstrip("_-+.0123456789").lower() for n in (name, "joint", *joints))
     on_joints = [raw.facet_groups[n].ravel() for n in joints if n in raw.facet_groups]
     if name in joints or np.isin(raw.facet_groups[name], np.concatenate([[-1], *on_joints])).all():
         return
     if "joint" in stem or get_close_matches(stem, stems, cutoff=0.75):
         warn(
-            f"Facets of {name!r} lie inside the body and stay closed, as the name does not begin "
-            "with 'joint'; list it in joints= if it is a joint."
+            f"Facets of {name!r} lie inside the body but are not a joint, because the name does "
+            "not begin with 'joint'; list it in joints= if it is a joint."
         )
 
 
@@ -153,31 +153,29 @@ def tag_sets(
     names: Iterable[str],
     of_all: Callable[[Flags], Flags] = lambda member: member,
 ) -> tuple[Ints, NDArray[np.int32], dict[str, tuple[int, ...]]]:
-    """Give each set of groups that some entity belongs to a tag of its own.
+    """Return the distinct entities, their tags, and the tags of each group.
 
-    Groups may overlap although a DOLFINx tag is one number per entity. There is a row of entities,
-    and the position of its group, for each member; ``of_all`` gathers the sets of all ranks.
-
-    Returns:
-        The entities, each once, their tags, and the tags of each group.
+    DOLFINx allows one tag per entity. Groups may overlap, so each combination of groups has a tag.
+    ``entities`` has one row per membership, ``group`` the position of its group among the names.
+    ``of_all`` gathers the combinations of all ranks.
     """
     names = tuple(names)
     if not names:
         return entities[:0], np.empty(0, dtype=np.int32), {}
-    found, inverse = np.unique(entities, axis=0, return_inverse=True)
-    member = np.zeros((len(found), len(names)), dtype=bool)
+    distinct, inverse = np.unique(entities, axis=0, return_inverse=True)
+    member = np.zeros((len(distinct), len(names)), dtype=bool)
     member[inverse.ravel(), group] = True
-    own, of_own = np.unique(member, axis=0, return_inverse=True)
-    sets = np.unique(of_all(own), axis=0)
-    values = np.unique(np.vstack([sets, own]), axis=0, return_inverse=True)[1].ravel()
+    combinations, combination = np.unique(member, axis=0, return_inverse=True)
+    sets = np.unique(of_all(combinations), axis=0)
+    values = np.unique(np.vstack([sets, combinations]), axis=0, return_inverse=True)[1].ravel()
     tags = {
         name: tuple(int(t) + 1 for t in np.flatnonzero(sets[:, i])) for i, name in enumerate(names)
     }
-    return found, (values[len(sets) :][of_own.ravel()] + 1).astype(np.int32), tags
+    return distinct, (values[len(sets) :][combination.ravel()] + 1).astype(np.int32), tags
 
 
 def members(slots: Mapping[str, Ints]) -> tuple[Ints, Ints, Iterable[str]]:
-    """What `tag_sets` takes, of rows by name."""
+    """Return the arguments of `tag_sets` for the rows of each group."""
     if not slots:
         return np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64), ()
     group = np.repeat(np.arange(len(slots)), [len(s) for s in slots.values()])

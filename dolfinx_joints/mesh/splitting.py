@@ -1,11 +1,12 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Duplicate the nodes of a conforming mesh across its joints: arrays in, arrays out.
+"""Duplication of the nodes of a conforming mesh across its joints: arrays in, arrays out.
 
-Nodes are split where the cells around them are no longer connected through facets that carry no
-joint. That is right for joints that end inside the body (the nodes of the front stay single) and
-for T and X crossings. Vertices decide: a node inside an edge or a facet is split exactly where the
-vertices of that edge or facet are, so that the split cells are again a conforming mesh.
+A node is split if the cells around it are not connected through facets without a joint. This rule
+also covers T and X crossings, and joints that end inside the body: nodes on the joint's front, its
+edge inside the body, stay single.
+Vertices are split first. A node inside an edge or facet is split exactly if the vertices of that
+edge or facet are, so the split mesh is conforming.
 """
 
 from __future__ import annotations
@@ -25,18 +26,18 @@ from dolfinx_joints.mesh.orientation import orient_pairs
 
 @dataclass(frozen=True, kw_only=True)
 class SplitMesh:
-    """Cells on duplicated nodes and the facet pairs of each joint.
+    """Cells with duplicated nodes, and facet pairs of the joints.
 
     Attributes:
         cells: Node numbers of the cells after splitting, shape (num_cells, nodes per cell).
-        parent: Node of the conforming mesh that each node comes from, shape (num_nodes,).
+        parent: Node of the conforming mesh that each node copies, shape (num_nodes,).
         joint: Joint number of each pair, shape (num_pairs,); pairs are sorted by joint.
         minus: Cell and local facet on the - side, shape (num_pairs, 2).
         plus: Cell and local facet on the + side, shape (num_pairs, 2).
-        match: For vertex j of the - facet, the position of its partner among the vertices of the
-            + facet, shape (num_pairs, vertices per facet).
-        bonded: Number of joint facets per joint whose vertices all lie on the joint's front: they
-            cannot open and carry no joint.
+        match: Position in the + facet of the partner of each vertex of the - facet, shape
+            (num_pairs, vertices per facet).
+        bonded: Number of facets per joint that have all vertices on the joint's front. They cannot
+            open and are not part of the joint.
     """
 
     cells: Ints
@@ -49,7 +50,7 @@ class SplitMesh:
 
 
 def _interior_pairs(shape: CellShape, cells: Ints) -> tuple[Ints, Ints]:
-    """All interior facets among ``cells``: their vertices and two (cell, local facet) slots."""
+    """Return the vertices and the two (cell, local facet) slots of each interior facet."""
     local = shape.facet_vertices
     vertices = np.sort(cells[:, local], axis=2).reshape(-1, local.shape[1])
     order = np.lexsort(vertices.T[::-1])
@@ -59,7 +60,7 @@ def _interior_pairs(shape: CellShape, cells: Ints) -> tuple[Ints, Ints]:
 
 
 def _split_vertices(shape: CellShape, cells: Ints, joint_vertices: Ints, num_nodes: int) -> Ints:
-    """New vertex numbers of the cells' vertices, shape (num_cells, vertices per cell)."""
+    """Return the vertices of the cells after splitting, (num_cells, vertices per cell)."""
     local = shape.facet_vertices
     num_vertices = int(local.max()) + 1
     corner = cells[:, :num_vertices].copy()
@@ -90,9 +91,9 @@ def _split_vertices(shape: CellShape, cells: Ints, joint_vertices: Ints, num_nod
 
 
 def _number_groups(table: Ints, next_number: int) -> Ints:
-    """A number for each row (node, key...): equal rows share one, shape (num_rows,).
+    """Return a number for each row (node, key...), equal for equal rows, shape (num_rows,).
 
-    The first group of rows of a node keeps the node's number, every other group gets a new one.
+    The first group of equal rows of a node keeps the node's number. Other groups get new numbers.
     """
     groups, first, inverse = np.unique(table, axis=0, return_index=True, return_inverse=True)
     order = np.lexsort((first, groups[:, 0]))
@@ -110,7 +111,7 @@ def _rows_in(rows: Ints, table: Ints) -> Flags:
 
 
 def _split_inner_nodes(shape: CellShape, cells: Ints, corner: Ints) -> Ints:
-    """Number the nodes inside edges and facets by their entity's new vertices."""
+    """Return the cells with inner edge and facet nodes renumbered by the split vertices."""
     element = shape.element()
     topology = basix.topology(shape.type)
     new = cells.copy()
@@ -131,9 +132,9 @@ def _split_inner_nodes(shape: CellShape, cells: Ints, corner: Ints) -> Ints:
 def split_cells(
     shape: CellShape, cells: Ints, x: Floats, joints: list[tuple[str, Ints]]
 ) -> SplitMesh:
-    """Duplicate the nodes across the joints and pair the facets of the two sides.
+    """Duplicate the nodes across the joints, and pair the facets of the two sides.
 
-    Joints come by name with the vertices of their facets, shape (n, vertices per facet).
+    ``joints`` are names and the vertices of the facets, shape (n, vertices per facet).
     """
     names = [name for name, _ in joints]
     facets = np.vstack([vertices for _, vertices in joints])
@@ -154,12 +155,12 @@ def split_cells(
         if not np.any(apart & (number == i)):
             raise MeshError(
                 f"Joint {name!r} cannot open: all vertices of its {bonded[i]} facets lie on its "
-                "front inside the body; use a finer mesh."
+                "edge inside the body; refine the mesh."
             )
         if bonded[i]:
             warn(
-                f"Joint {name!r}: {bonded[i]} facets have all their vertices on the joint's "
-                "front inside the body and stay closed; a finer mesh there lets them open."
+                f"Joint {name!r}: {bonded[i]} facets cannot open because all their vertices lie on "
+                "the joint's edge inside the body; refine the mesh there."
             )
     one, two, number = one[apart], two[apart], number[apart]
     swap = orient_pairs(shape, cells, x, number, one, two)
@@ -176,21 +177,21 @@ def split_cells(
 
 
 def _check_sides(names: list[str], facets: Ints, number: Ints, count: Ints, x: Floats) -> None:
-    """Check that joint facets separate two cells and stand in one joint."""
-    wrong = np.flatnonzero(count != 2)
-    if len(wrong):
+    """Check that each joint facet separates two cells and belongs to one joint only."""
+    invalid = np.flatnonzero(count != 2)
+    if len(invalid):
         outer = count == 1
         centres = x[facets[outer]].mean(axis=1).round(12)
         if len(np.unique(centres, axis=0)) < len(centres):
             raise MeshError(
-                f"Joint {names[number[wrong[0]]]!r} holds both of its faces, as Gmsh's plugin "
-                "Crack leaves them; write the mesh before the plugin is run, or make groups NAME- "
-                "and NAME+ of the two faces."
+                f"Joint {names[number[invalid[0]]]!r} contains both of its faces, which Gmsh's "
+                "plugin Crack makes; write the mesh before running the plugin, or name the two "
+                "faces NAME- and NAME+."
             )
         raise MeshError(
-            f"Joint {names[number[wrong[0]]]!r}: {len(wrong)} of its facets do not have one cell "
-            f"on each side (the first, centred at {middle(x[facets[wrong[0]]])}, has "
-            f"{count[wrong[0]]}); a joint must lie inside the body, between two cells."
+            f"Joint {names[number[invalid[0]]]!r}: {len(invalid)} of its facets do not have one "
+            f"cell on each side (the first, centred at {middle(x[facets[invalid[0]]])}, has "
+            f"{count[invalid[0]]}); a joint must lie inside the body, between two cells."
         )
     _, first, inverse = np.unique(
         np.sort(facets, axis=1), axis=0, return_index=True, return_inverse=True
@@ -199,15 +200,15 @@ def _check_sides(names: list[str], facets: Ints, number: Ints, count: Ints, x: F
     if len(twice):
         one, two = names[number[first[inverse.ravel()[twice[0]]]]], names[number[twice[0]]]
         where = "the joint" if one == two else f"the joints {one!r} and"
-        raise MeshError(f"{len(twice)} of the facets of {where} {two!r} are given twice.")
+        raise MeshError(f"{len(twice)} facets of {where} {two!r} are given twice.")
 
 
 def pair_coincident(
     shape: CellShape, cells: Ints, x: Floats, names: list[str], slots: dict[str, Ints]
 ) -> SplitMesh:
-    """Pair the facets of joints whose faces ``NAME-`` and ``NAME+`` are duplicated already.
+    """Pair the facets of joints that already have duplicated faces ``NAME-`` and ``NAME+``.
 
-    Groups come by name with the (cell, local facet) of their facets, shape (n, 2).
+    ``slots`` has the (cell, local facet) of the facets of each group, shape (n, 2).
     """
     local = shape.facet_vertices
     none: Ints = np.empty((0, local.shape[1]), dtype=np.int64)
@@ -217,7 +218,7 @@ def pair_coincident(
         if len(one) != len(two):
             raise MeshError(
                 f"Joint {name!r}: {len(one)} facets on its - face and {len(two)} on its + face; "
-                "the faces must be meshed alike."
+                "mesh both faces identically."
             )
         a = x[cells[one[:, :1], local[one[:, 1]]]]
         b = x[cells[two[:, :1], local[two[:, 1]]]]

@@ -1,3 +1,3 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Shared by the models: plane meshes and their extrusion, arch dams in elevation, Gmsh, STEP."""
+"""Tools of the models: plane meshes, extrusion, elevations of arch dams, Gmsh and STEP files."""

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Parameters that several models have, and limits of meshes and files."""
+"""Common parameters of the models, and limits of meshes and files."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ Share = Annotated[float, at.Interval(gt=0, le=1)]
 
 
 def cells_along(length: float, size: float) -> int:
-    """Return how many cells of about a size fill a length, at most one more than a mesh may have.
+    """Return the number of cells of about a size that fill a length.
 
-    More make no difference: `check_fine` does not let the mesh be made.
+    The result is at most `MAX_CELLS` + 1, which `check_fine` rejects.
     """
     return max(1, round(min(length / size, MAX_CELLS + 1.0)))
 
 
 def check_fine(count: float) -> None:
-    """Raise ValueError if a mesh would have more cells than one can be made of."""
+    """Raise ValueError if a mesh would have more than `MAX_CELLS` cells."""
     if not count <= MAX_CELLS:
         raise ValueError(
-            f"The mesh would have {count:.3g} cells, but at most {MAX_CELLS} are made: choose a "
+            f"The mesh would have {count:.3g} cells, but at most {MAX_CELLS} are allowed: choose a "
             "larger size, or fewer divisions."
         )
 
@@ -42,7 +42,7 @@ def mesh_path(out: str | os.PathLike[str]) -> Path:
     """Return the path of a .msh file to be written.
 
     Raises:
-        ValueError: if it does not end in ".msh", its folder is missing, or it is one.
+        ValueError: if it does not end in ".msh", its folder is missing, or it is a folder.
     """
     path = Path(out)
     if path.suffix != ".msh":

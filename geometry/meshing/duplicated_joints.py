@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Duplicate the joint faces of the current Gmsh model: group NAME becomes NAME- and NAME+.
+"""Duplication of the joint faces of a Gmsh model: group NAME becomes NAME- and NAME+.
 
-`split_cells` finds the nodes to duplicate and the - side of each joint, as it does when `read_msh`
-reads a conforming mesh, so both files give the same split mesh. Gmsh's plugin Crack is not used:
-it leaves blocks connected where joints cross.
+`split_cells` selects the nodes to duplicate and the - side of each joint, as in `read_msh`. A
+duplicated and a conforming file therefore give the same split mesh. Gmsh's plugin Crack is not
+used, because it leaves blocks connected where joints cross.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from dolfinx_joints.mesh.splitting import split_cells
 
 
 def duplicate_joints() -> None:
-    """Duplicate the faces of all groups whose names start with ``joint``.
+    """Duplicate the faces of all groups of the current model whose names start with ``joint``.
 
-    Cells and nodes keep their order. Each group of facets gets an entity of its own.
+    Cells and nodes keep their order. Each group of facets gets a separate entity.
 
     Raises:
         MeshError: if a joint facet does not have one cell on each side, or a joint cannot open.
@@ -60,7 +60,7 @@ def duplicate_joints() -> None:
     for group, name in groups.items():
         kind, rows = facets[group]
         owner, _ = find_facets(shape, cells, rows[:, :corners])
-        slots = owner @ [per_cell, 1]  # a number for each facet of each cell
+        slots = owner @ [per_cell, 1]  # unique number of each facet of each cell
         sides = {name: slots[:, 0]}
         if group in joints:
             both = {f"{name}-": split.minus, f"{name}+": split.plus}
@@ -76,7 +76,7 @@ def duplicate_joints() -> None:
 
 
 def _elements(dim: int, entities: Iterable[int]) -> tuple[int, IntArray]:
-    """Return type and nodes of the elements of some entities, all of one type."""
-    found = [gmsh.model.mesh.getElements(dim, entity) for entity in entities]
-    rows = [nodes[0].reshape(len(tags[0]), -1) for _, tags, nodes in found]
-    return int(found[0][0][0]), np.vstack(rows).astype(np.int64)
+    """Return the type and the nodes of the elements of some entities, all of one type."""
+    elements = [gmsh.model.mesh.getElements(dim, entity) for entity in entities]
+    rows = [nodes[0].reshape(len(tags[0]), -1) for _, tags, nodes in elements]
+    return int(elements[0][0][0]), np.vstack(rows).astype(np.int64)

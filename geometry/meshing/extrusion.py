@@ -3,7 +3,7 @@
 """Plane meshes with named groups, and their extrusion to hexahedra or tetrahedra (NumPy only).
 
 A model is a plane mesh of quadrilaterals or triangles in two coordinates (p, q), extruded along a
-third one, r.  The triple (p, q, r) is right-handed; the model says what it means in space.
+third coordinate r. The triple (p, q, r) is right-handed. Each model maps it to space.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ IntArray = NDArray[np.signedinteger[Any]]
 
 @dataclass(frozen=True)
 class PlaneMesh:
-    """A plane mesh of one cell type, with named cells and named edges.
+    """Plane mesh of one cell type, with named cells and named edges.
 
     Args:
         points: node coordinates (p, q), shape (num_points, 2).
@@ -41,7 +41,7 @@ class PlaneMesh:
 
 @dataclass(frozen=True)
 class SolidMesh:
-    """A mesh of hexahedra or tetrahedra of order 1 with named volumes and surfaces.
+    """Mesh of hexahedra or tetrahedra of order 1, with named volumes and surfaces.
 
     Args:
         points: node coordinates (p, q, r), shape (num_points, 3).
@@ -63,8 +63,7 @@ def grid(p: FloatArray, q: FloatArray, cell: str) -> tuple[FloatArray, IntArray]
         cell: "hex" for quadrilaterals, "tet" for triangles (diagonals alternate).
 
     Returns:
-        Points of shape (num_points, 2), and cells of shape (num_cells, 4 or 3), in order of
-        rows along p inside columns along q.
+        Points, shape (num_points, 2), and cells, shape (num_cells, 4 or 3); p varies fastest.
 
     Raises:
         ValueError: if there would be too many cells.
@@ -81,14 +80,14 @@ def grid(p: FloatArray, q: FloatArray, cell: str) -> tuple[FloatArray, IntArray]
 
 
 def edges_between(cells: IntArray, selected: BoolArray) -> IntArray:
-    """Return the edges of the cells that have both ends among the selected nodes.
+    """Return the distinct edges of the cells whose two ends are selected nodes.
 
     Args:
         cells: nodes of the cells, shape (num_cells, 3 or 4).
         selected: True at the selected nodes, shape (num_points,).
 
     Returns:
-        The edges, each once, shape (num_edges, 2).
+        Nodes of the edges, shape (num_edges, 2).
     """
     pairs = np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1).reshape(-1, 2)
     inside = selected[pairs].all(axis=1)
@@ -130,15 +129,15 @@ def split_quadrilaterals(points: FloatArray, quads: IntArray) -> IntArray:
 def mirror(half: PlaneMesh, renamed: dict[str, str]) -> PlaneMesh:
     """Complete a half mesh (p >= 0) by its mirror image about p = 0.
 
-    Nodes on the axis are shared, and numbered first: the extrusion to tetrahedra cuts by node
-    number, so it then cuts both halves alike.
+    Nodes on the axis are shared and numbered first. The extrusion to tetrahedra depends on the
+    node numbers, so both halves are then cut in the same way.
 
     Args:
-        half: the mesh of the half p >= 0; nodes of the axis have p = 0 exactly.
+        half: mesh of the half p >= 0; nodes on the axis have exactly p = 0.
         renamed: names of the edge groups that change on the other side.
 
     Returns:
-        The mesh of the whole; a group of the same name on both sides holds both halves.
+        The whole mesh; a group with the same name on both sides contains both halves.
     """
     on_axis = half.points[:, 0] == 0.0
     order = np.concatenate([np.flatnonzero(on_axis), np.flatnonzero(~on_axis)])
@@ -165,8 +164,8 @@ def extrude(plane: PlaneMesh, levels: FloatArray, ends: Sequence[str]) -> SolidM
     """Extrude quadrilaterals to hexahedra, or triangles to tetrahedra.
 
     Each prism over a triangle with nodes a < b < c is cut into the tetrahedra a0 b0 c0 c1,
-    a0 b0 b1 c1 and a0 a1 b1 c1 (0 below, 1 above).  A side face over the edge a < b is then always
-    cut along a0 b1, so neighbours agree.
+    a0 b0 b1 c1 and a0 a1 b1 c1 (0 below, 1 above). A side face over the edge a < b is thus always
+    cut along a0 b1, so that neighbours match.
 
     Args:
         plane: the plane mesh.

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Gmsh session, named groups, writing, quality of meshes, and flags of the scripts."""
+"""Gmsh sessions, named groups, mesh files, mesh quality, and flags of the scripts."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from dolfinx_joints.mesh.reading.gmsh_syntax import check_msh
 
 Placement = Callable[[FloatArray, dict[str, BoolArray]], FloatArray]
 
-# Gmsh's numbers of the element types in use.
-_SOLID_TYPES = {8: 5, 4: 4}  # hexahedron, tetrahedron, by number of nodes
+# Gmsh's element types by number of nodes.
+_SOLID_TYPES = {8: 5, 4: 4}  # hexahedron, tetrahedron
 _SURFACE_TYPES = {4: 3, 3: 2}  # quadrilateral, triangle
 _NAMES = {5: "hex8", 12: "hex27", 4: "tet4", 11: "tet10"}
 _HEXAHEDRA = (5, 12)
@@ -45,10 +45,10 @@ _OPTIONS = {
 
 @contextmanager
 def gmsh_session() -> Iterator[None]:
-    """Give a new, current Gmsh model with the options of this package.
+    """Open a new, current Gmsh model with the options of this package.
 
-    A Gmsh that the caller has already initialised is left as it was: its options, its current
-    model.  Otherwise Gmsh is initialised here and finalised on leaving, also after an error.
+    If the caller has already initialised Gmsh, its options and its current model are restored on
+    exit. Otherwise Gmsh is initialised here and finalised on exit, also after an error.
     """
     owned = not gmsh.isInitialized()
     if owned:
@@ -62,7 +62,7 @@ def gmsh_session() -> Iterator[None]:
         yield
     finally:
         if owned:
-            gmsh.clear()  # a reading that failed leaves Gmsh locked, beyond the end of the session
+            gmsh.clear()  # after a failed read Gmsh stays locked, even in a new session
             gmsh.finalize()
         else:
             gmsh.model.remove()
@@ -73,34 +73,35 @@ def gmsh_session() -> Iterator[None]:
 
 
 def raise_order(order: int) -> None:
-    """Make elements of the current mesh, of order 1, ones of this order.
+    """Raise the order of the elements of the current mesh from 1 to ``order``.
 
-    Raises RuntimeError where Gmsh does not, which it would not tell.
+    Raises:
+        RuntimeError: if Gmsh does not change the order, which it does not report itself.
     """
     if order == 1:
         return
     gmsh.model.mesh.setOrder(order)
     properties = map(gmsh.model.mesh.getElementProperties, gmsh.model.mesh.getElementTypes())
-    if any(dim > 0 and found != order for _, dim, found, *_ in properties):
+    if any(dim > 0 and element_order != order for _, dim, element_order, *_ in properties):
         raise RuntimeError(
-            f"Gmsh made no elements of order {order}: it is locked since a file could not be read "
-            "in this session; call gmsh.clear() and try again."
+            f"Gmsh made no elements of order {order}: it has been locked since a file could not be "
+            "read in this session; call gmsh.clear() and try again."
         )
 
 
 @contextmanager
 def written(path: Path) -> Iterator[str]:
-    """Give the name under which Gmsh is to write a mesh, which then takes its place whole.
+    """Yield a temporary file name for Gmsh, and move the complete file to ``path`` afterwards.
 
     Raises:
-        ValueError: if the file cannot be written; nothing is left of it then.
+        ValueError: if the file cannot be written; the temporary file is removed.
     """
     part = path.with_name(f".{path.stem}.partial.msh")
     try:
         yield str(part)
-        # Gmsh does not tell of a disk that has become full.
+        # Gmsh does not report a full disk.
         if not _ends_with(part, b"$EndElements\n"):
-            raise ValueError(f"{str(path)!r} cannot be written whole: is the disk full?")
+            raise ValueError(f"{str(path)!r} cannot be written completely: is the disk full?")
         part.replace(path)
     except OSError as error:
         raise ValueError(f"{str(path)!r} cannot be written: {error.strerror}.") from None
@@ -110,7 +111,7 @@ def written(path: Path) -> Iterator[str]:
 
 
 def _ends_with(path: Path, end: bytes) -> bool:
-    """Tell whether a file is there and has this end."""
+    """Return True if the file exists and ends with these bytes."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -122,10 +123,10 @@ def save(path: Path, gui: bool, duplicated: bool) -> None:
     """Write the current model to a file, with duplicated joint faces if requested, and show it.
 
     Raises:
-        ValueError: if the file cannot be written; nothing is left of it then.
+        ValueError: if the file cannot be written.
         MeshError: if joint faces cannot be duplicated.
     """
-    if duplicated:  # needs DOLFINx, which other meshes do not
+    if duplicated:  # needs DOLFINx, unlike the other meshes
         from dolfinx_joints.geometry.meshing.duplicated_joints import duplicate_joints
 
         duplicate_joints()
@@ -140,7 +141,7 @@ def save(path: Path, gui: bool, duplicated: bool) -> None:
 
 
 def check_window(gui: Any) -> None:
-    """Raise ValueError unless Gmsh's window is not asked for, or can be opened."""
+    """Raise ValueError if Gmsh's window is requested but cannot be opened."""
     if gui and not any(name in os.environ for name in ("DISPLAY", "WAYLAND_DISPLAY")):
         raise ValueError("gui is True, but there is no screen to show a window on.")
 
@@ -154,15 +155,15 @@ def write_mesh(
     gui: bool = False,
     duplicated: bool = False,
 ) -> Path:
-    """Raise the order, move every node to its exact place, check the cells and write the file.
+    """Raise the order, move nodes to their exact positions, check the cells, write the file.
 
     Args:
         out: path of the file; ".msh" is the only format.
         solid: mesh of order 1, in space or in the reference coordinates of ``place``.
         order: order of the elements, 1 or 2 (complete: 27-node hexahedra, 10-node tetrahedra).
         place: map from the reference coordinates of all nodes, shape (num_nodes, 3), to (x, y, z)
-            [m]; its second argument has, per surface group, True at the nodes of the group.  None
-            if the mesh is already in space, and its edges are straight.
+            [m]; its second argument has, per surface group, True at the nodes of the group. None
+            if the mesh already has its final coordinates and straight edges.
         gui: show the mesh in Gmsh's window afterwards.
         duplicated: duplicate the joint faces.
 
@@ -191,7 +192,7 @@ def write_mesh(
 
 
 def _add_solid(solid: SolidMesh) -> dict[str, int]:
-    """Put the mesh into the current model as discrete entities; return the surface tags by name."""
+    """Add the mesh to the current model as discrete entities; return surface tags by name."""
     volumes = {name: gmsh.model.addDiscreteEntity(3) for name in solid.cells}
     surfaces = {name: gmsh.model.addDiscreteEntity(2) for name in solid.facets}
     tags = np.arange(1, len(solid.points) + 1)
@@ -212,7 +213,7 @@ def _add_solid(solid: SolidMesh) -> dict[str, int]:
 
 
 def _move_nodes(place: Placement, surfaces: dict[str, int]) -> None:
-    """Send every node of the current model from its reference coordinates to its place."""
+    """Move every node of the current model from its reference to its final coordinates."""
     tags, reference, _ = gmsh.model.mesh.getNodes()
     groups = {}
     for name, entity in surfaces.items():
@@ -254,10 +255,10 @@ class MeshReport:
 
 
 def describe(path: str | os.PathLike[str]) -> MeshReport:
-    """Read a mesh file of solids and report its size, its groups and the quality of its cells.
+    """Return the size, the groups and the cell quality of a mesh file of solids.
 
     Raises:
-        ValueError: if there is no such file, or it holds no solids.
+        ValueError: if the file does not exist or has no named solids.
     """
     file = Path(path)
     check_file(file, f"There is no mesh file {str(file)!r}.")
@@ -268,12 +269,12 @@ def describe(path: str | os.PathLike[str]) -> MeshReport:
         except Exception as error:  # Gmsh has no other kind
             raise ValueError(f"{str(file)!r} cannot be read: {error}.") from None
         if not gmsh.model.getPhysicalGroups(3):
-            raise ValueError(f"{str(file)!r} holds no named solids.")
+            raise ValueError(f"{str(file)!r} has no named solids.")
         return _report()
 
 
 def _report() -> MeshReport:
-    """Report on the current model."""
+    """Return the report of the current model."""
     names = {(d, t): gmsh.model.getPhysicalName(d, t) for d, t in gmsh.model.getPhysicalGroups()}
     facets, volume, worst, num_cells, kind = {}, {}, np.inf, 0, 0
     for (dim, tag), name in names.items():
@@ -292,7 +293,7 @@ def _report() -> MeshReport:
 
 
 def _volume(kind: int, entity: int) -> float:
-    """Integrate 1 over the cells of a volume of the current model [m^3]."""
+    """Return the volume of the cells of an entity of the current model [m^3]."""
     points, weights = gmsh.model.mesh.getIntegrationPoints(kind, "Gauss6")
     _, determinants, _ = gmsh.model.mesh.getJacobians(kind, points, entity)
     return float((determinants.reshape(-1, weights.size) @ weights).sum())
@@ -301,9 +302,9 @@ def _volume(kind: int, entity: int) -> float:
 def scaled_jacobians(kind: int, entity: int) -> FloatArray:
     """Return the smallest scaled Jacobian of each cell of a volume of the current model.
 
-    The scaled Jacobian is det J over the product of the lengths of its three columns (times
-    sqrt 2 on tetrahedra, so that 1 is the regular one), sampled at the Gauss points of degree 6
-    and at the nodes of the cell.
+    The scaled Jacobian is det J divided by the product of the lengths of its three columns. On
+    tetrahedra it is multiplied by sqrt 2, so that a regular one has 1. It is sampled at the Gauss
+    points of degree 6 and at the nodes of the cell.
 
     Args:
         kind: Gmsh's element type.
@@ -318,12 +319,12 @@ def scaled_jacobians(kind: int, entity: int) -> FloatArray:
     jacobians, determinants, _ = gmsh.model.mesh.getJacobians(kind, samples, entity)
     columns = np.linalg.norm(jacobians.reshape(-1, 3, 3), axis=2).prod(axis=1)
     factor = 1.0 if kind in _HEXAHEDRA else np.sqrt(2.0)
-    with np.errstate(invalid="ignore"):  # a cell without volume: NaN, which is not above zero
+    with np.errstate(invalid="ignore"):  # NaN in a cell without volume
         return (factor * determinants / columns).reshape(-1, samples.size // 3).min(axis=1)
 
 
 def argument_parser(description: str, out: str, size: float | None) -> argparse.ArgumentParser:
-    """Return a parser with the flags that all scripts share.
+    """Return a parser with the common flags of all scripts.
 
     Args:
         description: first line of the help.
@@ -343,9 +344,9 @@ def argument_parser(description: str, out: str, size: float | None) -> argparse.
 def run_script(
     parser: argparse.ArgumentParser, model: Callable[..., Path], argv: list[str] | None
 ) -> None:
-    """Call the model with the parsed flags, and print what was written.
+    """Call the model with the parsed flags, and print the path and a report of the mesh.
 
-    Errors of the user's input end the script with one sentence and exit code 2.
+    Errors in the user's input end the script with one sentence and exit code 2.
     """
     options = vars(parser.parse_args(argv))
     try:

@@ -17,7 +17,7 @@ from dolfinx_joints.geometry.meshing.extrusion import FloatArray, PlaneMesh
 
 Section = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
-_TYPES = {(2, 4): 3, (2, 3): 2, (1, 2): 1}  # Gmsh's numbers by dimension and number of nodes
+_TYPES = {(2, 4): 3, (2, 3): 2, (1, 2): 1}  # Gmsh element types by dimension and number of nodes
 
 
 def write_plane(
@@ -29,14 +29,14 @@ def write_plane(
     gui: bool = False,
     duplicated: bool = False,
 ) -> Path:
-    """Raise the order, move every node to its exact place and write the file.
+    """Raise the order, move every node to its exact position and write the file.
 
     Args:
         out: path of the file; ".msh" is the only format.
         plane: mesh of order 1, in the plane or in the reference coordinates of ``section``.
         order: order of the elements, 1 or 2 (complete: 9-node quadrilaterals, 6-node triangles).
         section: map from the reference coordinates (p, q) of all nodes to (x, y) [m]; None if the
-            mesh is already in place, and its edges are straight.
+            mesh already has its final coordinates and straight edges.
         gui: show the mesh in Gmsh's window afterwards.
         duplicated: duplicate the joint faces.
 
@@ -61,7 +61,7 @@ def write_plane(
 
 
 def _add_plane(plane: PlaneMesh) -> None:
-    """Put the mesh into the current model as discrete entities with named groups."""
+    """Add the mesh to the current model as discrete entities with named groups."""
     groups = [(2, name, nodes) for name, nodes in plane.cells.items()]
     groups += [(1, name, nodes) for name, nodes in plane.edges.items()]
     entities = [gmsh.model.addDiscreteEntity(dim) for dim, _, _ in groups]

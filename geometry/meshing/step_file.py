@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Checks of a STEP file before Open CASCADE reads it, which crashes on wrong ones."""
+"""Checks of a STEP file before Open CASCADE reads it, which crashes on invalid files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dolfinx_joints.common.parameters import check_file, shown
 from dolfinx_joints.geometry.meshing.step_options import FARTHEST
 
 _BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
-# Points of a STEP file and their numbers; the unit that lengths are given in.
+# Points of a STEP file with their coordinates; units of length.
 _POINT = re.compile(r"CARTESIAN_POINT\s*\(\s*'[^']*'\s*,\s*\(([^()]*)\)")
 _LENGTH = re.compile(r"LENGTH_UNIT\s*\(\s*\)[^;]*SI_UNIT\s*\([^()]*\.METRE\.|CONVERSION_BASED_UNIT")
 _SOLID = re.compile(r"\b(?:MANIFOLD_SOLID_BREP|FACETED_BREP|BREP_WITH_VOIDS)\s*\(")
@@ -25,18 +25,18 @@ gmsh.option.setNumber("General.Terminal", 0)
 try:
     gmsh.model.occ.importShapes(sys.argv[1])
     gmsh.model.occ.synchronize()
-except Exception:  # raised where it is read again
+except Exception:  # raised again when the file is read for meshing
     pass
 os._exit(0)
 """
 
 
 def check_step_file(step: Path) -> int:
-    """Return how many solids the file describes.
+    """Check a STEP file, and return the number of solids that it describes.
 
     Raises:
-        ValueError: if it does not look like a whole STEP file.
-        RuntimeError: if it could not be read in a process of its own.
+        ValueError: if the file is not a complete STEP file.
+        RuntimeError: if the file could not be read in a separate process.
     """
     check_file(step, f"The STEP file {str(step)!r} does not exist.")
     with step.open("rb") as file:
@@ -46,7 +46,7 @@ def check_step_file(step: Path) -> int:
     if not head:
         raise ValueError(f"{step} is empty.")
     if not head.startswith(_BEGIN):
-        raise ValueError(f"{step} is no STEP file: it does not begin with 'ISO-10303-21;'.")
+        raise ValueError(f"{step} is not a STEP file: it does not begin with 'ISO-10303-21;'.")
     if not tail.endswith(_END):
         raise ValueError(f"{step} is truncated: it does not end with 'END-ISO-10303-21;'.")
     solids = _check_content(step)
@@ -55,20 +55,20 @@ def check_step_file(step: Path) -> int:
 
 
 def _try_reading(step: Path) -> None:
-    """Read the file in a process of its own, which Open CASCADE may take with it.
+    """Read the file in a separate process, because Open CASCADE may crash it.
 
     Raises:
         ValueError: if that process crashed or was ended.
-        RuntimeError: if it could not read anything.
+        RuntimeError: if that process failed for another reason.
     """
-    # Nothing in the working folder is imported; under mpirun the other process is no rank.
+    # Do not import from the working folder, and do not start the process as an MPI rank.
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMI", "PRTE_"))}
     kept["PYTHONPATH"] = os.pathsep.join(p for p in map(str, sys.path) if p not in ("", os.curdir))
     command = [sys.executable, "-P", "-c", _TRIAL, str(step)]
     try:
         tried = subprocess.run(command, env=kept, stdin=subprocess.DEVNULL, capture_output=True)
     except OSError as error:
-        raise RuntimeError(f"{step} could not be tried in a process of its own: {error}.") from None
+        raise RuntimeError(f"{step} could not be read in a separate process: {error}.") from None
     if tried.returncode in (-signal.SIGSEGV, -signal.SIGBUS, -signal.SIGFPE, -signal.SIGABRT):
         raise ValueError(
             f"{step} cannot be read: Open CASCADE crashes on it (signal {-tried.returncode})."
@@ -76,30 +76,30 @@ def _try_reading(step: Path) -> None:
     if tried.returncode < 0:
         raise ValueError(
             f"{step} cannot be read: the process that tried it was ended by signal "
-            f"{-tried.returncode}, as where memory does not suffice."
+            f"{-tried.returncode}, perhaps for lack of memory."
         )
     if tried.returncode > 0:
         last = shown(tried.stderr.decode(errors="replace").rstrip().rpartition("\n")[2], str)
-        raise RuntimeError(f"{step} could not be tried in a process of its own: {last}.")
+        raise RuntimeError(f"{step} could not be read in a separate process: {last}.")
 
 
 def _check_content(step: Path) -> int:
-    """Raise ValueError on what Open CASCADE reads in silence: no numbers, no unit of length.
+    """Check the coordinates and the unit of length, and return the number of solids.
 
-    Returns the number of solids.
+    Open CASCADE itself reads invalid coordinates and a missing unit without an error.
     """
     text = step.read_text("latin-1")
     points = list(_POINT.finditer(text))
-    for found in points:
+    for match in points:
         try:
-            good = all(abs(float(number)) < FARTHEST for number in found[1].split(","))
+            good = all(abs(float(number)) < FARTHEST for number in match[1].split(","))
         except ValueError:
             good = False
         if not good:
             raise ValueError(
-                f"{step} has a point at ({shown(found[1].strip(), str)}); coordinates must be "
+                f"{step} has a point at ({shown(match[1].strip(), str)}); coordinates must be "
                 f"numbers below {FARTHEST:g}."
             )
     if points and not _LENGTH.search(text):
-        raise ValueError(f"{step} names no unit of length in metres or a part or multiple of them.")
+        raise ValueError(f"{step} has no unit of length in metres, or a part or multiple of them.")
     return len(_SOLID.findall(text))

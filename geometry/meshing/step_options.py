@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Names, points and planes that `from_step` is given, checked, and read from the command line."""
+"""Checks and command-line parsing of the names, points and planes passed to `from_step`."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from dolfinx_joints.common.parameters import real, shown
 Plane = tuple[str, float | str]  # axis "x", "y" or "z"; its value [m], "min" or "max"
 
 UNNAMED_SURFACE = "outside"
-FARTHEST = 1e9  # of coordinates [m], of the file's own unit where it is read
+FARTHEST = 1e9  # limit of coordinates [m]; in a STEP file, in the unit of the file
 
 
 def is_point(point: Any) -> bool:
-    """Tell whether these are three coordinates."""
+    """Return True if ``point`` is three coordinates."""
     good = isinstance(point, Sequence | np.ndarray) and not isinstance(point, str | bytes)
     return good and len(point) == 3 and all(abs(real(x)) < FARTHEST for x in point)
 
 
 def is_plane(plane: Any) -> bool:
-    """Tell whether this is an axis and a place on it."""
+    """Return True if ``plane`` is an axis and a coordinate on it."""
     if isinstance(plane, str) or not isinstance(plane, Sequence) or len(plane) != 2:
         return False
     axis, where = plane
@@ -37,17 +37,17 @@ def is_plane(plane: Any) -> bool:
     return abs(real(where)) < FARTHEST
 
 
-def check_word(what: str, name: str) -> None:
-    """Raise ValueError unless a name is a word."""
+def check_word(subject: str, name: str) -> None:
+    """Raise ValueError unless a name consists of letters, digits and '_'."""
     if not re.fullmatch(r"\w+", name) or name == UNNAMED_SURFACE:
         raise ValueError(
-            f"{what} is called {shown(name)}, but its name must be of letters, digits and '_', and "
-            f"not '{UNNAMED_SURFACE}'."
+            f"{subject} is called {shown(name)}, but names may have only letters, digits and '_', "
+            f"and must not be '{UNNAMED_SURFACE}'."
         )
 
 
 def pair_of(text: str) -> tuple[str, str]:
-    """Read A,B."""
+    """Return the two names of the text A,B."""
     one, comma, two = text.partition(",")
     if not comma or not one or not two or "," in two:
         raise argparse.ArgumentTypeError(f"{text!r} is not A,B")
@@ -55,13 +55,13 @@ def pair_of(text: str) -> tuple[str, str]:
 
 
 def named_pair(text: str) -> tuple[str, tuple[str, str]]:
-    """Read NAME=A,B."""
+    """Return the name and the pair of the text NAME=A,B."""
     name, _, pair = text.partition("=")
     return name, pair_of(pair)
 
 
 def named_point(text: str) -> tuple[str, tuple[float, ...]]:
-    """Read NAME=X,Y,Z."""
+    """Return the name and the point of the text NAME=X,Y,Z."""
     name, _, point = text.partition("=")
     try:
         return name, tuple(float(word) for word in point.split(","))
@@ -70,7 +70,7 @@ def named_point(text: str) -> tuple[str, tuple[float, ...]]:
 
 
 def named_plane(text: str) -> tuple[str, Plane]:
-    """Read NAME:AXIS=VALUE."""
+    """Return the name and the plane of the text NAME:AXIS=VALUE."""
     name, _, plane = text.partition(":")
     axis, _, value = plane.partition("=")
     try:

@@ -338,7 +338,7 @@ def test_plane_gravity_dam(tmp_path, cell, order, corners):
         (((1, 0), (9, 0)), ((0, 9), (9, 5)), "upstream is .* with z rising from 0"),
         (((0, 0), (9, 0)), ((0, 9), (5, 7), (5, 5)), "downstream is .* with z rising from 0"),
         (((0, 0), (9, 0)), ((0, 9), (8, 5)), "ends at z = 9 m and the downstream face at 8 m"),
-        (((0, 0), (9, 0)), ((0, 9), (9, 0)), "The section is 0 m thick where it is thinnest"),
+        (((0, 0), (9, 0)), ((0, 9), (9, 0)), "The least thickness of the section is 0 m"),
     ],
 )
 def test_bad_gravity_section(upstream, downstream, sentence):
@@ -362,7 +362,7 @@ def test_bad_battered_section():
         (voussoir_arch, {"thickness": 20}, "thickness is 20, but it must be below twice the"),
         (voussoir_arch, {"voussoirs": 1}, "A cell spans 90 degrees, but it must be at most 45"),
         (gravity_dam, {"joints": {"a": 103.0}}, "Joint 'a' is at height 103.0, but it must be at"),
-        (gravity_dam, {"joints": {"a+": 5}}, "called 'a.', but its name must be of letters"),
+        (gravity_dam, {"joints": {"a+": 5}}, "called 'a.', but names may have only letters"),
         (gravity_dam, {"joints": {"a": 5, "b": 5.0}}, "but their heights must differ"),
     ],
 )

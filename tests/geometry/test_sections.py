@@ -207,28 +207,28 @@ HEADER = "elevation,extrados_radius,crown_thickness,left_angle,right_angle\n"
 ROWS = "0,50,4,40,60\n30,50,4,40,60\n"
 BAD_TABLES = {
     "empty": ("", "FILE is empty."),
-    "no section": (HEADER, "FILE has too few sections, 0 where at least 2 are needed."),
+    "no section": (HEADER, "FILE has 0 sections, but at least 2 are needed."),
     "missing column": (
         "elevation,crown_thickness,left_angle,right_angle\n0,4,40,60\n",
         "FILE, line 1: the column 'extrados_radius' is missing.",
     ),
-    "no header": (ROWS, "FILE, line 1: '0' is no column of a table of sections: elevation, "),
+    "no header": (ROWS, "FILE, line 1: '0' is not a column of a table of sections: elevation, "),
     "column given twice": (
         HEADER.replace("left", "right") + ROWS,
         "FILE, line 1: the column 'right_angle' is given 2 times.",
     ),
     "no thickness": (
         "elevation,extrados_radius,left_angle,right_angle\n0,50,40,60\n",
-        "FILE, line 1: the thickness is given by no column, but it must be one of these: ",
+        "FILE, line 1: the thickness is given by no column, but it must be given by one of: ",
     ),
-    "truncated": (HEADER + ROWS[:-6], "FILE, line 3: 4 values where the columns are 5."),
+    "truncated": (HEADER + ROWS[:-6], "FILE, line 3: 4 values for 5 columns."),
     "text in numbers": (
         HEADER + "0,50,four,40,60\n",
         "FILE, line 2: crown_thickness is 'four', which is not a finite number.",
     ),
     "falling elevations": (
         HEADER + "30,50,4,40,60\n0,50,4,40,60\n",
-        "FILE, section 2: elevation is 0, but it must be above the one before: sections rise.",
+        "FILE, section 2: elevation is 0, but it must be above the section before: sections rise.",
     ),
     "thickness of zero": (
         HEADER + ROWS.replace("30,50,4", "30,50,0"),
@@ -257,7 +257,7 @@ BAD_TABLES = {
     ),
     "abutment that turns back": (
         HEADER + "0,50,4,40,60\n10,50,4,50,60\n30,50,4,45,60\n",
-        "FILE: at elevation 10.125 m the left abutment stands still or turns back",
+        "FILE: at elevation 10.125 m the left abutment does not move away from the crown",
     ),
 }
 
@@ -277,7 +277,7 @@ def test_files_that_are_no_table(tmp_path):
     with pytest.raises(ValueError, match=r"The table of sections '.*none\.csv' does not exist\."):
         read_sections(tmp_path / "none.csv")
     (tmp_path / "b.csv").write_bytes(b"\x89HDF\r\n\x1a\n")
-    with pytest.raises(ValueError, match=r"b\.csv is not a text file: its byte 1 is no UTF-8\."):
+    with pytest.raises(ValueError, match=r"b\.csv is not a text file: its byte 1 is not UTF-8\."):
         read_sections(tmp_path / "b.csv")
 
 
@@ -287,8 +287,8 @@ def test_files_that_are_no_table(tmp_path):
         ({"joints": -1}, "joints is -1, but there must be 0 to 1000"),
         ({"joints": [10, 5]}, r"joints is \[10, 5\], but the angles must rise and lie between"),
         ({"joints": [40]}, r"lie between -60 and 40 degrees, the ends of the crest\."),
-        ({"perimetral": True}, "perimetral is True, but without a foundation"),
-        ({"spread": 3.0}, r"spread is 3, but there is no foundation to spread"),
+        ({"perimetral": True}, "perimetral is True, but a perimetral joint needs"),
+        ({"spread": 3.0}, r"spread is 3, but foundation is not given"),
         ({"foundation": 60.0}, r"foundation is 60\.0, but .* it must be at most 55 m, or its ends"),
         (
             {"foundation": 20.0, "spread": 46.0},

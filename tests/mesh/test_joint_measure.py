@@ -266,14 +266,14 @@ def test_no_ordinary_measure_has_joints():
     for measure in (jointed.ds, jointed.facets):
         with pytest.raises(
             MeshError,
-            match=r"'joint' is a joint; integrals over it take dS\('joint'\), one side .*"
-            r"'joint-' or 'joint\+'",
+            match=r"'joint' is a joint, not a facet group; use dS\('joint'\) for integrals, or "
+            r"its sides 'joint-' and 'joint\+'",
         ):
             measure("joint")
     for nothing in ([], (), 1):
-        with pytest.raises(MeshError, match="it must name joints, or be None for all"):
+        with pytest.raises(MeshError, match="give joint names, or None for all"):
             jointed.dS(nothing)
-    with pytest.raises(ValueError, match=r"degree is 4 without quadrature=.*\(degree=4\)"):
+    with pytest.raises(ValueError, match=r"degree is 4 but quadrature is not.*\(degree=4\)"):
         jointed.dS(degree=4)
 
 

@@ -26,7 +26,10 @@ def test_only_killed_compilations_are_removed(comm, new_path, monkeypatch):
         folder.mkdir()
         for name in ("libffcx_killed.c", "libffcx_whole.c", "libffcx_whole.c.cached"):
             (folder / name).touch()
-            os.utime(folder / name, times=(0, time.time() - 2.0 * killed_compilations._LONGEST))
+            os.utime(
+                folder / name,
+                times=(0, time.time() - 2.0 * killed_compilations._LONGEST_GENERATION),
+            )
     killed_compilations.remove_killed_compilations(comm)
     assert sorted(path.name for path in folder.iterdir()) == [
         "libffcx_whole.c",
@@ -41,7 +44,10 @@ def test_files_that_are_compiled_are_waited_for():
             named = Path(f"/proc/{process.pid}/cmdline")
             while b"libffcx_abc" not in named.read_bytes():  # empty for a moment after exec
                 time.sleep(0.01)
-            assert killed_compilations._patience("libffcx_abc", 5.0) == float("inf")
-            assert killed_compilations._patience("libffcx_def", 5.0) <= killed_compilations._LONGEST
+            assert killed_compilations._age_limit("libffcx_abc", 5.0) == float("inf")
+            assert (
+                killed_compilations._age_limit("libffcx_def", 5.0)
+                <= killed_compilations._LONGEST_GENERATION
+            )
         finally:
             process.kill()

@@ -183,7 +183,7 @@ def test_facets_of_groups_without_a_name_are_warned_of(comm, put):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         dj.read_msh(path, comm)
-    sentence = "1 facets in the physical group 7 without a name are left out, 1 of them inside"
+    sentence = "1 facets in the unnamed physical group 7 are not read, 1 of them inside"
     assert [sentence in str(each.message) for each in caught] == [True] * (comm.rank == 0)
 
 
@@ -200,7 +200,7 @@ def test_misspelt_joints_are_warned_of(comm, name, warned):
         dj.mesh_from_arrays(
             comm, **given, facet_groups=both
         )  # a part of a joint is no misspelt one
-    text = f"Facets of {name!r} lie inside the body and stay closed, as the name does not begin"
+    text = f"Facets of {name!r} lie inside the body but are not a joint, because the name does"
     assert [text in str(each.message) for each in caught] == [True] * (warned and comm.rank == 0)
 
 
@@ -209,7 +209,7 @@ XDMF_FAULTS = [
     ([[0, 1], [0, 5]], [3, 3], X, "Group 'base': 1 of its facets belong to no cell"),
     (BASE, [3, 3], X[::-1], "the 6 nodes of the facets are not the 6 nodes of the mesh"),
     (BASE, [3, 3], X[:3], "the 3 nodes of the facets are not the 6 nodes of the mesh"),
-    ([[0, 1], [1, 9]], [3, 3], X, "'base' holds numbers from 0 to 9; the nodes are numbered"),
+    ([[0, 1], [1, 9]], [3, 3], X, "'base' has numbers from 0 to 9; the nodes are numbered"),
     (BASE, [3], X, "2 facets have 1 tags"),
 ]
 
@@ -237,17 +237,17 @@ def test_a_facet_with_two_tags_is_in_both_groups(comm, put):
 
 def test_messages_lead_to_the_cause(comm, put):
     mixed = put("mixed.xdmf", xdmf("Mixed", X, CELLS, [0] * 4))
-    with pytest.raises(dj.MeshError, match="mixes several kinds of cells; write the cells to one"):
+    with pytest.raises(dj.MeshError, match="mixes several kinds of cells; write cells and facets"):
         dj.read_xdmf(mixed, comm, joints={})
     both = msh(
         *COINCIDENT[:1],
         ['2 1 "body"', '1 2 "joint_1"'],
         [(1, 2, [1, 4]), (1, 2, [6, 7]), *((2, 1, c) for c in COINCIDENT[1])],
     )
-    with pytest.raises(dj.MeshError, match="'joint_1' holds both of its faces, as Gmsh's plugin"):
+    with pytest.raises(dj.MeshError, match="'joint_1' contains both of its faces, which Gmsh's"):
         dj.read_msh(put("crack.msh", both), comm)
     unnamed = put("all.msh", msh(X, ['2 1 "body"'], [(2, 0, c) for c in CELLS]))
-    with pytest.raises(dj.MeshError, match="Mesh.SaveAll, which drops the groups in format 2.2"):
+    with pytest.raises(dj.MeshError, match="Mesh.SaveAll has dropped the groups in format 2.2"):
         dj.read_msh(unnamed, comm)
 
 

@@ -35,7 +35,7 @@ def test_groups_that_begin_with_joint_in_any_case_are_joints(comm, name):
 
 @pytest.mark.parametrize("name", ["a/b", "../x", "..", "", "line\nbreak"])
 def test_names_that_results_cannot_hold_are_refused(comm, name):
-    sentence = re.escape(f"The facet group {name!r} has a name that results files cannot hold")
+    sentence = re.escape(f"The facet group name {name!r} cannot be used in results files")
     for joint, base in ((name, "base"), ("joint", name)):
         with pytest.raises(dj.MeshError, match=sentence):
             two_blocks(comm, joint, base, joints=[joint])

@@ -204,22 +204,22 @@ def test_wrong_files_are_one_error_on_all_ranks(comm, wall_file, new_path):
     for damaged, reason in (
         (b"$MeshFormat\n4.1 0 8\n", "is not an HDF5 file"),
         (whole[:-100], "is truncated"),
-        (whole[:place] + b"\7" + whole[place + 1 :], "is no split mesh, or a damaged one"),
+        (whole[:place] + b"\7" + whole[place + 1 :], "is not a split mesh, or is damaged"),
     ):
         on_root(comm, lambda damaged=damaged: path.write_bytes(damaged))
         refused(comm, path, reason)
     for change, reason in (
-        (lambda file: file.attrs.modify("version", 7), "has version 7 of the layout, this program"),
+        (lambda file: file.attrs.modify("version", 7), "has version 7 of the layout; this program"),
         (
             lambda file: file["cells"].write_direct(file["cells"][()] + 1),
-            "cells names what is not there",
+            "cells has values out of range",
         ),
         (
             lambda file: file["joint"].write_direct(file["joint"][()] + 9),
-            "joint names what is not there",
+            "joint has values out of range",
         ),
-        (lambda file: file.pop("match"), "is no split mesh, or a damaged one: .*match"),
-        (lambda file: file.attrs.pop("format"), "is HDF5 but not a file of 'dolfinx_joints split"),
+        (lambda file: file.pop("match"), "is not a split mesh, or is damaged: .*match"),
+        (lambda file: file.attrs.pop("format"), "is an HDF5 file but not a 'dolfinx_joints split"),
     ):
         on_root(comm, lambda change=change: changed(path, whole, change))
         refused(comm, path, reason)
@@ -236,7 +236,7 @@ def test_files_are_replaced_only_if_asked(comm, new_path):
     path, mesh = new_path("doubled.h5"), doubled(comm)
     on_root(comm, lambda: path.write_text("of somebody"))
     with pytest.raises(
-        dj.MeshError, match=r"^.*: there already; --force replaces \(overwrite=True\)"
+        dj.MeshError, match=r"^.* exists already; replace it by --force \(overwrite=True\)"
     ):
         dj.write_split(path, mesh)
     dj.write_split(path, mesh, overwrite=True)

@@ -152,7 +152,7 @@ def test_facets_within_the_front_are_bonded():
     shape = CellShape(name="tetrahedron", degree=1)
     cells, x = grid(shape, (4, 4, 4))
     facets = facets_on(shape, cells, x, lambda x, y, z: z == 2 and 1 <= x <= 3 and 1 <= y <= 3)
-    with pytest.warns(UserWarning, match="2 facets have all their vertices"):
+    with pytest.warns(UserWarning, match="2 facets cannot open because all their vertices"):
         split = split_cells(shape, cells, x, [("a", facets)])
     assert len(facets) == 8
     assert split.bonded.tolist() == [2]
@@ -179,7 +179,7 @@ def test_facet_in_two_joints_is_refused(shape):
     facets = facets_on(shape, cells, x, through)
     with pytest.raises(MeshError) as failure:
         split_cells(shape, cells, x, [("a", facets), ("b", facets[:1, ::-1])])
-    assert str(failure.value) == "1 of the facets of the joints 'a' and 'b' are given twice."
+    assert str(failure.value) == "1 facets of the joints 'a' and 'b' are given twice."
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=name_of)
@@ -192,8 +192,8 @@ def test_joint_that_cannot_open_is_refused(shape):
     with pytest.raises(MeshError) as failure:
         split_cells(shape, cells, x, [("short", middle)])
     assert str(failure.value) == (
-        f"Joint 'short' cannot open: all vertices of its {len(middle)} facets lie on its front "
-        "inside the body; use a finer mesh."
+        f"Joint 'short' cannot open: all vertices of its {len(middle)} facets lie on its edge "
+        "inside the body; refine the mesh."
     )
 
 

@@ -102,7 +102,7 @@ GEOMETRICAL, PHYSICAL = ("gmsh:geometrical", "Cell", "8 7"), ("gmsh:physical", "
         ([GEOMETRICAL, ("tags", "Cell", "7.0 8.0")], "tags", None),
         ([GEOMETRICAL, ("tags", "Cell", "7 8")], None, "'gmsh:geometrical', 'tags'; choose one by"),
         ([("heat", "Node", "7 8")], None, "has no facet tags"),
-        ([("tags", "Cell", "7 8.5")], None, r"8\.5 in Attribute.* is no whole number"),
+        ([("tags", "Cell", "7 8.5")], None, r"8\.5 in Attribute.* is not a whole number"),
     ],
 )
 def test_tags_are_chosen_among_attributes(comm, written, named, name, sentence):
@@ -133,9 +133,9 @@ def test_what_is_not_there_is_said(comm, new_path, written):
         (new_path("nothing.xdmf"), joint, r"^Mesh file '.*nothing\.xdmf' does not exist\.$"),
         (path, {"facet_tags": "a", **joint}, r"mesh\.xdmf has no facet tags 'a'; it has: 'edges'"),
         (path, {"mesh": "a", **joint}, "has no mesh 'a'; it has: 'squares', 'edges'"),
-        (path, {"joints": {"joint": 4}}, "No facet carries the tag 4 of the group 'joint'; the"),
+        (path, {"joints": {"joint": 4}}, "No facet has the tag 4 of the group 'joint'; the"),
         (written(SQUARES), joint, r"mesh\.xdmf has no facet tags; grids in"),
-        (written("<Grid>"), joint, r"mesh\.xdmf is no XDMF file: mismatched tag"),
+        (written("<Grid>"), joint, r"mesh\.xdmf is not an XDMF file: mismatched tag"),
         (
             written(SQUARES.replace("XML", "HDF")),
             joint | {"facet_file": path},

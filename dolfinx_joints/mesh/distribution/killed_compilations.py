@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Removal of what a killed compilation of a form left in FFCx's cache."""
+"""Removal of unfinished files of killed form compilations from FFCx's cache."""
 
 from __future__ import annotations
 
@@ -12,47 +12,47 @@ from typing import Any
 
 from dolfinx.jit import get_options
 
-# FFCx waits so long for the compilation of a form by another process, and then fails; the code of
-# any form of this package is generated in the longer time [s].
-_PATIENCE, _LONGEST = 10.0, 30.0
+# Time after which FFCx stops waiting for the compilation by another process and fails, and upper
+# bound of the time to generate the code of a form of this package [s].
+_FFCX_WAIT, _LONGEST_GENERATION = 10.0, 30.0
 
 
 def remove_killed_compilations(comm: Any) -> None:
     """Remove C files of forms whose compilation was killed (collective).
 
-    FFCx creates the C file first and ``.c.cached`` last. It takes a C file alone for the work of
-    another process, waits for `_PATIENCE` and fails, in all later runs.
+    FFCx creates the C file first and ``.c.cached`` last. If only the C file exists, FFCx assumes
+    that another process is compiling it, waits for `_FFCX_WAIT` and fails, in every later run.
     """
     if comm.rank == 0:
-        names = {each.name for each in Path(get_options()["cache_dir"]).glob("libffcx_*")}
+        names = {file.name for file in Path(get_options()["cache_dir"]).glob("libffcx_*")}
         for name in names:
             if not name.endswith(".c") or f"{name}.cached" in names:
                 continue
             source = Path(get_options()["cache_dir"], name)
-            with suppress(OSError):  # another process may remove it, or own it
+            with suppress(OSError):  # removed by another process, or owned by another user
                 while not source.with_suffix(".c.cached").exists():
                     age = time.time() - source.stat().st_mtime
-                    if age > _patience(source.stem, age):
+                    if age > _age_limit(source.stem, age):
                         source.unlink()
                     time.sleep(0.1)
     comm.barrier()
 
 
-def _patience(name: str, age: float) -> float:
-    """Return the age from which on no process can be at work on an unfinished C file [s].
+def _age_limit(name: str, age: float) -> float:
+    """Return the age above which no process can still be working on an unfinished C file [s].
 
-    A compiler has the name in its arguments. Before it starts, a busy process with DOLFINx that is
-    older than the file may be generating the code.
+    A running compiler has the file name in its arguments. Before the compiler starts, any busy
+    DOLFINx process that is older than the file may be generating the code.
     """
-    longest = _PATIENCE
+    limit = _FFCX_WAIT
     for process in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             if name.encode() in (process / "cmdline").read_bytes():
                 return float("inf")
-            facts = (process / "stat").read_text().rpartition(")")[2].split()
-            begun = int(facts[19]) / os.sysconf("SC_CLK_TCK")
+            fields = (process / "stat").read_text().rpartition(")")[2].split()
+            begun = int(fields[19]) / os.sysconf("SC_CLK_TCK")
             older = time.clock_gettime(time.CLOCK_BOOTTIME) - begun > age
-            busy = facts[0] in "RD" and process.name != str(os.getpid())
+            busy = fields[0] in "RD" and process.name != str(os.getpid())
             if older and busy and b"dolfinx" in (process / "maps").read_bytes():
-                longest = _LONGEST
-    return longest
+                limit = _LONGEST_GENERATION
+    return limit

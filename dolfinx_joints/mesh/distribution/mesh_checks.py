@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Checks of the cells of a mesh, the same for all readers: before and after DOLFINx has it.
+"""Checks of the cells of a mesh, before and after the DOLFINx mesh is created.
 
-Cells and facets are compared by 64-bit sums of mixed numbers of their vertices, which do not depend
-on the order of the vertices. Of 1e7 facets two sums coincide by chance in one of 4e5 meshes.
+Cells and facets are compared by 64-bit sums of hashed vertex numbers, which do not depend on the
+order of the vertices. In a mesh of 1e7 facets, two sums coincide by chance with probability 1/4e5.
 """
 
 from __future__ import annotations
@@ -25,28 +25,29 @@ from dolfinx_joints.mesh.dolfinx_versions import geometry_nodes
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.mesh.orientation import facet_normals
 
-# Part of the cube (square in 2-D) of its size below which a cell has no volume: rounding of
-# coordinates up to 1e6 times the size is below, a layer of 1e-9 of its width above.
+# A cell has no volume if its volume is below this times the cube (square in 2-D) of its size.
+# Rounding errors of coordinates up to 1e6 times the size are below this limit. A layer with a
+# thickness of 1e-9 of its width is above it.
 NO_VOLUME = 1e-10
-TOUCHING = 1e-6  # of a facet's size: facets that are nearer touch
+TOUCHING = 1e-6  # facets touch if their distance is below this times the facet size
 
 
 def check_cells(comm: Any, shape: CellShape, cells: Ints, x: Floats) -> None:
-    """Check that cells have a volume and occur once, and facets belong to two cells (collective).
+    """Check that cells have a volume and are distinct, with at most two per facet (collective).
 
-    Cells are this rank's, with nodes numbered over all ranks; x has the places of these [m].
+    ``cells`` are global node numbers of this rank's cells, ``x`` the coordinates of the nodes [m].
 
     Raises:
-        MeshError: A coordinate is not finite, or a cell or facet is wrong.
+        MeshError: A coordinate is not finite, or a cell or facet is invalid.
     """
     start, local = blocks_of(comm, len(cells))[comm.rank], shape.facet_vertices
 
-    def refuse(wrong: Ints, what: str) -> None:
-        first = [(start + cell, middle(x[cell])) for cell in wrong[:1]]
-        found = comm.allgather((len(wrong), first))
-        if count := sum(number for number, _ in found):
-            number, place = min(first for _, each in found for first in each)
-            raise MeshError(f"{count} cells {what}; the first is cell {number} around {place}.")
+    def reject(invalid: Ints, fault: str) -> None:
+        first = [(start + cell, middle(x[cell])) for cell in invalid[:1]]
+        by_rank = comm.allgather((len(invalid), first))
+        if count := sum(number for number, _ in by_rank):
+            number, place = min(first for _, firsts in by_rank for first in firsts)
+            raise MeshError(f"{count} cells {fault}; the first is cell {number} around {place}.")
 
     with raised_together(comm):
         if not np.isfinite(x).all():
@@ -55,16 +56,16 @@ def check_cells(comm: Any, shape: CellShape, cells: Ints, x: Floats) -> None:
     volume, size = np.abs(np.linalg.det(jacobian)), np.abs(jacobian).max(axis=(1, 2))
     flat = volume <= NO_VOLUME * size**shape.dim
     extent = "volume" if shape.dim == 3 else "area"
-    refuse(np.flatnonzero(flat), f"have no {extent}: move their nodes, or remove the cells")
-    mixed = _mixed(cells[:, : int(local.max()) + 1])
-    twice = _repeated(comm, mixed.sum(axis=1), 1)
-    refuse(twice, "have all vertices of another cell: keep one of each (copied volumes in Gmsh)")
-    crowded = _repeated(comm, mixed[:, local].sum(axis=2).ravel(), 2) // len(local)
-    refuse(np.unique(crowded), "have a facet that belongs to more than two cells: they overlap")
+    reject(np.flatnonzero(flat), f"have no {extent}: move their nodes, or remove the cells")
+    mixed = _hashes(cells[:, : int(local.max()) + 1])
+    twice = _repeated_keys(comm, mixed.sum(axis=1), 1)
+    reject(twice, "have all vertices of another cell: keep one of each (copied volumes in Gmsh)")
+    crowded = _repeated_keys(comm, mixed[:, local].sum(axis=2).ravel(), 2) // len(local)
+    reject(np.unique(crowded), "have a facet that belongs to more than two cells: they overlap")
 
 
-def warn_of_untied(jointed: JointedMesh) -> None:
-    """Warn of boundary facets that touch others and are no joint, on rank 0 (collective)."""
+def warn_of_touching_facets(jointed: JointedMesh) -> None:
+    """Warn on rank 0 of touching boundary facets that are not a joint (collective)."""
     mesh, shape = jointed.mesh, jointed.shape
     outer = exterior_facet_indices(mesh.topology)
     groups, other = jointed._facet_groups, {"-": "+", "+": "-"}
@@ -75,31 +76,31 @@ def warn_of_untied(jointed: JointedMesh) -> None:
     vertices = shape.facet_vertices[facet][:, shape.facet_cycle, None]
     corners = np.take_along_axis(x, vertices, axis=1)
     inner = x[:, : int(shape.facet_vertices.max()) + 1].mean(axis=1)
-    touching = _touching(*_with_neighbours(mesh.comm, corners, inner))
-    found = mesh.comm.gather(
+    touching = _touching_facets(*_with_neighbours(mesh.comm, corners, inner))
+    by_rank = mesh.comm.gather(
         (len(touching), sorted(tuple(map(float, row)) for row in touching)[:1])
     )
-    if found is not None and (count := sum(number for number, _ in found)):
-        first = min(place for _, places in found for place in places)
+    if by_rank is not None and (count := sum(number for number, _ in by_rank)):
+        first = min(place for _, places in by_rank for place in places)
         warn(
             f"{count} boundary facets touch others, the first around {middle(np.array([first]))}: "
-            "the parts of the body are not connected there and can pass through each other. Mesh "
-            "them conforming (in Gmsh occ.fragment), or name the faces of a joint NAME- and NAME+."
+            "the parts of the body are not connected there and can pass through each other. Make "
+            "the mesh conforming (in Gmsh occ.fragment), or name joint faces NAME- and NAME+."
         )
 
 
 def _with_neighbours(comm: Any, x: Floats, inner: Floats) -> tuple[Floats, Floats, Flags]:
-    """Return the facets of some cubes of space, those that reach into them included (collective).
+    """Return the arguments of `_touching_facets` for this rank's cubes of space (collective).
 
-    The cubes are dealt to the ranks by their hash, so that no rank holds the whole surface. What is
-    returned are `_touching`'s arguments; its own facets are those centred in this rank's cubes.
+    The cubes are assigned to the ranks by a hash, so that no rank receives the whole surface. A
+    rank receives all facets that reach into its cubes; those centred there are its own facets.
     """
     if comm.size == 1:
         return x, inner, np.ones(len(x), dtype=bool)
     centres, (_, vertices, gdim) = x.mean(axis=1), x.shape
     size = np.linalg.norm(x - centres[:, None], axis=2).max(axis=1)
     width = 2.0 * comm.allreduce(float(size.max(initial=0.0)), MPI.MAX) or 1.0
-    # A facet is narrower than a cube: its own and the next one along each axis hold it.
+    # A facet is narrower than a cube: it fits in two neighbouring cubes along each axis.
     cube = np.floor((centres - size[:, None]) / width).astype(np.int64)
     steps = np.stack(np.meshgrid(*[[0, 1]] * gdim), axis=-1).reshape(-1, gdim)
     ranks = _rank_of(comm, cube[:, None] + steps)
@@ -112,17 +113,17 @@ def _with_neighbours(comm: Any, x: Floats, inner: Floats) -> tuple[Floats, Float
 
 
 def _rank_of(comm: Any, cube: Ints) -> Ints:
-    """Return the rank of each cube, given by whole coordinates along the last axis."""
-    key = (_mixed(cube) * np.arange(1, 2 * cube.shape[-1], 2, dtype=np.uint64)).sum(axis=-1)
+    """Return the rank of each cube, given by its integer coordinates along the last axis."""
+    key = (_hashes(cube) * np.arange(1, 2 * cube.shape[-1], 2, dtype=np.uint64)).sum(axis=-1)
     return (key % np.uint64(comm.size)).astype(np.int64)
 
 
-def _touching(x: Floats, inner: Floats, own: Flags) -> Floats:
-    """Return the centres of own facets that lie on another facet with the opposite normal.
+def _touching_facets(x: Floats, inner: Floats, own: Flags) -> Floats:
+    """Return the centres of own facets that lie on a facet with the opposite normal.
 
     Args:
         x: Vertices of boundary facets in cyclic order, shape (n, vertices, gdim), [m].
-        inner: A point in the cell of each, shape (n, gdim), [m].
+        inner: A point inside the cell of each facet, shape (n, gdim), [m].
         own: True for own facets, shape (n,).
     """
     if not len(x):
@@ -131,11 +132,11 @@ def _touching(x: Floats, inner: Floats, own: Flags) -> Floats:
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     normals[np.einsum("ij,ij->i", normals, inner - centres) > 0] *= -1.0
     sizes = np.linalg.norm(x - centres[:, None], axis=2).max(axis=1)
-    # A distance between facets that is large unless their normals are opposite.
+    # Append the scaled normals: only facets with opposite normals are then close together.
     far = sizes.max()
     tree = KDTree(np.hstack([centres, far * normals]))
     near = tree.query_ball_point(np.hstack([centres, -far * normals]), sizes)
-    wide = np.repeat(np.arange(len(x)), [len(each) for each in near])
+    wide = np.repeat(np.arange(len(x)), [len(facets) for facets in near])
     point = np.concatenate(near).astype(np.int64)
     away = centres[point] - centres[wide]
     on = np.abs(np.einsum("ij,ij->i", away, normals[wide])) < TOUCHING * sizes[wide]
@@ -147,23 +148,23 @@ def _touching(x: Floats, inner: Floats, own: Flags) -> Floats:
 
 
 def _jacobians(shape: CellShape, x: Floats) -> Floats:
-    """Derivatives of the coordinates at the middle of each cell, shape (n, gdim, dim)."""
+    """Return the derivatives of the coordinates at the centre of each cell, (n, gdim, dim)."""
     element = shape.element()
     centre = element.points[: int(shape.facet_vertices.max()) + 1].mean(axis=0)
     return np.tensordot(x, element.tabulate(1, centre[None])[1:, 0, :, 0], axes=(1, 1))
 
 
-def _mixed(nodes: Ints) -> NDArray[np.uint64]:
-    """Numbers of nodes with their bits mixed (SplitMix64), modulo 2^64."""
+def _hashes(nodes: Ints) -> NDArray[np.uint64]:
+    """Return the SplitMix64 hashes of node numbers."""
     z = (nodes.astype(np.uint64) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return z ^ (z >> np.uint64(31))
 
 
-def _repeated(comm: Any, keys: NDArray[np.uint64], most: int) -> Ints:
-    """Positions of keys that occur more than ``most`` times on all ranks (collective)."""
+def _repeated_keys(comm: Any, keys: NDArray[np.uint64], most: int) -> Ints:
+    """Return the positions of keys that occur more than ``most`` times in total (collective)."""
     rank = (keys % np.uint64(comm.size)).astype(np.int64)
-    here = np.sort(keys if comm.size == 1 else sent_to(comm, rank, keys))
-    every = np.concatenate(comm.allgather(here[most:][here[most:] == here[:-most]]))
+    received = np.sort(keys if comm.size == 1 else sent_to(comm, rank, keys))
+    every = np.concatenate(comm.allgather(received[most:][received[most:] == received[:-most]]))
     return np.flatnonzero(np.isin(keys, every)) if len(every) else np.empty(0, dtype=np.int64)

@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Partition of a split mesh: as if its joints were glued, with the cell across a joint as a ghost.
+"""Partition of a split mesh as if its joints were glued, with cells across joints as ghosts.
 
-So both cells of a facet pair are on the rank that owns the one on the - side, and integrals over
-joints need no other rank.
+Both cells of a facet pair are on the rank that owns the - cell. Integrals over joints therefore
+need no communication.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from dolfinx_joints.mesh.joint_pairs import JointPairs
 
 
 def glued(pairs: JointPairs, start: int, stop: int) -> Ints:
-    """Number of each node from ``start`` to ``stop`` where the joints are glued together."""
+    """Return the numbers of nodes ``start`` to ``stop`` after gluing the joints together."""
     sides = np.stack([pairs.minus_vertices, pairs.plus_vertices])
     nodes, place = np.unique(sides, return_inverse=True)
     one, other = place.reshape(2, -1)
     _, first, label = np.unique(
         connected(one, other, len(nodes)), return_index=True, return_inverse=True
     )
-    number, here = np.arange(start, stop), (nodes >= start) & (nodes < stop)
-    number[nodes[here] - start] = nodes[first[label[here]]]
+    number, in_range = np.arange(start, stop), (nodes >= start) & (nodes < stop)
+    number[nodes[in_range] - start] = nodes[first[label[in_range]]]
     return number
 
 
 def partitioner_across(pairs: JointPairs, number: Ints) -> Callable[..., Any]:
-    """A partitioner for `dolfinx.mesh.create_mesh`, ``number`` being this rank's of `glued`."""
+    """Return a partitioner for `dolfinx.mesh.create_mesh`; ``number`` is the result of `glued`."""
     by_facets = dolfinx_versions.cell_partitioner()
 
     def partition(comm: Any, parts: int, cell_types: Any, cells: list[Any]) -> Any:
-        here = [np.ascontiguousarray(rows_at(comm, number, vertices)) for vertices in cells]
-        owner = by_facets(comm, parts, cell_types, here).array
+        glued_cells = [np.ascontiguousarray(rows_at(comm, number, vertices)) for vertices in cells]
+        owner = by_facets(comm, parts, cell_types, glued_cells).array
         minus, plus = (rows_at(comm, owner, side[:, 0]) for side in (pairs.minus, pairs.plus))
         blocks = blocks_of(comm, len(owner))
         across = np.column_stack([pairs.plus[:, 0], minus])[minus != plus]

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Split meshes as arrays of which each rank has a block, and DOLFINx meshes of them."""
+"""Split meshes as arrays, one block of rows per rank, and DOLFINx meshes made from them."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.distribution.killed_compilations import remove_killed_compilations
-from dolfinx_joints.mesh.distribution.mesh_checks import check_cells, warn_of_untied
+from dolfinx_joints.mesh.distribution.mesh_checks import check_cells, warn_of_touching_facets
 from dolfinx_joints.mesh.distribution.partition import glued, partitioner_across
 from dolfinx_joints.mesh.joint_pairs import JointPairs
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh, mesh_tags
 
-# Meshes on one rank. A mesh that is made inside a call that fails would be freed while the
-# exception propagates, and mpi4py cannot free a communicator then: a SystemError hides the message.
-_kept: list[tuple[weakref.ref[JointedMesh], Any]] = []
+# Meshes kept alive on one rank. If a call that creates a mesh fails, the mesh would be freed while
+# the exception propagates. mpi4py cannot free a communicator then: a SystemError hides the message.
+_alive: list[tuple[weakref.ref[JointedMesh], Any]] = []
 
 
 @dataclass(frozen=True, kw_only=True)
 class PreparedMesh:
-    """This rank's blocks of the rows of a split mesh; cells and nodes are numbered over all ranks.
+    """Blocks of rows of a split mesh on this rank; cells and nodes have global numbers.
 
     Attributes:
         shape: Reference cell and degree of the geometry.
         cells: Nodes of the cells, shape (cells, nodes of a cell).
         cell_values: Tags of the cells, 0 for none, shape (cells,).
         facet_values: Tags of their facets, 0 for none, shape (cells, facets of a cell). A facet of
-            two cells may have its tag in one of them.
+            two cells may be tagged in only one of them.
         x: Node coordinates, shape (nodes, gdim), [m].
-        glued: Numbers of the nodes where joints are glued together, of `partition.glued`.
-        pairs: The facet pairs, dealt in the same way.
+        glued: Node numbers with joints glued together, from `partition.glued`.
+        pairs: This rank's block of the facet pairs.
         cell_groups: Tags that make up each named cell group.
         facet_groups: Tags that make up each named facet group and each side of a joint.
     """
@@ -56,12 +56,12 @@ class PreparedMesh:
     facet_groups: dict[str, tuple[int, ...]]
 
     def rows(self) -> dict[str, Any]:
-        """What there is of each cell and each node, by name."""
+        """Return the arrays that have one row per cell or node, by name."""
         return {name: getattr(self, name) for name in MESH_ROWS}
 
     def without_rows(self) -> PreparedMesh:
-        """What the ranks have in common."""
-        nothing = {name: each[:0] for name, each in self.rows().items()}
+        """Return a copy without rows: the data that all ranks have in common."""
+        nothing = {name: rows[:0] for name, rows in self.rows().items()}
         return replace(self, pairs=self.pairs.block(0, 0), **nothing)
 
 
@@ -69,25 +69,25 @@ MESH_ROWS = ("cells", "cell_values", "facet_values", "x", "glued")
 
 
 def distribute(comm: Any, prepare: Callable[[], PreparedMesh]) -> JointedMesh:
-    """Create the DOLFINx mesh of one that rank 0 prepares whole (collective)."""
+    """Create the DOLFINx mesh from a mesh that rank 0 prepares (collective)."""
     check_comm(comm)
-    here: list[PreparedMesh] = []
+    whole: list[PreparedMesh] = []
 
     def work() -> PreparedMesh:
-        here.append(prepare())
-        return here[0].without_rows()
+        whole.append(prepare())
+        return whole[0].without_rows()
 
-    known = on_root(comm, work)
-    return create_jointed(comm, here[0] if here else known)
+    common = on_root(comm, work)
+    return create_jointed(comm, whole[0] if whole else common)
 
 
 def check_comm(comm: Any) -> None:
-    """Check that a reader has a communicator."""
-    check_kind_of("comm", comm, offers(comm, "bcast"), "an MPI communicator, as MPI.COMM_WORLD")
+    """Check that ``comm`` is an MPI communicator."""
+    check_kind_of("comm", comm, offers(comm, "bcast"), "an MPI communicator such as MPI.COMM_WORLD")
 
 
 def create_jointed(comm: Any, share: PreparedMesh) -> JointedMesh:
-    """Create the DOLFINx mesh of what each rank has, and tag its entities (collective)."""
+    """Create the DOLFINx mesh from the shares of all ranks, and tag it (collective)."""
     remove_killed_compilations(comm)
     shape = share.shape
     x = rows_at(comm, share.x, share.cells.ravel())
@@ -114,32 +114,32 @@ def create_jointed(comm: Any, share: PreparedMesh) -> JointedMesh:
         _facet_tags=mesh_tags(mesh, shape.dim - 1, facets, values[cell, 1 + facet][first]),
         _facet_groups=share.facet_groups,
     )
-    warn_of_untied(jointed)
+    warn_of_touching_facets(jointed)
     if comm.size == 1:
-        _keep(jointed)
+        _keep_alive(jointed)
     return jointed
 
 
-def _keep(jointed: JointedMesh) -> None:
-    """Keep the mesh alive until the next one is made, and let go of those of no `JointedMesh`."""
-    _kept[:] = [(reference, mesh) for reference, mesh in _kept if reference() is not None]
-    _kept.append((weakref.ref(jointed), jointed.mesh))
+def _keep_alive(jointed: JointedMesh) -> None:
+    """Keep the mesh alive until the next mesh is created, and release unused meshes."""
+    _alive[:] = [(reference, mesh) for reference, mesh in _alive if reference() is not None]
+    _alive.append((weakref.ref(jointed), jointed.mesh))
 
 
 def facets_of_cells(mesh: Any, shape: CellShape) -> NDArray[np.int32]:
-    """Local facets of each local cell, shape (cells, facets of a cell)."""
+    """Return the local facets of each local cell, shape (cells, facets of a cell)."""
     topology, dim = mesh.topology, shape.dim
     topology.create_entities(dim - 1)
     topology.create_connectivity(dim, dim - 1)
     topology.create_connectivity(dim - 1, dim)
-    found = topology.connectivity(dim, dim - 1).array
-    return np.asarray(found).reshape(-1, len(shape.facet_vertices))
+    facets = topology.connectivity(dim, dim - 1).array
+    return np.asarray(facets).reshape(-1, len(shape.facet_vertices))
 
 
 def share_of(jointed: JointedMesh) -> PreparedMesh:
-    """Equal blocks of a mesh for each rank, cells and nodes in the order of the input (collective).
+    """Return this rank's equal block of a mesh, in the order of the input (collective).
 
-    A number of a node that no cell has, has zeros for coordinates.
+    Unused node numbers have zero coordinates.
     """
     mesh, shape = jointed.mesh, jointed.shape
     cell_map = mesh.topology.index_map(shape.dim)

@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Split meshes in HDF5 files, which each rank reads its share of.
+"""Split meshes in HDF5 files, from which each rank reads its share.
 
-The file has a dataset for each array of `PreparedMesh` and of `JointPairs`, whose rows are those of
-all ranks, and ``facts``: names, groups and the shape of the cells as JSON. Rows have checksums, by
-HDF5; only what a rank reads is compared with them.
+The file has one dataset per array of `PreparedMesh` and `JointPairs`, with the rows of all ranks.
+The dataset ``facts`` has names, groups and the shape of the cells as JSON. HDF5 stores checksums of
+the rows, and each rank verifies those of the rows that it reads.
 """
 
 from __future__ import annotations
@@ -41,35 +41,35 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 FORMAT = "dolfinx_joints split mesh"
 VERSION = 1
 
-_PAIR_ROWS = tuple(name for name in PAIR_ROWS if name != "number")  # rows are in that order
+_PAIR_ROWS = tuple(name for name in PAIR_ROWS if name != "number")  # rows are sorted by it
 
-_CHUNK = 1 << 20  # length of what has one checksum [bytes]
+_CHUNK = 1 << 20  # length of the data with one checksum [bytes]
 
 
 def write_split(path: str | Path, mesh: JointedMesh, *, overwrite: bool = False) -> None:
-    """Write a split mesh that any number of ranks reads, each its share (collective).
+    """Write a split mesh to a file that any number of ranks can read (collective).
 
     Args:
-        path: HDF5 file; ``PATH.part`` beside it is written first.
+        path: HDF5 file. ``PATH.part`` in the same folder is written first and then renamed.
         mesh: The mesh.
-        overwrite: Replace a file of this name.
+        overwrite: Replace an existing file.
 
     Raises:
-        MeshError: The file is there already, or cannot be written.
+        MeshError: The file exists already, or cannot be written.
     """
     comm, path = mesh.mesh.comm, Path(path)
     if on_root(comm, path.exists) and not overwrite:
-        raise MeshError(f"{path}: there already; --force replaces (overwrite=True).")
+        raise MeshError(f"{path} exists already; replace it by --force (overwrite=True).")
     share, part = share_of(mesh), path.with_name(f"{path.name}.part")
     arrays = _rows(share)
     blocks = {name: blocks_of(comm, len(rows)) for name, rows in arrays.items()}
     try:
-        for rank in range(comm.size):  # one after the other
+        for rank in range(comm.size):  # one rank after the other
             with raised_together(comm):
                 if rank == comm.rank:
                     with h5py.File(part, "r+" if rank else "w", libver="latest") as file:
                         if not rank:
-                            _begin(file, share, {name: each[-1] for name, each in blocks.items()})
+                            _create(file, share, {name: ends[-1] for name, ends in blocks.items()})
                         for name, rows in arrays.items():
                             file[name][slice(*blocks[name][rank : rank + 2])] = rows
         on_root(comm, lambda: part.replace(path))
@@ -87,8 +87,8 @@ def _rows(share: PreparedMesh) -> dict[str, Any]:
     }
 
 
-def _begin(file: h5py.File, share: PreparedMesh, counts: dict[str, int]) -> None:
-    """Write what the ranks have in common, and make room for their rows."""
+def _create(file: h5py.File, share: PreparedMesh, counts: dict[str, int]) -> None:
+    """Write the data that all ranks have in common, and create the datasets for their rows."""
     set_texts(file, format=FORMAT)
     file.attrs["version"] = VERSION
     pairs = share.pairs
@@ -112,14 +112,14 @@ def _begin(file: h5py.File, share: PreparedMesh, counts: dict[str, int]) -> None
 
 
 def read_split(path: str | Path, comm: Any) -> JointedMesh:
-    """Read a split mesh; no rank holds the whole of it (collective).
+    """Read a split mesh; no rank stores the whole mesh (collective).
 
     Args:
-        path: File of `write_split` or of the command ``dolfinx-joints split``.
+        path: File written by `write_split` or by the command ``dolfinx-joints split``.
         comm: MPI communicator of the mesh.
 
     Raises:
-        MeshError: The file is missing, damaged or no split mesh.
+        MeshError: The file is missing, damaged or not a split mesh.
     """
     check_comm(comm)
     with raised_together(comm):
@@ -130,14 +130,14 @@ def read_split(path: str | Path, comm: Any) -> JointedMesh:
 def _read(path: Path, rank: int, ranks: int) -> PreparedMesh:
     check_file(path, f"Mesh file {str(path)!r} does not exist.", MeshError)
     check_superblock(path, MeshError)
-    with damage_reported(path, MeshError, "is no split mesh, or a damaged one"):
+    with damage_reported(path, MeshError, "is not a split mesh, or is damaged"):
         with h5py.File(path, "r") as file:
             if attribute(file, "format") != FORMAT:
-                raise MeshError(f"{path} is HDF5 but not a file of {FORMAT!r}.")
+                raise MeshError(f"{path} is an HDF5 file but not a {FORMAT!r} file.")
             check_version(version := attribute(file, "version"), VERSION)
             if version != VERSION:
                 raise MeshError(
-                    f"{path} has version {version} of the layout, this program reads version "
+                    f"{path} has version {version} of the layout; this program reads only version "
                     f"{VERSION}."
                 )
             facts = json.loads(bytes(file["facts"][()]).decode())
@@ -182,15 +182,15 @@ def _check(share: PreparedMesh, counts: dict[str, int]) -> None:
         **dict.fromkeys(("minus", "plus"), (counts["joint"], 2)),
         **dict.fromkeys(("match", "minus_vertices", "plus_vertices"), (counts["joint"], corners)),
     }
-    for name, each in wanted.items():
-        if (counts[name], *rows[name].shape[1:]) != each or rows[name].dtype.kind not in "if":
+    for name, needed in wanted.items():
+        if (counts[name], *rows[name].shape[1:]) != needed or rows[name].dtype.kind not in "if":
             raise ValueError(f"{name} has the shape {(counts[name], *rows[name].shape[1:])}")
-    known = {
+    limits = {
         **dict.fromkeys(("cells", "glued", "minus_vertices", "plus_vertices"), counts["x"]),
         **dict.fromkeys(("minus", "plus"), (counts["cells"], facets)),
         "match": corners,
         "joint": len(pairs.names),
     }
-    for name, count in known.items():
-        if np.any((rows[name] < 0) | (rows[name] >= count)):
-            raise ValueError(f"{name} names what is not there")
+    for name, limit in limits.items():
+        if np.any((rows[name] < 0) | (rows[name] >= limit)):
+            raise ValueError(f"{name} has values out of range (0 <= value < {limit})")

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Nodes, cells and groups given as arrays, checked."""
+"""Checked meshes from arrays of nodes, cells and groups."""
 
 from __future__ import annotations
 
@@ -19,55 +19,55 @@ _DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron":
 def mesh_of_arrays(
     cell: str, x: Any, cells: Any, facet_groups: Mapping[str, Any], cell_groups: Mapping[str, Any]
 ) -> RawMesh:
-    """The mesh of arrays as `mesh_from_arrays` takes them."""
+    """Return the mesh of the arrays that `mesh_from_arrays` takes."""
     check_choice("cell", cell, _DIMENSION)
-    for what, given in (("facet_groups", facet_groups), ("cell_groups", cell_groups)):
-        check_named(what, given, "an array by name")
+    for argument, given in (("facet_groups", facet_groups), ("cell_groups", cell_groups)):
+        check_named(argument, given, "an array by name")
     points, gdim = numbers_of(x), _DIMENSION[cell]
     if points is None or points.ndim != 2 or points.shape[1] != gdim or not finite(points):
-        wanted = f"for a {cell} finite numbers of shape (n, {gdim}) are needed"
-        raise MeshError(f"x is {_said(x, points)}; {wanted}.")
+        wanted = f"a {cell} mesh needs finite numbers of shape (n, {gdim})"
+        raise MeshError(f"x is {_described(x, points)}; {wanted}.")
     shapes = {s.element().dim: s for s in (CellShape(name=cell, degree=d) for d in (1, 2))}
     nodes = _indices("cells", cells, "nodes", len(points), tuple(shapes))
     shape = shapes[nodes.shape[1]]
     corners = shape.facet_vertices.shape[1]
-    wrong = inside_out(shape, points, nodes)
-    if len(wrong):
+    inverted = inside_out(shape, points, nodes)
+    if len(inverted):
         raise MeshError(
-            f"Cell {wrong[0]}, one of {len(wrong)}, is turned inside out in a part of it; nodes of "
-            "cells must come in the order of DOLFINx, see the docstring of mesh_from_arrays."
+            f"{len(inverted)} cells are partly inside out, the first is cell {inverted[0]}; nodes "
+            "must be in the order of DOLFINx, see the docstring of mesh_from_arrays."
         )
     return RawMesh(
         shape=shape,
         cells=nodes,
         x=points,
         cell_groups={
-            name: _indices(f"The cell group {name!r}", each, "cells", len(nodes))
-            for name, each in cell_groups.items()
+            name: _indices(f"The cell group {name!r}", numbers, "cells", len(nodes))
+            for name, numbers in cell_groups.items()
         },
         facet_groups={
-            name: _indices(f"The facet group {name!r}", each, "nodes", len(points), (corners,))
-            for name, each in facet_groups.items()
+            name: _indices(f"The facet group {name!r}", numbers, "nodes", len(points), (corners,))
+            for name, numbers in facet_groups.items()
         },
     )
 
 
-def _said(given: Any, array: Floats | None) -> str:
+def _described(given: Any, array: Floats | None) -> str:
     return shown(given) if array is None else f"an array of shape {array.shape}"
 
 
 def _indices(name: str, given: Any, of: str, count: int, columns: tuple[int, ...] = ()) -> Ints:
-    """Numbers of nodes or cells, shape (n,) or (n, one of ``columns``)."""
+    """Return numbers of nodes or cells, shape (n,) or (n, one of ``columns``)."""
     array = numbers_of(given)
     fits = array is not None and array.ndim == (2 if columns else 1) and array.size > 0
     if array is None or not fits or (columns and array.shape[1] not in columns):
         wanted = f"(n, {' or '.join(map(str, columns))})" if columns else "(n,)"
         raise MeshError(
-            f"{name} is {_said(given, array)}; numbers of {of} of shape {wanted} are needed."
+            f"{name} is {_described(given, array)}; numbers of {of} of shape {wanted} are needed."
         )
     if array.min() < 0 or array.max() >= count or np.any(array != np.rint(array)):
         raise MeshError(
-            f"{name} holds numbers from {array.min():.15g} to {array.max():.15g}; the {of} are "
+            f"{name} has numbers from {array.min():.15g} to {array.max():.15g}; the {of} are "
             f"numbered from 0 to {count - 1}."
         )
     return array.astype(np.int64)

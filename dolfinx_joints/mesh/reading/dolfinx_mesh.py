@@ -1,8 +1,8 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A user's own DOLFINx mesh, split where it is: what touches a joint alone goes to rank 0.
+"""Splitting of a user's distributed DOLFINx mesh; only cells that touch a joint go to rank 0.
 
-Cells and nodes have the numbers that they had when the mesh was made, which no partition changes.
+Cells and nodes keep their numbers from the creation of the mesh, which no partition changes.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def split_share(
     cell_tags: dolfinx.mesh.MeshTags | None,
     cell_groups: Mapping[str, Any],
 ) -> PreparedMesh:
-    """Split a mesh at some of its facet groups; an equal share of it on each rank (collective).
+    """Split a mesh at facet groups, and return this rank's equal share (collective).
 
     A group is a tag or, without tags, the local entities of each rank.
     """
@@ -62,7 +62,7 @@ def split_share(
         check_curves(shape, x, local, "The mesh")
 
     rows = _facet_rows(mesh, shape, cells, original, facets)
-    sides = {name + end for name in joints for end in ("", "-", "+")}  # or duplicated already
+    sides = {name + end for name in joints for end in ("", "-", "+")}  # sides if duplicated already
     of_joints = {k: name for k, name in enumerate(facets) if name in sides}
     at_joints = np.concatenate(comm.allgather(rows[np.isin(rows[:, 2], list(of_joints))]))
     corners = cells[owned, : int(shape.facet_vertices.max()) + 1]
@@ -86,7 +86,7 @@ def split_share(
     set_rows(comm, glued, node, split.glued)
     facet_values = np.zeros((len(table), len(shape.facet_vertices)), dtype=np.int32)
     cell_values = np.zeros(len(table), dtype=np.int32)
-    of_cells = {name: original[each, None] for name, each in cells_of_groups.items()}
+    of_cells = {name: original[ids, None] for name, ids in cells_of_groups.items()}
     tagged, tags, cell_groups = _tagged(comm, len(table), of_cells)
     cell_values[tagged[:, 0]] = tags
     return PreparedMesh(
@@ -103,18 +103,17 @@ def split_share(
 
 
 def _order_of_creation(mesh: dolfinx.mesh.Mesh) -> Ints:
-    """Return for each local cell its number when the mesh was made.
+    """Return the number of each local cell at the creation of the mesh.
 
     Raises:
-        MeshError: The mesh does not know them.
+        MeshError: The mesh does not store these numbers.
     """
     try:
         return np.asarray(mesh.topology.original_cell_index, dtype=np.int64)
     except RuntimeError:
         raise MeshError(
-            "The mesh does not know in which order its cells were made, as one from "
-            "create_submesh does not; make it with create_mesh, or write it to a file for "
-            "read_xdmf."
+            "The mesh does not store the original order of its cells, as after create_submesh; "
+            "make it with create_mesh, or write it to a file for read_xdmf."
         ) from None
 
 
@@ -129,32 +128,31 @@ def _split_near(
 ) -> tuple[Ints, Ints, PreparedMesh]:
     """Split the cells that touch a joint, on rank 0 (collective).
 
-    Cells and points are numbers with nodes, or with coordinates, of this rank's; new nodes have
-    numbers from ``num_nodes`` on.
+    ``cells`` has the number and the nodes of each cell of this rank, ``points`` the numbers and
+    the coordinates of its nodes. Numbers of new nodes begin at ``num_nodes``.
 
     Returns:
-        Numbers of the cells and of the nodes, and what there is of each, in these numbers; nothing
-        on other ranks.
+        Cell numbers, node numbers, and the split mesh in these numbers; empty on other ranks.
     """
     parts = comm.gather((cells, *points), root=0)
     whole: list[tuple[Ints, Ints, PreparedMesh]] = []
 
     def work() -> tuple[Ints, Ints, PreparedMesh]:
-        table, numbers, x = (np.concatenate(each) for each in zip(*parts, strict=True))
+        table, numbers, x = (np.concatenate(values) for values in zip(*parts, strict=True))
         table = table[np.argsort(table[:, 0])]
-        known, first = np.unique(numbers, return_index=True)
+        used, first = np.unique(numbers, return_index=True)
         raw = RawMesh(
             shape=shape,
-            cells=np.searchsorted(known, table[:, 1:]),
+            cells=np.searchsorted(used, table[:, 1:]),
             x=x[first],
             cell_groups={},
             facet_groups={
-                name: np.unique(np.searchsorted(known, each), axis=0)
-                for name, each in facet_groups.items()
+                name: np.unique(np.searchsorted(used, vertices), axis=0)
+                for name, vertices in facet_groups.items()
             },
         )
         made, cell = prepare(raw, joints), table[:, 0]
-        node = np.append(known, num_nodes + np.arange(len(made.x) - len(known)))
+        node = np.append(used, num_nodes + np.arange(len(made.x) - len(used)))
         pairs = made.pairs
         pairs = replace(
             pairs,
@@ -178,9 +176,9 @@ def _facet_rows(
     original: Ints,
     facets: Mapping[str, NDArray[np.int32]],
 ) -> Ints:
-    """Cell, local facet, position of the group and vertices of the facets of groups (collective).
+    """Return the cell, local facet, group and vertices of each facet of a group (collective).
 
-    Each facet of a group is on one rank alone, with the first of its cells.
+    Each facet of a group is on one rank only, with the first of its cells.
     """
     corners = shape.facet_vertices.shape[1]
     parts = [np.empty((0, 3 + corners), dtype=np.int64)]
@@ -199,27 +197,27 @@ def _facet_rows(
 def _facet_values(
     comm: Any, values: NDArray[np.int32], rows: Ints, groups: list[str], pairs: JointPairs
 ) -> dict[str, tuple[int, ...]]:
-    """Tag the facets of this rank's block of cells; the tags of each group (collective).
+    """Tag the facets of this rank's block of cells, and return each group's tags (collective).
 
-    ``values`` receives the tags, rows are of `_facet_rows`, the facet pairs are on rank 0.
+    ``values`` receives the tags, ``rows`` come from `_facet_rows`, and the pairs are on rank 0.
     """
     slots = {name: rows[rows[:, 2] == k, :2] for k, name in enumerate(groups)}
-    # Of a facet on a joint, `rows` have one of the two faces; other groups get that across too.
-    number = np.array([values.shape[1], 1])  # of a facet of a cell, by a product
+    # `rows` have only one face of a facet on a joint: add the other face to other groups.
+    number = np.array([values.shape[1], 1])  # (cell, facet) @ number is a unique facet number
     one, across = np.vstack([pairs.minus, pairs.plus]), np.vstack([pairs.plus, pairs.minus])
     of_joint = np.isin(rows[:, 2], [k for k, name in enumerate(groups) if name in pairs.names])
     doubled = np.isin(rows[:, :2] @ number, rows[of_joint, :2] @ number) & ~of_joint
     shared = np.concatenate(comm.allgather(rows[doubled, :3]))
     for k, name in enumerate(groups):
-        here = np.isin(one @ number, shared[shared[:, 2] == k, :2] @ number)
-        slots[name] = np.vstack([slots[name], across[here]])
+        doubled_here = np.isin(one @ number, shared[shared[:, 2] == k, :2] @ number)
+        slots[name] = np.vstack([slots[name], across[doubled_here]])
     for i, name in enumerate(pairs.names):
         slots.pop(name, None)
         for end, side in (("-", pairs.minus), ("+", pairs.plus)):
             none = np.empty((0, 2), dtype=np.int64)
             slots[name + end] = np.vstack([slots.get(name + end, none), side[pairs.joint == i]])
-    found, tags, of_groups = _tagged(comm, len(values), slots)
-    values[found[:, 0], found[:, 1]] = tags
+    entities, tags, of_groups = _tagged(comm, len(values), slots)
+    values[entities[:, 0], entities[:, 1]] = tags
     return of_groups
 
 
@@ -228,52 +226,52 @@ def _tagged(
 ) -> tuple[Ints, NDArray[np.int32], dict[str, tuple[int, ...]]]:
     """Tag the cells or facets of groups in this rank's block of cells (collective).
 
-    Slots are cells, or cells and local facets, which any rank may have. What is returned is that of
-    `tag_sets`, cells counted from the first one of the block.
+    Slots are cells, or cells and local facets, on any rank. The result is that of `tag_sets`, with
+    cells counted from the first cell of the block.
     """
     rows, group, names = members(slots)
     blocks = blocks_of(comm, num_cells)
-    here = sent_to(comm, rank_of(blocks, rows[:, 0]), np.column_stack([rows, group]))
-    here[:, 0] -= blocks[comm.rank]
-    return tag_sets(here[:, :-1], here[:, -1], names, lambda m: np.concatenate(comm.allgather(m)))
+    own = sent_to(comm, rank_of(blocks, rows[:, 0]), np.column_stack([rows, group]))
+    own[:, 0] -= blocks[comm.rank]
+    return tag_sets(own[:, :-1], own[:, -1], names, lambda m: np.concatenate(comm.allgather(m)))
 
 
 def _group_entities(
     mesh: dolfinx.mesh.Mesh, dim: int, groups: Mapping[str, Any], tags: dolfinx.mesh.MeshTags | None
 ) -> dict[str, NDArray[np.int32]]:
-    """Local facets or cells of each group, by its tag or as given (collective)."""
+    """Return the local facets or cells of each group, by its tag or as given (collective)."""
     comm, kind = mesh.comm, "cell" if dim == mesh.topology.dim else "facet"
     mesh.topology.create_entities(dim)
     index_map = mesh.topology.index_map(dim)
     count = index_map.size_local + index_map.num_ghosts
     with raised_together(comm):
         if tags is None:
-            found = {name: _entities(kind, name, each, count) for name, each in groups.items()}
+            local = {name: _entities(kind, name, given, count) for name, given in groups.items()}
         else:
             _check_tags(tags, dim, f"{kind}_tags", count)
-            found = {name: tags.indices[tags.values == tag] for name, tag in groups.items()}
-    sizes = comm.allreduce(np.array([len(each) for each in found.values()]))
-    for name in (name for name, size in zip(found, sizes, strict=True) if not size):
+            local = {name: tags.indices[tags.values == tag] for name, tag in groups.items()}
+    sizes = comm.allreduce(np.array([len(ids) for ids in local.values()]))
+    for name in (name for name, size in zip(local, sizes, strict=True) if not size):
         if tags is None:
             raise MeshError(f"The {kind} group {name!r} is empty on all ranks.")
-        known = sorted(set().union(*comm.allgather(np.unique(tags.values).tolist())))
-        there = shown(known, lambda values: ", ".join(map(str, values))) or "none"
+        tag_values = sorted(set().union(*comm.allgather(np.unique(tags.values).tolist())))
+        available = shown(tag_values, lambda values: ", ".join(map(str, values))) or "none"
         raise MeshError(
-            f"No {kind} carries the tag {groups[name]} of the group {name!r}; the tags of {kind}s "
-            f"are: {there}."
+            f"No {kind} has the tag {groups[name]} of the group {name!r}; the tags of {kind}s "
+            f"are: {available}."
         )
-    return found
+    return local
 
 
 def _entities(kind: str, name: str, given: Any, count: int) -> NDArray[np.int32]:
     whole = isinstance(given, np.ndarray) and given.ndim == 1 and given.dtype.kind in "iu"
-    wanted = f"an array of local {kind}s, or {kind}_tags be given and this a tag"
+    wanted = f"an array of local {kind}s, or a tag if {kind}_tags is given"
     if isinstance(given, np.ndarray) and given.dtype == bool:
-        wanted = f"numbers of local {kind}s, np.flatnonzero(...) of a mask"
+        wanted = f"numbers of local {kind}s; use np.flatnonzero(...) of a mask"
     check_kind_of(f"The {kind} group {name!r}", given, whole, wanted)
     if given.min(initial=0) < 0 or given.max(initial=-1) >= count:
         raise MeshError(
-            f"The {kind} group {name!r} holds numbers from {given.min()} to {given.max()}; the "
+            f"The {kind} group {name!r} has numbers from {given.min()} to {given.max()}; the "
             f"{kind}s of this rank are numbered from 0 to {count - 1}."
         )
     return np.asarray(given, dtype=np.int32)
@@ -281,9 +279,9 @@ def _entities(kind: str, name: str, given: Any, count: int) -> NDArray[np.int32]
 
 def _check_tags(tags: dolfinx.mesh.MeshTags, dim: int, name: str, count: int) -> None:
     if tags.dim != dim:
-        raise MeshError(f"{name} holds tags of dimension {tags.dim}; {dim} is needed.")
+        raise MeshError(f"{name} has tags of dimension {tags.dim}; dimension {dim} is needed.")
     if tags.indices.max(initial=-1) >= count:
-        raise MeshError(f"{name} belongs to another mesh: it names entities that are not here.")
+        raise MeshError(f"{name} belongs to another mesh: its entities are not in this mesh.")
 
 
 def _shape(mesh: dolfinx.mesh.Mesh) -> CellShape:
@@ -291,12 +289,12 @@ def _shape(mesh: dolfinx.mesh.Mesh) -> CellShape:
     if mesh.geometry.dim != mesh.topology.dim:
         raise MeshError(
             f"A mesh of dimension {mesh.topology.dim} in {mesh.geometry.dim}-D space cannot be "
-            "split; solids, or plane meshes in 2-D, can."
+            "split; use a solid mesh in 3-D or a plane mesh in 2-D."
         )
-    known = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
-    if name not in known or degree not in (1, 2):
+    cell_names = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
+    if name not in cell_names or degree not in (1, 2):
         raise MeshError(
-            f"A mesh of {name}s of degree {degree} cannot be split; {', '.join(known)} of degree "
-            "1 or 2 can."
+            f"A mesh of {name}s of degree {degree} cannot be split; cells must be one of "
+            f"{', '.join(cell_names)}, of degree 1 or 2."
         )
     return CellShape(name=name, degree=degree)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Gmsh ``.msh`` files as plain arrays (one process; Gmsh is imported where it is used)."""
+"""Reader of Gmsh ``.msh`` files into arrays, on one process; imports Gmsh only when used."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dolfinx_joints.mesh.cells import CellShape, RawMesh, check_curves, find_fac
 from dolfinx_joints.mesh.dolfinx_versions import gmsh_permutation
 from dolfinx_joints.mesh.reading.gmsh_syntax import check_msh
 
-# Gmsh element type: cell name, degree (only types whose complete Lagrange basis DOLFINx has).
+# Cell name and degree by Gmsh element type, for types that are Lagrange cells of DOLFINx.
 _CELLS = {
     2: ("triangle", 1),
     9: ("triangle", 2),
@@ -37,7 +37,7 @@ def load_msh(path: Path) -> RawMesh:
     """Read a ``.msh`` file with named physical groups."""
     try:
         import gmsh
-    except OSError as error:  # that of PyPI needs libraries of a desktop
+    except OSError as error:  # Gmsh from PyPI needs desktop libraries
         raise MeshError(
             f"Gmsh cannot be loaded: {error}; install that library, or your system's Gmsh."
         ) from None
@@ -58,7 +58,7 @@ def load_msh(path: Path) -> RawMesh:
         return _read_model(gmsh.model, str(path), names)
     finally:
         if started:
-            gmsh.clear()  # a reading that failed leaves Gmsh locked, beyond the end of the session
+            gmsh.clear()  # after a failed read Gmsh stays locked, even in a new session
             gmsh.finalize()
         else:
             if gmsh.model.getCurrent() != current:
@@ -73,14 +73,14 @@ def _read_model(model: Any, source: str, names: Names) -> RawMesh:
     if parts := model.getNumberOfPartitions():
         raise MeshError(
             f"{source!r} is partitioned into {parts} parts; write it whole (gmsh.model.mesh."
-            "unpartition, or without -part). The mesh is distributed when it is read."
+            "unpartition, or without -part). Reading distributes the mesh to the ranks."
         )
     groups = {d: _groups(model, d, names) for d in (dim, dim - 1)} if dim in (2, 3) else {}
     if not groups or not groups[dim]:
         raise MeshError(
             f"{source!r} has no named physical group of cells; name the volumes (surfaces in 2-D). "
-            "If they are named, the file was written with Mesh.SaveAll, which drops the groups in "
-            "format 2.2: set Mesh.SaveAll to 0, or write format 4.1."
+            "If they have names, Mesh.SaveAll has dropped the groups in format 2.2: set "
+            "Mesh.SaveAll to 0, or write format 4.1."
         )
     kinds, blocks, cell_groups, start = set(), [], {}, 0
     numbered: dict[int, Ints] = {}
@@ -96,10 +96,10 @@ def _read_model(model: Any, source: str, names: Names) -> RawMesh:
             members.append(numbered[entity])
         cell_groups[name] = np.concatenate(members)
     shape = cell_shape(kinds, source)
-    _warn_of_others(model, dim, numbered, source)
+    _warn_of_unnamed_cells(model, dim, numbered, source)
     tags, coordinates, _ = model.mesh.getNodes()
     nodes = np.vstack(blocks).astype(np.int64)
-    place = np.full(int(tags.max()) + 1, -1)  # of each node; their numbers have no gaps
+    place = np.full(int(tags.max()) + 1, -1)  # position by node tag; tags have no gaps
     place[nodes] = 0
     used = np.flatnonzero(place == 0)
     place[used] = np.arange(len(used))
@@ -111,68 +111,68 @@ def _read_model(model: Any, source: str, names: Names) -> RawMesh:
         for name, entities in groups[dim - 1].items()
     }
     if dim == 2 and np.ptp(x[:, 2]) > 1e-9 * np.ptp(x, axis=0).max():
-        raise MeshError(f"{source!r} is a surface that does not lie in a plane z = constant.")
+        raise MeshError(f"{source!r} is a surface mesh but not in a plane z = constant.")
     cells = nodes[:, gmsh_permutation(shape.name, nodes.shape[1])]
     for d, tag in model.getPhysicalGroups(dim - 1):
         if not names.get((d, tag)):
-            _warn_of_unnamed(model, dim, tag, (shape, cells, used), source)
+            _warn_of_unnamed_facets(model, dim, tag, (shape, cells, used), source)
     x = x[:, :dim].copy()
     check_curves(shape, x, cells, repr(source))
     return RawMesh(shape=shape, cells=cells, x=x, cell_groups=cell_groups, facet_groups=facets)
 
 
 def _groups(model: Any, dim: int, names: Names) -> dict[str, list[int]]:
-    """Entities of each name among the physical groups of one dimension."""
-    found: dict[str, list[int]] = {}
+    """Return the entities of each named physical group of one dimension."""
+    groups: dict[str, list[int]] = {}
     for d, tag in model.getPhysicalGroups(dim):
         if name := names.get((d, tag)):
-            found.setdefault(name, []).extend(map(int, model.getEntitiesForPhysicalGroup(d, tag)))
-    return {name: list(dict.fromkeys(entities)) for name, entities in found.items()}
+            groups.setdefault(name, []).extend(map(int, model.getEntitiesForPhysicalGroup(d, tag)))
+    return {name: list(dict.fromkeys(entities)) for name, entities in groups.items()}
 
 
-def _warn_of_others(model: Any, dim: int, named: Collection[int], source: str) -> None:
-    """Warn of cells that no named group holds: a part of the body may have been forgotten."""
+def _warn_of_unnamed_cells(model: Any, dim: int, named: Collection[int], source: str) -> None:
+    """Warn of cells in no named group: a part of the body may have been forgotten."""
     others = [entity for _, entity in model.getEntities(dim) if entity not in named]
     count = sum(len(tags) for e in others for tags in model.mesh.getElements(dim, e)[1])
     if count:
         warn(
-            f"{source!r}: {count} cells in no named physical group are left out; name their "
-            f"{'volumes' if dim == 3 else 'surfaces'} if they are part of the body."
+            f"{source!r}: {count} cells are in no named physical group and are not read; name "
+            f"their {'volumes' if dim == 3 else 'surfaces'} if they are part of the body."
         )
 
 
-def _warn_of_unnamed(model: Any, dim: int, tag: int, body: Any, source: str) -> None:
-    """Warn of facets of the body in a group without a name: a joint may have been forgotten."""
+def _warn_of_unnamed_facets(model: Any, dim: int, tag: int, body: Any, source: str) -> None:
+    """Warn of facets of the body in an unnamed group: a joint may have been forgotten."""
     entities, (shape, cells, used) = model.getEntitiesForPhysicalGroup(dim - 1, tag), body
     try:
         count = find_facets(shape, cells, _facets(model, dim, entities, str(tag), used))[1]
-    except MeshError:  # facets of a part of the model that is left out
+    except MeshError:  # facets of a part of the model that is not read
         return
     warn(
-        f"{source!r}: {np.count_nonzero(count)} facets in the physical group {tag} without a name "
-        f"are left out, {np.count_nonzero(count == 2)} of them inside the body; name the group if "
-        "they are a joint or a boundary. Of several groups of one name Gmsh writes the name of one "
-        "only: put all into one group."
+        f"{source!r}: {np.count_nonzero(count)} facets in the unnamed physical group {tag} are "
+        f"not read, {np.count_nonzero(count == 2)} of them inside the body; name the group if they "
+        "are a joint or a boundary. If several groups have the same name, Gmsh writes it for one "
+        "of them only: put all entities into one group."
     )
 
 
 def _cells(model: Any, dim: int, entity: int, source: str) -> tuple[int, Ints]:
-    """Type and nodes of the cells of one entity."""
-    found = list(_elements(model, dim, entity))
-    if not found:
-        without = f"entity {entity} of dimension {dim} holds no cells"
+    """Return the type and the nodes of the cells of one entity."""
+    by_type = list(_elements(model, dim, entity))
+    if not by_type:
+        without = f"entity {entity} of dimension {dim} has no cells"
         raise MeshError(f"{source!r}: {without}; mesh it by gmsh.model.mesh.generate({dim}).")
-    if len(found) != 1:
+    if len(by_type) != 1:
         raise MeshError(
-            f"{source!r}: entity {entity} holds {len(found)} kinds of cells; one kind is needed."
+            f"{source!r}: entity {entity} has {len(by_type)} kinds of cells; one kind is needed."
         )
-    return found[0]
+    return by_type[0]
 
 
 def _elements(model: Any, dim: int, entity: int) -> Iterator[tuple[int, Ints]]:
-    """Types of the elements of an entity, and their nodes, each element once.
+    """Yield the element types of an entity, and the nodes of the distinct elements.
 
-    Format 2.2 has a copy of an element for each of its physical groups.
+    In format 2.2 an element has one copy for each of its physical groups.
     """
     types, _, nodes = model.mesh.getElements(dim, entity)
     copied = len(model.getPhysicalGroupsForEntity(dim, entity)) > 1
@@ -185,25 +185,25 @@ def _elements(model: Any, dim: int, entity: int) -> Iterator[tuple[int, Ints]]:
 
 
 def cell_shape(kinds: set[int], source: str) -> CellShape:
-    """Return the shape of cells of some Gmsh types; raise MeshError unless the types are one."""
+    """Return the cell shape of a Gmsh type; raise MeshError unless there is exactly one."""
     if len(kinds) != 1 or not kinds <= set(_CELLS):
         raise MeshError(
-            f"{source!r} has cells of Gmsh types {sorted(kinds)}; one of tetrahedra (4 or 10 "
-            "nodes), hexahedra (8 or 27), triangles (3 or 6) or quadrilaterals (4 or 9) is needed."
+            f"{source!r} has cells of Gmsh types {sorted(kinds)}; use one type only: tetrahedra (4 "
+            "or 10 nodes), hexahedra (8 or 27), triangles (3 or 6) or quadrilaterals (4 or 9)."
         )
     name, degree = _CELLS[kinds.pop()]
     return CellShape(name=name, degree=degree)
 
 
 def _facets(model: Any, dim: int, entities: list[int], name: str, used: Ints) -> Ints:
-    """Vertices of the facets of one physical group, numbered as the cells' nodes are."""
+    """Return the vertices of the facets of one physical group, numbered like the cells."""
     rows = [
         facets[:, : _FACET_VERTICES[kind]].astype(np.int64)
         for entity in entities
         for kind, facets in _elements(model, dim - 1, entity)
     ]
     if not rows:
-        raise MeshError(f"Group {name!r} holds no facets; mesh it before writing the file.")
+        raise MeshError(f"Group {name!r} has no facets; mesh it before writing the file.")
     vertices = np.vstack(rows)
     position = np.searchsorted(used, vertices)
     if np.any(used[np.minimum(position, len(used) - 1)] != vertices):

@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Checks of a ``.msh`` file before Gmsh opens it: a mesh and no script, counts that can be.
+"""Checks of a ``.msh`` file before Gmsh opens it: the file is a mesh, with plausible counts.
 
-Gmsh reports most damage itself, but crashes or allocates without end where dimensions of physical
-names or counts of nodes and elements are wrong. Formats 4.1 and 2.2 of its reference manual, of
-4.0 the first counts alone.
+Gmsh reports most damage itself. But it crashes, or allocates memory without limit, if dimensions
+of physical names or counts of nodes and elements are wrong. Formats 4.1 and 2.2 of the Gmsh
+reference manual are checked; of 4.0, only the first counts.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ _NAME = re.compile(r'([0-3])\s+(\d+)\s+"([^"\n]*)"')
 
 
 def check_msh(path: Path) -> dict[tuple[int, int], str]:
-    """Check that Gmsh takes a file for a mesh and runs nothing, and that its counts can be.
+    """Check that a file is a mesh with plausible counts, and return its physical names.
 
-    Gmsh takes a file for a mesh by its first word, a section of comments included, and runs
-    anything else as a script.
+    Gmsh reads a file as a mesh if its first word begins a mesh or a section of comments. It runs
+    any other file as a script.
 
     Returns:
-        Name of each physical group by dimension and tag. Gmsh forgets all but one group of a name.
+        Name of each physical group by dimension and tag. Gmsh itself keeps one group per name.
     """
     data = path.read_bytes()
     if path.suffix != ".msh" or not data.startswith((b"$MeshFormat", b"$Comments")):
-        what = "is empty" if not data else "does not begin with '$MeshFormat'"
+        reason = "is empty" if not data else "does not begin with '$MeshFormat'"
         if path.suffix != ".msh":
-            what = "has a name that does not end in '.msh'"
-        raise MeshError(f"{str(path)!r} is no Gmsh mesh file: it {what}.")
+            reason = "has a name that does not end in '.msh'"
+        raise MeshError(f"{str(path)!r} is not a Gmsh mesh file: it {reason}.")
     options = Path(f"{path}.opt")
     if options.exists():
         raise MeshError(
-            f"{str(path)!r} has the file {options.name!r} beside it, which Gmsh runs; remove it."
+            f"Gmsh would run the file {options.name!r} in the folder of {str(path)!r}; remove it."
         )
     head = _section(data, b"MeshFormat").split(None, 2)[:2]
     binary, current = head[1:] == [b"1"], head[:1] == [b"4.1"]
@@ -52,32 +52,32 @@ def check_msh(path: Path) -> dict[tuple[int, int], str]:
         except (ValueError, IndexError):
             fits = False
         if not fits:
-            raise MeshError(f"{str(path)!r} is damaged: ${name} announces what it does not hold.")
+            raise MeshError(f"{str(path)!r} is damaged: ${name} is shorter than its header states.")
     names = _section(data, b"PhysicalNames")
-    found = _NAMES.match(names)
-    if names and not (found and found[0].decode(errors="replace").encode() == found[0]):
+    match = _NAMES.match(names)
+    if names and not (match and match[0].decode(errors="replace").encode() == match[0]):
         raise MeshError(
-            f"{str(path)!r} is damaged: $PhysicalNames must hold lines of a dimension, a tag and a "
-            "name in UTF-8."
+            f"{str(path)!r} is damaged: lines of $PhysicalNames must be a dimension, a tag and "
+            "a name in UTF-8."
         )
-    lines = _NAME.findall(found[0].decode()) if found else []
+    lines = _NAME.findall(match[0].decode()) if match else []
     return {(int(dim), int(tag)): name for dim, tag, name in lines}
 
 
 def _section(data: bytes, name: bytes) -> bytes:
-    """The file from the content of a section on, empty without the section."""
+    """Return the file from the start of a section's content; empty without the section."""
     mark = re.search(rb"^\$" + name + rb"[ \t\r]*\n", data, re.MULTILINE)
     return data[mark.end() :] if mark else b""
 
 
 def _blocks_fit(content: bytes, most: int, binary: bool, *, nodes: bool) -> bool:
-    """Whether counts are not above ``most``, and blocks of nodes add up to their number."""
+    """Return True if no count exceeds ``most`` and the node blocks add up to the node count."""
     text = [] if binary else content[: content.find(b"$")].split()
     counts = np.frombuffer(content, "<u8", 2) if binary else text[:2]
     blocks, total = (int(count) for count in counts)
     if max(blocks, total) > most or not nodes:
         return max(blocks, total) <= most
-    place, found = 32 if binary else 4, 0
+    place, counted = 32 if binary else 4, 0
     for _ in range(blocks):
         if binary:
             dim, _, parametric = (int(n) for n in np.frombuffer(content, "<i4", 3, place))
@@ -86,5 +86,5 @@ def _blocks_fit(content: bytes, most: int, binary: bool, *, nodes: bool) -> bool
             dim, _, parametric, count = (int(word) for word in text[place : place + 4])
         numbers = count * (4 + dim * parametric)
         place += 20 + 8 * numbers if binary else 4 + numbers
-        found += count
-    return found == total
+        counted += count
+    return counted == total

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Split meshes from where a user has them: files of Gmsh and XDMF, DOLFINx, arrays."""
+"""Readers of split meshes: from Gmsh and XDMF files, DOLFINx meshes and arrays."""
 
 from __future__ import annotations
 
@@ -31,14 +31,15 @@ def read_msh(path: str | Path, comm: Any, *, joints: list[str] | None = None) ->
 
     Args:
         path: File with named physical groups. A joint is an interior surface group of a
-            conforming mesh, or two coincident boundary groups ``NAME-`` and ``NAME+`` of a mesh
-            whose nodes are already duplicated; the distance of the latter is an initial gap.
+            conforming mesh. If the nodes are already duplicated, it is two matching boundary groups
+            ``NAME-`` and ``NAME+``; their distance is the initial gap.
         comm: MPI communicator of the mesh.
-        joints: Names of the joints; all surface groups ``joint...``, in any case, unless given.
+        joints: Names of the joints. The default is all surface groups whose name begins with
+            ``joint`` in lower or upper case.
 
     Raises:
-        MeshError: The file cannot be read, mixes cell types, lacks a joint that was asked for, or
-            a joint facet does not have one cell on each side.
+        MeshError: The file cannot be read, mixes cell types or has no joint of a given name. A
+            joint facet does not have one cell on each side.
     """
     return distribute(comm, lambda: prepare(load_msh(Path(path)), joints))
 
@@ -52,21 +53,21 @@ def split_mesh(
     cell_tags: dolfinx.mesh.MeshTags | None = None,
     cell_groups: TagsOrEntities | None = None,
 ) -> JointedMesh:
-    """Split a user's own DOLFINx mesh at some of its facets (collective).
+    """Split a DOLFINx mesh at some of its facets (collective).
 
     Args:
-        mesh: A conforming mesh of tetrahedra, hexahedra, triangles or quadrilaterals of degree
-            1 or 2. It is left as it is; the result holds a new mesh.
+        mesh: Conforming mesh of tetrahedra, hexahedra, triangles or quadrilaterals of degree 1 or
+            2. It is not changed; the result has a new mesh.
         facet_tags: Tags of the joint facets and of the boundary groups.
-        joints: Tag of each joint by name; without ``facet_tags`` its local facets, as from
-            ``dolfinx.mesh.locate_entities``.
-        groups: The same of each boundary group.
+        joints: Tag of each joint by name. Without ``facet_tags``: its local facets, for example
+            from ``dolfinx.mesh.locate_entities``.
+        groups: Tag or local facets of each boundary group by name.
         cell_tags: Tags of the cells.
-        cell_groups: Tag of each cell group by name; without ``cell_tags`` its local cells.
+        cell_groups: Tag of each cell group by name. Without ``cell_tags``: its local cells.
 
     Raises:
-        MeshError: A tag stands on no facet, or a joint facet does not have one cell on each side.
-        ValueError: Joints or groups are no tags by name.
+        MeshError: No facet has a given tag, or a joint facet does not have one cell on each side.
+        ValueError: Joints or groups are not given as tags or entities by name.
     """
     joints, groups, cell_groups = joints or {}, groups or {}, cell_groups or {}
     every = _checked_groups(joints, groups, cell_groups, facet_tags, cell_tags)
@@ -89,20 +90,20 @@ def read_xdmf(
     """Read an XDMF file with its HDF5 file, and split the mesh at tagged facets (collective).
 
     Args:
-        path: File with a mesh and its tags, as from ``dolfinx.io.XDMFFile`` or meshio.
+        path: File with a mesh and its tags, written by ``dolfinx.io.XDMFFile`` or meshio.
         comm: MPI communicator of the mesh.
         joints: Tag of each joint by name.
         groups: Tag of each boundary group by name.
         cell_groups: Tag of each cell group by name.
-        mesh: Name of the mesh in the file; needed where there are several.
-        facet_tags: Name of the facet tags in the file, of a grid or of its attribute on cells;
-            needed where there are several and not one of them is ``gmsh:physical``.
-        cell_tags: Name of the cell tags alike.
-        facet_file: XDMF file of the facet tags, if they are in another one.
+        mesh: Name of the mesh in the file; required if the file has several.
+        facet_tags: Name of the facet tags: that of their grid or of their attribute. Required if
+            the file has several, unless exactly one is called ``gmsh:physical``.
+        cell_tags: Name of the cell tags, in the same way.
+        facet_file: XDMF file of the facet tags, if it is a different file.
 
     Raises:
-        MeshError: A file is missing, cannot be read or holds no mesh or tags of that name, a tag
-            stands on no facet, or a joint facet does not have one cell on each side.
+        MeshError: A file is missing or cannot be read. A mesh, tags or a group are not in the
+            file. A joint facet does not have one cell on each side.
     """
     joints, groups, cell_groups = joints or {}, groups or {}, cell_groups or {}
     every = _checked_groups(joints, groups, cell_groups, True, True)
@@ -119,21 +120,21 @@ def read_xdmf(
 def _checked_groups(
     joints: Any, groups: Any, cell_groups: Any, facet_tags: Any, cell_tags: Any
 ) -> dict[str, Any]:
-    """Check groups, given by their tags where there are tags; return boundary groups and joints."""
-    for what, given, tags in (
+    """Check the groups, and return boundary groups and joints together."""
+    for argument, given, tags in (
         ("joints", joints, facet_tags),
         ("groups", groups, facet_tags),
         ("cell_groups", cell_groups, cell_tags),
     ):
-        check_named(what, given, "a tag by name")
+        check_named(argument, given, "a tag by name")
         for name, tag in given.items() if tags is not None else ():
             check_count(f"The tag of {shown(name)}", tag, 0, "it must be a whole number")
     both = sorted(set(joints) & set(groups))
     tags_of_groups = list(groups.values()) if facet_tags is not None else []
     shared = [tag for tag in joints.values() if tag in tags_of_groups]
     if both or shared:
-        what = f"The name {both[0]!r}" if both else f"The tag {shared[0]}"
-        raise MeshError(f"{what} stands for a joint and for a group; it can be only one of them.")
+        subject = f"The name {both[0]!r}" if both else f"The tag {shared[0]}"
+        raise MeshError(f"{subject} is given for a joint and for a group; use it for one only.")
     return {**groups, **joints}
 
 
@@ -147,24 +148,25 @@ def mesh_from_arrays(
     cell_groups: Mapping[str, Ints] | None = None,
     joints: list[str] | None = None,
 ) -> JointedMesh:
-    """Split a mesh given as arrays (collective); those of rank 0 count.
+    """Split a mesh given as arrays on rank 0 (collective).
 
     Args:
         comm: MPI communicator of the mesh.
         cell: ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
-        x: Node coordinates, shape (nodes, 2), of solids (nodes, 3), [m].
-        cells: Nodes of each cell, shape (cells, nodes of a cell): 3, 4, 4 or 8 for cells of degree
-            1, 6, 9, 10 or 27 for (curved) ones of degree 2, in the order of DOLFINx (basix):
-            ``cells[:, [0, 1, 3, 2]]`` of quadrilaterals and ``[0, 1, 3, 2, 4, 5, 7, 6]`` of
-            hexahedra in the order of Gmsh, VTK and Abaqus.
-        facet_groups: Vertices of the facets of each group in any order, shape (n, vertices of a
-            facet); joints are among them, as in `read_msh`.
-        cell_groups: Numbers of the cells of each group, shape (n,).
-        joints: Names of the joints; all facet groups ``joint...``, in any case, unless given.
+        x: Node coordinates, shape (nodes, 2) in 2-D or (nodes, 3) in 3-D, [m].
+        cells: Nodes of each cell in the order of DOLFINx (basix), shape (cells, nodes of a cell).
+            Cells have 3, 4, 4 or 8 nodes (degree 1), or 6, 9, 10 or 27 (degree 2, curved). From
+            the order of Gmsh, VTK and Abaqus, use ``cells[:, [0, 1, 3, 2]]`` for quadrilaterals
+            and ``cells[:, [0, 1, 3, 2, 4, 5, 7, 6]]`` for hexahedra.
+        facet_groups: Vertices of the facets of each group, including joints as in `read_msh`, in
+            any order, shape (n, vertices of a facet).
+        cell_groups: Cell numbers of each group, shape (n,).
+        joints: Names of the joints. The default is all facet groups whose name begins with
+            ``joint`` in lower or upper case.
 
     Raises:
-        MeshError: An array has another shape or names what is not there, nodes of cells come in
-            another order, or a joint facet does not have one cell on each side.
+        MeshError: An array has the wrong shape or invalid numbers. Nodes of cells are in the wrong
+            order. A joint facet does not have one cell on each side.
     """
 
     def prepared() -> PreparedMesh:

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Meshes and tags in an XDMF file as plain arrays (one process): found by what they are.
+"""Reader of meshes and tags in XDMF files into arrays, on one process.
 
 DOLFINx's own reader drops facets that are not in the mesh, and all but one tag of a facet.
 """
@@ -31,27 +31,27 @@ _DIMENSION = {
     "tetrahedron": 3,
     "hexahedron": 3,
 }
-_PHYSICAL = "gmsh:physical"  # meshio's name of Gmsh's groups
-_SAME = 1e-9  # of the extent: nodes of two files agree to the digits that are written
+_PHYSICAL = "gmsh:physical"  # name of Gmsh's groups in meshio
+_SAME = 1e-9  # of the extent: nodes of two files agree to the written digits
 
 Grid = ElementTree.Element
 T = TypeVar("T")
 
 
 class XdmfGrids:
-    """The grids of one file."""
+    """Grids of one file."""
 
     def __init__(self, path: Path) -> None:
         check_file(path, f"Mesh file {str(path)!r} does not exist.", MeshError)
         try:
             domain = ElementTree.parse(path).find("Domain")
         except ElementTree.ParseError as failure:
-            raise MeshError(f"{path} is no XDMF file: {failure}.") from None
+            raise MeshError(f"{path} is not an XDMF file: {failure}.") from None
         self._path, grids = path, [] if domain is None else domain.findall("Grid")
         if mixed := [grid.get("Name") for grid in grids if _kind(grid) == "mixed"]:
             raise MeshError(
-                f"{path}: the grid {mixed[0]!r} mixes several kinds of cells; write the cells to "
-                "one file and the facets to another, facet_file= (with meshio a Mesh of each)."
+                f"{path}: the grid {mixed[0]!r} mixes several kinds of cells; write cells and "
+                "facets to two files (in meshio one Mesh each), and pass the second as facet_file=."
             )
         self._grids = [grid for grid in grids if _kind(grid) in _DIMENSION]
 
@@ -62,15 +62,15 @@ class XdmfGrids:
         cell_groups: Mapping[str, int],
         names: tuple[str | None, str | None, str | None],
     ) -> RawMesh:
-        """Read the mesh of the largest dimension, unless named, and groups by their tags.
+        """Return the named mesh, or that of the largest dimension, with groups by their tags.
 
-        Names are those of mesh, facet tags, which are in the file ``facets``, and cell tags.
+        ``names`` are those of the mesh, of the facet tags in ``facets`` and of the cell tags.
         """
         meshes = [grid for grid in self._grids if grid.find("Geometry") is not None]
         top = max((_dim(grid) for grid in meshes), default=0)
         bodies = [grid for grid in meshes if names[0] is not None or _dim(grid) == top]
-        found = [(name := grid.get("Name", ""), {name}, grid) for grid in bodies]
-        grid = self._choose("mesh", "mesh", found, names[0])
+        candidates = [(name := grid.get("Name", ""), {name}, grid) for grid in bodies]
+        grid = self._choose("mesh", "mesh", candidates, names[0])
         kind, dim = _kind(grid), _dim(grid)
         x, cells = self._nodes(grid, dim), self._array(grid, "Topology")
         of_facets, of_cells = {}, {}
@@ -91,40 +91,40 @@ class XdmfGrids:
 
     def _tagged(self, kind: str, dim: int, name: str | None) -> tuple[Grid, Ints]:
         """Return the grid of the tags of facets or cells, and the tags."""
-        found = []
+        candidates = []
         for grid in (grid for grid in self._grids if _dim(grid) == dim):
             every, of_grid = enumerate(grid.findall("Attribute"), start=1), grid.get("Name", "")
             tags = [(k, a.get("Name", "")) for k, a in every if a.get("Center", "Cell") == "Cell"]
             for number, own in tags:
                 label = own if len(tags) > 1 else of_grid
-                found.append((label, {own, of_grid}, (grid, number)))
-        grid, number = self._choose(f"{kind} tags", f"{kind}_tags", found, name)
+                candidates.append((label, {own, of_grid}, (grid, number)))
+        grid, number = self._choose(f"{kind} tags", f"{kind}_tags", candidates, name)
         return grid, self._array(grid, f"Attribute[{number}]").ravel()
 
     def _choose(
-        self, what: str, argument: str, found: list[tuple[str, set[str], T]], name: str | None
+        self, kind: str, argument: str, candidates: list[tuple[str, set[str], T]], name: str | None
     ) -> T:
-        """Return the only choice, by its label, other names and value; of several Gmsh's groups."""
-        there = ", ".join(repr(label) for label, *_ in found) or "none"
-        chosen = [each for each in found if name in (None, *each[1])]
+        """Return the value of the only candidate (label, names, value), or of ``gmsh:physical``."""
+        available = ", ".join(repr(label) for label, *_ in candidates) or "none"
+        chosen = [candidate for candidate in candidates if name in (None, *candidate[1])]
         if name is not None and not chosen:
-            raise MeshError(f"{self._path} has no {what} {shown(name)}; it has: {there}.")
-        if not found:
-            raise MeshError(f"{self._path} has no {what}; grids in a Collection are not read.")
+            raise MeshError(f"{self._path} has no {kind} {shown(name)}; it has: {available}.")
+        if not candidates:
+            raise MeshError(f"{self._path} has no {kind}; grids in a Collection are not read.")
         if len(chosen) > 1:
-            chosen = [each for each in chosen if _PHYSICAL in each[1]]
+            chosen = [candidate for candidate in chosen if _PHYSICAL in candidate[1]]
         if len(chosen) != 1:
-            raise MeshError(f"{self._path} has {what} {there}; choose one by {argument}=.")
+            raise MeshError(f"{self._path} has {kind} {available}; choose one by {argument}=.")
         return chosen[0][2]
 
     def _nodes(self, grid: Grid, dim: int) -> Floats:
-        """Coordinates of the nodes, without z if it is constant in a plane mesh."""
+        """Return the coordinates of the nodes, without a constant z in a plane mesh."""
         x = self._array(grid, "Geometry")
         flat = x.shape[1] == dim + 1 == 3 and np.ptp(x[:, 2]) <= _SAME * np.ptp(x)
         return x[:, :dim] if flat else x
 
     def _check_nodes(self, grid: Grid, x: Floats) -> None:
-        """Check that the nodes of tagged facets, unless referred to, are those of the mesh."""
+        """Check that tagged facets refer to the nodes of the mesh, or have the same nodes."""
         refers = grid.find("Geometry/DataItem") is None
         own = x if refers else self._nodes(grid, x.shape[1])
         if own.shape != x.shape or np.abs(own - x).max(initial=0.0) > _SAME * np.ptp(x):
@@ -134,7 +134,7 @@ class XdmfGrids:
             )
 
     def _numbers(self, tagged: Ints, cells: Ints) -> Ints:
-        """Number of each cell with a tag in the mesh."""
+        """Return the number in the mesh of each tagged cell."""
         rows = np.sort(np.vstack([cells, tagged]), axis=1)
         _, first, of = np.unique(rows, axis=0, return_index=True, return_inverse=True)
         numbers = first[of.ravel()[len(cells) :]]
@@ -145,24 +145,24 @@ class XdmfGrids:
     def _by_tag(
         self, kind: str, groups: Mapping[str, int], tags: Ints, entities: Ints
     ) -> dict[str, Ints]:
-        """Facets or cells of each group."""
+        """Return the facets or cells of each group."""
         if len(tags) != len(entities):
             raise MeshError(f"{self._path}: {len(entities)} {kind}s have {len(tags)} tags.")
         for name, tag in groups.items():
             if tag not in tags:
-                known = shown(np.unique(tags).tolist(), lambda each: ", ".join(map(str, each)))
+                listed = shown(np.unique(tags).tolist(), lambda values: ", ".join(map(str, values)))
                 raise MeshError(
-                    f"No {kind} carries the tag {tag} of the group {name!r}; the tags of {kind}s "
-                    f"are: {known}."
+                    f"No {kind} has the tag {tag} of the group {name!r}; the tags of {kind}s "
+                    f"are: {listed}."
                 )
         return {name: entities[tags == tag] for name, tag in groups.items()}
 
     def _array(self, grid: Grid, part: str) -> NDArray[Any]:
-        """Numbers of a part of a grid, in the file itself or in its HDF5 file."""
+        """Return the numbers of a part of a grid, from the file itself or from its HDF5 file."""
         item = grid.find(f"{part}/DataItem")
         try:
             if item is None:
-                raise ValueError(f"the grid {grid.get('Name')!r} has no DataItem of its {part}")
+                raise ValueError(f"the grid {grid.get('Name')!r} has no DataItem for its {part}")
             if item.get("Format") == "HDF":
                 import h5py
 
@@ -175,7 +175,7 @@ class XdmfGrids:
             if part == "Geometry":
                 return numbers
             if wrong := numbers[numbers != np.rint(numbers)].tolist():
-                raise ValueError(f"{wrong[0]} in {part} is no whole number")
+                raise ValueError(f"{wrong[0]} in {part} is not a whole number")
             return numbers.astype(np.int64)
         except (OSError, KeyError, TypeError, ValueError) as failure:
             reason = " ".join(str(failure).split())
@@ -183,7 +183,7 @@ class XdmfGrids:
 
 
 def _kind(grid: Grid) -> str:
-    """First word of the type of the cells of a grid."""
+    """Return the first word of the type of the cells of a grid."""
     topology = grid.find("Topology")
     return "" if topology is None else topology.get("TopologyType", "").lower().split("_")[0]
 

@@ -262,7 +262,7 @@ def _modal_change(system: MatrixSystem, effective: MatrixCoefficients) -> ModalC
         delta = effective.damping * damped.rates
         changes.append(ModalChange(columns, delta, lambda _: np.zeros_like(delta), comm))
     if len(changes) == 2:
-        return changes[0].and_(changes[1])
+        return changes[0].joined_with(changes[1])
     return changes[0] if changes else None
 
 

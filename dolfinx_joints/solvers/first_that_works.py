@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Wrappers of solvers: fall back to the next solver, or repeat a step after releasing broken bonds."""
+"""Wrappers of solvers: fall back to another one, or repeat a step after releasing broken bonds."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.progress import Progress
 from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.solvers import limits
-from dolfinx_joints.solvers.batch import Rounds
+from dolfinx_joints.solvers.batch import BatchScheduler
 from dolfinx_joints.solvers.compliance.low_rank import LowRankMatrix
 from dolfinx_joints.solvers.compliance.row_matrix import Parts, RowMatrix
 from dolfinx_joints.solvers.compliance.unit_forces import UnitForces
@@ -149,10 +149,10 @@ class Compliance:
 
         ones = np.ones(columns.shape[1])
         rough = self._compressed(of_unit_diagonal, ones, limits.ROUGH_COMPRESSION, np.float32)
-        return Compressed(rough, ones, self.dead, self._comm, self.effective.rounds)
+        return Compressed(rough, ones, self.dead, self._comm, self.effective.scheduler)
 
     def _products(self, matrix: LowRankMatrix) -> Split:
-        return Compressed(matrix, self.scale, self.dead, self._comm, self.effective.rounds)
+        return Compressed(matrix, self.scale, self.dead, self._comm, self.effective.scheduler)
 
     def _at_once(self, size: int) -> Floats | None:
         """The rank's columns of G, shape (size, local), None where at once is no better, [m/N]."""
@@ -267,10 +267,14 @@ class Compressed(_Products):
         scale: Floats,
         dead: NDArray[np.bool_],
         comm: Any,
-        rounds: Rounds | None,
+        scheduler: BatchScheduler | None,
     ) -> None:
         """Keep the matrix; several runs multiply with it through rounds."""
-        multiply = matrix.product if rounds is None else partial(rounds.ask, self, matrix.products)
+        multiply = (
+            matrix.product
+            if scheduler is None
+            else partial(scheduler.request, self, matrix.products)
+        )
         super().__init__(multiply, scale, dead, comm)
         self.matrix = matrix
 

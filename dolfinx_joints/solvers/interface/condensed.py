@@ -203,7 +203,7 @@ class Condensed:
         """Free matrices and factor."""
         if isinstance(corrections := self.__dict__.get("corrections"), KrylovCorrections):
             corrections.free()
-        if "compliance" in self.__dict__ and self.matrix.rounds is None:
+        if "compliance" in self.__dict__ and self.matrix.scheduler is None:
             self.compliance.destroy()
         if not self.loose or "matrix" in self.__dict__:
             self.matrix.destroy()

@@ -108,12 +108,12 @@ class IterativeSolver:
             raise gave_up(self._ksp, b)
         return renewed
 
-    def solve_block(self, right: Floats) -> Floats:
+    def solve_block(self, right_hand_sides: Floats) -> Floats:
         """Solve A X = B column by column; see `DirectSolver.solve_block` (collective)."""
         b, x = self.matrix.createVecLeft(), self.matrix.createVecRight()
-        solution = np.empty_like(right)
-        for column in range(right.shape[1]):
-            b.setArray(right[:, column])
+        solution = np.empty_like(right_hand_sides)
+        for column in range(right_hand_sides.shape[1]):
+            b.setArray(right_hand_sides[:, column])
             self.solve(b, x)
             solution[:, column] = x.getArray(readonly=True)
         return solution

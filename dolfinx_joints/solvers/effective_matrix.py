@@ -147,7 +147,7 @@ class EffectiveMatrix:
         return IterativeSolver(self.constrained)
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, **options: float) -> bool:
-        """Solve A x = b with zero at constrained dofs; return True if it factored A (collective)."""
+        """Solve A x = b with zero at constrained dofs; return True if it factored (collective)."""
         if self.scheduler is None or options:
             return bool(self._complete.solve(b, x, **options))
         right_hand_side = b.getArray(readonly=True).copy()

@@ -93,7 +93,7 @@ def without(springs, trial_gap, own, before):
 def taken_off(springs, response, own, before):
     """Traction and tangent of a response with the springs taken off."""
     traction, tangent, gap = response.traction, response.tangent, response.state.gap
-    return springs.taken_off(traction, tangent, gap, own, before)
+    return springs.traction_without(traction, tangent, gap, own, before)
 
 
 @pytest.mark.parametrize("law", [friction(), RigidJoint(friction_angle_deg=30.0)])

@@ -30,7 +30,7 @@ from dolfinx_joints.solvers.interface.compiled.products import (
     LowRank,
     kept_of,
     multiply_whole,
-    take,
+    store,
 )
 from dolfinx_joints.solvers.interface.compiled.ranks import lengths_of, ranks_of
 
@@ -168,10 +168,10 @@ class CompiledCorrections:
         self._make_complement()
         if "kept" in state_dict:
             kept = self._points_of_rank(state_dict["kept"])
-            take(self._inner, self._memory.active, kept, len(kept))
+            store(self._inner, self._memory.active, kept, len(kept))
         if "changed" in state_dict and self._memory.has_complement:
             changed = self._points_of_rank(state_dict["changed"])
-            take(self._memory.complement, self._memory.changed, changed, len(changed))
+            store(self._memory.complement, self._memory.changed, changed, len(changed))
 
     def _points_of_rank(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the local numbers of this rank's points among distributed points (collective)."""

@@ -143,7 +143,7 @@ class CompiledCorrections:
         complement = (
             _columns_of(columns, True, self._comm, np.float32)
             if isinstance(self._inner, Dense)
-            else _blocks_of(self._compliance.roughly(columns), columns, self._comm)
+            else _blocks_of(self._compliance.compressed_roughly(columns), columns, self._comm)
         )
         changed = kept_of(split.local // 3, int(self._blocks[-1]), complement)
         self._memory = memory._replace(has_complement=True, complement=complement, changed=changed)

@@ -72,9 +72,7 @@ class BatchScheduler:
     def run(
         self, functions: Mapping[str, Callable[[], Any]], most: int
     ) -> dict[str, Any | Exception]:
-        """Run the functions; return the result or the `Exception` of each.
-
-        Any other exception ends all of them.
+        """Return the result or the `Exception` of each function; other exceptions end all of them.
 
         Args:
             functions: Functions by name, started in this order.
@@ -83,24 +81,21 @@ class BatchScheduler:
         runs = {name: _Run(function, self._back) for name, function in functions.items()}
         begin = deque(runs.values())
         ready = deque(begin.popleft() for _ in range(min(most, len(begin))))
-        requests: dict[Hashable, list[_Run]] = {}
+        waiting: dict[Hashable, list[_Run]] = {}
         try:
-            while ready or requests:
+            while ready or waiting:
                 while ready:
                     run = ready.popleft()
                     self._resume(run)
                     if run.interruption is not None:
                         raise run.interruption
                     if not run.ended:
-                        requests.setdefault(run.key, []).append(run)
+                        waiting.setdefault(run.key, []).append(run)
                     elif begin:
                         ready.append(begin.popleft())
-                if requests:
-                    batch = requests.pop(
-                        max(
-                            requests,
-                            key=lambda key: (not requests[key][0].deferrable, len(requests[key])),
-                        )
+                if waiting:
+                    batch = waiting.pop(
+                        max(waiting, key=lambda k: (not waiting[k][0].deferrable, len(waiting[k])))
                     )
                     _compute(batch)
                     ready.extend(batch)
@@ -122,8 +117,7 @@ class BatchScheduler:
             key: Key of requests that are computed together.
             compute: Function that computes the results of several arguments.
             argument: Argument of this request.
-            deferrable: True if the request may be delayed so that it can be batched with later
-                ones.
+            deferrable: True if the request may wait, to be batched with later ones.
         """
         run = self._current
         if run is None:

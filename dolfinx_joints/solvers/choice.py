@@ -114,13 +114,13 @@ def _first_solver(
     from dolfinx_joints.solvers.interface.solver import InterfaceSolver
     from dolfinx_joints.solvers.interface.whole import WholeSolver
 
-    if kind == "auto" and _takes_whole(system, contact, options or SolverOptions()):
+    if kind == "auto" and _suits_multigrid(system, contact, options or SolverOptions()):
         return WholeSolver(system, options)
     return InterfaceSolver(system, _for_steps(options, contact, static_steps))
 
 
-def _takes_whole(system: MatrixSystem, contact: Contact, options: SolverOptions) -> bool:
-    """Return whether multigrid solves body and joints in few iterations (collective)."""
+def _suits_multigrid(system: MatrixSystem, contact: Contact, options: SolverOptions) -> bool:
+    """Return True if multigrid solves body and joints in few iterations (collective)."""
     if contact.rigid or not iterates(system, options.linear):
         return False
     operator, diagonal = contact.operator, system.stiffness.getDiagonal()

@@ -119,8 +119,8 @@ class DirectSolver:
             if self._blocks is None:
                 self._ksp.getPC().getFactorMatrix().matSolve(b, x)
             else:
-                # Use the factor of the time steps: another factor of a nearly singular matrix would
-                # give another solution.
+                # Another factor of a nearly singular matrix would give other solutions than the
+                # steps.
                 self._blocks.solve_block(right_hand_sides, x.getDenseArray())
         if factored and not self._solves_block(b, x):
             self._stale = True
@@ -161,17 +161,14 @@ class DirectSolver:
         return dense.setUp()
 
     def _solves(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Return True if a new factor gives a solution.
-
-        LU of a singular matrix may end without an error.
-        """
+        """Return True if a new factor is valid: LU of a singular matrix may end without error."""
         residual = b.duplicate()
         self._matrix.mult(x, residual)
         residual.axpy(-1.0, b)
         return bool(residual.norm() <= limits.FACTOR_RESIDUAL * b.norm())
 
     def _solves_block(self, b: PETSc.Mat, x: PETSc.Mat) -> bool:
-        """Return True if a new factor gives the solutions of a block."""
+        """Return True if a new factor is valid, from the solutions of a block."""
         residual = self._matrix.matMult(x)
         residual.axpy(-1.0, b)
         solves = bool(residual.norm() <= limits.FACTOR_RESIDUAL * b.norm())
@@ -206,10 +203,7 @@ class DirectSolver:
                 self._blocks = NodeBlocks(self._matrix)
 
     def _raise_failure(self, failure: int) -> None:
-        """Raise an error that explains the failed factorization.
-
-        The solver is created anew, because MUMPS does not reset its error state.
-        """
+        """Raise an error that explains the failed factorization, and reset MUMPS' error state."""
         reported = reported_by_package(self._ksp.getPC())
         self._ksp.destroy()
         self._create_ksp()

@@ -61,8 +61,7 @@ class EffectiveMatrix:
         system: System with M, C, K and the constraints.
         effective: The coefficients.
         linear: ``direct``, ``mumps`` (direct, without CHOLMOD), ``iterative``, or ``auto``:
-            iterative if A is symmetric and its factor is not expected to fit into memory, else
-            direct.
+            iterative if A is symmetric and its factor may not fit into memory, else direct.
         added: Matrix added to A.
 
     Attributes:
@@ -187,13 +186,11 @@ class EffectiveMatrix:
             self._changed = ChangedSolver(self.solver, self.change)
         return self._changed
 
-    def refine(
-        self, right_hand_side: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec
-    ) -> PETSc.Vec:
+    def refine(self, b: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec) -> PETSc.Vec:
         """Refine x in place by a solve for its residual; return the change of x (collective)."""
-        residual, change = right_hand_side.duplicate(), x.duplicate()
+        residual, change = b.duplicate(), x.duplicate()
         self.full.mult(x, residual)
-        residual.aypx(-1.0, right_hand_side)
+        residual.aypx(-1.0, b)
         residual.pointwiseMult(residual, unconstrained)
         self.solve(residual, change)
         change.pointwiseMult(change, unconstrained)
@@ -269,7 +266,7 @@ def _modal_change(system: MatrixSystem, effective: MatrixCoefficients) -> ModalC
 
 
 class Cache:
-    """The last few objects made, by key; the oldest one is destroyed when the cache is full."""
+    """Cache of the last few objects by key; the oldest one is destroyed when the cache is full."""
 
     def __init__(self, make: Any, *, size: int) -> None:
         """Store the size and ``make``, which returns the object of a key."""

@@ -41,9 +41,8 @@ SINGULAR_GROWTH = 0.01 / EPSILON
 FACTOR_RESIDUAL, SUPPORTED_RESIDUAL = 1e-2, 1e-6
 
 # NEWTON'S METHOD
-# If the residual is not below LEAST_FALL times that of PATIENCE iterations ago, the next
-# WHOLE_CORRECTIONS corrections are not halved. Halved corrections may creep towards a kink that is
-# no solution.
+# If the residual is not below LEAST_FALL times that of PATIENCE iterations ago, take
+# WHOLE_CORRECTIONS full corrections: halved ones may creep towards a kink that is no solution.
 PATIENCE, LEAST_FALL, WHOLE_CORRECTIONS = 5, 0.9, 2
 
 # Share of the residual that the first corrections may leave: of the body by multigrid, of joint
@@ -56,8 +55,7 @@ BODY_FORCING, JOINT_FORCING, STATIC_FORCING = 0.1, 0.03, 3e-4
 FORCING_MARGIN, POLISH = 0.3, 0.01
 
 # The iteration on joint forces continues to this share of the tolerance if rounding allows it,
-# since the energy balance depends on the residual. In statics it continues to this share of the
-# largest force.
+# since the energy balance depends on the residual; in statics to this share of the largest force.
 END_OF_STEPS, END_OF_STATICS = 0.01, 1e-14
 
 # An accepted residual is final if a correction leaves more than STALLED of it. Entries below
@@ -122,8 +120,7 @@ TYPICAL_PRODUCTS = 10
 # Tighter ones are not reached and would use up all products.
 FINEST_SINGLE, FINEST_COMPRESSED = 1e-5, 1e-3
 
-# Share of the square of a new GMRES direction below which one pass of orthogonalisation is not
-# enough.
+# Share of a new direction's square below which GMRES makes it orthogonal once more.
 ORTHOGONAL_REST = 0.01
 
 # Difference of T and T0, both between 0 and 1, that is rounding error: the point sticks.
@@ -155,13 +152,11 @@ LARGEST_DENSE = 2000
 # precision, 0.15 GB over all ranks, and W, 0.3 GB.
 LARGEST_WHOLE = 6000
 
-# Joint unknowns from which all columns are computed at once, by another factorization; and the
-# error, relative to the largest entry, above which they are rejected: MUMPS was seen to return
-# wrong columns.
+# Joint unknowns from which all columns are computed at once, by another factorization; relative
+# error above which they are rejected (MUMPS was seen to return wrong columns).
 SMALLEST_AT_ONCE, AT_ONCE_ERROR = 300, 1e-8
 
-# Number of points at which the diagonal is computed exactly to scale an estimate, and number of
-# columns that are compared.
+# Points where the exact diagonal is computed to scale an estimate, and columns compared.
 SAMPLES = 8
 
 # Columns solved per block: fewer read the factor more often, more save no time.
@@ -178,9 +173,8 @@ COMPRESSION, ROUGH_COMPRESSION = 1e-12, 1e-4
 # Points of the smallest clusters; 48 take as much memory and somewhat longer.
 CLUSTER_POINTS = 96
 
-# A block of low rank is tried if the diameter of the smaller cluster is at most ADMISSIBLE_SIZE
-# times the distance between the clusters. It is kept if it takes at most LOW_RANK_SHARE of the
-# memory of the dense block.
+# A block of low rank is tried if the smaller cluster's diameter is at most ADMISSIBLE_SIZE times
+# their distance. It is kept if it takes at most LOW_RANK_SHARE of the dense block's memory.
 ADMISSIBLE_SIZE, LOW_RANK_SHARE = 4.0, 0.9
 
 # Entries by which the array of all blocks grows: growing in place avoids a copy of all blocks.
@@ -207,6 +201,6 @@ STIFF_AT_NODES, STIFF_ELSEWHERE = 1e3, 10.0
 # Share of the diagonal of A from which joints need separate levels, cut from the tied body.
 TIED_STIFFNESS = 5.0
 
-# Share of the diagonal added to functions that are cut to few nodes and depend on each other. It
-# does not act on functions of the body.
+# Share of the diagonal added to functions that are cut to few nodes and depend on each other;
+# functions of the body are not affected.
 CUT_REGULARISATION = 1e-10

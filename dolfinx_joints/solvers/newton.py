@@ -192,10 +192,7 @@ class BodyProblem(Problem[AnyIterate, PETSc.Vec], ABC):
         return None if settled else correction
 
     def polished(self, at: AnyIterate) -> AnyIterate:
-        """Return the iterate after one more correction if that reduces the residual (collective).
-
-        The energy balance then closes to rounding error.
-        """
+        """Correct once more if that reduces the residual, to balance the energy (collective)."""
         better = self.trial(at, self._correct(at, limits.POLISH), 1.0)
         return better if better.norm < at.norm else at
 
@@ -220,13 +217,11 @@ class BodyProblem(Problem[AnyIterate, PETSc.Vec], ABC):
         cells yield. A small share of the stiffness of closed joints and elastic cells is then added
         to it. The correction depends on that share, the equilibrium does not.
         """
-        right_hand_side, tolerance = self.right_hand_side(at, tolerance)
+        load, tolerance = self.right_hand_side(at, tolerance)
         for part in limits.REGULARISATIONS:
             try:
                 solver = self._tangent.update(self.stiffness(at, part))
-                self.factorizations += int(
-                    solver.solve(right_hand_side, self._correction, tolerance)
-                )
+                self.factorizations += int(solver.solve(load, self._correction, tolerance))
                 # Iterative solvers leave small values at constrained dofs; reset them to zero.
                 self._correction.pointwiseMult(self._correction, self.free)
                 return self._correction
@@ -269,8 +264,7 @@ class _Displacement(BodyProblem[BodyIterate]):
         sizes = [unbalanced.norm(), self.force.norm(), self.b.norm()]
         unbalanced.axpy(1.0, self.force)
         if self._yields:
-            # In yielding cells K x and the plastic force both grow without bound while their sum
-            # does not, so measure the sum.
+            # In yielding cells K x and the plastic force grow without bound; their sum does not.
             sizes[:2] = [unbalanced.norm()]
         unbalanced.axpy(-1.0, self.b)
         unbalanced.pointwiseMult(unbalanced, self.free)

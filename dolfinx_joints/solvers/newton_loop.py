@@ -111,12 +111,10 @@ def _best(
 
 
 def forcing(first: float, fallen: float, target: float) -> float:
-    """Return the forcing term, the share of the residual that a correction may leave.
-
-    See Eisenstat and Walker (1996).
+    """Return the share of the residual that a correction may leave (Eisenstat and Walker 1996).
 
     Args:
-        first: Forcing term of the first correction.
+        first: Share for the first correction.
         fallen: Residual over that of the previous iterate, 1 at the start.
         target: Accepted residual over the residual.
     """

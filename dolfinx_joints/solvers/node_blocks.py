@@ -25,8 +25,7 @@ class NodeBlocks:
     """Cholesky factor in blocks of a node.
 
     Args:
-        matrix: Symmetric positive definite AIJ matrix on one rank; its block size is the number of
-            dofs of a node.
+        matrix: Symmetric positive definite AIJ matrix on one rank, its blocks those of a node.
     """
 
     def __init__(self, matrix: PETSc.Mat) -> None:

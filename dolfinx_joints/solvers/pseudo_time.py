@@ -20,14 +20,13 @@ class PseudoTime(SolverAround):
 
         M (x - x0) / dt^2 + K x + B^T w t(g + B x) = b,                                       (28a)
 
-    from the x0 of the last one, until the inertia is negligible. The laws are evaluated from the
-    state at the start of the static step, so that the result solves the static equations, whatever
-    the path.
+    from the x0 of the last one, until the inertia is negligible. The laws start from the state at
+    the start of the static step, so that the result solves the static equations.
 
     Near the limit load of the joints, and where rigid joints open, Newton's method may cycle
     between sets of open and sliding points. Inertia limits how many points change at a time. A
-    mechanism keeps moving and fails in the end. The method does not suit plastic cells: in yielding
-    cells K x grows without bound, and every other force becomes negligible.
+    mechanism keeps moving and fails in the end. Not for plastic cells: in yielding cells K x grows
+    without bound, and every other force becomes negligible.
 
     Args:
         inner: Solver of the steps.

@@ -79,11 +79,7 @@ def expand_and_return(
     y: NDArray[Any],
     back: NDArray[Any],
 ) -> None:
-    """Add the transposed factors times the received values to y; multiply dense blocks with x, too.
-
-    Each dense block is read once; its products with x are added to ``back``. Unlike `expand`,
-    blocks of kind `PLACE` are omitted.
-    """
+    """Do `expand` without places, and add products of dense blocks with x to ``back``."""
     start = 0
     for b in range(len(table)):
         first, unknowns, rows, kind, at = table[b]

@@ -107,12 +107,8 @@ class Compliance:
             if joints.points is not None and size > limits.LARGEST_DENSE:
                 self.rough = self.compressed_roughly(columns)
             return
-        all_columns = self._at_once(size) if self.kind == "compressed" else None
-        diagonal = (
-            self._forces.diagonal()
-            if all_columns is None
-            else all_columns[_diagonal_positions(operator)]
-        )
+        whole = self._at_once(size) if self.kind == "compressed" else None
+        diagonal = self._forces.diagonal() if whole is None else whole[_diagonal_index(operator)]
         self._set_scale(diagonal, joints.areas, largest)
         if self.kind == "matrix-free":
             self.split = _Products(self._forces.product, self.scale, self.dead, self._comm)
@@ -121,14 +117,14 @@ class Compliance:
                 self.rough = _Products(rough, self.scale, self.dead, self._comm)
             return
         scale = np.where(self.dead.ravel(), 0.0, self.scale)
-        gaps = self._forces.gaps if all_columns is None else lambda numbers: all_columns[numbers].T
+        gaps = self._forces.gaps if whole is None else lambda numbers: whole[numbers].T
         fine = self._compressed(gaps, scale, limits.COMPRESSION)
         self.split = self._as_split(fine)
         self.rough = self._as_split(fine.rougher(limits.ROUGH_COMPRESSION))
 
     def _dense(self, operator: PETSc.Mat, joints: GapOperator, largest: Floats | None) -> Floats:
         """Return the rank's columns of S, shape (size, local), and set the scale (collective)."""
-        size, own = operator.getSize()[0], _diagonal_positions(operator)
+        size, own = operator.getSize()[0], _diagonal_index(operator)
         columns = self._at_once(size)
         if columns is None:
             columns = self._columns(size)
@@ -197,15 +193,13 @@ class Compliance:
 
     def _set_scale(self, diagonal: Floats, areas: Floats, largest: Floats | None) -> None:
         """Set the scale from the diagonal of G, shape (3 n,), [m/N]."""
-        by_direction = diagonal.reshape(-1, 3)
-        live = np.maximum(np.count_nonzero(by_direction[:, 1:] > 0.0, axis=1), 1)
-        own = np.column_stack(
-            [by_direction[:, 0], (by_direction[:, 1] + by_direction[:, 2]) / live]
-        )
+        c = diagonal.reshape(-1, 3)
+        live = np.maximum(np.count_nonzero(c[:, 1:] > 0.0, axis=1), 1)
+        own = np.column_stack([c[:, 0], (c[:, 1] + c[:, 2]) / live])
         if largest is not None:
             own = np.minimum(own, largest / areas[:, None])
         self.own = areas[:, None] * own
-        roots = np.where(by_direction > 0.0, np.sqrt(np.repeat(own, (1, 2), axis=1)), 0.0)
+        roots = np.where(c > 0.0, np.sqrt(np.repeat(own, (1, 2), axis=1)), 0.0)
         self.dead = roots == 0.0
         self.scale = np.where(self.dead, 1.0, roots).ravel()
 
@@ -214,7 +208,7 @@ class Compliance:
         self._forces.destroy()
 
 
-def _diagonal_positions(operator: PETSc.Mat) -> tuple[Rows, Rows]:
+def _diagonal_index(operator: PETSc.Mat) -> tuple[Rows, Rows]:
     """Return the rows and columns of the diagonal in the rank's columns."""
     start, stop = operator.getOwnershipRange()
     return np.arange(start, stop), np.arange(stop - start)
@@ -292,10 +286,7 @@ class Compressed(_Products):
         return np.hstack(self._comm.allgather(columns))
 
     def columns(self) -> Floats:
-        """Return the columns of the rank's rows, shape (size, local) (collective).
-
-        They are one after the other in memory.
-        """
+        """Return the rank's columns, one after the other, shape (size, local) (collective)."""
         every = self.matrix.columns()
         parts = Parts(self.local, self._comm)
         every /= parts.all_of(self._scale)[:, None] * self._scale

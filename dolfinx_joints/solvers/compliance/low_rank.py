@@ -133,11 +133,11 @@ class LowRankMatrix:
         tolerance: Largest error of a block relative to the unit diagonal.
         dtype: Type of the blocks and products, float64 or float32.
         leaf: Largest number of points in a cluster that is not bisected.
-        symmetric: Whether the matrix is.
+        symmetric: True if the matrix is symmetric.
 
     Attributes:
         comm: Communicator of the ranks.
-        symmetric: Whether the matrix is.
+        symmetric: True if the matrix is symmetric.
         own: Blocks of the rank's points among themselves.
     """
 

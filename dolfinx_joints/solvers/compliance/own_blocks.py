@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Compliances of a rank's joint points among themselves in blocks: zero, of low rank, or dense.
 
-The displacement due to a force at a joint point varies smoothly at points far away, and is zero on
-bodies that the point does not touch. The columns of one cluster of points (a panel) are computed at
-a time, so that the whole matrix is never stored. The rows of a panel are bisected near it, until a
-part is zero, of low rank or small.
+The displacement due to a joint force is smooth far away, and zero on bodies that the point does not
+touch. The columns of one cluster of points (a panel) are computed at a time, so that the whole
+matrix is never stored. Its rows are bisected near it, until a part is zero, of low rank or small.
 """
 
 from __future__ import annotations
@@ -270,7 +269,7 @@ def _admissible(a: Cluster, b: Cluster) -> bool:
 
 
 def factors_if_worth(block: Floats, tolerance: float) -> tuple[Floats, Floats] | None:
-    """Return L, R with the fewest rows so that L^T R is the block to the tolerance.
+    """Return L, R with the fewest rows so that L^T R equals the block within the tolerance.
 
     The error is measured in the spectral norm. Return None if the factors take more than the block.
     """
@@ -282,10 +281,7 @@ def factors_if_worth(block: Floats, tolerance: float) -> tuple[Floats, Floats] |
 
 
 def rank_of(factor: Floats, tolerance: float) -> int:
-    """Return the number of rows of L, or of R, for a tolerance.
-
-    The squares of the rows are the singular values.
-    """
+    """Return how many rows of a factor have squares, the singular values, above a tolerance."""
     return int(np.count_nonzero(np.einsum("ij,ij->i", factor, factor) > tolerance))
 
 

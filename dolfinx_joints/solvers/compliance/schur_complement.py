@@ -72,10 +72,7 @@ def schur_complement(matrix: PETSc.Mat, operator: PETSc.Mat) -> Floats:
 
 
 def _joint_unknowns(matrix: PETSc.Mat, operator: PETSc.Mat) -> PETSc.IS:
-    """Return the numbers of the joint unknowns, all on rank 0.
-
-    On each rank they follow its dofs.
-    """
+    """Return the numbers of the joint unknowns, which follow each rank's dofs, all on rank 0."""
     counts = np.diff(operator.getOwnershipRanges())
     numbers = np.arange(operator.getSize()[0]) + np.repeat(matrix.getOwnershipRanges()[1:], counts)
     own = numbers if matrix.comm.rank == 0 else numbers[:0]

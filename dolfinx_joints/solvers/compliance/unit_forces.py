@@ -103,10 +103,7 @@ class UnitForces:
         mine = np.array([np.abs(gap).max(initial=0.0) for gap in (columns - expected, expected)])
         error, largest = of_ranks(self._operator.comm.tompi4py(), mine).max(axis=0)
         if not error <= limits.AT_ONCE_ERROR * largest:
-            raise JointsError(
-                f"the Schur complement is wrong by {error:.1e} m/N, its largest entry being "
-                f"{largest:.1e} m/N"
-            )
+            raise JointsError(f"the Schur complement is off by {error:.1e} of {largest:.1e} m/N")
 
     def _block(self, numbers: Rows) -> Floats:
         """Return some columns of G, solved for at once."""
@@ -128,10 +125,7 @@ class UnitForces:
         return np.ascontiguousarray(multiplied(self._operator, parts[0])), parts[1]
 
     def _modal_gaps(self, numbers: Rows) -> Floats:
-        """Return the part of columns of G to be subtracted for exact and damped modes.
-
-        Shape (local, k) (collective).
-        """
+        """Return the part of columns of G due to modes, to be subtracted (collective)."""
         if self._modal is None:
             return np.zeros((self.local, len(numbers)))
         gaps, small = self._modal

@@ -110,7 +110,7 @@ class CompiledCorrections:
         Args:
             residual: r, of the rank's unknowns, shape (m,).
             tangent: T, of the rank's points, shape (points, 3, 3).
-            least: Entries of r up to this size are set to zero.
+            least: Entries of r up to this size are treated as zero.
             tolerance: Largest residual of the correction, relative to r.
             couples: False if S d is not needed.
         """

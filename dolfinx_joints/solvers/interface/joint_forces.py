@@ -35,13 +35,10 @@ class JointForces:
         self._solver, self._step, self._starts = solver, step, starts
         condensed, self._tolerance = step.condensed, solver.options.relative_tolerance
         self._corrections = condensed.corrections
-        self._target, self._first_forcing = (
-            limits.END_OF_STEPS * self._tolerance,
-            limits.JOINT_FORCING,
-        )
+        self._target, self._forcing = limits.END_OF_STEPS * self._tolerance, limits.JOINT_FORCING
         if condensed.static:
             self._target = limits.END_OF_STATICS if condensed.springs is None else limits.BALANCED
-            self._first_forcing = limits.STATIC_FORCING
+            self._forcing = limits.STATIC_FORCING
 
     def start(self) -> Iterate:
         """Return the iterate of the best start (collective)."""
@@ -68,7 +65,7 @@ class JointForces:
         """Return Newton's correction of f (collective)."""
         relative, size = self.relative(at), at.worst
         fallen = 1.0 if before is None else size / before.worst
-        tolerance = forcing(self._first_forcing, fallen, self._target / relative)
+        tolerance = forcing(self._forcing, fallen, self._target / relative)
         # Drop entries of r that are already converged, so that they cost no product.
         least = limits.CONVERGED_ENTRIES * self._target * at.scale
         error = at.error + self._corrections.rough * size

@@ -34,7 +34,7 @@ class Iterate(NamedTuple):
         largest: Largest scaled force of the laws, over all ranks.
         norm: 2-norm of r, over all ranks.
         worst: Largest |r|, over all ranks.
-        reach: Largest scaled gap that acts on forces, over all ranks.
+        reach: Largest scaled gap that affects the forces, over all ranks.
         size: Largest |f| plus largest |S f|, over all ranks.
     """
 
@@ -109,13 +109,11 @@ class JointStep:
         scale = at.scale
         relative, rounding = at.worst / scale, self.rounding(at) / scale
         if self.condensed.springs is None:
-            # A point that only just closes at the end of the step carries a force dominated by
-            # rounding error, so accept a looser tolerance.
+            # A point that closes as the step ends carries mostly rounding error: accept more.
             most = limits.LARGEST_ROUNDING if rounding < 1.0 else limits.LARGEST_CONTACT_ROUNDING
             return relative, max(tolerance, min(rounding, most))
         accepted = max(tolerance, min(rounding, limits.LARGEST_SPRING_ROUNDING))
-        # On a mechanism the artificial spring forces dominate the joint forces; use their rounding
-        # error as the residual.
+        # On a mechanism spring forces dominate: take their rounding error as the residual.
         return (max(relative, rounding) if rounding > accepted else relative), accepted
 
     def is_balanced(self, at: Iterate) -> bool:
@@ -149,9 +147,7 @@ class JointStep:
         residual, scaled, sizes = _residual(
             force, coupled, answers.traction, traction, tangent, self._scale, self._root
         )
-        sizes[5] = (
-            self._largest_gap if springs is None else self._largest_active_gap(scaled, springs)
-        )
+        sizes[5] = self._largest_gap if springs is None else self._active_gap(scaled, springs)
         if self._comm.size > 1:
             by_rank = of_ranks(self._comm, sizes)
             sizes = by_rank.max(axis=0)
@@ -171,11 +167,10 @@ class JointStep:
             size=forces + gaps,
         )
 
-    def _largest_active_gap(self, tangent: Floats, springs: JointSprings) -> float:
-        """Return the largest scaled gap that acts on forces.
+    def _active_gap(self, tangent: Floats, springs: JointSprings) -> float:
+        """Return the largest scaled gap that affects the forces.
 
-        Soft joints of unsupported blocks may move far, but only a part of their gap becomes a
-        force.
+        Soft joints of unsupported blocks may move far, but only part of the gap causes a force.
         """
         share = np.repeat(springs.stiffness * self.condensed.compliance.own, (1, 2), axis=1)
         active_share = np.minimum(np.maximum(np.abs(tangent).max(axis=1), share), 1.0)

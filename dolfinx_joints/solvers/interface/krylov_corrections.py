@@ -83,7 +83,7 @@ class KrylovCorrections:
         return {}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Restore nothing."""
+        """Do nothing: there is no state."""
 
     def free(self) -> None:
         """Free the solver (collective)."""

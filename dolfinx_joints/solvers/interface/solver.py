@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The algebraic step condensed onto the joints: factor the bulk once, iterate on the joints only.
 
-With A factored, the joint gaps follow from the joint forces F = w t, g = g_free - G F, where G = B
-A^-1 B^T is the compliance (Delassus) matrix. A step takes one response without joint forces, an
-iteration on F alone, and one solve for the displacements due to F. F solves
+With A factored, joint forces F = w t give the joint gaps g = g_free - G F. The compliance
+(Delassus) matrix is G = B A^-1 B^T. A step takes one response without joint forces, an iteration on
+F alone, and one solve for the displacements due to F. F solves
 
     r(F) = F - w Res(g_free - G F + diag(G) F) = 0.
 
@@ -168,19 +168,13 @@ class InterfaceSolver(StepSolver):
         )
 
     def _is_settled(self, force_change: Floats) -> bool:
-        """Return True if forces changed little (collective).
-
-        The forces of an unsupported block keep changing.
-        """
+        """Return True if forces changed little, unlike those of unsupported blocks (collective)."""
         sizes = [np.abs(force).max(initial=0.0) for force in (force_change, self._last[1])]
         largest_change, largest = of_ranks(self._contact.operator.comm, np.array(sizes)).max(axis=0)
         return bool(largest_change <= limits.SETTLED * largest)
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the matrices and the forces of the last two steps (collective).
-
-        The next steps start from them.
-        """
+        """Return the matrices, and the forces of the last two steps to start from (collective)."""
         comm, kept = self._contact.operator.comm, self._condensed.items()
         matrices = {
             str(i): {**asdict(key[0]), "weight": key[1], "corrections": condensed.state_dict()}

@@ -50,8 +50,7 @@ class WholeSolver(NewtonSolver):
 class _Iterate(BodyIterate):
     """Displacement and tractions with the residuals of their equations.
 
-    The norm is that of both residuals [J^(1/2)]. The response is that of the laws on the
-    compliances c.
+    The norm is that of both residuals [J^(1/2)]; the response is that on the compliances c.
 
     Attributes:
         traction: t, shape (n, 3), [Pa].
@@ -114,8 +113,7 @@ class _MixedProblem(BodyProblem[_Iterate]):
     def right_hand_side(self, at: _Iterate, tolerance: float) -> tuple[PETSc.Vec, float]:
         """Return the right-hand side of a correction [N] and its tolerance (collective).
 
-        Part of the right-hand side cancels against the tractions of the laws, so scale the
-        tolerance by the residual.
+        Part of it cancels against the tractions of the laws: scale the tolerance by the residual.
         """
         traction = np.einsum("nij,nj->ni", at.inverse, at.law_residual)
         vector = at.unbalanced.copy()
@@ -149,8 +147,7 @@ class _MixedProblem(BodyProblem[_Iterate]):
             response, law_residual, np.abs(gap), traction
         )
         norm = float(np.sqrt(energy + law_energy))
-        # The residual of the laws is relative to the largest joint force, that of the equilibrium
-        # to its largest term.
+        # Laws: relative to the largest joint force; equilibrium: relative to its largest term.
         relative = np.array([law_relative, float(self.force.norm()) / scale])
         largest = [limits.LARGEST_CONTACT_ROUNDING, limits.LARGEST_ROUNDING]
         tolerance = np.maximum(self.wanted, np.minimum([law_rounding, rounding], largest))
@@ -171,21 +168,16 @@ class _MixedProblem(BodyProblem[_Iterate]):
         )
 
     def _law_residual(
-        self, response: Response, law_residual: Floats, gap: Floats, traction: Floats
+        self, response: Response, residual: Floats, gap: Floats, traction: Floats
     ) -> tuple[float, float, float]:
-        """Return residual and rounding error relative to the largest force, and an energy [J].
-
-        They are those of the laws, over all ranks (collective).
-        """
+        """Return the laws' relative residual and rounding error; energy [J] (collective)."""
         reach = gap + np.abs(self._c * traction)
         exact = np.divide(reach, self._c, out=np.zeros_like(reach), where=self._c > 0.0)
-        sizes = [
-            self._areas * np.abs(values) for values in (law_residual, response.traction, exact)
-        ]
+        sizes = [self._areas * np.abs(values) for values in (residual, response.traction, exact)]
         mine = [size.max(initial=0.0) for size in sizes]
         by_rank = of_ranks(
             self._contact.operator.comm,
-            np.array([*mine, np.sum(self._areas * self._c * law_residual**2)]),
+            np.array([*mine, np.sum(self._areas * self._c * residual**2)]),
         )
         worst, largest, rounding = by_rank[:, :3].max(axis=0)
         largest = largest or worst or 1.0

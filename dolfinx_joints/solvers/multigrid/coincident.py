@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Nodes that become one node if joints are tied, and the inverse of their blocks of a matrix.
 
-A closed joint couples the two nodes of a point, the more the stiffer it is. A smoother that treats
-the nodes one by one then hardly moves the pair; a smoother that treats the pair as a block is not
-affected.
+A closed joint couples the two nodes of a point, the more the stiffer it is. Smoothers that treat
+the nodes one by one hardly move the pair; those that treat the pair as a block are not affected.
 """
 
 from __future__ import annotations
@@ -81,9 +80,7 @@ def tie(tied: Ints, count: int, size: int, comm: Any) -> PETSc.Mat:
 
 
 class BlockInverse:
-    """Inverse of the diagonal blocks of A + K.
-
-    The nodes of a tied node form one block if K has entries there.
+    """Inverse of the diagonal blocks of A + K, one block per tied node where K has entries.
 
     Args:
         matrix: A, in PETSc's AIJ format.

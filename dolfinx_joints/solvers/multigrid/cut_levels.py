@@ -33,8 +33,7 @@ class CutLevel:
     Attributes:
         interpolation: P, to the next finer level.
         matrix: P^T A P.
-        blocks: Number of unknowns in each block of functions that are one if joints are tied, of
-            this rank.
+        blocks: Numbers of unknowns of this rank's blocks; a block has the parts of one function.
     """
 
     interpolation: PETSc.Mat
@@ -184,9 +183,9 @@ def _numbered(
 ) -> tuple[Ints, Ints]:
     """Return the number of the first local part of each pair's function, and own parts.
 
-    The own parts are the number of parts of each of this rank's functions. The parts of a function
-    follow each other in the order of the ranks, on the rank that owns it. A function that is not
-    cut has a single part for all ranks (collective).
+    Own parts are the numbers of parts of this rank's functions. The parts of a function follow each
+    other in the order of the ranks, on the rank that owns it. A function that is not cut has a
+    single part for all ranks (collective).
     """
     own, place = np.unique(function, return_inverse=True)
     most = np.zeros(len(own), dtype=np.int64)
@@ -230,7 +229,7 @@ def _parts(matrix: PETSc.Mat, size: int, node: Ints, function: Ints) -> Ints:
     starts, columns = matrix.getDiagonalBlock().getRowIJ()[:2]
     rows = matrix.getLocalSize()[0] // size
     ends = np.searchsorted(node, np.arange(rows + 1))
-    root = _connected_roots(starts[::size], columns // size, ends, function)
+    root = _roots(starts[::size], columns // size, ends, function)
     order = np.lexsort((root, function))
     new = np.diff(root[order], prepend=-1) != 0
     other = np.diff(function[order], prepend=-1) != 0
@@ -241,9 +240,7 @@ def _parts(matrix: PETSc.Mat, size: int, node: Ints, function: Ints) -> Ints:
 
 
 @njit(cache=True)
-def _connected_roots(
-    starts: Any, neighbours: Any, ends: Ints, function: Ints
-) -> Ints:  # pragma: no cover
+def _roots(starts: Any, neighbours: Any, ends: Ints, function: Ints) -> Ints:  # pragma: no cover
     """Return the first pair connected with each pair by its function and entries of the matrix."""
     root = np.arange(len(function))
     for i in range(len(ends) - 1):
@@ -276,7 +273,7 @@ def _connected_roots(
 
 
 def _regularise(matrix: PETSc.Mat, size: int, parts: Ints) -> None:
-    """Add a small share of it to the diagonal of functions that were cut (collective)."""
+    """Increase the diagonal of functions that were cut by a small share (collective)."""
     diagonal = matrix.getDiagonal()
     blocks = diagonal.getArray().reshape(-1, size)
     share = np.where(parts > 1, limits.CUT_REGULARISATION, 0.0)

@@ -4,10 +4,9 @@
 
 S is the compliance less its diagonal. T is the tangent, a block of 3 x 3 per point.
 
-- *Active*: T is zero at open points. If few points are closed, the system is solved for those
-  alone.
-- *Complement*: T is the diagonal T0 at sticking points. If few points are open or slide, the system
-  is solved for those alone, by W = S (I + T0 S)^-1, which is computed once. With T = T0 + E,
+- *Active*: T is zero at open points. If few points are closed, solve for those alone.
+- *Complement*: T is the diagonal T0 at sticking points. If few points are open or slide, solve for
+  those alone by W = S (I + T0 S)^-1, which is computed once. With T = T0 + E,
 
       q = r - E y,   (I + W E) y = W r,   d = q - T0 W q,   S d = W q.
 
@@ -26,11 +25,11 @@ from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.interface.compiled.krylov import Space, dot, gmres
 from dolfinx_joints.solvers.interface.compiled.products import (
     Kept,
+    apply_blocks,
     cost,
     keep,
     multiply,
     multiply_part,
-    multiply_point_blocks,
 )
 from dolfinx_joints.solvers.interface.compiled.ranks import each_of_ranks, largest_of, sum_over
 
@@ -89,20 +88,15 @@ def correct(
         inner: S in single precision or less accurate.
         residual: r, shape (m,).
         tangent: T, shape (points, 3, 3).
-        least: Entries of r up to this size are set to zero.
+        least: Entries of r up to this size are treated as zero.
         tolerance: Largest residual of the correction, relative to r.
         couples: True if S d is wanted.
         memory: Data and work arrays.
     """
-    right_hand_side, stuck, numbers, loaded = (
-        memory.vectors[RESIDUAL],
-        memory.stuck,
-        memory.numbers,
-        0,
-    )
-    for k in range(len(right_hand_side)):
-        right_hand_side[k] = residual[k] if abs(residual[k]) > least else 0.0
-        loaded += right_hand_side[k] != 0.0
+    load, stuck, numbers, loaded = memory.vectors[RESIDUAL], memory.stuck, memory.numbers, 0
+    for k in range(len(load)):
+        load[k] = residual[k] if abs(residual[k]) > least else 0.0
+        loaded += load[k] != 0.0
     tolerance = max(tolerance, memory.finest)
     active = _differing(tangent, stuck, False, numbers[0])
     if memory.may_have_complement:
@@ -185,7 +179,7 @@ def _correct_active(
     if others > 0.0:
         multiply(inner, step, coupled_others)
         _gather_points(points, coupled_others, every[:size])
-        multiply_point_blocks(space.blocks, every[:size], solution)
+        apply_blocks(space.blocks, every[:size], solution)
     _gather_points(points, residual, right_hand_side)
     for k in range(size):
         right_hand_side[k] -= solution[k] if others > 0.0 else 0.0
@@ -224,7 +218,7 @@ def _correct_changed(tangent: Floats, tolerance: float, memory: Memory) -> None:
             for b in range(3):
                 space.blocks[i, a, b] = tangent[points[i], a, b]
             space.blocks[i, a, a] = tangent[points[i], a, a] - memory.stuck[3 * points[i] + a]
-    multiply_point_blocks(space.blocks, solution, right_hand_side)
+    apply_blocks(space.blocks, solution, right_hand_side)
     # The residual must be small compared with r, and E W r may be larger.
     squares = np.array([dot(residual, residual), dot(right_hand_side, right_hand_side)])
     sum_over(complement.ranks, squares)

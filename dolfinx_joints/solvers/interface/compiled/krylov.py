@@ -19,8 +19,8 @@ from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.own_blocks import SUMS
 from dolfinx_joints.solvers.interface.compiled.products import (
     Kept,
+    apply_blocks,
     multiply_part,
-    multiply_point_blocks,
 )
 from dolfinx_joints.solvers.interface.compiled.ranks import Ranks, sum_over
 
@@ -92,7 +92,7 @@ def gmres(
         while count < largest_count:
             old, new = space.basis[count, :size], space.basis[count + 1, :size]
             multiply_part(split, kept, old, product)
-            multiply_point_blocks(space.blocks, product, new)
+            apply_blocks(space.blocks, product, new)
             off = np.float32(shift)
             for k in range(size):
                 new[k] += old[k] - off * old[k]

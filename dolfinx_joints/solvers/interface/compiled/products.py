@@ -98,14 +98,11 @@ class Kept(NamedTuple):
     """Set of points with its part of S, kept as long as it contains the required points.
 
     Attributes:
-        points: Local numbers of the rank's points in the set, sorted, in the first entries, shape
-            (points,).
-        number: Number of the rank's points, -1 before the first set, and number of all points,
-            shape (2,).
+        points: Local numbers of the rank's points, sorted, in the first entries, shape (points,).
+        number: Numbers of the rank's points (-1 before the first set) and of all, shape (2,).
         lengths: Lengths of the ranks' vectors over the set, in single precision.
-        every: Work array for such a vector of all ranks, shape (M,), if a part is stored and there
-            are several ranks.
-        numbers: Global numbers of all points of the set, in the same case, shape (M / 3,).
+        every: Work array for such a vector of all ranks, shape (M,), empty if not needed.
+        numbers: Global numbers of all points of the set, shape (M / 3,), empty if not needed.
         part: Columns of the set, for the rank's rows in it, in the first entries. For a `LowRank` S
             only if they are no more than the entries of S.
     """
@@ -204,10 +201,7 @@ def _low_rank_cost(split: LowRank, unknowns: int) -> float:
 
 
 def cost(split: Any, unknowns: int) -> float:
-    """Return the number of entries that a product with so many nonzero values reads.
-
-    Both numbers are those of all ranks.
-    """
+    """Return the number of entries that a product reads for so many nonzero values (all ranks)."""
     return (_dense_cost if isinstance(split, Dense) else _low_rank_cost)(split, unknowns)
 
 
@@ -217,7 +211,7 @@ def _(split: Any, unknowns: Any) -> Any:
 
 
 @part
-def multiply_point_blocks(blocks: Singles, values: NDArray[Any], out: NDArray[Any]) -> None:
+def apply_blocks(blocks: Singles, values: NDArray[Any], out: NDArray[Any]) -> None:
     """Write the blocks times a vector (3 n,) to ``out``; blocks beyond n are ignored."""
     for i in range(len(values) // 3):
         t, a, b, c = blocks[i], values[3 * i], values[3 * i + 1], values[3 * i + 2]
@@ -243,10 +237,7 @@ def _part_is_stored(split: LowRank, kept: Kept) -> bool:
 
 @part
 def _copy_part(matrix: NDArray[Any], kept: Kept, ranks: Ranks, by_half: bool) -> None:
-    """Copy the columns of the set's points, for the rank's rows among them.
-
-    With ``by_half`` copy the lower half only.
-    """
+    """Copy the columns of the set's points for the rank's rows; if ``by_half`` the lower half."""
     count, points = kept.number[0], kept.points
     every = kept.points if ranks.size == 1 else kept.numbers
     columns = kept.part[: 9 * kept.number[1] * count].reshape(3 * kept.number[1], 3 * count)
@@ -330,7 +321,7 @@ def _gather_numbers(split: Any, kept: Kept, count: int) -> None:
 
 
 @part
-def _multiply_stored_part(
+def _multiply_stored(
     ranks: Ranks, kept: Kept, values: Singles, out: Singles, by_half: bool
 ) -> None:
     """Write the stored part of S times values to ``out`` (collective)."""
@@ -345,12 +336,12 @@ def _multiply_stored_part(
 
 
 def _dense_part(split: Dense, kept: Kept, values: Singles, out: Singles) -> None:
-    _multiply_stored_part(split.ranks, kept, values, out, split.by_half)
+    _multiply_stored(split.ranks, kept, values, out, split.by_half)
 
 
 def _low_rank_part(split: LowRank, kept: Kept, values: Singles, out: Singles) -> None:
     if _part_is_stored(split, kept):
-        _multiply_stored_part(split.ranks, kept, values, out, split.ranks.size == 1)
+        _multiply_stored(split.ranks, kept, values, out, split.ranks.size == 1)
         return
     x, y, rows = split.work[0], split.work[1], split.rows
     for k in range(len(x)):

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Communication between ranks inside compiled loops, by MPI's own functions.
 
-All ranks sum in the same order, so that a decision based on sums or maxima is the same on all
-ranks.
+All ranks sum in the same order, so that decisions based on sums or maxima agree.
 """
 
 from __future__ import annotations
@@ -26,10 +25,7 @@ Floats = NDArray[np.float64]
 
 
 def _mpi_function(name: str, arguments: str) -> Any:
-    """Return a function of the MPI library that mpi4py has loaded.
-
-    The kinds of its arguments are p for pointers, i for int and h for handles.
-    """
+    """Return a function of mpi4py's MPI library; arguments: p pointer, i int, h handle."""
     library = ctypes.CDLL(MPI.__file__)
     address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
     binding.add_symbol(name, address)
@@ -75,8 +71,7 @@ class Lengths(NamedTuple):
 def ranks_of(comm: Any) -> Ranks:
     """Return the ranks of an mpi4py communicator, which must exist as long as they are used."""
     buffer = np.empty((comm.size, limits.MOST_PRODUCTS + 1))
-    # The handle is an address or, with MPICH, a number of 32 bits, which is passed in the same
-    # register.
+    # An address or, with MPICH, a number of 32 bits, passed in the same register.
     return Ranks(MPI._handleof(comm), MPI._handleof(MPI.BYTE), comm.rank, comm.size, buffer)
 
 
@@ -117,10 +112,7 @@ def each_of_ranks(ranks: Ranks, mine: Floats) -> Floats:
 
 @part
 def sum_over(ranks: Ranks, values: Floats) -> None:
-    """Replace values by their sums over the ranks (collective).
-
-    `Ranks.buffer` limits the number of values.
-    """
+    """Replace values by their sums over the ranks, as many as fit the buffer (collective)."""
     if ranks.size == 1:
         return
     every = each_of_ranks(ranks, values)
@@ -147,10 +139,7 @@ def largest_of(ranks: Ranks, value: float) -> float:
 def concatenated(
     ranks: Ranks, mine: NDArray[Any], lengths: Lengths, every: NDArray[Any]
 ) -> NDArray[Any]:
-    """Return the parts of all ranks one after the other, in the array ``every`` (collective).
-
-    On one rank return its part.
-    """
+    """Return the parts of all ranks in ``every``, on one rank its own part (collective)."""
     if ranks.size == 1:
         return mine
     _check(

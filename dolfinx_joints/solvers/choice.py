@@ -42,12 +42,12 @@ def make_solver(
     Args:
         system: The system.
         options: Tolerances and limits.
-        kind: ``condensed``, ``monolithic``, ``forms`` or ``auto``. ``auto`` is the condensed
-            solver, or the monolithic one for plastic cells and for a bulk solved by iteration whose
-            joints are not too stiff compared with its elements (`STIFF_AT_NODES`). ``forms`` is a
-            reference: the monolithic solver with joints assembled by interior-facet integrals. If
-            the shortest static increment does not converge, other starts are tried; ``auto`` also
-            tries other solvers and pseudo-time.
+        kind: ``condensed``, ``monolithic``, ``forms`` or ``auto``. With ``auto`` it is condensed,
+            but monolithic for plastic cells, and for a bulk solved by iteration unless joints are
+            too stiff compared with its elements (`STIFF_AT_NODES`). The reference ``forms`` is the
+            monolithic solver with joints assembled by interior-facet integrals. If the shortest
+            static increment does not converge, other starts are tried; ``auto`` also tries other
+            solvers and pseudo-time.
         static_steps: Number of static load steps to be solved; 0 in dynamics.
     """
     solver = _solver_of(system, options, kind, static_steps)

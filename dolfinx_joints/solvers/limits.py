@@ -21,10 +21,11 @@ PRODUCT_ROUNDING, GAP_ROUNDING = 4.0 * EPSILON, 64.0 * EPSILON
 # direction of this relative length is rounding error.
 SINGLE_ROUNDING = 1e-6
 
-# Largest residual accepted as rounding error, relative to the forces: for joints some millions of
-# times stiffer than the body; if rounding exceeds all joint forces, as at points that only just
-# close at the end of a step; and for the forces of artificial springs, if blocks fall far before
-# contact. With smaller values the steps fail; larger ones would accept errors or mechanisms.
+# Largest residual accepted as rounding error, relative to the forces. The first is for joints some
+# millions of times stiffer than the body. The second is for steps whose rounding error exceeds all
+# joint forces, as at points that only just close. The third is for forces of artificial springs, if
+# blocks fall far before contact. Steps fail with smaller values; larger ones would accept errors or
+# mechanisms.
 LARGEST_ROUNDING, LARGEST_CONTACT_ROUNDING, LARGEST_SPRING_ROUNDING = 1e-6, 1e-3, 1e-8
 
 # Residual of unsupported blocks that is accepted as rounding error, relative to the largest force.
@@ -42,20 +43,20 @@ FACTOR_RESIDUAL, SUPPORTED_RESIDUAL = 1e-2, 1e-6
 
 # NEWTON'S METHOD
 # If the residual is not below LEAST_FALL times that of PATIENCE iterations ago, take
-# WHOLE_CORRECTIONS full corrections: halved ones may creep towards a kink that is no solution.
+# WHOLE_CORRECTIONS full corrections. Halved ones may creep towards a kink that is no solution.
 PATIENCE, LEAST_FALL, WHOLE_CORRECTIONS = 5, 0.9, 2
 
-# Share of the residual that the first corrections may leave: of the body by multigrid, of joint
-# forces in time steps, and in statics, which has few solves. Smaller values take more products,
-# larger ones more iterations.
+# Share of the residual that the first correction may leave: of the body by multigrid, of joint
+# forces in time steps, and in statics. Smaller values take more products, larger ones more
+# iterations; statics has few solves.
 BODY_FORCING, JOINT_FORCING, STATIC_FORCING = 0.1, 0.03, 3e-4
 
-# Share of the accepted residual that later corrections aim at, and share of the residual that the
-# last correction of the body may leave, so that the energy balances to rounding error.
+# Share of the accepted residual that later corrections aim at. The last correction of the body
+# leaves POLISH of the residual, so that the energy balances to rounding error.
 FORCING_MARGIN, POLISH = 0.3, 0.01
 
 # The iteration on joint forces continues to this share of the tolerance if rounding allows it,
-# since the energy balance depends on the residual; in statics to this share of the largest force.
+# since the energy balance depends on the residual. In statics it is a share of the largest force.
 END_OF_STEPS, END_OF_STATICS = 0.01, 1e-14
 
 # An accepted residual is final if a correction leaves more than STALLED of it. Entries below
@@ -72,13 +73,13 @@ STALE, STALE_NEXT, NEGLIGIBLE = 0.1, 0.3, 0.03
 # that makes it regular is used, because a larger share makes corrections less exact.
 REGULARISATIONS = (0.0, 1e-4, 1e-2)
 
-# A static solution that is accepted within rounding error changes by no more than this share in one
-# more correction; that of an unsupported block changes by more.
+# One more correction changes a static solution that is accepted within rounding error by no more
+# than this share. That of an unsupported block changes by more.
 SETTLED = 1e-5
 
 # STATICS OF JOINTS
-# Number of times that a static solution is corrected by the gaps of the body: stiff joints turn
-# rounding errors of gaps into forces.
+# Number of corrections of a static solution by the gaps of the body. Stiff joints turn rounding
+# errors of gaps into forces.
 REFINEMENTS = 3
 
 # Residual over the largest force up to which a static increment starts on the line through the last
@@ -101,12 +102,12 @@ RIGID_DAMPING = 1e-8
 # rigid joints meet, the opening would contradict the sticking points in all later steps.
 RIGID_OPENING = 10.0
 
-# 1/dt^2 of the first and the last step in pseudo-time relative to |K|/|M|, its factor from one step
-# to the next, and the largest number of steps. Other factors do not find more equilibria.
+# 1/dt^2 of the first and the last step in pseudo-time relative to |K|/|M|, its factor per step, and
+# the largest number of steps. Other factors do not find more equilibria.
 PSEUDO_FIRST, PSEUDO_LAST, PSEUDO_FALL, PSEUDO_STEPS = 1e-2, 1e-15, 0.1, 20
 
-# If rounding leaves more inertia than the tolerance, the last step in pseudo-time must change no
-# more than this share of x; on a mechanism it changes most of x.
+# Largest relative change of x in the last step in pseudo-time, if rounding leaves more inertia than
+# the tolerance. On a mechanism most of x changes.
 PSEUDO_SETTLED = 1e-3
 
 # CORRECTIONS OF JOINT FORCES
@@ -148,12 +149,12 @@ SET_EXCESS, SET_SPARE = 1.4, 20
 # its products are faster.
 LARGEST_DENSE = 2000
 
-# Joint unknowns up to which matrices of m^2 entries are stored next to a compressed S: S in single
-# precision, 0.15 GB over all ranks, and W, 0.3 GB.
+# Joint unknowns up to which matrices of m^2 entries are stored next to a compressed S. These are S
+# in single precision, 0.15 GB over all ranks, and W, 0.3 GB.
 LARGEST_WHOLE = 6000
 
-# Joint unknowns from which all columns are computed at once, by another factorization; relative
-# error above which they are rejected (MUMPS was seen to return wrong columns).
+# Joint unknowns from which all columns are computed at once, by another factorization. Relative
+# error above which they are rejected: MUMPS was seen to return wrong columns.
 SMALLEST_AT_ONCE, AT_ONCE_ERROR = 300, 1e-8
 
 # Points where the exact diagonal is computed to scale an estimate, and columns compared.
@@ -186,16 +187,16 @@ STORE_GROWTH = 1_000_000
 KEPT_BYTES, FEWEST_KEPT, TANGENTS_KEPT, MOST_KEPT = 2_000_000_000, 2, 4, 8
 
 # SOLVERS OF THE BODY
-# Mean entries per column of the factor up to which a factor in node blocks is faster, and rows of
-# the matrix beyond which its set-up and the compliance columns cost too much.
+# Mean entries per column of the factor up to which a factor in node blocks is faster. Beyond so
+# many rows its set-up and the compliance columns cost too much.
 NODE_BLOCK_COLUMN, NODE_BLOCK_ROWS = 150.0, 25_000
 
-# Residual of multigrid relative to the right-hand side, as small as that of direct solvers; and in
-# linear steps, whose residual does no work in the step and is corrected in the next.
+# Residual of multigrid relative to the right-hand side, as small as that of direct solvers. In
+# linear steps it may be larger: it does no work in the step and is corrected in the next.
 MULTIGRID_TOLERANCE, STEP_TOLERANCE = 1e-13, 1e-9
 
-# Stiffness of a closed point relative to that of the surrounding nodes up to which multigrid solves
-# body and joints in few iterations: for points at nodes, and for others, which tie no nodes.
+# Stiffness of a closed point relative to the surrounding nodes up to which multigrid solves body
+# and joints in few iterations. The second value is for points between nodes, which tie no nodes.
 STIFF_AT_NODES, STIFF_ELSEWHERE = 1e3, 10.0
 
 # Share of the diagonal of A from which joints need separate levels, cut from the tied body.

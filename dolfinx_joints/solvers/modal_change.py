@@ -69,8 +69,8 @@ class ModalChange:
 class ChangedSolver:
     """Solver of A + Psi delta Psi^T from one of A by the Woodbury formula (34b).
 
-    With Z = A^-1 Psi, which takes one back-substitution per mode for each factor, and y = A^-1 b,
-    the solution is y - Z delta (I + Psi^T Z delta)^-1 Psi^T y.
+    Z = A^-1 Psi takes one back-substitution per mode for each factor. With y = A^-1 b the solution
+    is y - Z delta (I + Psi^T Z delta)^-1 Psi^T y.
 
     Args:
         original: Solver of A.

@@ -60,8 +60,8 @@ def newton(
     """Return the solution, and the norms of the residual at the start and after each iteration.
 
     Corrections are halved until the residual falls. The residual has kinks where points open or
-    slide; halved corrections may creep towards a kink that is no solution, and a few full
-    corrections leave it.
+    slide. Halved corrections may creep towards a kink that is no solution; a few full corrections
+    leave it.
 
     Args:
         problem: The equations.

@@ -107,9 +107,8 @@ class StepSolver(ABC):
         name: ``linear``, ``monolithic``, ``forms`` or ``condensed``.
         options: Tolerances and limits.
         follows_path: True if static solves start from the accepted state alone, by the elastic
-            predictor. Otherwise the condensed solver starts from the forces of its last solve or
-            from open joints, other solvers from open joints; they may find another branch of
-            equilibria.
+            predictor. Otherwise they start from open joints, or in the condensed solver from its
+            last forces. They may then find another branch of equilibria.
     """
 
     system: MatrixSystem

@@ -4,8 +4,8 @@
 
 With s the square root of a point's own compliance, forces are scaled to f = s F and gaps to g / s,
 both in [J^(1/2)]. G then becomes I + S with small entries of S, as the iteration on the joints
-needs. Each rank stores the vector entries and the rows of S of the points it owns; of a block of
-low rank between two ranks each stores one factor.
+needs. Each rank stores the vector entries and the rows of S of the points it owns. Two ranks store
+one factor each of a block of low rank between them.
 """
 
 from __future__ import annotations

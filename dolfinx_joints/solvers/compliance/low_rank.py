@@ -225,8 +225,8 @@ class LowRankMatrix:
         rough = copy(self)
         rough.own = self.own.rougher(tolerance, dtype)
         rough._rows, rough._columns = {}, {}
-        # Messages to the owners of the columns have an entry per block: the number of rows of R
-        # that stay; R of a block that was dense; None for a block that stays dense.
+        # Messages to the owners of the columns have an entry per block. It is the number of rows of
+        # R that stay, R of a block that was dense, or None for a block that stays dense.
         messages: list[list[Any]] = [[] for _ in range(self.comm.size)]
         for rank, shares in self._rows.items():
             kept: list[tuple[NDArray[Any] | None, int]] = []

@@ -85,9 +85,8 @@ class Condensed:
         self._body = EffectiveMatrix.of(system, effective, linear=options.linear)
         self.unsupported = self.static and not _is_regular(self._body, unconstrained_dofs(system))
         if self.unsupported:
-            # Leave the failed factor to PETSc's garbage collector instead of destroying it: every
-            # rank must take part in the destruction, and on three ranks two were seen to wait for
-            # the third.
+            # Leave the failed factor to PETSc's garbage collector. Every rank must take part in its
+            # destruction, and on three ranks two were seen to wait for the third.
             del self._body
             free_petsc_garbage(self._contact.operator.comm)
 

@@ -3,7 +3,7 @@
 """Newton's corrections of the joint forces, (I + T S) d = r, by compiled functions.
 
 Inside the corrections S is in single precision, or compressed to a tolerance; Newton's iteration
-removes the error. `compiled.corrections` solves a correction on one of two sets of points; this
+removes the error. The module `compiled.corrections` solves on one of two sets of points; this
 module keeps the data between corrections.
 """
 

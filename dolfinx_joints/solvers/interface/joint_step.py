@@ -190,7 +190,7 @@ def _residual(
     """Return the scaled residual and tangent, zero where a point cannot move, and their sizes.
 
     The sizes are the largest force of the laws, the largest |r|, |f| and |S f|, and the square of
-    |r|; the last entry is left to the caller. They are NaN if r is.
+    |r|. They are NaN if r is. The last entry is left to the caller.
     """
     residual, scaled, sizes = np.zeros_like(force), np.empty_like(tangent), np.zeros(6)
     for i in range(len(tangent)):

@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Newton's corrections of the joint forces, (I + T S) d = r, by PETSc's GMRES.
 
-Used where the compiled corrections do not apply: S that is not stored, or compressed and not
-symmetric; statics, whose corrections must be accurate; and rigid joints that meet, whose sticking
-points tie each other.
+Used if S is not stored, or compressed and not symmetric; in statics, whose corrections must be
+accurate; and if rigid joints meet, whose sticking points tie each other.
 """
 
 from __future__ import annotations

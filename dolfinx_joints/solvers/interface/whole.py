@@ -8,7 +8,7 @@ The unknowns are the change x of the displacement and the tractions t:
 
 where t_c is the condensed form of the laws on the compliances c of their points, as in the
 condensed solver. Here c is estimated from the diagonal of A. Whether a point opens then depends on
-its gap and traction together, and the residual of a stiff joint is no larger than that of a soft
+its gap and traction together. The residual of a stiff joint is then no larger than that of a soft
 one. A correction eliminates t; its matrix A + B^T (w D) B is that of `NewtonSolver`.
 """
 

@@ -54,8 +54,8 @@ class _Parts:
 class _Products:
     """Products with A + K and with a modal change, as a PETSc matrix of type python.
 
-    It keeps only a weak reference to the parts. On several ranks PETSc frees the matrix with its
-    garbage, and a matrix that it owned and that becomes garbage at that time would never be freed.
+    It keeps only a weak reference to the parts. On several ranks PETSc frees it in its garbage
+    collection. A matrix that it owned and that became garbage meanwhile would never be freed.
     """
 
     def __init__(self, parts: _Parts) -> None:

@@ -3,8 +3,8 @@
 """GMRES for (I + T P) x = b with a stored part P of S, in single precision (Saad and Schultz 1986).
 
 Newton's method corrects the error of single precision. Vectors are relative to the right-hand side.
-The matrix is close to the identity: subtract the last diagonal entry of the Hessenberg matrix from
-the matrix before a new direction is made orthogonal, so that little cancels.
+The matrix is close to the identity. Before a new direction is made orthogonal, the last diagonal
+entry of the Hessenberg matrix is subtracted from the matrix, so that little cancels.
 """
 
 from __future__ import annotations
@@ -17,11 +17,7 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.kernels import njit, part
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.own_blocks import SUMS
-from dolfinx_joints.solvers.interface.compiled.products import (
-    Kept,
-    apply_blocks,
-    multiply_part,
-)
+from dolfinx_joints.solvers.interface.compiled.products import Kept, apply_blocks, multiply_part
 from dolfinx_joints.solvers.interface.compiled.ranks import Ranks, sum_over
 
 Floats = NDArray[np.float64]

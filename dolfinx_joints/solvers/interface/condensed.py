@@ -150,7 +150,7 @@ class Condensed:
         return corrections
 
     def _rigid_points_meet(self) -> bool:
-        """Return True if a node is at several rigid points, which may tie each other."""
+        """Return True if rigid points share a node and may tie each other (collective)."""
         rigid = np.isinf(np.repeat(self._contact.closed_stiffness(), (1, 2), axis=1))
         squares = self._operator.copy()
         points, nodes = squares.createVecLeft(), squares.createVecRight()

@@ -57,13 +57,13 @@ def facet_permutations(mesh: Any) -> NDArray[np.uint8]:
         JointsError: This version of DOLFINx returns a copy.
     """
     mesh.topology.create_entity_permutations()
-    known, again = (mesh.topology.get_facet_permutations() for _ in range(2))
-    if not known.size:  # a rank without cells
+    codes, second_call = (mesh.topology.get_facet_permutations() for _ in range(2))
+    if not codes.size:  # a rank without cells
         return np.empty(0, dtype=np.uint8)
-    if known.ctypes.data != again.ctypes.data:
+    if codes.ctypes.data != second_call.ctypes.data:
         raise JointsError("This DOLFINx version copies facet permutations; dS cannot be used.")
-    first = ctypes.cast(known.ctypes.data, ctypes.POINTER(ctypes.c_uint8))
-    return np.ctypeslib.as_array(first, known.shape)
+    first = ctypes.cast(codes.ctypes.data, ctypes.POINTER(ctypes.c_uint8))
+    return np.ctypeslib.as_array(first, codes.shape)
 
 
 def create_submesh(mesh: Any, dim: int, entities: NDArray[np.int32]) -> tuple[Any, Any]:
@@ -88,18 +88,18 @@ def surface_entity_maps(body: Any, surface: Any, facets: NDArray[Any], cells: ND
     from dolfinx import mesh
 
     facet_map = body.topology.index_map(body.topology.dim - 1)
-    known = np.full(facet_map.size_local + facet_map.num_ghosts, -1, dtype=np.int32)
-    known[facets] = cells
+    cell_of_facet = np.full(facet_map.size_local + facet_map.num_ghosts, -1, dtype=np.int32)
+    cell_of_facet[facets] = cells
     if not hasattr(mesh, "entity_map"):
-        return {surface: known}
-    return [mesh.entity_map(surface.topology, body.topology, surface.topology.dim, known)]
+        return {surface: cell_of_facet}
+    return [mesh.entity_map(surface.topology, body.topology, surface.topology.dim, cell_of_facet)]
 
 
 def merged_entity_maps(maps: Sequence[Any]) -> Any:
     """Merge several `surface_entity_maps` for `fem.form`; None if there are no maps (0.10)."""
     if maps and isinstance(maps[0], dict):
-        return {mesh: known for each in maps for mesh, known in each.items()}
-    return [known for each in maps for known in each] or None
+        return {mesh: cells for one_map in maps for mesh, cells in one_map.items()}
+    return [entity_map for one_map in maps for entity_map in one_map] or None
 
 
 def permuted_points(facet_vertices: int, points: Floats, code: int) -> Floats:
@@ -118,15 +118,15 @@ def permuted_points(facet_vertices: int, points: Floats, code: int) -> Floats:
 def geometry_nodes(mesh: Any) -> NDArray[np.int32]:
     """Return the nodes of the local cells, (cells, nodes of a cell); in a list since 0.11."""
     geometry = mesh.geometry
-    found = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
-    return np.asarray(found, dtype=np.int32)
+    dofmap = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
+    return np.asarray(dofmap, dtype=np.int32)
 
 
 def geometry_degree(mesh: Any) -> int:
     """Return the degree of the cell geometry; the coordinate map is in a list since 0.11."""
     geometry = mesh.geometry
-    found = geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap
-    return int(found.degree)
+    coordinate_map = geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap
+    return int(coordinate_map.degree)
 
 
 def gmsh_permutation(cell_name: str, num_nodes: int) -> Ints:
@@ -142,8 +142,8 @@ def gmsh_permutation(cell_name: str, num_nodes: int) -> Ints:
 
 def petsc_code(error: Exception) -> int:
     """Return the PETSc code of a SLEPc error; slepc4py 3.25 wraps it in a SystemError."""
-    known = error.__cause__ if isinstance(error, SystemError) else error
-    code = getattr(known, "ierr", None)
+    cause = error.__cause__ if isinstance(error, SystemError) else error
+    code = getattr(cause, "ierr", None)
     if code is None:
         raise error
     return int(code)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Runs of one model side by side: they share factors, and solve with them in blocks."""
+"""Several runs of one model at the same time: they share factors and solve in blocks."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ Made = TypeVar("Made")
 
 
 class SharedBulk:
-    """Keeps what the first of several runs has made for the others.
+    """Factors and compliances that several runs of one model share.
 
-    A `MatrixSystem` that has one as ``shared`` takes its factors from there, and solves with them
-    in blocks of all runs that wait for a solution. All runs must be of one model.
+    A `MatrixSystem` with a ``shared`` attribute takes its factors from it, and solves with them in
+    blocks for all runs that wait for a solution.
 
     Attributes:
-        rounds: Runs them side by side.
+        scheduler: Scheduler of the runs.
         lowest_modes: Modes by number, see `MatrixSystem.lowest_modes`.
     """
 
     def __init__(self) -> None:
-        """Begin with an empty store."""
-        self.rounds = Rounds()
+        """Create an empty store."""
+        self.scheduler = BatchScheduler()
         self.lowest_modes: dict[int, Any] = {}
         self._made: dict[Hashable, Any] = {}
         self._free = ExitStack()
@@ -38,136 +38,136 @@ class SharedBulk:
 
         Args:
             key: Name of the object.
-            make: Makes it.
-            free: Frees it when all runs have ended.
+            make: Function that makes it.
+            free: Function that frees it when all runs have ended.
         """
         if key not in self._made:
             self._made[key] = made = make()
             if free is not None:
                 self._free.callback(free, made)
-        found: Made = self._made[key]
-        return found
+        result: Made = self._made[key]
+        return result
 
     def destroy(self) -> None:
-        """Free all of it, the last first."""
+        """Free all objects, the last one first."""
         self._made.clear()
         self._free.close()
 
 
-class Rounds:
-    """Runs functions in turns.
+class BatchScheduler:
+    """Cooperative scheduler that batches identical requests from several concurrent runs.
 
-    Each has a thread of its own, but only one of them runs at any time: until it asks or ends. When
-    all wait, what most of them ask is answered for all who ask it, in one call; what is dear to
-    answer only when nobody asks anything else. The order follows from the questions alone, so that
-    it is the same on all ranks.
+    Each run has its own thread, but only one thread is active at a time, until it makes a request
+    or ends. When all runs wait, the most frequent request is computed for all runs that made it, in
+    one call; deferrable requests come last. The order depends on the requests alone, so that it is
+    the same on all ranks.
     """
 
     def __init__(self) -> None:
-        """Nothing runs yet."""
+        """Create a scheduler without runs."""
         self._back = threading.Semaphore(0)
-        self._current: _Turn | None = None
+        self._current: _Run | None = None
         self._abandoned = False
 
     def run(
         self, functions: Mapping[str, Callable[[], Any]], most: int
     ) -> dict[str, Any | Exception]:
-        """What each function returns or raises; what is no `Exception` ends all of them.
+        """Return the result or the `Exception` of each function; other exceptions end all of them.
 
         Args:
-            functions: By name, begun in this order.
-            most: Functions that run at once; others begin when one has ended.
+            functions: Functions by name, started in this order.
+            most: Largest number of functions at a time; others start when one has ended.
         """
-        turns = {name: _Turn(function, self._back) for name, function in functions.items()}
-        begin = deque(turns.values())
+        runs = {name: _Run(function, self._back) for name, function in functions.items()}
+        begin = deque(runs.values())
         ready = deque(begin.popleft() for _ in range(min(most, len(begin))))
-        asked: dict[Hashable, list[_Turn]] = {}
+        waiting: dict[Hashable, list[_Run]] = {}
         try:
-            while ready or asked:
+            while ready or waiting:
                 while ready:
-                    turn = ready.popleft()
-                    self._let(turn)
-                    if turn.interruption is not None:
-                        raise turn.interruption
-                    if not turn.ended:
-                        asked.setdefault(turn.key, []).append(turn)
+                    run = ready.popleft()
+                    self._resume(run)
+                    if run.interruption is not None:
+                        raise run.interruption
+                    if not run.ended:
+                        waiting.setdefault(run.key, []).append(run)
                     elif begin:
                         ready.append(begin.popleft())
-                if asked:
-                    together = asked.pop(
-                        max(asked, key=lambda key: (not asked[key][0].dear, len(asked[key])))
+                if waiting:
+                    batch = waiting.pop(
+                        max(waiting, key=lambda k: (not waiting[k][0].deferrable, len(waiting[k])))
                     )
-                    _answer(together)
-                    ready.extend(together)
+                    _compute(batch)
+                    ready.extend(batch)
         finally:
-            self._abandon(turns.values())
-        return {name: turn.result for name, turn in turns.items()}
+            self._abandon(runs.values())
+        return {name: run.result for name, run in runs.items()}
 
-    def ask(
+    def request(
         self,
         key: Hashable,
-        answer: Callable[[list[Any]], Sequence[Any]],
-        question: Any,
+        compute: Callable[[list[Any]], Sequence[Any]],
+        argument: Any,
         *,
-        dear: bool = False,
+        deferrable: bool = False,
     ) -> Any:
-        """The answer to a question, from within a function that runs; alone it is answered at once.
+        """Return the result of a request; outside of a run it is computed at once.
 
         Args:
-            key: What questions have in common that are answered together.
-            answer: Answers such questions.
-            question: The question.
-            dear: Whether it can wait for others that may come to ask the same.
+            key: Key of requests that are computed together.
+            compute: Function that computes the results of several arguments.
+            argument: Argument of this request.
+            deferrable: True if the request may wait, to be batched with later ones.
         """
-        turn = self._current
-        if turn is None:
-            return answer([question])[0]
-        turn.key, turn.answer, turn.question, turn.dear = key, answer, question, dear
+        run = self._current
+        if run is None:
+            return compute([argument])[0]
+        run.key, run.compute, run.argument, run.deferrable = key, compute, argument, deferrable
         self._back.release()
-        turn.go.acquire()
+        run.go.acquire()
         if self._abandoned:
             raise _Abandoned
-        if turn.failure is not None:
-            failure, turn.failure = turn.failure, None
+        if run.failure is not None:
+            failure, run.failure = run.failure, None
             raise failure
-        return turn.question
+        return run.argument
 
-    def _let(self, turn: _Turn) -> None:
-        """Let a function run until it asks or ends."""
-        self._current = turn
-        turn.let()
+    def _resume(self, run: _Run) -> None:
+        """Let a run continue until it makes a request or ends."""
+        self._current = run
+        run.resume()
         self._back.acquire()
         self._current = None
 
-    def _abandon(self, turns: Any) -> None:
-        """End the threads of functions that have not ended, after an interruption."""
+    def _abandon(self, runs: Any) -> None:
+        """End the threads of all runs, after an interruption."""
         self._abandoned = True
-        for turn in turns:
-            turn.end()
+        for run in runs:
+            run.end()
         self._abandoned = False
 
 
 class _Abandoned(BaseException):
-    """Ends a function whose answer nobody waits for."""
+    """Raised in an abandoned run to end its thread."""
 
 
-class _Turn:
-    """A function, its thread, and what it asks."""
+class _Run:
+    """A function, its thread, and its current request."""
 
     def __init__(self, function: Callable[[], Any], back: threading.Semaphore) -> None:
         self._function, self._back = function, back
         self.go = threading.Semaphore(0)
         self.ended = False
         self.key: Hashable = None
-        self.dear = False
-        self.answer: Callable[[list[Any]], Sequence[Any]]
-        self.question: Any = None  # then the answer
+        self.deferrable = False
+        self.compute: Callable[[list[Any]], Sequence[Any]]
+        self.argument: Any = None  # replaced by the result
         self.failure: Exception | None = None
         self.result: Any = None
         self.interruption: BaseException | None = None
         self._thread = threading.Thread(target=self._run, daemon=True)
 
-    def let(self) -> None:
+    def resume(self) -> None:
         if self._thread.is_alive():
             self.go.release()
         else:
@@ -191,13 +191,13 @@ class _Turn:
         self._back.release()
 
 
-def _answer(turns: Sequence[_Turn]) -> None:
-    """Answer what turns ask alike; a failure is raised where each of them asked."""
+def _compute(runs: Sequence[_Run]) -> None:
+    """Compute the request of a batch of runs; raise a failure in each of them."""
     try:
-        answers = turns[0].answer([turn.question for turn in turns])
+        results = runs[0].compute([run.argument for run in runs])
     except Exception as failure:
-        for turn in turns:
-            turn.failure = failure
+        for run in runs:
+            run.failure = failure
     else:
-        for turn, answer in zip(turns, answers, strict=True):
-            turn.question = answer
+        for run, result in zip(runs, results, strict=True):
+            run.argument = result

@@ -42,12 +42,12 @@ def make_solver(
     Args:
         system: The system.
         options: Tolerances and limits.
-        kind: ``condensed``, ``monolithic``, or ``auto``: condensed, but monolithic where the bulk
-            is solved by iteration and joints are not too stiff beside its elements
-            (`STIFF_AT_NODES`). Plastic cells take the monolithic one alone. ``forms`` is the
-            monolithic solver with joints assembled by interior-facet integrals, a reference. If the
-            shortest static increment does not converge, other starts are tried, and with ``auto``
-            other solvers and pseudo-time.
+        kind: ``condensed``, ``monolithic``, ``forms`` or ``auto``. With ``auto`` it is condensed,
+            but monolithic for plastic cells, and for a bulk solved by iteration unless joints are
+            too stiff compared with its elements (`STIFF_AT_NODES`). The reference ``forms`` is the
+            monolithic solver with joints assembled by interior-facet integrals. If the shortest
+            static increment does not converge, other starts are tried; ``auto`` also tries other
+            solvers and pseudo-time.
         static_steps: Number of static load steps to be solved; 0 in dynamics.
     """
     solver = _solver_of(system, options, kind, static_steps)
@@ -61,7 +61,7 @@ def _solver_of(
     kind: SolverKind,
     static_steps: int,
 ) -> StepSolver:
-    """Return a solver of steps whose bonds are what the state says (collective)."""
+    """Return a solver of steps in which no bond breaks (collective)."""
     contact = system.contact
     first = _first_solver(system, options, kind, static_steps)
     if not static_steps or contact is None or system.bulk is not None:
@@ -90,38 +90,37 @@ def _first_solver(
     kind: SolverKind,
     static_steps: int,
 ) -> NewtonSolver | InterfaceSolver:
-    """Return the solver that takes all steps if it converges (collective)."""
+    """Return the solver that is tried first in each step (collective)."""
     contact = system.contact
     rigid = contact is not None and contact.rigid
     if system.bulk is not None and (kind == "condensed" or rigid):
         which = "" if kind == "condensed" else ", which rigid joints need,"
         raise JointsError(
-            f"The condensed solver{which} takes a linear body; plastic cells (of "
-            f"{', '.join(system.bulk.kinds)}) need the monolithic solver and joints of finite "
+            f"The condensed solver{which} supports linear bodies only. The body has plastic cells "
+            f"({', '.join(system.bulk.kinds)}): use the monolithic solver and joints of finite "
             "stiffness."
         )
     if kind == "forms" and contact is not None:
         if system.coupled is not None:
             raise JointsError(
-                'solver="forms" integrates joints over the mesh of the body alone; it does not '
-                "solve the coupled system of a body and a reservoir with waves. Use "
-                'solver="monolithic", which gives the same result, or an added mass instead of the '
-                "reservoir."
+                'solver="forms" does not support a reservoir with waves: it integrates joints over '
+                'the mesh of the body alone. Use solver="monolithic", which gives the same result, '
+                "or an added mass instead of the reservoir."
             )
         return NewtonSolver(_by_forms(system, contact), options, name="forms")
     if system.bulk is not None or kind == "monolithic" or contact is None:
         return NewtonSolver(system, options)
-    # Imported for joints alone: a linear run loads no solver of joints.
+    # Imported only if there are joints: a linear run loads no solver of joints.
     from dolfinx_joints.solvers.interface.solver import InterfaceSolver
     from dolfinx_joints.solvers.interface.whole import WholeSolver
 
-    if kind == "auto" and _takes_whole(system, contact, options or SolverOptions()):
+    if kind == "auto" and _suits_multigrid(system, contact, options or SolverOptions()):
         return WholeSolver(system, options)
     return InterfaceSolver(system, _for_steps(options, contact, static_steps))
 
 
-def _takes_whole(system: MatrixSystem, contact: Contact, options: SolverOptions) -> bool:
-    """Return whether multigrid solves body and joints in few iterations (collective)."""
+def _suits_multigrid(system: MatrixSystem, contact: Contact, options: SolverOptions) -> bool:
+    """Return True if multigrid solves body and joints in few iterations (collective)."""
     if contact.rigid or not iterates(system, options.linear):
         return False
     operator, diagonal = contact.operator, system.stiffness.getDiagonal()

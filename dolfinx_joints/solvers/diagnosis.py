@@ -13,11 +13,11 @@ SINGULAR = (
     "springs or a closed joint?"
 )
 NOT_FINITE = (
-    "The matrix holds numbers that are not finite: look for NaN in a material, a law's tangent or "
-    "a form."
+    "The matrix contains values that are not finite: look for NaN in a material, a law's tangent "
+    "or a form."
 )
 NO_MEMORY = (
-    "The factor of the matrix does not fit into memory: take a coarser mesh, more memory, or the "
+    "The factor of the matrix does not fit into memory: use a coarser mesh, more memory, or the "
     "iterative solver"
 )
 NOT_FACTORED = (
@@ -25,11 +25,11 @@ NOT_FACTORED = (
     "restrained by supports?)"
 )
 
-# What PETSc calls a pivot that is zero or negative.
+# PETSc's error codes of a zero or negative pivot, and of lack of memory.
 _ZERO_PIVOT = (71, 81)
 _OUT_OF_MEMORY = 55
 
-# INFOG(1) of MUMPS, from its user's guide; the other codes stand there.
+# INFOG(1) of MUMPS; its user's guide lists the other codes.
 _MUMPS = {
     -6: "structurally singular",
     -9: "real workspace too small",
@@ -40,14 +40,14 @@ _MUMPS = {
 
 
 def why_singular(matrix: PETSc.Mat) -> str:
-    """Error message on a matrix that gives no solution (collective)."""
-    # The largest of absolute values would lose NaN; the sum of squares does not.
+    """Return the error message for a matrix that has no solution (collective)."""
+    # The Frobenius norm is NaN if an entry is; the largest absolute value may not be.
     finite = math.isfinite(matrix.norm(PETSc.NormType.NORM_FROBENIUS))
     return SINGULAR if finite else NOT_FINITE
 
 
 def reported_by_package(pc: PETSc.PC) -> str:
-    """Reason that the package reports, in brackets and after a blank; '' if there is none."""
+    """Return the reason that the package reports, with a space and in brackets, or ''."""
     if pc.getFactorSolverType() != "mumps":
         return ""
     factor = pc.getFactorMatrix()
@@ -59,7 +59,7 @@ def reported_by_package(pc: PETSc.PC) -> str:
 
 
 def of_error(error: PETSc.Error, matrix: PETSc.Mat) -> str:
-    """Error message on an error of PETSc in a factorization (collective)."""
+    """Return the error message for an error of PETSc in a factorization (collective)."""
     if why_singular(matrix) == NOT_FINITE:
         return NOT_FINITE
     if error.ierr in _ZERO_PIVOT:

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Direct solvers of a matrix, and their errors as messages."""
+"""Direct solvers of a matrix, with error messages for failed factorizations."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ ZERO_PIVOT = (
 
 
 class DirectSolver:
-    """A PETSc direct solver; its options do not stay among those of the program.
+    """PETSc direct solver; its options are removed from PETSc's database after use.
 
     Args:
         matrix: Matrix to be factored.
-        symmetric: Use Cholesky (CHOLMOD in serial where PETSc has it, else MUMPS) instead of LU.
-        mumps: Use MUMPS everywhere.
-        often: A factor solves many right-hand sides one after the other: where CHOLMOD factors,
-            a second factor in blocks of a node is kept for them if it is faster (`NodeBlocks`).
-        options: PETSc options without prefix that replace the defaults.
+        symmetric: Use Cholesky (CHOLMOD on one rank if PETSc has it, else MUMPS) instead of LU.
+        mumps: Use MUMPS on one rank, too.
+        often: The factor will solve many right-hand sides one after the other. With CHOLMOD, a
+            second factor in blocks of a node is then kept if it is faster (`NodeBlocks`).
+        options: PETSc options that replace the defaults, without prefix.
         name: Name of the system; the options prefix is ``dolfinx_joints_NAME_``.
 
     Attributes:
-        package: PETSc's name of the package that factors.
+        package: PETSc's name of the package that factors the matrix.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class DirectSolver:
         options: Mapping[str, Any] | None = None,
         name: str = "bulk",
     ) -> None:
-        """Choose the package; nothing is factored yet."""
+        """Choose the package; the matrix is factored at the first solve."""
         self._matrix = matrix
         serial = symmetric and not mumps and matrix.comm.size == 1
         package = "cholmod" if serial and PETSc.Sys.hasExternalPackage("cholmod") else "mumps"
@@ -69,17 +69,17 @@ class DirectSolver:
             "pc_factor_mat_solver_type": package,
         }
         if package == "cholmod":
-            self._options["mat_cholmod_print"] = 0  # its failures are raised, not printed
+            self._options["mat_cholmod_print"] = 0  # failures are raised, not printed
         if package == "mumps":
             self._options[WORKSPACE] = 60
         self._options |= dict(options or {})
         self.package = str(self._options["pc_factor_mat_solver_type"])
         self._often, self._name = often, name
         self._blocks: NodeBlocks | None = None
-        self._create()
+        self._create_ksp()
         self._stale = True
 
-    def _create(self) -> None:
+    def _create_ksp(self) -> None:
         self._ksp = PETSc.KSP().create(self._matrix.comm)
         self._ksp.setOptionsPrefix(f"dolfinx_joints_{self._name}_")
 
@@ -88,39 +88,40 @@ class DirectSolver:
         self._stale = True
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Solve A x = b; whether the matrix was factored for it (collective)."""
+        """Solve A x = b; return True if the matrix was factored for it (collective)."""
         factored = self._factor_if_stale()
-        with self._reported():
+        with self._errors_converted():
             (self._blocks or self._ksp).solve(b, x)
         if self._ksp.getConvergedReason() < 0 or (factored and not self._solves(b, x)):
             self._stale = True
             raise JointsError(why_singular(self._matrix))
         return factored
 
-    def solve_block(self, right: Floats) -> Floats:
-        """Solve A X = B for many right-hand sides at once (collective).
+    def solve_block(self, right_hand_sides: Floats) -> Floats:
+        """Solve A X = B for several right-hand sides at once (collective).
 
-        A factor is read once per block and not once per column, which makes a column several
-        times cheaper; `BLOCK_COLUMNS` are a good number.
+        The factor is read once per block instead of once per column, which makes a column several
+        times cheaper; `BLOCK_COLUMNS` is a good number of columns.
 
         Args:
-            right: Owned rows of B, shape (local rows, columns), [N]; all ranks give as many
-                columns.
+            right_hand_sides: Owned rows of B, shape (local rows, columns), [N]; the number of
+                columns is the same on all ranks.
 
         Returns:
             Owned rows of X, of the same shape, each column contiguous, [m].
         """
         factored = self._factor_if_stale()
-        if right.shape[1] == 0:
-            return right.copy()
-        b = _dense(right, self._matrix.getSizes()[0], self._matrix.comm)
-        x = self._empty(right.shape[1])
-        with self._reported():
+        if right_hand_sides.shape[1] == 0:
+            return right_hand_sides.copy()
+        b = _dense(right_hand_sides, self._matrix.getSizes()[0], self._matrix.comm)
+        x = self._empty(right_hand_sides.shape[1])
+        with self._errors_converted():
             if self._blocks is None:
                 self._ksp.getPC().getFactorMatrix().matSolve(b, x)
             else:
-                # The steps' own factor: of nearly singular matrices another has other solutions.
-                self._blocks.solve_block(right, x.getDenseArray())
+                # Another factor of a nearly singular matrix would give other solutions than the
+                # steps.
+                self._blocks.solve_block(right_hand_sides, x.getDenseArray())
         if factored and not self._solves_block(b, x):
             self._stale = True
             raise JointsError(why_singular(self._matrix))
@@ -132,8 +133,8 @@ class DirectSolver:
     def solve_sparse(self, rows: PETSc.Mat) -> Floats:
         """Solve A X = B for right-hand sides with few entries, by MUMPS (collective).
 
-        It passes over the part of the factor that they reach, and the ranks exchange entries only:
-        two to three times as fast as `solve_block`.
+        MUMPS passes only over the part of the factor that the entries reach, and the ranks exchange
+        entries only. This is two to three times as fast as `solve_block`.
 
         Args:
             rows: B^T, sparse, all of its rows on rank 0, [N].
@@ -142,32 +143,32 @@ class DirectSolver:
             Owned rows of X, shape (local rows, columns), each column contiguous, [m].
         """
         if self._stale:
-            right, found = self._matrix.createVecs()
-            right.setRandom()
-            self.solve(right, found)  # factors, and sees whether that solves
-        right, x = PETSc.Mat().createTranspose(rows), self._empty(rows.getSize()[0])
-        with self._reported():
-            self._ksp.getPC().getFactorMatrix().matSolve(right, x)
+            load, response = self._matrix.createVecs()
+            load.setRandom()
+            self.solve(load, response)  # factor, and check that the factor is valid
+        right_hand_sides, x = PETSc.Mat().createTranspose(rows), self._empty(rows.getSize()[0])
+        with self._errors_converted():
+            self._ksp.getPC().getFactorMatrix().matSolve(right_hand_sides, x)
         solution: Floats = x.getDenseArray(readonly=True).copy(order="F")
-        right.destroy()
+        right_hand_sides.destroy()
         x.destroy()
         return solution
 
     def _empty(self, columns: int) -> PETSc.Mat:
-        """Room for as many solutions."""
+        """Return an empty dense matrix for the solutions."""
         rows = self._matrix.getSizes()[0]
-        room = PETSc.Mat().createDense((rows, (PETSc.DECIDE, columns)), comm=self._matrix.comm)
-        return room.setUp()
+        dense = PETSc.Mat().createDense((rows, (PETSc.DECIDE, columns)), comm=self._matrix.comm)
+        return dense.setUp()
 
     def _solves(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Whether a new factor gives a solution: LU of a singular matrix may end without error."""
+        """Return True if a new factor is valid: LU of a singular matrix may end without error."""
         residual = b.duplicate()
         self._matrix.mult(x, residual)
         residual.axpy(-1.0, b)
         return bool(residual.norm() <= limits.FACTOR_RESIDUAL * b.norm())
 
     def _solves_block(self, b: PETSc.Mat, x: PETSc.Mat) -> bool:
-        """The same for a block."""
+        """Return True if a new factor is valid, from the solutions of a block."""
         residual = self._matrix.matMult(x)
         residual.axpy(-1.0, b)
         solves = bool(residual.norm() <= limits.FACTOR_RESIDUAL * b.norm())
@@ -175,24 +176,24 @@ class DirectSolver:
         return solves
 
     def _factor_if_stale(self) -> bool:
-        """Factor the matrix if it has changed; whether it has."""
+        """Factor the matrix if it has changed; return True if it was factored."""
         if not self._stale:
             return False
         failure = self._factor()
         if failure == OUT_OF_MEMORY:
-            # MUMPS guesses its workspace before it knows the pivots: once with far more.
+            # MUMPS estimates its workspace before it chooses pivots: repeat once with far more.
             self._ksp.destroy()
-            self._create()
+            self._create_ksp()
             self._options[WORKSPACE] = MORE_WORKSPACE
             failure = self._factor()
         if failure:
-            self._raise(failure)
+            self._raise_failure(failure)
         self._stale = False
-        self._keep_blocks()
+        self._add_node_blocks()
         return True
 
-    def _keep_blocks(self) -> None:
-        """A factor in blocks of a node as well, where it is the faster one."""
+    def _add_node_blocks(self) -> None:
+        """Add a factor in blocks of a node if it is faster."""
         if self._blocks is not None:
             self._blocks.destroy()
             self._blocks = None
@@ -201,11 +202,11 @@ class DirectSolver:
             if NodeBlocks.serves(self._matrix, entries):
                 self._blocks = NodeBlocks(self._matrix)
 
-    def _raise(self, failure: int) -> None:
-        """Tell why the matrix was not factored, ready for another: MUMPS keeps its errors."""
+    def _raise_failure(self, failure: int) -> None:
+        """Raise an error that explains the failed factorization, and reset MUMPS' error state."""
         reported = reported_by_package(self._ksp.getPC())
         self._ksp.destroy()
-        self._create()
+        self._create_ksp()
         if failure == OUT_OF_MEMORY:
             raise JointsError(f"{NO_MEMORY}{reported}.")
         if failure in ZERO_PIVOT:
@@ -215,18 +216,18 @@ class DirectSolver:
         raise JointsError(f"The matrix could not be factored{reason}.")
 
     def _factor(self) -> int:
-        """Factor the matrix; PETSc's reason of a failure, or 0."""
+        """Factor the matrix; return PETSc's reason of a failure, or 0."""
         with options_set(self._ksp.getOptionsPrefix(), self._options):
             self._ksp.setOperators(self._matrix)
-            with self._reported():
+            with self._errors_converted():
                 self._ksp.setFromOptions()
                 self._ksp.setUp()
                 self._ksp.getPC().viewFromOptions("-pc_view")
         return int(self._ksp.getPC().getFailedReason())
 
     @contextmanager
-    def _reported(self) -> Iterator[None]:
-        """Raise an error of PETSc as one message (collective)."""
+    def _errors_converted(self) -> Iterator[None]:
+        """Convert an error of PETSc into a `JointsError` (collective)."""
         try:
             yield
         except PETSc.Error as exc:
@@ -241,10 +242,11 @@ class DirectSolver:
 
 
 class SignedSolver(DirectSolver):
-    """L D L^T of D_s A, D_s the signs, instead of L U of A: half the memory and factorization.
+    """Solver that factors D_s A as L D L^T, D_s being the signs of the rows, instead of A as L U.
 
-    A has a positive symmetric part and a skew one that couples the two kinds of rows, so that D_s A
-    is quasi-definite: its factors exist in any order of the unknowns (Vanderbei 1995).
+    It takes half the memory and factorization time. A has a positive symmetric part and a skew one
+    that couples the two kinds of rows. D_s A is therefore quasi-definite: its factors exist in any
+    order of the unknowns (Vanderbei 1995).
 
     Args:
         matrix: A.
@@ -252,21 +254,21 @@ class SignedSolver(DirectSolver):
     """
 
     def __init__(self, matrix: PETSc.Mat, signs: PETSc.Vec) -> None:
-        """Change the signs in a copy (collective)."""
+        """Change the signs in a copy of the matrix (collective)."""
         signed = matrix.copy()
         signed.diagonalScale(L=signs)
         self._signs = signs
         super().__init__(signed, symmetric=True, mumps=True)
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Solve A x = b; whether the matrix was factored for it (collective)."""
-        right = b.duplicate()
-        right.pointwiseMult(b, self._signs)
-        return super().solve(right, x)
+        """Solve A x = b; return True if the matrix was factored for it (collective)."""
+        right_hand_side = b.duplicate()
+        right_hand_side.pointwiseMult(b, self._signs)
+        return super().solve(right_hand_side, x)
 
-    def solve_block(self, right: Floats) -> Floats:
-        """Solve A X = B for many right-hand sides at once (collective)."""
-        return super().solve_block(self._signs.getArray(readonly=True)[:, None] * right)
+    def solve_block(self, right_hand_sides: Floats) -> Floats:
+        """Solve A X = B for several right-hand sides at once (collective)."""
+        return super().solve_block(self._signs.getArray(readonly=True)[:, None] * right_hand_sides)
 
     def destroy(self) -> None:
         """Free the factor and the copy."""
@@ -275,18 +277,18 @@ class SignedSolver(DirectSolver):
 
 
 def multiplied(matrix: PETSc.Mat, columns: Floats) -> Floats:
-    """A matrix times owned rows of columns, each column contiguous (collective)."""
+    """Return a matrix times the owned rows of columns, each column contiguous (collective)."""
     if not columns.shape[1]:
         return np.zeros((matrix.getLocalSize()[0], 0))
     factor = _dense(columns, matrix.getSizes()[1], matrix.comm)
     product = matrix.matMult(factor)
-    found: Floats = product.getDenseArray(readonly=True).copy(order="F")
+    result: Floats = product.getDenseArray(readonly=True).copy(order="F")
     product.destroy()
     factor.destroy()
-    return found
+    return result
 
 
 def _dense(rows: Floats, sizes: tuple[int, int], comm: PETSc.Comm) -> PETSc.Mat:
-    """A dense matrix of the ranks' rows, as many as these sizes say."""
+    """Return the dense matrix of the ranks' rows, with given local and global numbers of rows."""
     size = (sizes, (PETSc.DECIDE, rows.shape[1]))
     return PETSc.Mat().createDense(size, array=np.asfortranarray(rows), comm=comm)

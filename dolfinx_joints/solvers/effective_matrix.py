@@ -16,7 +16,7 @@ from petsc4py import PETSc
 from dolfinx_joints.common.memory import factor_fits
 from dolfinx_joints.model.exact_modes import ModalStep, lowest_modes
 from dolfinx_joints.model.system import MatrixSystem
-from dolfinx_joints.solvers.batch import Rounds
+from dolfinx_joints.solvers.batch import BatchScheduler
 from dolfinx_joints.solvers.direct import DirectSolver, SignedSolver
 from dolfinx_joints.solvers.modal_change import ChangedSolver, ModalChange
 from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver
@@ -30,11 +30,11 @@ class MatrixCoefficients:
     """Coefficients of A = mass M + damping C + stiffness K.
 
     Attributes:
-        mass: Of M.
-        damping: Of C.
-        stiffness: Of K.
-        exact_modes: Number of lowest modes with the mass and damping of a `ModalStep`, in a
-            midpoint step, whose ``damping`` is 1 / dt.
+        mass: Coefficient of M.
+        damping: Coefficient of C.
+        stiffness: Coefficient of K.
+        exact_modes: Number of lowest modes with the mass and damping of a `ModalStep`. For midpoint
+            steps only, where ``damping`` is 1 / dt.
     """
 
     mass: float
@@ -43,36 +43,35 @@ class MatrixCoefficients:
     exact_modes: int = 0
 
     def modal_step(self, system: MatrixSystem) -> ModalStep | None:
-        """Mass and damping of the exact modes, None without any (collective)."""
+        """Return the mass and damping of the exact modes, None without them (collective)."""
         if not self.exact_modes:
             return None
         step = lowest_modes(system, self.exact_modes).step(2.0 * self.damping)
         return step if step.used else None
 
 
-# K alone.
+# Coefficients of K alone.
 STATIC = MatrixCoefficients(mass=0.0, damping=0.0, stiffness=1.0)
 
 
 class EffectiveMatrix:
-    """A = m M + c C + k K of a system, without and with its constraints.
+    """Matrix A = m M + c C + k K of a system, with and without its constraints.
 
     Args:
-        system: Where M, C, K and the constraints come from.
+        system: System with M, C, K and the constraints.
         effective: The coefficients.
         linear: ``direct``, ``mumps`` (direct, without CHOLMOD), ``iterative``, or ``auto``:
-            iterative where A is symmetric and its factor is not expected to fit into memory,
-            direct elsewhere.
+            iterative if A is symmetric and its factor may not fit into memory, else direct.
         added: Matrix added to A.
 
     Attributes:
-        full: A, without what exact and damped modes add.
+        full: A, without the change by exact and damped modes.
         constrained: A with rows and columns of constrained dofs replaced by a diagonal.
-        change: What exact and damped modes add to both, None without any.
+        change: Change of both matrices by exact and damped modes, None without them.
         norm: Infinity norm of A.
-        inertia: Whether A is that of a time step.
-        symmetric: Whether A is, with the sign of the rows of waves in water changed.
-        rounds: Through which several runs solve with it, None for one run (`SharedBulk`).
+        inertia: True if A is the matrix of a time step.
+        symmetric: True if A is symmetric after changing the sign of the rows of waves in water.
+        scheduler: Scheduler of several runs that solve with it, None for one run (`SharedBulk`).
     """
 
     def __init__(
@@ -83,15 +82,13 @@ class EffectiveMatrix:
         linear: LinearSolver = "auto",
         added: PETSc.Mat | None = None,
     ) -> None:
-        """Add the matrices up (collective)."""
+        """Sum the matrices (collective)."""
         if linear == "iterative" and not system.symmetric:
-            raise ValueError(
-                "linear is 'iterative', which needs symmetric matrices; take 'direct' or 'auto'."
-            )
+            raise ValueError("linear='iterative' needs symmetric matrices; use 'direct' or 'auto'.")
         if linear == "iterative" and system.coupled is not None:
             raise ValueError(
-                "linear is 'iterative', which needs positive matrices, without waves in water; "
-                "take 'direct' or 'auto'."
+                "linear='iterative' needs positive definite matrices and does not support waves in "
+                "water; use 'direct' or 'auto'."
             )
         self.full = system.combined(effective.mass, effective.damping, effective.stiffness)
         if added is not None:
@@ -101,12 +98,14 @@ class EffectiveMatrix:
         self.constrained.zeroRowsColumns(rows, diag=_mean_diagonal(self.full))
         self.norm = float(self.full.norm(PETSc.NormType.NORM_INFINITY))
         self.inertia = effective.mass > 0.0
-        self.symmetric, self._moves = system.symmetric, system.values is not None
+        self.symmetric, self._supports_move = system.symmetric, system.values is not None
         self._linear, self._iterates = linear, iterates(system, linear)
         self._signs = None if system.coupled is None else system.coupled.signs
-        self.rounds: Rounds | None = None if system.shared is None else system.shared.rounds
-        self._answered = False
-        self._near = system.stiffness.getNearNullSpace()
+        self.scheduler: BatchScheduler | None = (
+            None if system.shared is None else system.shared.scheduler
+        )
+        self._started = False
+        self._rigid_body_modes = system.stiffness.getNearNullSpace()
         self._solver: DirectSolver | IterativeSolver | None = None
         self.change = _modal_change(system, effective)
         self._changed: ChangedSolver | None = None
@@ -115,7 +114,7 @@ class EffectiveMatrix:
     def of(
         cls, system: MatrixSystem, effective: MatrixCoefficients, *, linear: LinearSolver = "auto"
     ) -> EffectiveMatrix:
-        """That of a system, or what it shares with others (collective)."""
+        """Return the matrix of a system, shared with other runs if the system is (collective)."""
         if system.shared is None:
             return cls(system, effective, linear=linear)
         key = ("matrix", effective, linear)
@@ -126,55 +125,55 @@ class EffectiveMatrix:
 
     @property
     def solver(self) -> DirectSolver | IterativeSolver:
-        """Solver of ``constrained``, made when first asked for and then kept (collective).
+        """Solver of ``constrained``, made on first use and kept (collective).
 
-        `solve` and `solve_block` add what exact and damped modes change.
+        It excludes the change by exact and damped modes, which `solve` and `solve_block` include.
         """
         if self._solver is None:
-            self._solver = self._made()
+            self._solver = self._new_solver()
         return self._solver
 
-    def _made(self) -> DirectSolver | IterativeSolver:
+    def _new_solver(self) -> DirectSolver | IterativeSolver:
         if not self._iterates:
             mumps = self._linear == "mumps"
             if self._signs is not None and self.symmetric:
                 return SignedSolver(self.constrained, self._signs)
-            often = self.inertia and self.rounds is None
+            often = self.inertia and self.scheduler is None
             return DirectSolver(
                 self.constrained, symmetric=self.symmetric, mumps=mumps, often=often
             )
-        self.constrained.setNearNullSpace(self._near)
+        self.constrained.setNearNullSpace(self._rigid_body_modes)
         return IterativeSolver(self.constrained)
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, **options: float) -> bool:
-        """Solve A x = b with zero at constrained dofs; whether A was factored (collective)."""
-        if self.rounds is None or options:
+        """Solve A x = b with zero at constrained dofs; return True if it factored (collective)."""
+        if self.scheduler is None or options:
             return bool(self._complete.solve(b, x, **options))
-        right = b.getArray(readonly=True).copy()
-        x.setArray(self.rounds.ask(self, self._solve_all, right, dear=True))
-        factored, self._answered = not self._answered, True
+        right_hand_side = b.getArray(readonly=True).copy()
+        x.setArray(self.scheduler.request(self, self._solve_all, right_hand_side, deferrable=True))
+        factored, self._started = not self._started, True
         return factored
 
-    def _solve_all(self, rights: list[Floats]) -> Sequence[Floats]:
-        """Solutions of several runs (collective)."""
-        return list(np.ascontiguousarray(self.solve_block(np.column_stack(rights)).T))
+    def _solve_all(self, right_hand_sides: list[Floats]) -> Sequence[Floats]:
+        """Return the solutions for the right-hand sides of several runs (collective)."""
+        return list(np.ascontiguousarray(self.solve_block(np.column_stack(right_hand_sides)).T))
 
-    def solve_block(self, right: Floats) -> Floats:
-        """Solve A X = B for the owned rows of many right-hand sides (collective)."""
-        return self._complete.solve_block(right)
+    def solve_block(self, right_hand_sides: Floats) -> Floats:
+        """Return the owned rows of X with A X = B for several right-hand sides (collective)."""
+        return self._complete.solve_block(right_hand_sides)
 
     @property
     def positive(self) -> bool:
-        """Whether A is symmetric and factored, and has no rows of water, which change its sign."""
+        """Whether A is symmetric, factored, and without rows of water, which change its sign."""
         return self.symmetric and self._signs is None and not self._iterates
 
     def modal_parts(self) -> tuple[Floats, Floats] | None:
-        """Z and W of `ChangedSolver`, beside `solver`; None without modes (collective)."""
+        """Return Z and W of `ChangedSolver`, None without modes (collective)."""
         complete = self._complete
         return complete.parts() if isinstance(complete, ChangedSolver) else None
 
     def multiply(self, x: PETSc.Vec, out: PETSc.Vec) -> None:
-        """A x written to ``out`` (collective)."""
+        """Write A x to ``out`` (collective)."""
         self.full.mult(x, out)
         if self.change is not None:
             self.change.add_product(x, out)
@@ -187,13 +186,13 @@ class EffectiveMatrix:
             self._changed = ChangedSolver(self.solver, self.change)
         return self._changed
 
-    def refine(self, right: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec) -> PETSc.Vec:
-        """Solve A x = b again for the residual of x, corrected in place; return the change of x."""
-        rest, change = right.duplicate(), x.duplicate()
-        self.full.mult(x, rest)
-        rest.aypx(-1.0, right)
-        rest.pointwiseMult(rest, unconstrained)
-        self.solve(rest, change)
+    def refine(self, b: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec) -> PETSc.Vec:
+        """Refine x in place by a solve for its residual; return the change of x (collective)."""
+        residual, change = b.duplicate(), x.duplicate()
+        self.full.mult(x, residual)
+        residual.aypx(-1.0, b)
+        residual.pointwiseMult(residual, unconstrained)
+        self.solve(residual, change)
         change.pointwiseMult(change, unconstrained)
         x.axpy(1.0, change)
         return change
@@ -201,39 +200,39 @@ class EffectiveMatrix:
     def solve_linear(
         self, b: PETSc.Vec, x: PETSc.Vec, unconstrained: PETSc.Vec, **options: float
     ) -> bool:
-        """Solve A x = b in place, x holding the values of the constrained dofs (collective).
+        """Solve A x = b in place, with the values of x at constrained dofs (collective).
 
         Args:
             b: Right-hand side [N].
-            x: Values of the constrained dofs, the others replaced by the solution [m].
+            x: Values at the constrained dofs; the others are overwritten by the solution [m].
             unconstrained: 1 for unconstrained and 0 for constrained dofs.
-            options: Those of an iterative solver.
+            options: Options of an iterative solver.
 
         Returns:
-            Whether the matrix was factored for it.
+            True if the matrix was factored for this solve.
         """
-        right = b.duplicate()
-        right.pointwiseMult(b, unconstrained)
-        if not self._moves:
+        right_hand_side = b.duplicate()
+        right_hand_side.pointwiseMult(b, unconstrained)
+        if not self._supports_move:
             x.set(0.0)
-            factored = self.solve(right, x, **options)
-            # Iterations leave rounding there: clamped points would open.
+            factored = self.solve(right_hand_side, x, **options)
+            # Iterative solvers leave small values at constrained dofs; reset them to zero.
             x.pointwiseMult(x, unconstrained)
             return factored
-        prescribed, pushed = x.duplicate(), b.duplicate()
+        prescribed, forces = x.duplicate(), b.duplicate()
         prescribed.pointwiseMult(x, unconstrained)
         prescribed.aypx(-1.0, x)
-        self.multiply(prescribed, pushed)
-        pushed.pointwiseMult(pushed, unconstrained)
-        right.axpy(-1.0, pushed)
-        factored = self.solve(right, x, **options)
+        self.multiply(prescribed, forces)
+        forces.pointwiseMult(forces, unconstrained)
+        right_hand_side.axpy(-1.0, forces)
+        factored = self.solve(right_hand_side, x, **options)
         x.pointwiseMult(x, unconstrained)
         x.axpy(1.0, prescribed)
         return factored
 
     def destroy(self) -> None:
-        """Free matrices and factor, unless other runs use them."""
-        if self.rounds is None:
+        """Free the matrices and the factor, unless other runs use them."""
+        if self.scheduler is None:
             self._free()
 
     def _free(self) -> None:
@@ -244,7 +243,7 @@ class EffectiveMatrix:
 
 
 def _modal_change(system: MatrixSystem, effective: MatrixCoefficients) -> ModalChange | None:
-    """What exact and damped modes add to A, None without any (collective)."""
+    """Return the change of A by exact and damped modes, None without them (collective)."""
     changes, comm = [], system.mass.comm.tompi4py()
     step = effective.modal_step(system)
     if step is not None:
@@ -262,20 +261,20 @@ def _modal_change(system: MatrixSystem, effective: MatrixCoefficients) -> ModalC
         delta = effective.damping * damped.rates
         changes.append(ModalChange(columns, delta, lambda _: np.zeros_like(delta), comm))
     if len(changes) == 2:
-        return changes[0].and_(changes[1])
+        return changes[0].joined_with(changes[1])
     return changes[0] if changes else None
 
 
 class Cache:
-    """The last few things made, by key; what is pushed out is destroyed."""
+    """Cache of the last few objects by key; the oldest one is destroyed when the cache is full."""
 
     def __init__(self, make: Any, *, size: int) -> None:
-        """``make`` gives the thing for a key."""
+        """Store the size and ``make``, which returns the object of a key."""
         self._make, self._size = make, size
         self._kept: OrderedDict[Any, Any] = OrderedDict()
 
     def __call__(self, key: Any) -> Any:
-        """The thing for a key, made if need be."""
+        """Return the object of a key, made if it is missing."""
         if key not in self._kept:
             while len(self._kept) >= self._size:
                 self._kept.popitem(last=False)[1].destroy()
@@ -284,12 +283,12 @@ class Cache:
         return self._kept[key]
 
     def items(self) -> list[tuple[Any, Any]]:
-        """Keys and things kept, the one used last at the end."""
+        """Return the keys and objects, the last used one at the end."""
         return list(self._kept.items())
 
 
 def iterates(system: MatrixSystem, linear: LinearSolver) -> bool:
-    """Whether matrices of a system are solved by iteration (collective)."""
+    """Return True if the matrices of a system are solved by iteration (collective)."""
     if linear != "auto":
         return linear == "iterative"
     if not system.symmetric or system.coupled is not None:
@@ -299,7 +298,7 @@ def iterates(system: MatrixSystem, linear: LinearSolver) -> bool:
 
 
 def unconstrained_dofs(system: MatrixSystem) -> PETSc.Vec:
-    """1 for unconstrained and 0 for constrained dofs."""
+    """Return a vector that is 1 at unconstrained and 0 at constrained dofs."""
     mask = system.stiffness.createVecRight()
     mask.set(1.0)
     mask.getArray()[system.constrained] = 0.0

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Wrappers of solvers: fall back to the next solver, or repeat a step without broken bonds."""
+"""Wrappers of solvers: fall back to another one, or repeat a step after releasing broken bonds."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from dolfinx_joints.solvers.step_solver import Solution, SolverAround, StepEquat
 
 
 class StaticSolver(SolverAround):
-    """Solve static increments by one solver, and by others only as a last resort.
+    """Solver of static increments that tries other solvers only as a last resort.
 
     The first solver follows the branch of equilibria that the accepted state is on. The others may
-    find another branch, which the structure reaches by a jump.
+    find another branch, to which the structure jumps.
 
     Args:
         first: Solver of all increments.
-        others: Make the other solvers when they are first needed, each from the one before.
+        others: Functions that make the other solvers on first use, each from the solver before it.
 
     Attributes:
-        last_resort: Whether the other solvers are tried if the first one does not converge.
+        last_resort: True if the other solvers are tried when the first one does not converge.
     """
 
     def __init__(self, first: StepSolver, *others: Callable[[StepSolver], StepSolver]) -> None:
-        """Make no solver yet."""
+        """Store the solver; the others are made on first use."""
         super().__init__(first)
         self._solvers, self._others, self.last_resort = [first], others, False
 
@@ -67,7 +67,7 @@ class StaticSolver(SolverAround):
 
 
 class OtherStarts(SolverAround):
-    """Solve static increments from other starts than the accepted state (`follows_path`).
+    """Wrapper that starts static increments elsewhere than at the accepted state (`follows_path`).
 
     Args:
         inner: The solver.
@@ -83,10 +83,11 @@ class OtherStarts(SolverAround):
 
 
 class HoldingBonds(SolverAround):
-    """Solve a step with all bonds intact, then again without the most overloaded ones.
+    """Wrapper that solves a step with intact bonds, then again without the most overloaded ones.
 
-    A step often has a solution with intact bonds and another one with broken bonds. No bond breaks
-    because an iterate overloads it: only solutions count, so that bonds stay intact if they can.
+    A step often has one solution with intact bonds and another with broken bonds. A bond breaks
+    only if a converged solution overloads it, never because an iterate does, so that bonds stay
+    intact if they can.
 
     Args:
         inner: Solver of a step whose bonds do not change.

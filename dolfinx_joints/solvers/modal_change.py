@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Solutions with a matrix that differs from a factored one in a few modes."""
+"""Solver of a matrix that differs from a factored one in a few modes."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ class Solver(Protocol):
     """Solver of A, factored or iterated."""
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Solve A x = b; whether the matrix was factored for it (collective)."""
+        """Solve A x = b; return True if the matrix was factored for it (collective)."""
 
-    def solve_block(self, right: Floats) -> Floats:
-        """Owned rows of X with A X = B (collective)."""
+    def solve_block(self, right_hand_sides: Floats) -> Floats:
+        """Return the owned rows of X with A X = B (collective)."""
 
 
 class ModalChange:
-    """The change Psi delta Psi^T of a matrix, Psi = M Phi, zero at constrained dofs.
+    """Change Psi delta Psi^T of a matrix, with Psi = M Phi, zero at constrained dofs.
 
     Args:
         columns: Owned rows of Psi, shape (local dofs, modes).
         delta: Diagonal, shape (modes,), [N/m].
-        of_supports: What moving supports add to delta Psi^T x, for x.
+        of_supports: Function of x that returns the part of moving supports in delta Psi^T x.
         comm: Communicator of the ranks.
     """
 
@@ -43,12 +43,12 @@ class ModalChange:
         of_supports: Callable[[PETSc.Vec], Floats],
         comm: Any,
     ) -> None:
-        """Keep the parts."""
+        """Store the parts."""
         self.columns, self.delta, self._comm = columns, delta, comm
         self._of_supports = of_supports
 
-    def and_(self, other: ModalChange) -> ModalChange:
-        """Both changes as one."""
+    def joined_with(self, other: ModalChange) -> ModalChange:
+        """Return the sum of both changes."""
         return ModalChange(
             np.hstack([self.columns, other.columns]),
             np.append(self.delta, other.delta),
@@ -57,7 +57,7 @@ class ModalChange:
         )
 
     def amounts(self, values: Floats) -> Floats:
-        """Psi^T times owned rows (collective)."""
+        """Return Psi^T times the owned rows of values (collective)."""
         return summed(self._comm, self.columns.T @ values)
 
     def add_product(self, x: PETSc.Vec, to: PETSc.Vec) -> None:
@@ -67,9 +67,9 @@ class ModalChange:
 
 
 class ChangedSolver:
-    """Solver of A + Psi delta Psi^T from one of A (Woodbury), (34b).
+    """Solver of A + Psi delta Psi^T from one of A by the Woodbury formula (34b).
 
-    With Z = A^-1 Psi, one back-substitution per mode for each factor, and y = A^-1 b the solution
+    Z = A^-1 Psi takes one back-substitution per mode for each factor. With y = A^-1 b the solution
     is y - Z delta (I + Psi^T Z delta)^-1 Psi^T y.
 
     Args:
@@ -78,35 +78,35 @@ class ChangedSolver:
     """
 
     def __init__(self, original: Solver, change: ModalChange) -> None:
-        """Keep the parts; Z is made at the first solve."""
+        """Store the parts; Z is computed at the first solve."""
         self._original, self._change = original, change
-        self._made: tuple[Floats, Floats] | None = None
+        self._parts: tuple[Floats, Floats] | None = None
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, **options: float) -> bool:
-        """Solve for x; whether A was factored for it (collective)."""
+        """Solve for x; return True if A was factored for it (collective)."""
         factored = bool(self._original.solve(b, x, **options))
         if factored:
-            self._made = None
+            self._parts = None
         correction = self._correction(x.array_r)
         x.getArray()[:] -= correction
         return factored
 
-    def solve_block(self, right: Floats) -> Floats:
-        """Owned rows of the solutions for those of many right-hand sides (collective)."""
-        found = self._original.solve_block(right)
-        return found - self._correction(found)
+    def solve_block(self, right_hand_sides: Floats) -> Floats:
+        """Return the owned rows of the solutions for several right-hand sides (collective)."""
+        solutions = self._original.solve_block(right_hand_sides)
+        return solutions - self._correction(solutions)
 
     def _correction(self, y: Floats) -> Floats:
-        """What y has too much (collective)."""
+        """Return the Woodbury correction, to be subtracted from y (collective)."""
         responses, small = self.parts()
         correction: Floats = responses @ (small @ self._change.amounts(y))
         return correction
 
     def parts(self) -> tuple[Floats, Floats]:
-        """Z and W: the inverse is that of A less Z W Z^T (collective)."""
+        """Return Z and W: the inverse is that of A minus Z W Z^T (collective)."""
         change = self._change
-        if self._made is None:
+        if self._parts is None:
             responses = np.asfortranarray(self._original.solve_block(change.columns))
             small = np.eye(len(change.delta)) + change.amounts(responses) * change.delta
-            self._made = responses, change.delta[:, None] * np.linalg.inv(small)
-        return self._made
+            self._parts = responses, change.delta[:, None] * np.linalg.inv(small)
+        return self._parts

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The algebraic step, monolithic reference path: Newton on A x + B^T (w t(g + B x)) = b.
 
-Plastic cells add forces of their own in the same way (`plastic_bulk`).
+Plastic cells add forces in the same way (`plastic_bulk`).
 
-x is the change of the displacement in the step, g the gap at its start and A = m M + c C + k K;
-statics (k = 1) and every time step are solved by the same code, which does not know what time is.
-In changes, nothing is lost to the rounding of large displacements that hardly move.
+x is the change of the displacement in the step, g the gap at its start and A = m M + c C + k K.
+Statics (k = 1) and every time step are solved by the same code, which does not depend on time.
+Because x is a change, large displacements that hardly move lose no digits to rounding.
 """
 
 from __future__ import annotations
@@ -45,15 +45,15 @@ Floats = NDArray[np.float64]
 
 
 class NewtonSolver(StepSolver):
-    """Full Newton on the consistent, unsymmetric tangent, factored or solved by multigrid.
+    """Full Newton method with the consistent, unsymmetric tangent, factored or solved by multigrid.
 
-    Without joints, one back-substitution per solve with a factor that is kept. Matrices and
-    factors are kept for the last few sets of coefficients.
+    Without joints a solve is one back-substitution. Matrices and factors are kept for the last few
+    sets of coefficients.
 
     Args:
         system: The system.
         options: Tolerances and limits.
-        name: What reports call it where there are joints.
+        name: Name in reports, if there are joints.
 
     Attributes:
         unconstrained: 1 for free dofs, 0 for constrained ones.
@@ -66,14 +66,14 @@ class NewtonSolver(StepSolver):
         *,
         name: str = "monolithic",
     ) -> None:
-        """Make the matrix of tangents (collective)."""
+        """Prepare the cache of tangents (collective)."""
         self.system, internal_forces = system, system.internal_forces
         self.name = "linear" if internal_forces is None else name
         self.options = options or SolverOptions()
         self.unconstrained = free = unconstrained_dofs(system)
         product = None if internal_forces is None else internal_forces.tangent_matrix(free)
-        iterated = iterates(system, self.options.linear)  # large, and soon made anew
-        chosen = self.options  # a reference to self in the cache would keep it alive
+        iterated = iterates(system, self.options.linear)
+        chosen = self.options  # capturing self in the cache would create a reference cycle
         self._tangents = Cache(
             lambda key: Tangent(
                 EffectiveMatrix.of(system, key, linear=chosen.linear),
@@ -88,9 +88,9 @@ class NewtonSolver(StepSolver):
         tangent: Tangent = self._tangents(equation.effective)
         matrix, linear = tangent.effective, (equation.b, equation.x, self.unconstrained)
         if self.system.internal_forces is None:
-            loose = matrix.inertia and matrix.change is None
-            loose = loose and isinstance(matrix.solver, IterativeSolver)
-            options = {"tolerance": limits.STEP_TOLERANCE} if loose else {}
+            tolerates_residual = matrix.inertia and matrix.change is None
+            tolerates_residual = tolerates_residual and isinstance(matrix.solver, IterativeSolver)
+            options = {"tolerance": limits.STEP_TOLERANCE} if tolerates_residual else {}
             factored = int(matrix.solve_linear(*linear, **options))
             return None, SolveReport(iterations=1, factorizations=factored, solver=self.name)
         if not self.follows_path:
@@ -117,17 +117,17 @@ class NewtonSolver(StepSolver):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodyIterate:
-    """A displacement with what follows from it.
+    """Displacement with its response and residual.
 
     Attributes:
         change: x [m].
-        response: Of the laws.
+        response: Response of the laws.
         unbalanced: A x + B^T (w t) - b at the unconstrained dofs [N].
-        norm: Of the residual.
-        unit: Reported norms are relative to it.
+        norm: Norm of the residual.
+        unit: Unit of reported norms.
         relative: Residual relative to the forces.
-        accepted: Whether no more is left than the tolerance or rounding.
-        target: Part of the residual that a correction should leave.
+        accepted: True if the residual is within the tolerance or rounding error.
+        target: Share of the residual that a correction should leave.
     """
 
     change: PETSc.Vec
@@ -144,7 +144,7 @@ AnyIterate = TypeVar("AnyIterate", bound=BodyIterate)
 
 
 class BodyProblem(Problem[AnyIterate, PETSc.Vec], ABC):
-    """A problem whose corrections of x are solved with the matrix A + B^T (w D) B.
+    """Problem whose corrections of x are solved with the matrix A + B^T (w D) B.
 
     Args:
         solver: Solver of the step.
@@ -152,14 +152,14 @@ class BodyProblem(Problem[AnyIterate, PETSc.Vec], ABC):
         equation: Equation of the step.
 
     Attributes:
-        polishes: Whether the solution is corrected once more (`polished`).
-        factorizations: Matrices factored so far.
+        polishes: True if the solution gets one more correction (`polished`).
+        factorizations: Number of matrices factored so far.
     """
 
     polishes = False
 
     def __init__(self, solver: NewtonSolver, tangent: Tangent, equation: StepEquation) -> None:
-        """Make the work vectors (collective)."""
+        """Allocate the work vectors (collective)."""
         assert solver.system.internal_forces is not None
         assert equation.state is not None
         self.internal_forces, self.state = solver.system.internal_forces, equation.state
@@ -169,19 +169,22 @@ class BodyProblem(Problem[AnyIterate, PETSc.Vec], ABC):
         self.force, self._correction = (equation.b.duplicate() for _ in range(2))
 
     def accepted(self, at: AnyIterate) -> AnyIterate:
-        """Return the iterate itself, and free the vectors of others (collective)."""
+        """Return the iterate itself, and free the vectors of rejected ones (collective)."""
         free_petsc_garbage(at.change.comm.tompi4py())
         return at
 
     def solved(self, at: AnyIterate, before: AnyIterate | None, *, last: bool) -> bool:
-        """Return True if the residual is small enough, in statics without regard to rounding."""
+        """Return True if the residual is small enough.
+
+        In statics rounding error is not accepted here, but only after one more `correction`.
+        """
         return at.accepted if self.matrix.inertia else at.relative <= self.wanted
 
     def correction(self, at: AnyIterate, before: AnyIterate | None) -> PETSc.Vec | None:
         """Return Newton's correction of x (collective).
 
-        In statics, None if the residual is left to rounding and the correction is small: a block
-        without support would keep drifting.
+        In statics return None if the residual is within rounding error and the correction is small.
+        An unsupported block would keep drifting.
         """
         fallen = 1.0 if before is None else at.norm / before.norm
         correction = self._correct(at, forcing(limits.BODY_FORCING, fallen, at.target))
@@ -189,10 +192,7 @@ class BodyProblem(Problem[AnyIterate, PETSc.Vec], ABC):
         return None if settled else correction
 
     def polished(self, at: AnyIterate) -> AnyIterate:
-        """Return the iterate after one more correction, if that reduces the residual (collective).
-
-        The energy is then balanced to rounding.
-        """
+        """Correct once more if that reduces the residual, to balance the energy (collective)."""
         better = self.trial(at, self._correct(at, limits.POLISH), 1.0)
         return better if better.norm < at.norm else at
 
@@ -203,7 +203,7 @@ class BodyProblem(Problem[AnyIterate, PETSc.Vec], ABC):
         return self._solver.failure(at.response, self.state, iterations, at.relative)
 
     def stiffness(self, at: AnyIterate, part: float) -> Floats:
-        """Return D of all points, with a part of the stiffness of closed joints added."""
+        """Return D of all points, plus a share of the stiffness of closed joints."""
         return self.internal_forces.tangent(at.response, part)
 
     def right_hand_side(self, at: AnyIterate, tolerance: float) -> tuple[PETSc.Vec, float]:
@@ -213,16 +213,16 @@ class BodyProblem(Problem[AnyIterate, PETSc.Vec], ABC):
     def _correct(self, at: AnyIterate, tolerance: float) -> PETSc.Vec:
         """Return Newton's correction of x (collective).
 
-        If the tangent is singular, because a block is supported by no closed and sticking point or
-        because plastic cells flow, a small part of the stiffness of closed joints and elastic cells
-        is added: the correction only, not the equilibrium, depends on it.
+        The tangent is singular if a block has no closed, sticking point or support, or if plastic
+        cells yield. A small share of the stiffness of closed joints and elastic cells is then added
+        to it. The correction depends on that share, the equilibrium does not.
         """
-        right, tolerance = self.right_hand_side(at, tolerance)
+        load, tolerance = self.right_hand_side(at, tolerance)
         for part in limits.REGULARISATIONS:
             try:
                 solver = self._tangent.update(self.stiffness(at, part))
-                self.factorizations += int(solver.solve(right, self._correction, tolerance))
-                # Iterative solvers leave small values at constrained dofs.
+                self.factorizations += int(solver.solve(load, self._correction, tolerance))
+                # Iterative solvers leave small values at constrained dofs; reset them to zero.
                 self._correction.pointwiseMult(self._correction, self.free)
                 return self._correction
             except JointsError as error:
@@ -235,13 +235,13 @@ class BodyProblem(Problem[AnyIterate, PETSc.Vec], ABC):
 
 
 class _Displacement(BodyProblem[BodyIterate]):
-    """The residual A x + B^T (w t(g + B x)) - b, relative to the forces at the start and at x."""
+    """Residual A x + B^T (w t(g + B x)) - b, relative to the forces at the start and at x."""
 
     def __init__(self, solver: NewtonSolver, tangent: Tangent, equation: StepEquation) -> None:
-        """Make the work vectors (collective)."""
+        """Allocate the work vectors (collective)."""
         super().__init__(solver, tangent, equation)
         self.polishes = equation.rule.name == DISCRETE_GRADIENT.name
-        self._flows, self._first_scale = solver.system.bulk is not None, 0.0
+        self._yields, self._first_scale = solver.system.bulk is not None, 0.0
 
     def start(self) -> BodyIterate:
         """Return the first iterate (collective)."""
@@ -250,7 +250,7 @@ class _Displacement(BodyProblem[BodyIterate]):
         return start
 
     def trial(self, at: BodyIterate, correction: PETSc.Vec, share: float) -> BodyIterate:
-        """Return the iterate that a share of a correction leads to (collective)."""
+        """Return the iterate after subtracting a share of a correction (collective)."""
         change = at.change.duplicate()
         change.waxpy(-share, correction, at.change)
         return self._evaluate(change)
@@ -263,8 +263,8 @@ class _Displacement(BodyProblem[BodyIterate]):
         self.matrix.multiply(change, unbalanced)
         sizes = [unbalanced.norm(), self.force.norm(), self.b.norm()]
         unbalanced.axpy(1.0, self.force)
-        if self._flows:
-            # In yielding cells K x and the plastic force both grow without end; their sum does not.
+        if self._yields:
+            # In yielding cells K x and the plastic force grow without bound; their sum does not.
             sizes[:2] = [unbalanced.norm()]
         unbalanced.axpy(-1.0, self.b)
         unbalanced.pointwiseMult(unbalanced, self.free)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Newton's method with a line search, for any problem that evaluates and corrects its iterates."""
+"""Newton's method with a line search, for any `Problem`."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from dolfinx_joints.solvers.step_solver import SolverOptions
 
 
 class Iterate(Protocol):
-    """An iterate of a problem; all that its residual and tangent need, none of it changed later."""
+    """Iterate of a problem with all that its residual and tangent need; it is never changed."""
 
     @property
     def norm(self) -> float:
-        """Norm of the residual, which the line search makes smaller."""
+        """Norm of the residual, which the line search reduces."""
 
 
 AnyIterate = TypeVar("AnyIterate", bound=Iterate)
@@ -31,7 +31,7 @@ class Problem(Protocol[AnyIterate, AnyCorrection]):
         """Return the first iterate."""
 
     def trial(self, at: AnyIterate, correction: AnyCorrection, share: float) -> AnyIterate:
-        """Return the iterate that a share of a correction leads to."""
+        """Return the iterate after subtracting a share of a correction."""
 
     def accepted(self, at: AnyIterate) -> AnyIterate:
         """Return the iterate to continue with from the start, or from the best trial."""
@@ -42,7 +42,7 @@ class Problem(Protocol[AnyIterate, AnyCorrection]):
         Args:
             at: The iterate.
             before: The iterate before it, None at the start.
-            last: Whether no iteration can follow.
+            last: True if this is the last iteration.
         """
 
     def correction(self, at: AnyIterate, before: AnyIterate | None) -> AnyCorrection | None:
@@ -59,21 +59,21 @@ def newton(
 ) -> tuple[AnyIterate, list[float]]:
     """Return the solution, and the norms of the residual at the start and after each iteration.
 
-    Corrections are halved while the residual does not fall. It has kinks where points open or
-    slide. Corrections halved until it falls may creep towards a kink that is no solution; a few
-    whole ones leave it.
+    Corrections are halved until the residual falls. The residual has kinks where points open or
+    slide. Halved corrections may creep towards a kink that is no solution; a few full corrections
+    leave it.
 
     Args:
         problem: The equations.
         options: Limits of iterations and halvings.
-        leaps: Whether corrections may be taken whole. Beyond the limit of plastic cells they run
-            away, until the residual is little beside the stiffness times the displacement.
+        leaps: True if full corrections are allowed. Beyond the limit load of plastic cells they
+            diverge, until the residual is small compared with stiffness times displacement.
 
     Raises:
         ConvergenceError: No solution was found.
     """
     before, at = None, problem.accepted(problem.start())
-    norms, whole, first = [at.norm], 0, 0
+    norms, full_corrections, since = [at.norm], 0, 0
     while True:
         last = len(norms) > options.max_iterations or not math.isfinite(at.norm)
         if problem.solved(at, before, last=last):
@@ -83,12 +83,12 @@ def newton(
         correction = problem.correction(at, before)
         if correction is None:
             return at, norms
-        if leaps and len(norms) - first > limits.PATIENCE:
+        if leaps and len(norms) - since > limits.PATIENCE:
             slow = norms[-1] > limits.LEAST_FALL * norms[-1 - limits.PATIENCE]
-            whole = limits.WHOLE_CORRECTIONS if slow else whole
-        cuts = 0 if whole else options.max_cuts
-        if whole:
-            whole, first = whole - 1, len(norms)
+            full_corrections = limits.WHOLE_CORRECTIONS if slow else full_corrections
+        cuts = 0 if full_corrections else options.max_cuts
+        if full_corrections:
+            full_corrections, since = full_corrections - 1, len(norms)
         before, at = at, problem.accepted(_best(problem, at, correction, cuts))
         norms.append(at.norm)
 
@@ -99,23 +99,23 @@ def _best(
     correction: AnyCorrection,
     cuts: int,
 ) -> AnyIterate:
-    """Return the first trial with a smaller residual, else the best of all (collective)."""
+    """Return the first trial with a smaller residual, else the best trial (collective)."""
     best = problem.trial(at, correction, 1.0)
     for cut in range(1, cuts + 1):
         if best.norm < at.norm:
             break
         trial = problem.trial(at, correction, 0.5**cut)
-        if not best.norm <= trial.norm:  # true of a best trial that is NaN
+        if not best.norm <= trial.norm:  # also if the best norm is NaN
             best = trial
     return best
 
 
 def forcing(first: float, fallen: float, target: float) -> float:
-    """Return the part of the residual that a correction may leave (Eisenstat and Walker 1996).
+    """Return the share of the residual that a correction may leave (Eisenstat and Walker 1996).
 
     Args:
-        first: Part that the first correction may leave.
-        fallen: Residual over that of the iterate before, 1 at the start.
-        target: Residual accepted over the residual.
+        first: Share for the first correction.
+        fallen: Residual over that of the previous iterate, 1 at the start.
+        target: Accepted residual over the residual.
     """
     return max(min(first, fallen**2), limits.FORCING_MARGIN * target)

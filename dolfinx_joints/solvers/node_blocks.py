@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A Cholesky factor in blocks of a node, for one right-hand side at a time.
+"""Cholesky factor in blocks of a node, for one right-hand side at a time.
 
-PETSc's own factor of a matrix in symmetric blocks (SBAIJ) reads one index for the four or nine
-entries of a block, and has no dense panels: where columns of the factor are short, it solves up to
-twice as fast as CHOLMOD.
+PETSc's factor of a matrix in symmetric blocks (SBAIJ) reads one index for the four or nine entries
+of a block and has no dense panels. If the columns of the factor are short, it solves up to twice as
+fast as CHOLMOD.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from dolfinx_joints.solvers import limits
 
 Floats = NDArray[np.float64]
 
-# Dofs of a node for which PETSc has loops that are written out.
+# Numbers of dofs per node for which PETSc has unrolled loops.
 BLOCKS = (2, 3)
 
 
 class NodeBlocks:
-    """Solves with such a factor.
+    """Cholesky factor in blocks of a node.
 
     Args:
-        matrix: Symmetric and positive, AIJ on one rank, its block size that of a node.
+        matrix: Symmetric positive definite AIJ matrix on one rank, its blocks those of a node.
     """
 
     def __init__(self, matrix: PETSc.Mat) -> None:
-        """Order the nodes by minimum degree, and factor."""
+        """Order the nodes by minimum degree and factor the matrix."""
         blocks = matrix.convert("baij", PETSc.Mat())
         nodes, _ = blocks.getOrdering("amd")
         size = matrix.getBlockSize()
@@ -48,13 +48,13 @@ class NodeBlocks:
         self._factor = self._pc.getFactorMatrix()
         self._dofs = dofs.getIndices().astype(np.intp)
         self._places = np.argsort(self._dofs)
-        self._right, self._half, self._found = (half.createVecLeft() for _ in range(3))
-        for each in (blocks, nodes, dofs, ordered, half):
-            each.destroy()
+        self._right_hand_side, self._half, self._solution = (half.createVecLeft() for _ in range(3))
+        for temporary in (blocks, nodes, dofs, ordered, half):
+            temporary.destroy()
 
     @staticmethod
     def serves(matrix: PETSc.Mat, entries: float) -> bool:
-        """Whether it is faster than a supernodal factor of so many entries."""
+        """Return True if it is faster than a supernodal factor with this number of entries."""
         size = matrix.getSize()[0]
         short = entries <= limits.NODE_BLOCK_COLUMN * size and size <= limits.NODE_BLOCK_ROWS
         return short and matrix.getBlockSize() in BLOCKS
@@ -63,19 +63,19 @@ class NodeBlocks:
         """Solve A x = b."""
         self._solve(b.getArray(readonly=True), x.getArray())
 
-    def solve_block(self, right: Floats, found: Floats) -> None:
+    def solve_block(self, right_hand_sides: Floats, solutions: Floats) -> None:
         """Solve A X = B, shape (rows, columns), one column after the other."""
-        for i in range(right.shape[1]):
-            self._solve(right[:, i], found[:, i])
+        for i in range(right_hand_sides.shape[1]):
+            self._solve(right_hand_sides[:, i], solutions[:, i])
 
     def _solve(self, b: Floats, x: Floats) -> None:
-        self._right.setArray(b[self._dofs])
-        # Both halves one by one take two thirds of the time of PETSc's whole solve.
-        self._factor.solveForward(self._right, self._half)
-        self._factor.solveBackward(self._half, self._found)
-        x[:] = self._found.getArray(readonly=True)[self._places]
+        self._right_hand_side.setArray(b[self._dofs])
+        # Separate forward and backward substitutions take two thirds of the time of PETSc's solve.
+        self._factor.solveForward(self._right_hand_side, self._half)
+        self._factor.solveBackward(self._half, self._solution)
+        x[:] = self._solution.getArray(readonly=True)[self._places]
 
     def destroy(self) -> None:
         """Free the factor."""
-        for each in (self._factor, self._pc, self._right, self._half, self._found):
-            each.destroy()
+        for owned in (self._factor, self._pc, self._right_hand_side, self._half, self._solution):
+            owned.destroy()

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Statics in pseudo-time: the way to an equilibrium that Newton's method does not find at once."""
+"""Statics in pseudo-time: a path to equilibria that Newton's method does not reach in one step."""
 
 from __future__ import annotations
 
@@ -14,59 +14,62 @@ from dolfinx_joints.solvers.step_solver import Solution, SolverAround, StepEquat
 
 
 class PseudoTime(SolverAround):
-    """Solves a static step by ever longer steps in pseudo-time.
+    """Solver of a static step by increasingly long steps in pseudo-time.
 
     Each is a backward Euler step from rest,
 
         M (x - x0) / dt^2 + K x + B^T w t(g + B x) = b,                                       (28a)
 
-    from the x0 of the last one, until the inertia is next to nothing. Laws are asked from the state
-    at the start of the static step: the solution is one of the static equations, whatever the way.
-    Near the limit of what joints carry, and where rigid joints open, Newton's method may
-    go round in circles between sets of open and sliding points; inertia lets few of them change at
-    a time. A mechanism moves on and on, and fails in the end. Not for plastic cells: beside the K x
-    of what flows without end, no force is too large to be neglected.
+    from the x0 of the last one, until the inertia is negligible. The laws start from the state at
+    the start of the static step, so that the result solves the static equations.
+
+    Near the limit load of the joints, and where rigid joints open, Newton's method may cycle
+    between sets of open and sliding points. Inertia limits how many points change at a time. A
+    mechanism keeps moving and fails in the end. Not for plastic cells: in yielding cells K x grows
+    without bound, and every other force becomes negligible.
 
     Args:
-        inner: Takes the steps.
+        inner: Solver of the steps.
     """
 
     def _solve(self, equation: StepEquation) -> Solution:
         """Solve the equation of a static step (collective)."""
         b, x, state = equation.b, equation.x, equation.state
         stiffness, mass = self.system.stiffness, self.system.mass
-        known, right, force = x.copy(), b.duplicate(), b.duplicate()
-        unit = float(stiffness.norm()) / (float(mass.norm()) or np.inf)
-        rate, share = limits.PSEUDO_FIRST * unit, limits.PSEUDO_FALL
+        start, right_hand_side, force = x.copy(), b.duplicate(), b.duplicate()
+        stiffness_over_mass = float(stiffness.norm()) / (float(mass.norm()) or np.inf)
+        rate, share = limits.PSEUDO_FIRST * stiffness_over_mass, limits.PSEUDO_FALL
         tries, iterations, factorizations = 0, 0, 0
         moving: ConvergenceError | None = None
         while True:
-            mass.mult(known, right)
-            right.aypx(rate, b)
+            mass.mult(start, right_hand_side)
+            right_hand_side.aypx(rate, b)
             tries += 1
             try:
                 effective = replace(equation.effective, mass=rate)
-                response, report = self.inner.solve(effective, right, x, state, equation.rule)
+                response, report = self.inner.solve(
+                    effective, right_hand_side, x, state, equation.rule
+                )
             except ConvergenceError as failure:
                 if failure.law is not None or tries == limits.PSEUDO_STEPS or not rate > 0.0:
                     raise
-                known.copy(x)
+                start.copy(x)
                 share **= 0.5
                 rate /= share
                 continue
             except JointsError as failure:
-                # With next to no inertia the matrix of what moves on is singular.
+                # With almost no inertia the matrix of a mechanism is singular.
                 raise moving or failure from None
             iterations += report.iterations
             factorizations += report.factorizations
             stiffness.mult(x, force)
             forces = max(float(force.norm()), float(b.norm()))
-            known.axpy(-1.0, x)
-            mass.mult(known, right)
-            inertia = rate * float(right.norm()) / (forces or 1.0)
-            rounded = known.norm() <= limits.PSEUDO_SETTLED * x.norm()
-            rounded = rounded and inertia <= report.residual
-            if inertia <= self.options.relative_tolerance or rounded:
+            start.axpy(-1.0, x)
+            mass.mult(start, right_hand_side)
+            inertia = rate * float(right_hand_side.norm()) / (forces or 1.0)
+            within_rounding = start.norm() <= limits.PSEUDO_SETTLED * x.norm()
+            within_rounding = within_rounding and inertia <= report.residual
+            if inertia <= self.options.relative_tolerance or within_rounding:
                 return response, replace(
                     report,
                     iterations=iterations,
@@ -75,7 +78,7 @@ class PseudoTime(SolverAround):
                     residuals=(),
                 )
             moving = self.failure(response, state, iterations, inertia)
-            if rate <= limits.PSEUDO_LAST * unit or tries == limits.PSEUDO_STEPS:
+            if rate <= limits.PSEUDO_LAST * stiffness_over_mass or tries == limits.PSEUDO_STEPS:
                 raise moving
-            x.copy(known)
+            x.copy(start)
             rate *= share

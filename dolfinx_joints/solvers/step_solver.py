@@ -19,7 +19,7 @@ from dolfinx_joints.laws.law import BACKWARD_EULER, JointState, Response, Rule, 
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import LinearSolver, MatrixCoefficients
 
-# Parts of the compliance at the joints that may be kept.
+# How the compliance of the joints is stored.
 ComplianceKind = Literal["auto", "dense", "compressed", "matrix-free"]
 
 
@@ -29,15 +29,14 @@ class SolverOptions:
     """Tolerances and limits of the solvers.
 
     Attributes:
-        relative_tolerance: Residual over the largest of the forces that change in the step. The
-            condensed solver aims at a hundredth of it. Both accept more where rounding leaves more,
-            see `limits`.
-        max_iterations: Iterations before the solve is given up.
-        max_cuts: Halvings of a Newton correction that the line search may try.
+        relative_tolerance: Residual over the largest force that changes in the step. The condensed
+            solver aims at a hundredth of it. Both solvers accept a larger residual if it is
+            rounding error, see `limits`.
+        max_iterations: Iterations after which the solve fails.
+        max_cuts: Largest number of halvings of a Newton correction by the line search.
         linear: Solver of the bulk, ``direct``, ``mumps`` (direct, without CHOLMOD), ``iterative``,
-            or ``auto``: direct where its factor is expected to fit into memory.
-        compliance: Part of the compliance at the joints that the condensed solver keeps, see
-            `Compliance`.
+            or ``auto``: direct if the factor is expected to fit into memory.
+        compliance: How the condensed solver stores the compliance of the joints, see `Compliance`.
         linear_options: PETSc options of the direct solver of the tangent, without prefix.
     """
 
@@ -51,21 +50,21 @@ class SolverOptions:
     def __post_init__(self) -> None:
         """Check the names of the options."""
         given = {} if self.linear_options is None else self.linear_options
-        named = isinstance(given, Mapping) and all(isinstance(name, str) for name in given)
-        check_kind_of("linear_options", given, named, "values by name of the option")
+        has_names = isinstance(given, Mapping) and all(isinstance(name, str) for name in given)
+        check_kind_of("linear_options", given, has_names, "values by option name")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SolveReport:
-    """How a solve went.
+    """Iterations, factorizations and residual of a solve.
 
     Attributes:
         iterations: Newton iterations (1 for a linear solve).
-        factorizations: Matrices factored on the way.
+        factorizations: Number of matrices factored in the solve.
         residual: Last residual, relative to the largest of the forces in balance.
         counts: Joint points by status, None without joints.
-        residuals: The residual at the start and after each iteration of the monolithic solver,
-            empty of others, relative to the same.
+        residuals: Residual at the start and after each iteration of the monolithic solver, relative
+            to the same force; empty for other solvers.
         solver: Name of the solver, see `StepSolver`.
     """
 
@@ -78,15 +77,15 @@ class SolveReport:
 
 
 class StepEquation(NamedTuple):
-    """A x + B^T (w t(g + B x)) = b, the equation of a step.
+    """Equation of a step, A x + B^T (w t(g + B x)) = b.
 
     Attributes:
         effective: Coefficients of A.
         b: Right-hand side [N].
-        x: Change of the displacement: start of the iteration, then the solution; its constrained
-            dofs have their values [m].
+        x: Change of the displacement: start of the iteration, then the solution; constrained dofs
+            contain their prescribed values [m].
         state: Joint state at the start of the step, None without joints and plastic cells.
-        rule: Response that the laws are asked for.
+        rule: Rule by which the laws are evaluated.
     """
 
     effective: MatrixCoefficients
@@ -101,15 +100,15 @@ Solution = tuple[Response | None, SolveReport]
 
 
 class StepSolver(ABC):
-    """Solves the equations of the steps of one system.
+    """Solver of the equations of the steps of one system.
 
     Attributes:
         system: The system.
         name: ``linear``, ``monolithic``, ``forms`` or ``condensed``.
-        options: Its tolerances and limits.
-        follows_path: Whether static solves start from the accepted state alone, by the elastic
-            predictor. Else the condensed solver starts from the forces of its last solve or from
-            open joints, others from open joints; they may find another branch of equilibria.
+        options: Tolerances and limits.
+        follows_path: True if static solves start from the accepted state alone, by the elastic
+            predictor. Otherwise they start from open joints, or in the condensed solver from its
+            last forces. They may then find another branch of equilibria.
     """
 
     system: MatrixSystem
@@ -125,7 +124,7 @@ class StepSolver(ABC):
         state: JointState | None,
         rule: Rule = BACKWARD_EULER,
     ) -> Solution:
-        """Solve for ``x`` in place, starting from it; see `StepEquation` (collective).
+        """Solve for ``x`` in place, starting from its values; see `StepEquation` (collective).
 
         Raises:
             ConvergenceError: No solution was found.
@@ -149,35 +148,32 @@ class StepSolver(ABC):
         )
 
     def state_dict(self) -> dict[str, Any]:
-        """Return what later solves depend on beyond their arguments: names to arrays and numbers.
-
-        (Collective.)
-        """
+        """Return the arrays and numbers, by name, that later solves depend on (collective)."""
         return {}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:  # noqa: B027
-        """Restore what the ``state_dict`` of a solver of the same system returned (collective)."""
+        """Restore the ``state_dict`` of another solver of the same system (collective)."""
 
 
 class SolverAround(StepSolver):
-    """A solver that takes its steps by another one.
+    """Base class of solvers that wrap another one.
 
     Args:
-        inner: The other solver.
+        inner: The wrapped solver.
 
     Attributes:
-        inner: The same.
+        inner: The wrapped solver.
     """
 
     def __init__(self, inner: StepSolver) -> None:
-        """Keep the solver."""
+        """Store the wrapped solver."""
         self.inner = inner
         self.system, self.name, self.options = inner.system, inner.name, inner.options
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state of the other solver (collective)."""
+        """Return the state of the wrapped solver (collective)."""
         return self.inner.state_dict()
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Restore the state of the other solver (collective)."""
+        """Restore the state of the wrapped solver (collective)."""
         self.inner.load_state_dict(state_dict)

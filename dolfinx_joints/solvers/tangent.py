@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The tangent of a step on the monolithic path, factored only where it changed."""
+"""Tangent matrix of the monolithic solver, factored only if it has changed."""
 
 from __future__ import annotations
 
@@ -27,11 +27,12 @@ Floats = NDArray[np.float64]
 
 
 class Tangent:
-    """A + B^T (w D) B with constraints, its sparsity and its LU solver kept.
+    """Constrained matrix A + B^T (w D) B; its sparsity pattern and LU solver are kept.
 
     Args:
         matrix: A.
-        product: B^T (w D) B and what plastic cells add; None where there is neither.
+        product: B^T (w D) B and the tangent of plastic cells; None without joints and plastic
+            cells.
         options: PETSc options of the LU solver, without prefix.
 
     Attributes:
@@ -44,19 +45,19 @@ class Tangent:
         product: TangentMatrix | None,
         options: Mapping[str, Any] | None,
     ) -> None:
-        """Keep the parts; they are added at the first update."""
+        """Store the parts; they are added at the first update."""
         self.effective = matrix
         self._product, self._options = product, options
         self._sum: _Sum | TangentMultigrid | None = None
         self._last: Floats | None = None
 
     def update(self, values: Floats) -> _Sum | TangentMultigrid:
-        """Solver for point tangents D, factored anew only where D changed (collective)."""
+        """Return the solver for point tangents D, factored only if D has changed (collective)."""
         assert self._product is not None
         same = self._last is not None and np.array_equal(values, self._last)
         if self._sum is None or not min(self._product.comm.allgather(same)):
             added = self._product.assemble(values)
-            self._sum = self._sum or self._made(added)
+            self._sum = self._sum or self._sum_with(added)
             if isinstance(self._sum, _Sum):
                 self._sum.add(added)
             else:
@@ -64,7 +65,7 @@ class Tangent:
             self._last = values.copy()
         return self._sum
 
-    def _made(self, added: PETSc.Mat) -> _Sum | TangentMultigrid:
+    def _sum_with(self, added: PETSc.Mat) -> _Sum | TangentMultigrid:
         matrix = self.effective
         if isinstance(matrix.solver, IterativeSolver):
             from dolfinx_joints.solvers.multigrid.tangent import TangentMultigrid
@@ -74,7 +75,7 @@ class Tangent:
         return _Sum(matrix, added, self._options)
 
     def forget(self) -> None:
-        """Factor anew whatever the next point tangents are."""
+        """Factor anew at the next update, even if the point tangents are unchanged."""
         self._last = None
 
     def destroy(self) -> None:
@@ -84,8 +85,8 @@ class Tangent:
         self.effective.destroy()
 
 
-def _random(matrix: PETSc.Mat) -> PETSc.Vec:
-    """Return random forces, the same on any number of ranks (collective)."""
+def _random_forces(matrix: PETSc.Mat) -> PETSc.Vec:
+    """Return random forces that do not depend on the number of ranks (collective)."""
     forces = matrix.createVecRight()
     start, end = forces.getOwnershipRange()
     forces.setArray(np.random.default_rng(1).standard_normal(end)[start:])
@@ -93,7 +94,7 @@ def _random(matrix: PETSc.Mat) -> PETSc.Vec:
 
 
 class _Sum:
-    """A constant matrix plus a changing one, both on the union of their patterns."""
+    """A constant matrix plus a changing one, both stored on the union of their patterns."""
 
     def __init__(
         self, effective: EffectiveMatrix, added: PETSc.Mat, options: Mapping[str, Any] | None
@@ -107,32 +108,32 @@ class _Sum:
         self._solver: Solver = (
             self._direct if change is None else ChangedSolver(self._direct, change)
         )
-        self._probe = None if effective.inertia else _random(self._total)
+        self._probe = None if effective.inertia else _random_forces(self._total)
 
     def add(self, added: PETSc.Mat) -> None:
-        """Make the sum anew; the solver factors it when next used."""
+        """Update the sum; it is factored at the next solve."""
         self._base.copy(self._total, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         self._total.axpy(1.0, added, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         self._direct.refresh()
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, tolerance: float) -> bool:
-        """Solve to rounding error whatever the tolerance; return True if it factored (collective).
+        """Solve to rounding error, ignoring the tolerance; return True if it factored (collective).
 
         Raises:
-            JointsError: The matrix of statics is singular to rounding.
+            JointsError: The static matrix is singular to rounding.
         """
         factored = self._solver.solve(b, x)
         if factored and self._probe is not None:
             self._check_regular(self._probe, x.duplicate())
         return factored
 
-    def _check_regular(self, forces: PETSc.Vec, moved: PETSc.Vec) -> None:
-        """Check that random forces do not move the body without limit (collective).
+    def _check_regular(self, forces: PETSc.Vec, displacement: PETSc.Vec) -> None:
+        """Check that random forces cause a bounded displacement (collective).
 
-        A factorization often succeeds with pivots that are rounding errors.
+        The factorization of a singular matrix often succeeds, with pivots that are rounding errors.
         """
-        self._solver.solve(forces, moved)
-        growth = float(self._total.norm(PETSc.NormType.NORM_INFINITY)) * float(moved.norm())
+        self._solver.solve(forces, displacement)
+        growth = float(self._total.norm(PETSc.NormType.NORM_INFINITY)) * float(displacement.norm())
         if not growth <= limits.SINGULAR_GROWTH * float(forces.norm()):
             raise JointsError(SINGULAR)
 

@@ -128,7 +128,7 @@ class MotionSuite(Summarised):
         waiting = [name for name, state in states.items() if state != "there"]
         shared = SharedBulk()
         try:
-            found = shared.rounds.run(
+            found = shared.scheduler.run(
                 {
                     n: self._of(n, dt, states[n], shared, checkpoint_every, rerun_changed, options)
                     for n in waiting

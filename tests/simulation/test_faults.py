@@ -223,8 +223,8 @@ def diagonal(comm, values):
         # MUMPS stops at its zero pivot: INFOG(1) = -10.
         ([1.0, 2.0, 0.0, 3.0], False, r"numerically singular; INFOG\(1\) = -10"),
         ([1.0, 2.0, 0.0, 3.0], True, "singular"),
-        ([1.0, 2.0, np.nan, 3.0], False, "^The matrix holds numbers that are not finite"),
-        ([1.0, 2.0, np.nan, 3.0], True, "^The matrix holds numbers that are not finite"),
+        ([1.0, 2.0, np.nan, 3.0], False, "^The matrix contains values that are not finite"),
+        ([1.0, 2.0, np.nan, 3.0], True, "^The matrix contains values that are not finite"),
     ],
 )
 def test_a_factorization_that_fails_says_why(comm, values, symmetric, sentence):

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Functions that run in turns and have answered together what they ask alike."""
+"""Concurrent runs whose identical requests are computed in batches."""
 
 from __future__ import annotations
 
@@ -8,62 +8,62 @@ import threading
 
 import pytest
 
-from dolfinx_joints.solvers.batch import Rounds
+from dolfinx_joints.solvers.batch import BatchScheduler
 
 
 class Squares:
-    """Answers with squares, and keeps what was asked together."""
+    """Request squares, and keep the batches."""
 
     def __init__(self):
-        self.rounds, self.asked = Rounds(), []
+        self.scheduler, self.batches = BatchScheduler(), []
 
-    def answer(self, numbers):
-        self.asked.append(list(numbers))
+    def compute(self, numbers):
+        self.batches.append(list(numbers))
         return [n * n for n in numbers]
 
     def __call__(self, number, **options):
-        return self.rounds.ask("square", self.answer, number, **options)
+        return self.scheduler.request("square", self.compute, number, **options)
 
 
-def test_alike_questions_are_answered_together():
+def test_identical_requests_are_computed_together():
     square = Squares()
 
     def twice(n):
         return lambda: square(square(n))
 
-    found = square.rounds.run({str(n): twice(n) for n in range(5)}, most=3)
+    found = square.scheduler.run({str(n): twice(n) for n in range(5)}, most=3)
     assert found == {str(n): n**4 for n in range(5)}
-    # Three at once; the next ones begin as these end.
-    assert square.asked == [[0, 1, 2], [0, 1, 4], [3, 4], [9, 16]]
-    assert square(7) == 49  # outside of a round
+    # Three runs at a time; the next ones start as these end.
+    assert square.batches == [[0, 1, 2], [0, 1, 4], [3, 4], [9, 16]]
+    assert square(7) == 49  # outside of a run
 
 
-def test_what_is_dear_waits_for_all():
+def test_deferrable_requests_wait_for_all():
     square, order = Squares(), []
 
     def cheap(n):
         order.append(n)
-        return [square.rounds.ask("cheap", lambda numbers: numbers, i) for i in range(n)]
+        return [square.scheduler.request("cheap", lambda numbers: numbers, i) for i in range(n)]
 
-    found = square.rounds.run(
-        {str(n): lambda n=n: (cheap(n), square(n, dear=True))[1] for n in (0, 2, 1)}, most=9
+    found = square.scheduler.run(
+        {str(n): lambda n=n: (cheap(n), square(n, deferrable=True))[1] for n in (0, 2, 1)}, most=9
     )
-    assert square.asked == [[0, 1, 2]]
+    assert square.batches == [[0, 1, 2]]
     assert found == {"0": 0, "2": 4, "1": 1}
     assert order == [0, 2, 1]
 
 
-def test_a_failure_stays_with_its_function_and_a_wrong_answer_with_all_who_asked():
+def test_a_failure_of_a_run_stays_with_it_and_one_of_a_request_reaches_its_batch():
     square = Squares()
 
     def fails():
         square(1)
         raise ValueError("mine")
 
-    found = square.rounds.run({"good": lambda: square(3), "bad": fails}, most=2)
+    found = square.scheduler.run({"good": lambda: square(3), "bad": fails}, most=2)
     assert found["good"] == 9
     assert isinstance(found["bad"], ValueError)
-    found = square.rounds.run({"one": lambda: square("x"), "two": lambda: square(2)}, most=2)
+    found = square.scheduler.run({"one": lambda: square("x"), "two": lambda: square(2)}, most=2)
     assert all(isinstance(each, TypeError) for each in found.values())
 
 
@@ -82,6 +82,6 @@ def test_an_interruption_ends_all():
 
     threads = threading.active_count()
     with pytest.raises(KeyboardInterrupt):
-        square.rounds.run({"stop": interrupted, "last": lambda: [waits(), waits()]}, most=2)
+        square.scheduler.run({"stop": interrupted, "last": lambda: [waits(), waits()]}, most=2)
     assert threading.active_count() == threads
     assert ended

@@ -124,7 +124,7 @@ def test_points_that_do_not_stick_have_the_room_that_w_needs(wall_file, read, mo
     changed = compiled._memory.changed
     most = min(len(changed.points), int(np.sqrt(tied.entries) / 3.0))
     assert 9.0 * most**2 > beside.entries
-    products.take(tied, changed, np.arange(most), most)
+    products.store(tied, changed, np.arange(most), most)
     values = np.ones(3 * most, dtype=np.float32)
     found = np.empty_like(values)
     _called(products.multiply_part, tied, changed, values, found)

@@ -54,7 +54,7 @@ def gmres(
 @njit
 def _solve(split, kept, b, tolerance, space, found):  # type: ignore[no-untyped-def]
     every = np.arange(len(b) // 3)
-    products.hold(split, kept, every, len(every))
+    products.keep(split, kept, every, len(every))
     return krylov.gmres(split, kept, b, tolerance, space, found)
 
 

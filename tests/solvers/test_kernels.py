@@ -66,7 +66,7 @@ def test_products_with_few_rows(count):
 
 def test_blocks_of_points():
     tangent, values = RANDOM.normal(size=(5, 3, 3)), RANDOM.normal(size=15)
-    turned = krylov_corrections._turned(tangent, values)
+    turned = krylov_corrections._times_blocks(tangent, values)
     np.testing.assert_allclose(
         turned, np.einsum("nij,nj->ni", tangent, values.reshape(5, 3)).ravel()
     )

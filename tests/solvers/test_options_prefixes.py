@@ -81,7 +81,7 @@ def test_the_user_sets_the_solver(wall_file, read):
     option = f"{PREFIX}bulk_ksp_max_it"
     PETSc.Options().setValue(option, 1)
     try:
-        with pytest.raises(dj.JointsError, match="gave up after 1 iterations"):
+        with pytest.raises(dj.JointsError, match="did not converge in 1 iterations"):
             USES["bulk by iteration"](wall(read(wall_file(divisions=(4, 1, 3)))))
     finally:
         PETSc.Options().delValue(option)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Springs across the joints, and how the law is freed of what they carry."""
+"""Artificial springs across the joints, and the law without their tractions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ AREAS = np.array([0.5, 2.0])
 
 
 def chain(law):
-    """Two loose masses, 4 N/m among them, each on the ground by a point of 0.5 or 2 m^2."""
+    """Two unsupported masses, 4 N/m among them, each on the ground by a point of 0.5 or 2 m^2."""
     gap = np.zeros((6, 6))
     gap[:3, :3] = gap[3:, 3:] = np.eye(3)
     block = 4.0 * np.eye(3)
@@ -86,24 +86,24 @@ def random_points(springs):
 
 
 def without(springs, trial_gap, own, before):
-    """Trial gap and compliance of the law."""
+    """Return the trial gap and compliance of the law."""
     return springs.trial_gap_without(trial_gap, own, before), springs.compliance_without(own)
 
 
-def taken_off(springs, response, own, before):
-    """Traction and tangent of a response with the springs taken off."""
+def traction_without(springs, response, own, before):
+    """Return the traction and tangent of a response without the springs."""
     traction, tangent, gap = response.traction, response.tangent, response.state.gap
-    return springs.taken_off(traction, tangent, gap, own, before)
+    return springs.traction_without(traction, tangent, gap, own, before)
 
 
 @pytest.mark.parametrize("law", [friction(), RigidJoint(friction_angle_deg=30.0)])
-def test_the_law_is_met_with_the_springs_taken_off(springs, law):
+def test_the_law_is_met_without_the_springs(springs, law):
     """Its t at the gap, gap = h - c t', and t' = t - s (gap - g0): by their definitions."""
     free, own, before = random_points(springs)
     before[:, 0] = np.abs(before[:, 0])  # no overlap, which a rigid joint cannot have
     state = JointState.at_rest(before, variables=len(variables_of(law)))
     response = law.condensed_backward_euler(*without(springs, free, own, before), state)
-    traction, _ = taken_off(springs, response, own, before)
+    traction, _ = traction_without(springs, response, own, before)
     gap, wide = response.state.gap, np.repeat(own, (1, 2), axis=1)
     s = np.repeat(springs.stiffness, (1, 2), axis=1)
     np.testing.assert_allclose(gap, free - wide * traction, rtol=0, atol=1e-18)
@@ -127,7 +127,7 @@ def test_tangent_by_differences(springs):
 
     def evaluate(h):
         response = law.condensed_backward_euler(*without(springs, h, own, before), state)
-        return response, *taken_off(springs, response, own, before)
+        return response, *traction_without(springs, response, own, before)
 
     response, _, tangent = evaluate(free)
     size = np.abs(tangent).max(axis=(1, 2))

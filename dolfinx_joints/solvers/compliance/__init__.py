@@ -1,3 +1,3 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Compliance of the structure at the joints: made, kept dense or in blocks of low rank."""
+"""Compliance of the structure at the joints: computed, stored dense or in blocks of low rank."""

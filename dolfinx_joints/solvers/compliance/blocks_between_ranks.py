@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Loops over a rank's parts of its blocks with the points of other ranks.
 
-A table has for each block: first unknown, number of unknowns, rows of the factor, kind, and where
-its numbers are among those that pass. The entries of the factors follow each other.
+The table has a row per block: first unknown, number of unknowns, rows of the factor, kind, and
+position of its values among the exchanged ones. The entries of the factors follow each other.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from dolfinx_joints.solvers.compliance.own_blocks import SUMS, dense_and_mirror
 
 Ints = NDArray[np.int64]
 
-# What a rank has of a block with another's points: a factor; all of a dense one, transposed; or
-# nothing but the place of its unknowns.
+# What a rank stores of a block with another rank's points: a factor; the whole dense block,
+# transposed; or only the position of its unknowns.
 FACTOR, DENSE, PLACE = 0, 1, 2
 
 
@@ -27,9 +27,9 @@ FACTOR, DENSE, PLACE = 0, 1, 2
 def reduce(
     table: Ints, data: NDArray[Any], x: NDArray[Any], out: NDArray[Any], dense: bool
 ) -> None:
-    """Add to out the products of the factors with their parts of x, or these themselves.
+    """Write the values to be sent for x: factors times their parts of x, or these parts themselves.
 
-    Those of dense blocks only if asked for.
+    Products with factors are added to ``out``. Dense blocks are included only if ``dense``.
     """
     start = 0
     for b in range(len(table)):
@@ -50,7 +50,7 @@ def reduce(
 
 @njit(cache=True, fastmath=SUMS)
 def expand(table: Ints, data: NDArray[Any], values: NDArray[Any], y: NDArray[Any]) -> None:
-    """Add the transposed factors times values, or these themselves, to their parts of y."""
+    """Add the transposed factors times the received values, or the values themselves, to y."""
     start = 0
     for b in range(len(table)):
         first, unknowns, rows, kind, at = table[b]
@@ -79,7 +79,7 @@ def expand_and_return(
     y: NDArray[Any],
     back: NDArray[Any],
 ) -> None:
-    """`expand` but for places, and the products of dense blocks with x in the same pass."""
+    """Do `expand` without places, and add products of dense blocks with x to ``back``."""
     start = 0
     for b in range(len(table)):
         first, unknowns, rows, kind, at = table[b]
@@ -96,7 +96,7 @@ def expand_and_return(
 
 @njit(cache=True)
 def add_at_places(table: Ints, values: NDArray[Any], y: NDArray[Any]) -> None:
-    """Add to y what comes back to its places."""
+    """Add the returned values of blocks of kind `PLACE` to y."""
     for b in range(len(table)):
         first, unknowns, _, kind, at = table[b]
         if kind == PLACE:

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Compliances of a rank's joint points among themselves in blocks: zero, of low rank, or dense.
 
-A joint point's force moves points far away smoothly, and points of bodies it does not touch not at
-all. The columns of one cluster of points are taken at a time (a panel), so that the whole matrix
-never exists; its rows are cut where they are near, until a part is zero, of low rank or small.
+The displacement due to a joint force is smooth far away, and zero on bodies that the point does not
+touch. The columns of one cluster of points (a panel) are computed at a time, so that the whole
+matrix is never stored. Its rows are bisected near it, until a part is zero, of low rank or small.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ Ints = NDArray[np.int64]
 
 DENSE = -1
 
-# Sums in any order, so that the compiler can take several terms at once; NaN stays NaN.
+# Allow sums in any order, so that the compiler can vectorise them; NaN stays NaN.
 SUMS = {"reassoc", "contract", "nsz"}
 
 
 @dataclass(frozen=True, eq=False)
 class Cluster:
-    """Points ``start`` to ``stop`` of an order, their box, and the two halves of them, if cut."""
+    """Points ``start`` to ``stop`` of an order, their bounding box, and two halves, if any."""
 
     start: int
     stop: int
@@ -42,11 +42,11 @@ class Cluster:
 
     @property
     def unknowns(self) -> slice:
-        """Their unknowns."""
+        """Unknowns of the points."""
         return slice(3 * self.start, 3 * self.stop)
 
     def leaves(self) -> Iterator[Cluster]:
-        """Clusters that are not cut, in order."""
+        """Yield the clusters without halves, in order."""
         if not self.halves:
             yield self
         for half in self.halves:
@@ -56,15 +56,15 @@ class Cluster:
 def clusters(
     points: Floats, leaf: int = limits.CLUSTER_POINTS, joint: NDArray[Any] | None = None
 ) -> tuple[Ints, list[Cluster]]:
-    """Points bisected across the longest edge of their box until ``leaf`` or fewer are left.
+    """Bisect points across the longest edge of their box until ``leaf`` or fewer are left.
 
     Args:
         points: Coordinates, shape (n, 3), [m].
-        leaf: Largest number of points in a cluster that is not cut.
-        joint: Number of the joint of each point, shape (n,); each joint is a tree of its own.
+        leaf: Largest number of points in a cluster that is not bisected.
+        joint: Number of the joint of each point, shape (n,); each joint is a separate tree.
 
     Returns:
-        The points' numbers in the order of the trees, shape (n,), and the trees' roots.
+        Numbers of the points in the order of the trees, shape (n,), and the roots of the trees.
     """
     labels = np.zeros(len(points), dtype=np.int64) if joint is None else np.asarray(joint)
     order = np.argsort(labels, kind="stable")
@@ -76,7 +76,7 @@ def clusters(
 
 
 def _bisected(points: Floats, order: Ints, start: int, stop: int, leaf: int) -> Cluster:
-    """The tree of a range of the order, which is sorted in place."""
+    """Return the tree of a range of the order, which is sorted in place."""
     inside = points[order[start:stop]]
     low, high = inside.min(axis=0), inside.max(axis=0)
     if stop - start <= leaf:
@@ -94,27 +94,28 @@ def _bisected(points: Floats, order: Ints, start: int, stop: int, leaf: int) -> 
 class OwnBlocks:
     """Blocks of the points of one rank.
 
-    Blocks hold the matrix scaled to a unit diagonal, S = diag(1/scale) G diag(1/scale), each of
-    them to the absolute tolerance in the spectral norm.
+    The blocks store the matrix scaled to a unit diagonal, S = diag(1/scale) G diag(1/scale), each
+    to the absolute tolerance in the spectral norm.
 
     Args:
         points: Coordinates of the points, shape (n, 3), [m].
         scale: Square roots of the diagonal or an estimate of them, shape (3 n,).
         joint: Number of the joint of each point, shape (n,).
         tolerance: Largest error of a block relative to the unit diagonal.
-        dtype: Type that blocks are kept in and multiplied with, float64 or float32.
-        leaf: Largest number of points in a cluster that is not cut.
-        symmetric: Whether the matrix is; only one of two mirrored blocks then is kept.
+        dtype: Type of the blocks and products, float64 or float32.
+        leaf: Largest number of points in a cluster that is not bisected.
+        symmetric: True if the matrix is symmetric; then only one of two mirrored blocks is stored.
 
     Attributes:
-        size: Rows and columns.
+        size: Number of rows and columns.
         nbytes: Memory of the blocks [bytes].
-        symmetric: Whether only one of two mirrored blocks is kept.
+        symmetric: True if only one of two mirrored blocks is stored.
         order: Unknowns in the order of the columns, shape (3 n,).
         scale: Scale in this order, 1 where a point cannot move.
-        panels: Clusters whose columns are taken.
-        blocks: Top, left, height, width, rank, whether mirrored, and first entry of each block.
-        data: Their entries, one after the other.
+        panels: Clusters whose columns are computed at a time.
+        blocks: First row, first column, height, width, rank, whether mirrored, and first entry of
+            each block.
+        data: Entries of the blocks, one after the other.
     """
 
     def __init__(
@@ -128,29 +129,29 @@ class OwnBlocks:
         leaf: int,
         symmetric: bool,
     ) -> None:
-        """Cut the points into panels; `take` each of them, then `close`."""
+        """Cut the points into panels; call `add_panel` for each of them, then `finish`."""
         self.symmetric, self.size = symmetric, 3 * len(points)
         self.tolerance, self.dtype = tolerance, np.dtype(dtype)
         order, self._trees = clusters(points, leaf, joint)
         self.order = unknowns_of(order)
         self.scale = np.where(scale > 0.0, scale, 1.0)[self.order]  # zero rows and columns
         self.panels = [panel for tree in self._trees for panel in tree.leaves()]
-        self._start_over()
+        self._clear_blocks()
 
-    def _start_over(self) -> None:
-        """No blocks yet."""
+    def _clear_blocks(self) -> None:
+        """Remove all blocks."""
         self._table: list[tuple[int, ...]] = []
         self.data, self._filled = np.empty(0, self.dtype), 0
 
-    def close(self) -> None:
-        """Give back what the blocks did not fill."""
+    def finish(self) -> None:
+        """Free unused memory and store the table of the blocks."""
         self.data.resize(self._filled, refcheck=False)
         self.nbytes = self.data.nbytes
         self.blocks = np.array(self._table, dtype=np.int64).reshape(-1, 7)
 
-    def take(self, panel: Cluster, columns: Floats) -> None:
-        """Cut the rows of a panel into blocks."""
-        for rows, *parts in self.pieces(panel, self.scale[panel.unknowns], columns, own=True):
+    def add_panel(self, panel: Cluster, columns: Floats) -> None:
+        """Cut the rows of a panel into blocks, and store them."""
+        for rows, *parts in self.row_blocks(panel, self.scale[panel.unknowns], columns, own=True):
             mirrored = self.symmetric and rows.start >= panel.stop
             at = (3 * rows.start, 3 * panel.start, 3 * (rows.stop - rows.start))
             width = 3 * (panel.stop - panel.start)
@@ -158,25 +159,25 @@ class OwnBlocks:
             self._table.append((*at, width, rank, int(mirrored), self._filled))
             self._store(parts)
 
-    def pieces(
+    def row_blocks(
         self, panel: Cluster, scale: Floats, columns: Floats, *, own: bool = False
     ) -> Iterator[tuple[Any, ...]]:
-        """Clusters of rows, each with its part of a panel: L, R of L^T R, or a dense block.
+        """Yield clusters of rows, each with its part of a panel: L, R of L^T R, or a dense block.
 
         Args:
             panel: The panel.
-            scale: Of its unknowns.
-            columns: Its columns, shape (3 n, k).
-            own: Whether it is one of these points, not of others.
+            scale: Scale of its unknowns.
+            columns: Columns of the panel, shape (3 n, k).
+            own: True if the panel has points of this rank.
         """
         scaled = columns[self.order] / self.scale[:, None] / scale
         for tree in self._trees:
-            yield from self._cut(tree, panel, scaled, own)
+            yield from self._blocks_in_rows(tree, panel, scaled, own)
 
-    def _cut(
+    def _blocks_in_rows(
         self, rows: Cluster, panel: Cluster, scaled: Floats, own: bool
     ) -> Iterator[tuple[Any, ...]]:
-        """A cluster of rows, or its halves."""
+        """Yield a cluster of rows with its block, or the blocks of its halves."""
         meets = own and self.symmetric and rows.start < panel.stop
         if meets and rows.stop <= panel.start:
             return  # the mirror image of a block of an earlier panel
@@ -190,26 +191,26 @@ class OwnBlocks:
                 return
         if rows.halves and not (meets and rows.start == panel.start and rows.stop == panel.stop):
             for half in rows.halves:
-                yield from self._cut(half, panel, scaled, own)
+                yield from self._blocks_in_rows(half, panel, scaled, own)
         else:
             yield rows, block
 
     def _store(self, parts: Sequence[Floats]) -> None:
-        """Put the entries of a block behind those of the others."""
+        """Append the entries of a block."""
         for part in parts:
             end = self._filled + part.size
             if end > len(self.data):
-                # In place: a copy of all blocks would double what they take.
+                # Grow in place: a copy of all blocks would double their memory.
                 self.data.resize(end + limits.STORE_GROWTH, refcheck=False)
             self.data[self._filled : end] = part.ravel()
             self._filled = end
 
     def rougher(self, tolerance: float, dtype: Any = np.float32) -> OwnBlocks:
-        """The same matrix to a larger tolerance, from the blocks of this one."""
+        """Return the same matrix to a larger tolerance, from the blocks of this one."""
         rough = copy(self)
         rough.tolerance, rough.dtype = tolerance, np.dtype(dtype)
-        rough._start_over()
-        for top, left, height, width, rank, mirrored, start in self.blocks:
+        rough._clear_blocks()
+        for row, column, height, width, rank, mirrored, start in self.blocks:
             down, across = self._block(height, width, rank, start)
             parts: tuple[Floats, ...] = (across,)
             factors = factors_if_worth(across, tolerance) if rank == DENSE else None
@@ -218,13 +219,13 @@ class OwnBlocks:
                 parts = down[:rank], across[:rank]
             elif factors is not None:
                 parts, rank = factors, len(factors[0])
-            rough._table.append((top, left, height, width, rank, mirrored, rough._filled))
+            rough._table.append((row, column, height, width, rank, mirrored, rough._filled))
             rough._store(parts)
-        rough.close()
+        rough.finish()
         return rough
 
     def products(self, vectors: list[Floats]) -> list[Floats]:
-        """Return the blocks times several vectors, reading them once."""
+        """Return the matrix times several vectors, reading the blocks once."""
         x = (self.scale[:, None] * np.column_stack(vectors)[self.order]).astype(self.dtype)
         y = np.zeros((self.size, len(vectors)), dtype=self.dtype)
         _multiply_all(self.blocks, self.data, x, y)
@@ -235,52 +236,52 @@ class OwnBlocks:
     def whole(self) -> Floats:
         """Return the matrix, shape (3 n, 3 n)."""
         out = np.zeros((self.size, self.size))
-        for top, left, height, width, rank, mirrored, start in self.blocks:
+        for row, column, height, width, rank, mirrored, start in self.blocks:
             down, across = self._block(height, width, rank, start)
             block = down.T @ across
-            out[top : top + height, left : left + width] = block
+            out[row : row + height, column : column + width] = block
             if mirrored:
-                out[left : left + width, top : top + height] = block.T
+                out[column : column + width, row : row + height] = block.T
         result = np.empty_like(out)
         result[np.ix_(self.order, self.order)] = out * self.scale[:, None] * self.scale
         return result
 
     def _block(self, height: int, width: int, rank: int, start: int) -> tuple[Any, Any]:
-        """Factors L, R of a block L^T R."""
+        """Return the factors L, R of a block L^T R."""
         if rank == DENSE:
             dense = self.data[start : start + height * width].reshape(height, width)
             return np.eye(height, dtype=self.dtype), dense
-        left = self.data[start : start + rank * height].reshape(rank, height)
+        down = self.data[start : start + rank * height].reshape(rank, height)
         start += rank * height
-        return left, self.data[start : start + rank * width].reshape(rank, width)
+        return down, self.data[start : start + rank * width].reshape(rank, width)
 
 
 def unknowns_of(points: Ints) -> Ints:
-    """Numbers of the three unknowns of each point."""
+    """Return the numbers of the three unknowns of each point."""
     return (3 * points[:, None] + np.arange(3)).ravel()
 
 
 def _admissible(a: Cluster, b: Cluster) -> bool:
-    """Whether two clusters are far from each other for their size."""
+    """Return True if two clusters are far from each other compared with their size."""
     gap = np.maximum(0.0, np.maximum(a.low - b.high, b.low - a.high))
     size = min(float(np.linalg.norm(c.high - c.low)) for c in (a, b))
     return size <= limits.ADMISSIBLE_SIZE * float(np.linalg.norm(gap))
 
 
 def factors_if_worth(block: Floats, tolerance: float) -> tuple[Floats, Floats] | None:
-    """L, R of the fewest rows with the block L^T R to the tolerance in the spectral norm.
+    """Return L, R with the fewest rows so that L^T R equals the block within the tolerance.
 
-    None where they take more than the block.
+    The error is measured in the spectral norm. Return None if the factors take more than the block.
     """
-    left, values, right = np.linalg.svd(block, full_matrices=False)
+    left_vectors, values, right_vectors = np.linalg.svd(block, full_matrices=False)
     rank = int(np.count_nonzero(values > tolerance))
     root = np.sqrt(values[:rank])
-    factors = (left[:, :rank] * root).T, root[:, None] * right[:rank]
+    factors = (left_vectors[:, :rank] * root).T, root[:, None] * right_vectors[:rank]
     return factors if sum(f.size for f in factors) <= limits.LOW_RANK_SHARE * block.size else None
 
 
 def rank_of(factor: Floats, tolerance: float) -> int:
-    """Rows of L, or of R, that a tolerance needs: their squares are the singular values."""
+    """Return how many rows of a factor have squares, the singular values, above a tolerance."""
     return int(np.count_nonzero(np.einsum("ij,ij->i", factor, factor) > tolerance))
 
 
@@ -288,13 +289,13 @@ def rank_of(factor: Floats, tolerance: float) -> int:
 def multiply_blocks(blocks: Ints, data: NDArray[Any], x: NDArray[Any], y: NDArray[Any]) -> None:
     """Add the blocks, and their mirror images, times x to y."""
     for b in range(len(blocks)):
-        top, left, height, width, rank, mirrored, start = blocks[b]
-        x_across, y_down = x[left : left + width], y[top : top + height]
+        row, column, height, width, rank, mirrored, start = blocks[b]
+        x_across, y_down = x[column : column + width], y[row : row + height]
         if rank < 0:
             dense = data[start : start + height * width].reshape(height, width)
             if mirrored:
                 dense_and_mirror(
-                    dense, x_across, x[top : top + height], y_down, y[left : left + width]
+                    dense, x_across, x[row : row + height], y_down, y[column : column + width]
                 )
             else:
                 _dense(dense, x_across, y_down)
@@ -304,27 +305,27 @@ def multiply_blocks(blocks: Ints, data: NDArray[Any], x: NDArray[Any], y: NDArra
         across = data[middle : middle + rank * width].reshape(rank, width)
         _low_rank(down, across, x_across, y_down)
         if mirrored:
-            _low_rank(across, down, x[top : top + height], y[left : left + width])
+            _low_rank(across, down, x[row : row + height], y[column : column + width])
 
 
 @njit(cache=True)
 def _multiply_all(blocks: Ints, data: NDArray[Any], x: NDArray[Any], y: NDArray[Any]) -> None:
-    """`multiply_blocks` of the columns of x."""
+    """Add the blocks, and their mirror images, times the columns of x to y."""
     for b in range(len(blocks)):
-        top, left, height, width, rank, mirrored, start = blocks[b]
-        x_across, x_down = x[left : left + width], x[top : top + height]
+        row, column, height, width, rank, mirrored, start = blocks[b]
+        x_across, x_down = x[column : column + width], x[row : row + height]
         if rank < 0:
             dense = data[start : start + height * width].reshape(height, width)
-            y[top : top + height] += np.dot(dense, x_across)
+            y[row : row + height] += np.dot(dense, x_across)
             if mirrored:
-                y[left : left + width] += np.dot(dense.T, x_down)
+                y[column : column + width] += np.dot(dense.T, x_down)
             continue
         middle = start + rank * height
         down = data[start:middle].reshape(rank, height)
         across = data[middle : middle + rank * width].reshape(rank, width)
-        y[top : top + height] += np.dot(down.T, np.dot(across, x_across))
+        y[row : row + height] += np.dot(down.T, np.dot(across, x_across))
         if mirrored:
-            y[left : left + width] += np.dot(across.T, np.dot(down, x_down))
+            y[column : column + width] += np.dot(across.T, np.dot(down, x_down))
 
 
 @njit(cache=True, fastmath=SUMS)
@@ -345,7 +346,7 @@ def dense_and_mirror(
     y_down: NDArray[Any],
     y_across: NDArray[Any],
 ) -> None:
-    """Both products in one pass over the block."""
+    """Add a dense block and its mirror image times their parts of x to y, in one pass."""
     for i in range(dense.shape[0]):
         total = dense.dtype.type(0.0)
         row, factor = dense[i], x_down[i]

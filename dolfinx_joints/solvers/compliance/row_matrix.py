@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Matrices over the joint unknowns, spread over the ranks."""
+"""Matrices over the joint unknowns, distributed over the ranks by rows."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Rows = NDArray[np.int64]
 
 
 class RowMatrix:
-    """A dense matrix over the joint unknowns, of which a rank keeps the rows of its own points.
+    """Dense matrix over the joint unknowns; each rank stores the rows of the points it owns.
 
-    Each column of the rank's rows is contiguous in memory: products with vectors that are mostly
-    zero read only what they need. Vectors are those of the rank's unknowns; in products all are on
-    every rank for a moment. Taken or given as a whole, the matrix must be symmetric.
+    Each column of the rank's rows is contiguous in memory, so that products with vectors that are
+    mostly zero read only the columns they need. Vectors are those of the rank's unknowns; a product
+    gathers them on every rank. `whole` and `of` require a symmetric matrix.
 
     Args:
         columns: Columns of the rank's rows, one after the other, shape (size, local).
@@ -29,45 +29,45 @@ class RowMatrix:
 
     Attributes:
         size: Number of rows of all ranks.
-        local: Of the rank.
+        local: Number of rows of this rank.
     """
 
     def __init__(self, columns: Floats, comm: Any) -> None:
-        """Keep them."""
+        """Store the columns (collective)."""
         self._columns, self._comm, self.size = columns, comm, len(columns)
         self.local = columns.shape[1]
         self._unknowns = Parts(columns.shape[1], comm)
 
     def product(self, values: Floats, rows: Rows) -> Floats:
-        """Times a vector that is zero but for some of the rank's rows (collective).
+        """Return the matrix times a vector with nonzero entries in some rows only (collective).
 
         Args:
-            values: Shape (local,).
-            rows: Numbers among the rank's, sorted.
+            values: Vector of the rank, shape (local,).
+            rows: Local numbers of those rows, sorted.
         """
         every = values
         if self._comm.size > 1:
             parts = Parts(len(rows), self._comm)
             every = np.zeros(self.size)
-            rows, found = parts.all_of(rows + self._unknowns.first), parts.all_of(values[rows])
-            every[rows] = found
+            rows, entries = parts.all_of(rows + self._unknowns.first), parts.all_of(values[rows])
+            every[rows] = entries
         mine = np.zeros(self._columns.shape[1])
         add_rows(self._columns, rows, every, mine)
         return mine
 
     def columns(self) -> Floats:
-        """Columns of the rank's rows, shape (size, local)."""
+        """Return the columns of the rank's rows, shape (size, local)."""
         return self._columns
 
     def whole(self) -> Floats:
-        """The matrix, shape (size, size), on every rank (collective)."""
+        """Return the matrix, shape (size, size), on every rank (collective)."""
         if self._comm.size == 1:
             return self._columns
         return np.hstack(self._comm.allgather(self._columns))
 
     @classmethod
     def of(cls, whole: Floats, comm: Any, local: int) -> RowMatrix:
-        """A matrix given as a whole, of which the rank keeps so many rows (collective)."""
+        """Return the distributed form of a matrix; the rank stores ``local`` rows (collective)."""
         first = Parts(local, comm).first
         return cls(np.ascontiguousarray(whole[:, first : first + local]), comm)
 
@@ -76,22 +76,22 @@ class Parts:
     """Parts of a vector on the ranks.
 
     Args:
-        count: Entries of the rank's part.
+        count: Length of this rank's part.
         comm: Communicator of the ranks.
 
     Attributes:
-        counts: Entries of each rank.
-        first: Entries of the ranks before.
+        counts: Length of each rank's part.
+        first: Total length of the parts of lower ranks.
     """
 
     def __init__(self, count: int, comm: Any) -> None:
-        """Tell each other (collective)."""
+        """Gather the lengths (collective)."""
         self._comm = comm
         self.counts = [count] if comm.size == 1 else comm.allgather(count)
         self.first = sum(self.counts[: comm.rank])
 
     def all_of(self, mine: NDArray[Any]) -> NDArray[Any]:
-        """Parts of all ranks, one after the other (collective)."""
+        """Return the parts of all ranks, one after the other (collective)."""
         if self._comm.size == 1:
             return mine
         every = np.empty(sum(self.counts), mine.dtype)
@@ -101,7 +101,7 @@ class Parts:
 
 @njit(cache=True)
 def add_rows(matrix: NDArray[Any], rows: Rows, values: Floats, out: NDArray[Any]) -> None:
-    """Add some rows of a matrix times their values; four at a time pass over ``out`` once."""
+    """Add some rows of a matrix times their values to ``out``, four rows in one pass."""
     k, number = 0, matrix.dtype.type
     while k + 4 <= len(rows):
         r_0, r_1 = matrix[rows[k]], matrix[rows[k + 1]]
@@ -120,9 +120,9 @@ def add_rows(matrix: NDArray[Any], rows: Rows, values: Floats, out: NDArray[Any]
 
 @njit(cache=True, fastmath=SUMS)
 def multiply_lower(matrix: NDArray[Any], values: NDArray[Any], out: NDArray[Any]) -> None:
-    """Write a symmetric matrix times a vector, of which the lower triangle is read.
+    """Write a symmetric matrix times a vector to ``out``; only the lower triangle is read.
 
-    Three rows at a time, a point's, pass over both vectors once. All arrays are of one type.
+    The three rows of a point are multiplied in one pass. All arrays are of one type.
     """
     number = matrix.dtype.type
     out[:] = number(0.0)

@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""G = B A^-1 B^T of all joint unknowns at once, a Schur complement that MUMPS makes, (20a).
+"""G = B A^-1 B^T of all joint unknowns at once, as a Schur complement computed by MUMPS (20a).
 
-In a factorization the fronts carry the joint unknowns along in dense products shared by the ranks,
-where back-substitutions read the factor for each block of columns, twice.
+The factorization eliminates the dofs in dense fronts, which are shared by the ranks and contain the
+joint unknowns. Back-substitutions would read the factor twice for each block of columns.
 """
 
 from __future__ import annotations
@@ -22,29 +22,29 @@ from dolfinx_joints.solvers.diagnosis import reported_by_package
 
 Floats = NDArray[np.float64]
 
-# MUMPS' ICNTL: no factor is kept; workspace beyond the estimate, in per cent.
+# MUMPS' ICNTL: do not keep the factor; workspace beyond the estimate, in per cent.
 CONTROLS = {31: 1, 14: 60}
 
-# Its CNTL(1): a positive matrix needs no pivots, and entries of B, in other units, have no say.
+# Its CNTL(1): a positive matrix needs no pivoting, and entries of B have other units.
 THRESHOLD = 1
 
 
 def schur_complement(matrix: PETSc.Mat, operator: PETSc.Mat) -> Floats:
-    """Columns of G at the rank's points, shape (size, local), [m/N] (collective).
+    """Return the columns of G at the rank's points, shape (size, local), [m/N] (collective).
 
-    Rank 0 holds all of G for a moment.
+    Rank 0 temporarily stores all of G.
 
     Args:
         matrix: A, symmetric and positive.
         operator: B.
 
     Raises:
-        JointsError: MUMPS could not, for want of memory perhaps.
+        JointsError: MUMPS failed, for example for lack of memory.
     """
     transposed = PETSc.Mat().createTranspose(operator)
     bordered = PETSc.Mat().createNest([[matrix, transposed], [operator, None]], comm=matrix.comm)
     bordered.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-    pc, numbers = PETSc.PC().create(matrix.comm), _last_unknowns(matrix, operator)
+    pc, numbers = PETSc.PC().create(matrix.comm), _joint_unknowns(matrix, operator)
     pc.setOptionsPrefix("dolfinx_joints_compliance_")
     pc.setOperators(bordered)
     pc.setType("cholesky")
@@ -55,7 +55,7 @@ def schur_complement(matrix: PETSc.Mat, operator: PETSc.Mat) -> Floats:
         factor.setMumpsIcntl(number, value)
     factor.setMumpsCntl(THRESHOLD, 0.0)
     try:
-        _call("MatFactorSetSchurIS", factor.handle, numbers.handle)
+        _call_petsc("MatFactorSetSchurIS", factor.handle, numbers.handle)
         stage.push()
         try:
             pc.setUp()
@@ -64,37 +64,37 @@ def schur_complement(matrix: PETSc.Mat, operator: PETSc.Mat) -> Floats:
             stage.pop()
         if pc.getFailedReason():
             raise JointsError(f"the bordered matrix could not be factored{reported_by_package(pc)}")
-        rows = _rows_of_ranks(factor, operator)
+        rows = _scattered_rows(factor, operator)
     finally:
-        for each in (factor, pc, bordered, transposed, numbers):
-            each.destroy()
+        for owned in (factor, pc, bordered, transposed, numbers):
+            owned.destroy()
     return np.subtract(0.0, rows.T, order="C")
 
 
-def _last_unknowns(matrix: PETSc.Mat, operator: PETSc.Mat) -> PETSc.IS:
-    """Numbers of the joint unknowns, which on each rank come after its dofs, all on rank 0."""
+def _joint_unknowns(matrix: PETSc.Mat, operator: PETSc.Mat) -> PETSc.IS:
+    """Return the numbers of the joint unknowns, which follow each rank's dofs, all on rank 0."""
     counts = np.diff(operator.getOwnershipRanges())
     numbers = np.arange(operator.getSize()[0]) + np.repeat(matrix.getOwnershipRanges()[1:], counts)
-    here = numbers if matrix.comm.rank == 0 else numbers[:0]
-    return PETSc.IS().createGeneral(here.astype(PETSc.IntType), comm=matrix.comm)
+    own = numbers if matrix.comm.rank == 0 else numbers[:0]
+    return PETSc.IS().createGeneral(own.astype(PETSc.IntType), comm=matrix.comm)
 
 
-def _rows_of_ranks(factor: PETSc.Mat, operator: PETSc.Mat) -> Floats:
-    """The ranks' rows of the Schur complement -G, from rank 0 (collective)."""
+def _scattered_rows(factor: PETSc.Mat, operator: PETSc.Mat) -> Floats:
+    """Return the rank's rows of the Schur complement -G, sent by rank 0 (collective)."""
     comm = operator.comm.tompi4py()
     local, size = operator.getLocalSize()[0], operator.getSize()[0]
     rows, counts = np.empty((local, size)), comm.gather(local * size, root=0)
     whole: list[Floats] = []
-    on_root(comm, lambda: whole.append(_whole(factor, size)))  # a failure is one of all ranks
+    on_root(comm, lambda: whole.append(_symmetric_matrix(factor, size)))  # fails on all ranks
     comm.Scatterv(None if counts is None else [whole[0], counts], rows, root=0)
     return rows
 
 
-def _whole(factor: PETSc.Mat, size: int) -> Floats:
-    """The Schur complement, of which PETSc keeps the lower triangle by columns."""
+def _symmetric_matrix(factor: PETSc.Mat, size: int) -> Floats:
+    """Return the Schur complement, of which PETSc stores the lower triangle by columns."""
     dense, entries = ctypes.c_void_p(), ctypes.POINTER(ctypes.c_double)()
-    _call("MatFactorGetSchurComplement", factor.handle, ctypes.byref(dense), None)
-    _call("MatDenseGetArray", dense, ctypes.byref(entries))
+    _call_petsc("MatFactorGetSchurComplement", factor.handle, ctypes.byref(dense), None)
+    _call_petsc("MatDenseGetArray", dense, ctypes.byref(entries))
     whole = np.ctypeslib.as_array(entries, (size, size))
     for first in range(0, size, limits.BLOCK_COLUMNS):
         stop = min(first + limits.BLOCK_COLUMNS, size)
@@ -104,8 +104,8 @@ def _whole(factor: PETSc.Mat, size: int) -> Floats:
     return whole
 
 
-def _call(name: str, *arguments: Any) -> None:
-    """A function of PETSc's library that petsc4py does not offer."""
+def _call_petsc(name: str, *arguments: Any) -> None:
+    """Call a function of PETSc's library that petsc4py does not provide."""
     function = getattr(ctypes.CDLL(PETSc.__file__), name)
     pointers = (ctypes.c_void_p(a) if isinstance(a, int) else a for a in arguments)
     if code := function(*pointers):

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Gaps of the joints under forces on them, G F with G = B A^-1 B^T: columns, products, diagonal."""
+"""Gaps due to forces on the joints, G F with G = B A^-1 B^T: columns, products, diagonal."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Rows = NDArray[np.int64]
 
 
 class UnitForces:
-    """G of a factored or iterated bulk, by back-substitutions or all at once.
+    """Compliance G of a factored or iterated bulk, by back-substitutions or all at once.
 
     Args:
         effective: The bulk, A.
@@ -38,7 +38,7 @@ class UnitForces:
     """
 
     def __init__(self, effective: EffectiveMatrix, operator: PETSc.Mat) -> None:
-        """Keep the entries of B (collective)."""
+        """Allocate work vectors (collective)."""
         self._effective, self._operator = effective, operator
         self.local = operator.getLocalSize()[0]
         self._points = operator.createVecLeft()
@@ -46,7 +46,7 @@ class UnitForces:
 
     @cached_property
     def _rows(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """The rank's rows of B: starts, columns and values."""
+        """Rows of B of this rank: starts, columns and values."""
         starts, columns, values = self._operator.getValuesCSR()
         return starts, columns, values
 
@@ -54,7 +54,7 @@ class UnitForces:
     def _columns(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Entries of the rank's columns of B, sorted by row: rows, local columns and values.
 
-        (Collective when first asked for.)
+        (Collective on first use.)
         """
         transposed = self._operator.transpose(PETSc.Mat())
         starts, numbers, entries = transposed.getValuesCSR()
@@ -64,103 +64,103 @@ class UnitForces:
         return numbers[order], lines, entries[order]
 
     def gaps(self, numbers: Rows) -> Floats:
-        """Columns of G at the rank's points, shape (local, k), [m/N] (collective).
+        """Return columns of G at the rank's points, shape (local, k), [m/N] (collective).
 
         Args:
-            numbers: Of the unknowns that carry a unit force each, shape (k,).
+            numbers: Numbers of the unknowns with unit forces, shape (k,).
         """
         columns = np.empty((self.local, len(numbers)))
-        # More right-hand sides at once take memory of the size of the body and no less time.
+        # More right-hand sides at once take as much memory as the body and save no time.
         for first in range(0, len(numbers), limits.BLOCK_COLUMNS):
             some = slice(first, first + limits.BLOCK_COLUMNS)
             columns[:, some] = self._block(numbers[some])
         return columns
 
     def at_once(self) -> Floats | None:
-        """All columns of G at the rank's points, shape (size, local), [m/N] (collective).
+        """Return all columns of G at the rank's points, shape (size, local), [m/N] (collective).
 
-        None, with a warning, where the way over a Schur complement fails.
+        Return None, with a warning, if the Schur complement fails.
         """
         size, rank = self._operator.getSize()[0], self._operator.comm.rank
         some = np.unique(np.linspace(0, size - 1, limits.SAMPLES).astype(np.int64))
-        known = self.gaps(some)  # sees whether the bulk is singular
+        expected = self.gaps(some)  # also detects a singular bulk
         if rank == 0:
-            LOGGER.info("compliance of the joints: %d columns at once, by a factorization", size)
+            LOGGER.info("compliance of the joints: %d columns by one factorization", size)
         try:
             columns = schur_complement(self._effective.constrained, self._operator)
             for first in range(0, size, limits.BLOCK_COLUMNS):
                 numbers = np.arange(first, min(first + limits.BLOCK_COLUMNS, size))
-                columns[numbers] -= self._of_modes(numbers).T
-            self._compare(columns[some].T, known)
+                columns[numbers] -= self._modal_gaps(numbers).T
+            self._compare(columns[some].T, expected)
         except (JointsError, PETSc.Error, MemoryError) as error:
             if rank == 0:
-                LOGGER.warning("compliance of the joints, column by column: %s", error)
+                LOGGER.warning("compliance of the joints is computed column by column: %s", error)
             return None
         return columns
 
-    def _compare(self, found: Floats, known: Floats) -> None:
-        """Raise an error if columns are not those that have been solved for (collective)."""
-        mine = np.array([np.abs(each).max(initial=0.0) for each in (found - known, known)])
+    def _compare(self, columns: Floats, expected: Floats) -> None:
+        """Raise an error if columns differ from those of back-substitutions (collective)."""
+        mine = np.array([np.abs(gap).max(initial=0.0) for gap in (columns - expected, expected)])
         error, largest = of_ranks(self._operator.comm.tompi4py(), mine).max(axis=0)
         if not error <= limits.AT_ONCE_ERROR * largest:
-            raise JointsError(f"all at once it would be wrong by {error:.1e} of {largest:.1e} m/N")
+            raise JointsError(f"the Schur complement is off by {error:.1e} of {largest:.1e} m/N")
 
     def _block(self, numbers: Rows) -> Floats:
-        """Some columns, solved for at once."""
+        """Return some columns of G, solved for at once."""
         solver = self._effective.solver
         if isinstance(solver, DirectSolver) and solver.package == "mumps":
-            rows = self._on_rank_0(numbers)
+            rows = self._rows_on_rank_0(numbers)
             moved = solver.solve_sparse(rows)
             rows.destroy()
         else:
-            moved = solver.solve_block(self._right(numbers))
-        return multiplied(self._operator, moved) - self._of_modes(numbers)
+            moved = solver.solve_block(self._right_hand_sides(numbers))
+        return multiplied(self._operator, moved) - self._modal_gaps(numbers)
 
     @cached_property
     def _modal(self) -> tuple[Floats, Floats] | None:
-        """B Z and W of `EffectiveMatrix.modal_parts` (collective when first asked for)."""
+        """B Z and W of `EffectiveMatrix.modal_parts` (collective on first use)."""
         parts = self._effective.modal_parts()
         if parts is None:
             return None
         return np.ascontiguousarray(multiplied(self._operator, parts[0])), parts[1]
 
-    def _of_modes(self, numbers: Rows) -> Floats:
-        """What exact and damped modes take from columns of G, shape (local, k) (collective)."""
+    def _modal_gaps(self, numbers: Rows) -> Floats:
+        """Return the part of columns of G due to modes, to be subtracted (collective)."""
         if self._modal is None:
             return np.zeros((self.local, len(numbers)))
         gaps, small = self._modal
         first, stop = self._operator.getOwnershipRange()
-        here = np.flatnonzero((numbers >= first) & (numbers < stop))
+        own = np.flatnonzero((numbers >= first) & (numbers < stop))
         loaded = np.zeros((len(numbers), len(small)))
-        loaded[here] = gaps[numbers[here] - first]
+        loaded[own] = gaps[numbers[own] - first]
         every = summed(self._operator.comm.tompi4py(), loaded)
-        taken: Floats = gaps @ (small @ every.T)
-        return taken
+        modal_gaps: Floats = gaps @ (small @ every.T)
+        return modal_gaps
 
-    def _right(self, numbers: Rows) -> Floats:
-        """Owned rows of B^T for some unknowns, shape (local dofs, k)."""
+    def _right_hand_sides(self, numbers: Rows) -> Floats:
+        """Return the owned rows of B^T for some unknowns, shape (local dofs, k)."""
         rows, lines, entries = self._columns
         firsts = np.searchsorted(rows, numbers)
         counts = np.searchsorted(rows, numbers, side="right") - firsts
-        taken = ranges(firsts, counts)
-        right = np.zeros((self._operator.getLocalSize()[1], len(numbers)))
-        right[lines[taken], np.repeat(np.arange(len(numbers)), counts)] = entries[taken]
-        return right
+        picked = ranges(firsts, counts)
+        block = np.zeros((self._operator.getLocalSize()[1], len(numbers)))
+        block[lines[picked], np.repeat(np.arange(len(numbers)), counts)] = entries[picked]
+        return block
 
-    def _on_rank_0(self, numbers: Rows) -> PETSc.Mat:
-        """Rows of B of some unknowns as a matrix on rank 0 (collective)."""
+    def _rows_on_rank_0(self, numbers: Rows) -> PETSc.Mat:
+        """Return rows of B for some unknowns as a matrix on rank 0 (collective)."""
         starts, columns, values = self._rows
         first, stop = self._operator.getOwnershipRange()
-        here = np.flatnonzero((numbers >= first) & (numbers < stop))
-        own = numbers[here] - first
+        own_numbers = np.flatnonzero((numbers >= first) & (numbers < stop))
+        own = numbers[own_numbers] - first
         counts = starts[own + 1] - starts[own]
-        taken, comm = ranges(starts[own], counts), self._operator.comm
-        mine = (np.repeat(here, counts), columns[taken], values[taken])
+        picked, comm = ranges(starts[own], counts), self._operator.comm
+        mine = (np.repeat(own_numbers, counts), columns[picked], values[picked])
         parts = comm.tompi4py().gather(mine, root=0)
         count, dofs = 0 if parts is None else len(numbers), self._operator.getSize()[1]
         empty = tuple(part[:0] for part in mine)
         at, columns, values = (
-            np.concatenate(each) for each in zip(*(parts or [empty]), strict=True)
+            np.concatenate(arrays) for arrays in zip(*(parts or [empty]), strict=True)
         )
         order = np.argsort(at, kind="stable")
         starts = np.append(0, np.cumsum(np.bincount(at, minlength=count)[:count]))
@@ -171,24 +171,24 @@ class UnitForces:
         )
 
     def product(self, forces: Floats) -> Floats:
-        """G F at the rank's points, F likewise (collective)."""
+        """Return G F at the rank's points, for F at the rank's points (collective)."""
         self._load(forces)
         self._effective.solve(self._nodal, self._moved)
         return self._gaps()
 
     def rough_product(self, forces: Floats, tolerance: float) -> Floats:
-        """G F to a tolerance, for a bulk solved by iteration (collective)."""
+        """Return G F to a tolerance, for a bulk solved by iteration (collective)."""
         assert isinstance(self._effective.solver, IterativeSolver)
         self._load(forces)
         self._effective.solve(self._nodal, self._moved, tolerance=tolerance)
         return self._gaps()
 
     def diagonal(self) -> Floats:
-        """Diagonal of G at the rank's points, estimated, shape (local,), [m/N] (collective).
+        """Return an estimate of the diagonal of G at the rank's points, [m/N] (collective).
 
-        B diag(A)^-1 B^T, times the ratio of the true one to it at some points, as its median for
-        normal and for tangential directions. The joints' iteration is right with any; with this it
-        is quick.
+        It has the shape (local,) and is B diag(A)^-1 B^T times the ratio of the exact diagonal to
+        it. The ratio is the median at some points, for normal and for tangential directions. The
+        joints' iteration converges with any estimate, and fast with this one.
         """
         comm = self._operator.comm.tompi4py()
         estimate = diagonal_compliance(self._operator, self._effective.constrained.getDiagonal())
@@ -197,17 +197,17 @@ class UnitForces:
         numbers = unknowns_of(points)
         start, stop = self._operator.getOwnershipRange()
         gaps = self.gaps(numbers)
-        here = np.flatnonzero((numbers >= start) & (numbers < stop))
-        known = np.zeros((2, len(numbers)))
-        known[:, here] = gaps[numbers[here] - start, here], estimate[numbers[here] - start]
-        found, estimated = summed(comm, known)
+        own = np.flatnonzero((numbers >= start) & (numbers < stop))
+        samples = np.zeros((2, len(numbers)))
+        samples[:, own] = gaps[numbers[own] - start, own], estimate[numbers[own] - start]
+        exact, estimated = summed(comm, samples)
         with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = np.where(estimated > 0.0, found / estimated, np.nan).reshape(-1, 3)
+            ratio = np.where(estimated > 0.0, exact / estimated, np.nan).reshape(-1, 3)
         factors = [_median(ratio[:, :1]), *2 * [_median(ratio[:, 1:])]]
         return estimate * np.tile(factors, len(estimate) // 3)
 
     def _load(self, forces: Floats) -> None:
-        """Nodal forces of joint forces."""
+        """Compute the nodal forces of joint forces."""
         self._points.setArray(forces)
         self._operator.multTranspose(self._points, self._nodal)
 
@@ -222,13 +222,13 @@ class UnitForces:
 
 
 def _median(ratio: Floats) -> float:
-    """Median of the numbers among some values, 1 if there is none."""
-    known = ratio[np.isfinite(ratio) & (ratio > 0.0)]
-    return float(np.median(known)) if len(known) else 1.0
+    """Return the median of the finite positive values, 1 without any."""
+    valid = ratio[np.isfinite(ratio) & (ratio > 0.0)]
+    return float(np.median(valid)) if len(valid) else 1.0
 
 
 def ranges(firsts: NDArray[Any], counts: NDArray[Any]) -> NDArray[Any]:
-    """Numbers from each first on, as many as its count says, one range after the other."""
+    """Return ranges of numbers, one after the other, by their first numbers and lengths."""
     within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    found: NDArray[Any] = np.repeat(firsts, counts) + within
-    return found
+    numbers: NDArray[Any] = np.repeat(firsts, counts) + within
+    return numbers

@@ -1,3 +1,3 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The solver condensed onto the joints: residual and corrections of the joint forces."""
+"""Solver condensed onto the joints: residual and corrections of the joint forces."""

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A system condensed onto its joints for one set of coefficients."""
+"""System condensed onto its joints for one set of coefficients."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Solved:
-    """The joint forces of a step.
+    """Joint forces of a step.
 
     Attributes:
         force: Scaled forces f - r, shape (m,).
-        response: Of the points.
-        iterations: Iterations.
+        response: Response of the joint points.
+        iterations: Number of Newton iterations.
         relative: Residual relative to the largest force.
     """
 
@@ -52,19 +52,19 @@ class Solved:
 
 
 class Condensed:
-    """The bulk factored for one set of coefficients, with its compliance at the joints.
+    """Bulk factored for one set of coefficients, with its compliance at the joints.
 
     Args:
         system: The system.
         effective: The coefficients.
         operator: B with the columns of constrained dofs empty.
         weight: Factor of 1/k of a sticking point in the law, 1 / `Rule.weight`.
-        options: How the bulk is solved, and what is kept of the compliance.
+        options: Options for the solver of the bulk and for the compliance.
 
     Attributes:
-        static: Whether there is no inertia.
-        loose: Whether there are blocks that nothing but joints supports.
-        used: Whether a step has been solved with it.
+        static: True if there is no inertia.
+        unsupported: True if blocks are supported by joints alone, in statics.
+        used: True if a step has been solved with it.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Condensed:
         weight: float,
         options: SolverOptions,
     ) -> None:
-        """Factor (collective)."""
+        """Factor the bulk (collective)."""
         assert system.contact is not None
         self._system, self._contact, self._options = system, system.contact, options
         self._operator, self._weight = operator, weight
@@ -83,21 +83,21 @@ class Condensed:
         self._restored: Mapping[str, Any] = {}
         self._effective = effective
         self._body = EffectiveMatrix.of(system, effective, linear=options.linear)
-        self.loose = self.static and not _is_regular(self._body, unconstrained_dofs(system))
-        if self.loose:
-            # Do not destroy the failed factor, leave it to PETSc's collector: every rank must take
-            # part in the destruction, and on three ranks two were seen to wait for the third.
+        self.unsupported = self.static and not _is_regular(self._body, unconstrained_dofs(system))
+        if self.unsupported:
+            # Leave the failed factor to PETSc's garbage collector. Every rank must take part in its
+            # destruction, and on three ranks two were seen to wait for the third.
             del self._body
             free_petsc_garbage(self._contact.operator.comm)
 
     @cached_property
     def springs(self) -> JointSprings | None:
-        """Springs across the joints in statics of loose blocks, else None (collective)."""
-        return JointSprings(self._system) if self.loose else None
+        """Springs across the joints in statics of unsupported blocks, else None (collective)."""
+        return JointSprings(self._system) if self.unsupported else None
 
     @cached_property
     def matrix(self) -> EffectiveMatrix:
-        """The bulk, with these springs (collective when first asked for)."""
+        """Matrix of the bulk, including the springs (collective on first use)."""
         if self.springs is None:
             return self._body
         return EffectiveMatrix(
@@ -109,15 +109,15 @@ class Condensed:
 
     @cached_property
     def compliance(self) -> Compliance:
-        """G, scaled, made when first asked for (collective)."""
+        """Scaled compliance G, made on first use (collective)."""
         shared = self._system.shared
         if shared is None or self.springs is not None:
-            return self._made()
+            return self._new_compliance()
         key = ("compliance", self._effective, self._options.compliance)
-        made: Compliance = shared.once(key, self._made, Compliance.destroy)
+        made: Compliance = shared.once(key, self._new_compliance, Compliance.destroy)
         return made
 
-    def _made(self) -> Compliance:
+    def _new_compliance(self) -> Compliance:
         return Compliance(
             self.matrix,
             self._operator,
@@ -138,19 +138,19 @@ class Condensed:
 
     @cached_property
     def corrections(self) -> CompiledCorrections | KrylovCorrections:
-        """Solver of Newton's corrections (collective when first asked for)."""
+        """Solver of Newton's corrections (collective on first use)."""
         contact, comm = self._contact, self._operator.comm.tompi4py()
-        meets = contact.rigid and self._tied_twice()
-        if self.static or meets or not CompiledCorrections.serves(self.compliance):
+        rigid_points_meet = contact.rigid and self._rigid_points_meet()
+        if self.static or rigid_points_meet or not CompiledCorrections.serves(self.compliance):
             return KrylovCorrections(self.compliance, contact.rigid, comm)
-        stuck = self._stuck() if self._system.symmetric else None
+        stuck = self._sticking_tangent() if self._system.symmetric else None
         corrections = CompiledCorrections(self.compliance, stuck, comm)
         if self._restored:
             corrections.load_state_dict(self._restored)
         return corrections
 
-    def _tied_twice(self) -> bool:
-        """Whether a node is at several rigid points, which may then tie each other (collective)."""
+    def _rigid_points_meet(self) -> bool:
+        """Return True if rigid points share a node and may tie each other (collective)."""
         rigid = np.isinf(np.repeat(self._contact.closed_stiffness(), (1, 2), axis=1))
         squares = self._operator.copy()
         points, nodes = squares.createVecLeft(), squares.createVecRight()
@@ -158,39 +158,39 @@ class Condensed:
         squares.setValuesCSR(start, columns, values**2)
         squares.assemble()
         points.setArray(rigid.ravel().astype(float))
-        squares.multTranspose(points, nodes)  # of a node's direction the three rows of a point: 1
-        twice = bool(nodes.max()[1] > 1.5)
-        for each in (squares, points, nodes):
-            each.destroy()
-        return twice
+        squares.multTranspose(points, nodes)  # a point's rows add 1 per direction of a node
+        meet = bool(nodes.max()[1] > 1.5)
+        for temporary in (squares, points, nodes):
+            temporary.destroy()
+        return meet
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state that later corrections depend on, empty before the first."""
+        """Return the state of the corrections, empty before the first one."""
         if "corrections" not in self.__dict__:
             return dict(self._restored)
         return self.corrections.state_dict()
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Take up what another's ``state_dict`` gave, once corrections are asked for."""
+        """Store the ``state_dict`` of another object until the corrections are made."""
         self._restored = state_dict
 
-    def close(self, found: Solved) -> None:
+    def close_unresolved_openings(self, solved: Solved) -> None:
         """Set rigid-point openings below the step's resolution to zero (collective).
 
-        Where rigid joints meet, points that stick determine whether others are open: such an
-        opening would contradict them in later steps, by more the shorter these are.
+        Where rigid joints meet, sticking points determine whether other points are open. Such an
+        opening would contradict them in later steps, the more the shorter these steps are.
         """
         if not self._contact.rigid:
             return
         comm, compliance = self._contact.operator.comm, self.compliance
-        largest = comm.allreduce(float(np.abs(found.force).max(initial=0.0)), MPI.MAX)
-        resolved = limits.RIGID_OPENING * max(found.relative, limits.COMPRESSION) * largest
+        largest = comm.allreduce(float(np.abs(solved.force).max(initial=0.0)), MPI.MAX)
+        resolved = limits.RIGID_OPENING * max(solved.relative, limits.COMPRESSION) * largest
         rigid = np.isinf(self._contact.closed_stiffness()[:, 0]) & ~compliance.dead[:, 0]
-        gap = found.response.state.gap[:, 0]
+        gap = solved.response.state.gap[:, 0]
         gap[rigid & (gap > 0.0) & (gap <= resolved * compliance.scale[::3])] = 0.0
 
-    def _stuck(self) -> Floats:
-        """T0 of sticking points, shape (n, 3): c / (c + weight / k)."""
+    def _sticking_tangent(self) -> Floats:
+        """Return T0, the diagonal tangent c / (c + weight / k) of sticking points, shape (n, 3)."""
         contact = self._contact
         own = np.repeat(self.compliance.own, (1, 2), axis=1)
         stiffness = np.repeat(contact.closed_stiffness(), (1, 2), axis=1)
@@ -200,17 +200,17 @@ class Condensed:
         return np.where(self.compliance.dead, 0.0, ratio)
 
     def destroy(self) -> None:
-        """Free matrices and factor."""
+        """Free the matrices and the factor."""
         if isinstance(corrections := self.__dict__.get("corrections"), KrylovCorrections):
             corrections.free()
-        if "compliance" in self.__dict__ and self.matrix.rounds is None:
+        if "compliance" in self.__dict__ and self.matrix.scheduler is None:
             self.compliance.destroy()
-        if not self.loose or "matrix" in self.__dict__:
+        if not self.unsupported or "matrix" in self.__dict__:
             self.matrix.destroy()
 
 
 def _is_regular(matrix: EffectiveMatrix, unconstrained: PETSc.Vec) -> bool:
-    """Whether a matrix of statics is regular: no block that nothing but joints supports."""
+    """Return True if a static matrix is regular: no block is supported by joints alone."""
     load, moved = unconstrained.duplicate(), unconstrained.duplicate()
     load.setRandom()
     load.pointwiseMult(load, unconstrained)
@@ -218,7 +218,7 @@ def _is_regular(matrix: EffectiveMatrix, unconstrained: PETSc.Vec) -> bool:
         matrix.solve(load, moved)
     except JointsError:
         return False
-    rest = load.duplicate()
-    matrix.constrained.mult(moved, rest)
-    rest.axpy(-1.0, load)
-    return bool(rest.norm() <= limits.SUPPORTED_RESIDUAL * load.norm())
+    residual = load.duplicate()
+    matrix.constrained.mult(moved, residual)
+    residual.axpy(-1.0, load)
+    return bool(residual.norm() <= limits.SUPPORTED_RESIDUAL * load.norm())

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Newton's corrections of the joint forces, (I + T S) d = r, by compiled functions.
 
-S is kept in single precision, or compressed to a tolerance, inside the corrections; Newton's
-iteration removes the error. `compiled.corrections` has the two sets of points that a correction may
-work on; here is what they need between corrections.
+Inside the corrections S is in single precision, or compressed to a tolerance; Newton's iteration
+removes the error. The module `compiled.corrections` solves on one of two sets of points; this
+module keeps the data between corrections.
 """
 
 from __future__ import annotations
@@ -30,23 +30,23 @@ from dolfinx_joints.solvers.interface.compiled.products import (
     LowRank,
     kept_of,
     multiply_whole,
-    take,
+    store,
 )
 from dolfinx_joints.solvers.interface.compiled.ranks import lengths_of, ranks_of
 
 Floats = NDArray[np.float64]
 
-# Sets of points of which parts of S or W are kept: names in checkpoints, and in `Memory`.
+# Sets of points of which the parts of S or W are kept: name in checkpoints, name in `Memory`.
 SETS = {"kept": "active", "changed": "changed"}
 
 
 class Correction(NamedTuple):
-    """A correction of the scaled forces.
+    """Correction of the scaled forces.
 
     Attributes:
-        step: d, of the rank's unknowns, shape (m,).
+        step: d of the rank's unknowns, shape (m,).
         coupled: S d, shape (m,).
-        error: Largest error of S d.
+        error: Bound of the error of S d.
     """
 
     step: Floats
@@ -55,16 +55,16 @@ class Correction(NamedTuple):
 
 
 class CompiledCorrections:
-    """Solve for corrections with one compliance, and keep what later corrections can use.
+    """Solver of the corrections for one compliance, with data that later corrections can reuse.
 
     Args:
         compliance: S and its scale.
-        stuck: T0, the diagonal of the tangent of the rank's points where they stick, shape
-            (points, 3); None if the complement set cannot be used.
+        stuck: T0, the diagonal of the tangent of the rank's points where they stick, shape (points,
+            3); None if the complement set cannot be used.
         comm: Communicator of the ranks.
 
     Attributes:
-        rough: Error of products with S inside corrections, relative to them.
+        rough: Relative error of products with S inside corrections.
     """
 
     def __init__(self, compliance: Compliance, stuck: Floats | None, comm: Any) -> None:
@@ -96,7 +96,7 @@ class CompiledCorrections:
 
     @staticmethod
     def serves(compliance: Compliance) -> bool:
-        """Return True if S is kept and the compiled products can read it."""
+        """Return True if S is stored in a form that the compiled products can read."""
         return all(
             isinstance(s, RowMatrix) or (isinstance(s, Compressed) and s.matrix.symmetric)
             for s in (compliance.split, compliance.rough or compliance.split)
@@ -110,8 +110,8 @@ class CompiledCorrections:
         Args:
             residual: r, of the rank's unknowns, shape (m,).
             tangent: T, of the rank's points, shape (points, 3, 3).
-            least: Entries of r up to this size are left as they are.
-            tolerance: Of the residual, relative to r.
+            least: Entries of r up to this size are treated as zero.
+            tolerance: Largest residual of the correction, relative to r.
             couples: False if S d is not needed.
         """
         self._make_complement()
@@ -129,7 +129,7 @@ class CompiledCorrections:
         return out
 
     def _make_complement(self) -> None:
-        """Make W if it would have saved a quarter of its cost until now (collective)."""
+        """Compute W if it would have saved a quarter of its cost so far (collective)."""
         memory, split = self._memory, self._compliance.split
         cost = limits.COMPLEMENT_COST * float(split.size) ** 3
         if memory.has_complement or self._stuck is None or memory.avoidable[0] <= cost:
@@ -143,7 +143,7 @@ class CompiledCorrections:
         complement = (
             _columns_of(columns, True, self._comm, np.float32)
             if isinstance(self._inner, Dense)
-            else _blocks_of(self._compliance.roughly(columns), columns, self._comm)
+            else _blocks_of(self._compliance.compressed_roughly(columns), columns, self._comm)
         )
         changed = kept_of(split.local // 3, int(self._blocks[-1]), complement)
         self._memory = memory._replace(has_complement=True, complement=complement, changed=changed)
@@ -157,24 +157,24 @@ class CompiledCorrections:
         }
 
     def _numbers(self, name: str) -> NDArray[np.int64]:
-        """Return the numbers, of all ranks' points, of the rank's points in a set."""
+        """Return the global numbers of the rank's points in a set."""
         last = getattr(self._memory, SETS[name]).number[0]
         own: NDArray[np.int64] = getattr(self._memory, SETS[name]).points[:last]
         return own + self._blocks[self._comm.rank]
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Restore what another's ``state_dict`` gave (collective)."""
+        """Restore the ``state_dict`` of another object (collective)."""
         self._memory.avoidable[0] = state_dict["avoidable"]
         self._make_complement()
         if "kept" in state_dict:
-            kept = self._own_of(state_dict["kept"])
-            take(self._inner, self._memory.active, kept, len(kept))
+            kept = self._points_of_rank(state_dict["kept"])
+            store(self._inner, self._memory.active, kept, len(kept))
         if "changed" in state_dict and self._memory.has_complement:
-            changed = self._own_of(state_dict["changed"])
-            take(self._memory.complement, self._memory.changed, changed, len(changed))
+            changed = self._points_of_rank(state_dict["changed"])
+            store(self._memory.complement, self._memory.changed, changed, len(changed))
 
-    def _own_of(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return those of this rank among points that are dealt (collective)."""
+    def _points_of_rank(self, points: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the local numbers of this rank's points among distributed points (collective)."""
         own = sent_to(self._comm, rank_of(self._blocks, points), points)
         return own - self._blocks[self._comm.rank]
 
@@ -182,8 +182,8 @@ class CompiledCorrections:
 def _complement_of(whole: Floats, stuck: Floats, comm: Any) -> Floats | None:
     """Return the rank's columns of W = S (I + T0 S)^-1, shape (M, m) (collective).
 
-    None if I + T0 S is nearly singular: stiff joints that meet, more points than dofs. All of S is
-    on every rank, T0 of the rank's unknowns.
+    Return None if I + T0 S is nearly singular, as with stiff joints that meet and have more points
+    than dofs. Every rank has all of S, and T0 of its unknowns.
     """
     root = np.sqrt(Parts(len(stuck), comm).all_of(stuck))
     inner = root[:, None] * whole * root
@@ -203,9 +203,10 @@ def _complement_of(whole: Floats, stuck: Floats, comm: Any) -> Floats | None:
 
 
 def _forms_of(compliance: Compliance, comm: Any) -> tuple[Dense | LowRank, Dense | LowRank]:
-    """Return S, and S inside corrections, as the compiled functions take them (collective).
+    """Return S, and S inside corrections, in the form of the compiled functions (collective).
 
-    Runs that share a compliance share these, memory included: they iterate one after the other.
+    Runs that share a compliance share these forms, work arrays included: they do not iterate at the
+    same time.
     """
     if compliance.forms is None:
         split, rough = compliance.split, compliance.rough
@@ -223,15 +224,15 @@ def _forms_of(compliance: Compliance, comm: Any) -> tuple[Dense | LowRank, Dense
         else:
             assert isinstance(rough, Compressed)
             assert isinstance(split, RowMatrix | Compressed)
-            few = compliance.keeps_rows and split.size <= limits.LARGEST_WHOLE
-            inner = _blocks_of(rough, split.columns() if few else None, comm)
+            keeps_columns = compliance.keeps_rows and split.size <= limits.LARGEST_WHOLE
+            inner = _blocks_of(rough, split.columns() if keeps_columns else None, comm)
         compliance.forms = form, inner
     made: tuple[Dense | LowRank, Dense | LowRank] = compliance.forms
     return made
 
 
 def _columns_of(columns: Floats, symmetric: bool, comm: Any, dtype: type = np.float64) -> Dense:
-    """Return the form of the rank's columns of a dense S, shape (M, m) (collective)."""
+    """Return the compiled form of the rank's columns of a dense S, shape (M, m) (collective)."""
     size, local = columns.shape
     return Dense(
         ranks_of(comm),
@@ -245,7 +246,7 @@ def _columns_of(columns: Floats, symmetric: bool, comm: Any, dtype: type = np.fl
 
 
 def _blocks_of(split: Compressed, columns: Floats | None, comm: Any) -> LowRank:
-    """Return the form of a compressed S, with the rank's columns of it if given (collective)."""
+    """Return the compiled form of a compressed S, with the rank's columns if given (collective)."""
     own, (table, shares, lengths) = split.matrix.own, split.matrix.joined()
     return LowRank(
         ranks_of(comm),

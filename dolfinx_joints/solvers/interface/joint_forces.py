@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The joint forces of one step as a problem of Newton's method, which is semi-smooth on them."""
+"""The joint forces of one step as a problem of the semi-smooth Newton method."""
 
 from __future__ import annotations
 
@@ -20,56 +20,56 @@ Floats = NDArray[np.float64]
 
 
 class JointForces:
-    """The equation r(f) = 0 of a step.
+    """Equation r(f) = 0 of a step.
 
     Args:
         solver: Solver of the step.
         step: The step.
-        starts: Forces f and S f; the iteration starts from those with the smallest residual.
+        starts: Candidate starts, f and S f; the one with the smallest residual is used.
     """
 
     def __init__(
         self, solver: StepSolver, step: JointStep, starts: Sequence[tuple[Floats, Floats]]
     ) -> None:
-        """Choose the tolerances."""
+        """Set the target residual and the forcing term of the first correction."""
         self._solver, self._step, self._starts = solver, step, starts
         condensed, self._tolerance = step.condensed, solver.options.relative_tolerance
         self._corrections = condensed.corrections
-        self._enough, self._inner = limits.END_OF_STEPS * self._tolerance, limits.JOINT_FORCING
+        self._target, self._forcing = limits.END_OF_STEPS * self._tolerance, limits.JOINT_FORCING
         if condensed.static:
-            self._enough = limits.END_OF_STATICS if condensed.springs is None else limits.BALANCED
-            self._inner = limits.STATIC_FORCING
+            self._target = limits.END_OF_STATICS if condensed.springs is None else limits.BALANCED
+            self._forcing = limits.STATIC_FORCING
 
     def start(self) -> Iterate:
         """Return the iterate of the best start (collective)."""
-        tried = [self._step.evaluate(*start) for start in self._starts]
-        return min(tried, key=lambda each: each.norm)
+        iterates = [self._step.evaluate(*start) for start in self._starts]
+        return min(iterates, key=lambda iterate: iterate.norm)
 
     def accepted(self, at: Iterate) -> Iterate:
-        """Return the iterate with S f as exact as its residual needs (collective)."""
-        if at.error > max(limits.STALE * at.worst, self._little(at)):
+        """Return the iterate, with S f recomputed if its error matters (collective)."""
+        if at.error > max(limits.STALE * at.worst, self._negligible_error(at)):
             at = self._step.evaluate(at.force, self._corrections.product(at.force))
         if at.worst and not at.largest:
-            # The laws give no force at all: without any, nothing is left of rounding either.
-            nothing = np.zeros_like(at.force)
-            at = min(at, self._step.evaluate(nothing, nothing), key=lambda each: each.norm)
+            # The laws give no forces: with f = 0 the residual has no rounding error either.
+            zero = np.zeros_like(at.force)
+            at = min(at, self._step.evaluate(zero, zero), key=lambda iterate: iterate.norm)
         return at
 
     def solved(self, at: Iterate, before: Iterate | None, *, last: bool) -> bool:
-        """Return True if the residual is small, or accepted and no longer falls."""
+        """Return True if the residual is below the target, or accepted and no longer falling."""
         relative, accepted = self._step.judged(at, self._tolerance)
         ends = last or (before is not None and at.worst >= limits.STALLED * before.worst)
-        return relative <= self._enough or (relative <= accepted and ends)
+        return relative <= self._target or (relative <= accepted and ends)
 
     def correction(self, at: Iterate, before: Iterate | None) -> Correction:
         """Return Newton's correction of f (collective)."""
         relative, size = self.relative(at), at.worst
         fallen = 1.0 if before is None else size / before.worst
-        tolerance = forcing(self._inner, fallen, self._enough / relative)
-        # Entries of r that are already converged are left out: they cost no product.
-        least = limits.CONVERGED_ENTRIES * self._enough * at.scale
+        tolerance = forcing(self._forcing, fallen, self._target / relative)
+        # Drop entries of r that are already converged, so that they cost no product.
+        least = limits.CONVERGED_ENTRIES * self._target * at.scale
         error = at.error + self._corrections.rough * size
-        exactly = error > max(limits.STALE_NEXT * relative * size, self._little(at))
+        exactly = error > max(limits.STALE_NEXT * relative * size, self._negligible_error(at))
         correction = self._corrections.solve(
             at.residual, at.tangent, least, tolerance, couples=not exactly
         )
@@ -79,7 +79,7 @@ class JointForces:
         return correction
 
     def trial(self, at: Iterate, correction: Correction, share: float) -> Iterate:
-        """Return the iterate that a share of a correction leads to (collective)."""
+        """Return the iterate after subtracting a share of a correction (collective)."""
         return self._step.evaluate(
             at.force - share * correction.step,
             at.coupled - share * correction.coupled,
@@ -88,16 +88,16 @@ class JointForces:
 
     def failure(self, at: Iterate, before: Iterate | None, iterations: int) -> ConvergenceError:
         """Return the error of an iteration that did not converge (collective)."""
-        # A tangent that is not finite shows in the iterate after the one that has it.
-        tried = [self._step.response(each) for each in (at, before or at)]
-        spoilt = (each for each in tried if self._step.contact.not_finite(each))
-        response = next(spoilt, tried[0])
+        # A tangent that is not finite shows only in the next iterate, so check both.
+        responses = [self._step.response(iterate) for iterate in (at, before or at)]
+        not_finite = (item for item in responses if self._step.contact.not_finite(item))
+        response = next(not_finite, responses[0])
         return self._solver.failure(response, self._step.state, iterations, self.relative(at))
 
     def relative(self, at: Iterate) -> float:
         """Return the residual relative to the largest force."""
         return self._step.judged(at, self._tolerance)[0]
 
-    def _little(self, at: Iterate) -> float:
-        """Return the error of S f that is negligible."""
-        return limits.NEGLIGIBLE * self._enough * (at.largest or at.worst)
+    def _negligible_error(self, at: Iterate) -> float:
+        """Return the largest error of S f that is negligible."""
+        return limits.NEGLIGIBLE * self._target * (at.largest or at.worst)

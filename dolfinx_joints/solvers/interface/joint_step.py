@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Joint forces of one step: residual r(f), tangent, and what rounding leaves of both."""
+"""Equation of the joint forces of one step: residual r(f), tangent, and their rounding errors."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ Floats = NDArray[np.float64]
 
 
 class Iterate(NamedTuple):
-    """Scaled forces of the rank's points with what follows from them.
+    """Scaled forces of the rank's points and the values that follow from them.
 
     Attributes:
         force: f, shape (m,).
         coupled: S f.
-        error: Largest error of S f.
+        error: Bound of the error of S f.
         residual: r.
         tangent: T, shape (points, 3, 3).
-        answers: Of the laws.
-        largest: Largest scaled force that the laws give, of all ranks.
-        norm: 2-norm of r, of all ranks.
-        worst: Largest |r|, of all ranks.
-        reach: Largest scaled gap that forces follow from, of all ranks.
-        size: Largest |f| plus the largest |S f| of all ranks.
+        answers: Response of the laws.
+        largest: Largest scaled force of the laws, over all ranks.
+        norm: 2-norm of r, over all ranks.
+        worst: Largest |r|, over all ranks.
+        reach: Largest scaled gap that affects the forces, over all ranks.
+        size: Largest |f| plus largest |S f|, over all ranks.
     """
 
     force: Floats
@@ -52,19 +52,19 @@ class Iterate(NamedTuple):
 
     @property
     def scale(self) -> float:
-        """Largest force, which residuals are relative to."""
+        """Force to which residuals are relative, usually the largest one."""
         return self.largest or self.worst or 1.0
 
 
 class JointStep:
-    """The residual r(f) of one step.
+    """Residual r(f) of one step.
 
     Args:
         contact: The joints.
         condensed: The system condensed onto them.
         free_gap: Gap without joint forces, shape (n, 3), [m].
         state: State at the start of the step.
-        rule: How the laws are evaluated.
+        rule: Rule by which the laws are evaluated.
 
     Attributes:
         condensed: The same.
@@ -89,9 +89,9 @@ class JointStep:
             own = springs.compliance_without(own)
         self._laws = contact.condensed_step(own, state, rule)
         self._scale, self._root = condensed.scale, condensed.root
-        passed = np.maximum(np.abs(free_gap), np.abs(state.gap)).ravel()
-        self._passed = passed / condensed.compliance.scale
-        self._largest_passed = float(self._passed.max(initial=0.0))
+        gap_sizes = np.maximum(np.abs(free_gap), np.abs(state.gap)).ravel()
+        self._gap_sizes = gap_sizes / condensed.compliance.scale
+        self._largest_gap = float(self._gap_sizes.max(initial=0.0))
 
     def at_free_gap(self, free_gap: Floats) -> JointStep:
         """Return the same step from another free gap, shape (n, 3), [m] (collective)."""
@@ -102,31 +102,31 @@ class JointStep:
         return self._laws.response(at.answers)
 
     def judged(self, at: Iterate, tolerance: float) -> tuple[float, float]:
-        """Return the residual to be judged and the largest that is accepted.
+        """Return the residual to be compared with the tolerance, and the largest accepted residual.
 
         Both and the tolerance are relative to the largest force.
         """
         scale = at.scale
         relative, rounding = at.worst / scale, self.rounding(at) / scale
         if self.condensed.springs is None:
-            # A point that closes just at the end of the step carries a force dominated by rounding.
+            # A point that closes as the step ends carries mostly rounding error: accept more.
             most = limits.LARGEST_ROUNDING if rounding < 1.0 else limits.LARGEST_CONTACT_ROUNDING
             return relative, max(tolerance, min(rounding, most))
         accepted = max(tolerance, min(rounding, limits.LARGEST_SPRING_ROUNDING))
-        # The artificial spring forces on a mechanism dominate the joint forces.
+        # On a mechanism spring forces dominate: take their rounding error as the residual.
         return (max(relative, rounding) if rounding > accepted else relative), accepted
 
     def is_balanced(self, at: Iterate) -> bool:
-        """Return True if rounding alone is left, and unsupported blocks have not moved far."""
+        """Return True if only rounding error is left and unsupported blocks have not moved far."""
         return max(at.worst, self.rounding(at)) <= limits.BALANCED * at.largest
 
     @staticmethod
     def rounding(at: Iterate) -> float:
-        """Return the scaled force that rounding of the gaps may leave."""
+        """Return the scaled force that rounding errors of the gaps may cause."""
         return limits.GAP_ROUNDING * (at.reach + at.size)
 
     def forces(self, traction: Floats) -> Floats:
-        """Return the scaled forces of tractions of shape (n, 3), zero where no point can move."""
+        """Return the scaled forces of tractions (n, 3), zero in directions without motion."""
         return self._root * traction.ravel()
 
     def evaluate(self, force: Floats, coupled: Floats, error: float = 0.0) -> Iterate:
@@ -141,17 +141,17 @@ class JointStep:
         traction, tangent = answers.traction, answers.tangent
         if springs is not None:
             gap = self._laws.response(answers).state.gap
-            traction, tangent = springs.taken_off(
+            traction, tangent = springs.traction_without(
                 traction, tangent, gap, self.condensed.compliance.own, self.state.gap
             )
         residual, scaled, sizes = _residual(
             force, coupled, answers.traction, traction, tangent, self._scale, self._root
         )
-        sizes[5] = self._largest_passed if springs is None else self._felt(scaled, springs)
+        sizes[5] = self._largest_gap if springs is None else self._active_gap(scaled, springs)
         if self._comm.size > 1:
-            every = of_ranks(self._comm, sizes)
-            sizes = every.max(axis=0)
-            sizes[4] = every[:, 4].sum()
+            by_rank = of_ranks(self._comm, sizes)
+            sizes = by_rank.max(axis=0)
+            sizes[4] = by_rank[:, 4].sum()
         largest, worst, forces, gaps, square, reach = sizes.tolist()
         return Iterate(
             force=force,
@@ -167,14 +167,14 @@ class JointStep:
             size=forces + gaps,
         )
 
-    def _felt(self, tangent: Floats, springs: JointSprings) -> float:
-        """Return the largest scaled gap that forces follow from.
+    def _active_gap(self, tangent: Floats, springs: JointSprings) -> float:
+        """Return the largest scaled gap that affects the forces.
 
-        Soft joints of unsupported blocks may move far, but only a part of it becomes a force.
+        Soft joints of unsupported blocks may move far, but only part of the gap causes a force.
         """
         share = np.repeat(springs.stiffness * self.condensed.compliance.own, (1, 2), axis=1)
-        felt = np.minimum(np.maximum(np.abs(tangent).max(axis=1), share), 1.0)
-        return float((felt.ravel() * self._passed).max(initial=0.0))
+        active_share = np.minimum(np.maximum(np.abs(tangent).max(axis=1), share), 1.0)
+        return float((active_share.ravel() * self._gap_sizes).max(initial=0.0))
 
 
 @njit(cache=True)
@@ -187,21 +187,21 @@ def _residual(
     scale: Floats,
     root: Floats,
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the scaled residual and tangent, which are zero where a point cannot move, and sizes.
+    """Return the scaled residual and tangent, zero where a point cannot move, and their sizes.
 
-    Sizes are the largest force of the laws, largest |r|, |f| and |S f|, and the square of |r|; the
-    last entry is left free. They are NaN if r is.
+    The sizes are the largest force of the laws, the largest |r|, |f| and |S f|, and the square of
+    |r|. They are NaN if r is. The last entry is left to the caller.
     """
     residual, scaled, sizes = np.zeros_like(force), np.empty_like(tangent), np.zeros(6)
     for i in range(len(tangent)):
         for a in range(3):
             k = 3 * i + a
-            left = force[k] - root[k] * traction[i, a] if root[k] > 0.0 else 0.0
-            residual[k] = left
+            difference = force[k] - root[k] * traction[i, a] if root[k] > 0.0 else 0.0
+            residual[k] = difference
             sizes[0] = max(sizes[0], abs(root[k] * carried[i, a]))
-            sizes[1] = max(sizes[1], abs(left))
+            sizes[1] = max(sizes[1], abs(difference))
             sizes[2], sizes[3] = max(sizes[2], abs(force[k])), max(sizes[3], abs(coupled[k]))
-            sizes[4] += left * left
+            sizes[4] += difference * difference
             for b in range(3):
                 scaled[i, a, b] = root[k] * tangent[i, a, b] * scale[3 * i + b]
     if not sizes[4] >= 0.0:

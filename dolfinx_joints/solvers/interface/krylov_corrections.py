@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Newton's corrections of the joint forces, (I + T S) d = r, by PETSc's GMRES.
 
-For the cases that the compiled corrections do not take: S that is not kept, or not symmetric and
-compressed; statics, whose corrections must be accurate; and rigid joints that meet, whose sticking
-points tie each other.
+Used if S is not stored, or compressed and not symmetric; in statics, whose corrections must be
+accurate; and if rigid joints meet, whose sticking points tie each other.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ Floats = NDArray[np.float64]
 
 
 class KrylovCorrections:
-    """Solve for corrections with products with S alone.
+    """Solver of the corrections by products with S.
 
     Args:
         compliance: S and its scale.
@@ -34,7 +33,7 @@ class KrylovCorrections:
         comm: Communicator of the ranks.
     """
 
-    rough = 0.0  # error of S d, relative to it
+    rough = 0.0  # relative error of S d
 
     def __init__(self, compliance: Compliance, rigid: bool, comm: Any) -> None:
         """Set up the solver (collective)."""
@@ -43,7 +42,7 @@ class KrylovCorrections:
         if compliance.rough is not None and not isinstance(compliance.split, RowMatrix):
             self._inner, self._finest = compliance.rough, limits.FINEST_COMPRESSED
         self._diagonal = 1.0 + limits.RIGID_DAMPING * rigid
-        self._every = np.arange(self._split.local)
+        self._all_rows = np.arange(self._split.local)
         sizes = (self._split.local, self._split.size)
         self._matrix = PETSc.Mat().createPython((sizes, sizes), self, comm=comm)
         self._solver = PETSc.KSP().create(comm)
@@ -53,25 +52,25 @@ class KrylovCorrections:
         self._solver.setGMRESRestart(limits.MOST_PRODUCTS)
         self._solver.getPC().setType(PETSc.PC.Type.NONE)
         self._solver.setFromOptions()
-        self._right, self._found = self._matrix.createVecs()
+        self._right_hand_side, self._solution = self._matrix.createVecs()
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Write (I + T S) x to y (collective)."""
         values = x.getArray(readonly=True)
-        coupled = self._inner.product(values, self._every)
-        y.setArray(self._diagonal * values + _turned(self._tangent, coupled))
+        coupled = self._inner.product(values, self._all_rows)
+        y.setArray(self._diagonal * values + _times_blocks(self._tangent, coupled))
 
     def solve(
         self, residual: Floats, tangent: Floats, least: float, tolerance: float, *, couples: bool
     ) -> Correction:
         """Solve (I + T S) d = r; see `CompiledCorrections.solve` (collective)."""
         self._tangent = tangent
-        self._right.setArray(np.where(np.abs(residual) > least, residual, 0.0))
+        self._right_hand_side.setArray(np.where(np.abs(residual) > least, residual, 0.0))
         most = min(limits.MOST_PRODUCTS, self._split.size)
         rtol = max(tolerance, self._finest)
         self._solver.setTolerances(rtol=rtol, atol=0.0, divtol=np.inf, max_it=most)
-        self._solver.solve(self._right, self._found)
-        step = self._found.getArray().copy()
+        self._solver.solve(self._right_hand_side, self._solution)
+        step = self._solution.getArray().copy()
         return Correction(step, self.product(step), 0.0)
 
     def product(self, values: Floats) -> Floats:
@@ -79,21 +78,21 @@ class KrylovCorrections:
         return self._split.product(values, np.flatnonzero(values))
 
     def state_dict(self) -> dict[str, Any]:
-        """Return nothing: corrections do not depend on earlier ones."""
+        """Return an empty state: corrections do not depend on earlier ones."""
         return {}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Restore nothing."""
+        """Do nothing: there is no state."""
 
     def free(self) -> None:
         """Free the solver (collective)."""
-        for each in (self._solver, self._matrix, self._right, self._found):
-            each.destroy()
+        for owned in (self._solver, self._matrix, self._right_hand_side, self._solution):
+            owned.destroy()
 
 
 @njit(cache=True)
-def _turned(tangent: Floats, values: Floats) -> Floats:
-    """Blocks (n, 3, 3) times a vector (3 n,)."""
+def _times_blocks(tangent: Floats, values: Floats) -> Floats:
+    """Return blocks (n, 3, 3) times a vector (3 n,)."""
     out = np.empty_like(values)
     for i in range(len(tangent)):
         t, a, b, c = tangent[i], values[3 * i], values[3 * i + 1], values[3 * i + 2]

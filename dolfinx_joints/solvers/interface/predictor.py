@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Forces that a static increment starts from, so that it stays on its branch of equilibria."""
+"""Elastic predictor: forces from which a static increment stays on its branch of equilibria."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ class AcceptedForces:
     """
 
     def __init__(self) -> None:
-        """Start without any."""
+        """Start without any forces."""
         self._traction: Floats | None = None
         self._solved: tuple[Floats, Floats, Floats] | None = None
         self._forces: list[tuple[Floats, Floats]] = []
 
     def solved(self, traction: Floats, force: Floats, coupled: Floats) -> None:
-        """Keep the tractions (n, 3) [Pa], f and S f of a solve that may be accepted."""
+        """Store the tractions (n, 3) [Pa], f and S f of a solve that may be accepted."""
         self._solved = traction, force, coupled
 
     def start(self, step: JointStep, traction: Floats) -> tuple[Floats, Floats]:
         """Return forces f and S f to start a step with (collective).
 
-        They are on the line through the last two accepted forces if these are close to a solution,
-        else those of the elastic predictor.
+        They are on the line through the last two accepted forces if the residual there is small,
+        else they are those of the elastic predictor.
 
         Args:
             step: The static increment.
@@ -58,12 +58,12 @@ class AcceptedForces:
 def elastic_predictor(step: JointStep, traction: Floats) -> tuple[Floats, Floats]:
     """Return the scaled forces f of the elastic predictor and S f (collective).
 
-    The laws are linearised at the accepted state, where the joints carry f0 and their gap is that
-    of the state. With h0 the trial gaps of the laws there and T the tangent,
+    The laws are linearised at the accepted state, where the joints carry f0 at the gap of the
+    state. With h0 the trial gaps of the laws at this state and T the tangent,
 
         f = f0 + T (h(f) - h0)   with   h(f) = h_trial - S f.                               (28e)
 
-    Newton's method from f stays on the branch of equilibria that the state is on.
+    Newton's method from f stays on the branch of equilibria of the state.
 
     Args:
         step: The static increment.
@@ -73,19 +73,19 @@ def elastic_predictor(step: JointStep, traction: Floats) -> tuple[Floats, Floats
     force = step.forces(traction)
     coupled = condensed.corrections.product(force)
     own = np.repeat(compliance.own, (1, 2), axis=1)
-    here = step.state.gap + own * traction + (compliance.scale * coupled).reshape(-1, 3)
-    tangent = step.at_free_gap(here).evaluate(force, coupled).tangent
-    change = ((step.free_gap - here).ravel() / compliance.scale).reshape(-1, 3)
-    right = -np.einsum("nij,nj->ni", tangent, change).ravel()
+    trial_gap = step.state.gap + own * traction + (compliance.scale * coupled).reshape(-1, 3)
+    tangent = step.at_free_gap(trial_gap).evaluate(force, coupled).tangent
+    change = ((step.free_gap - trial_gap).ravel() / compliance.scale).reshape(-1, 3)
+    right_hand_side = -np.einsum("nij,nj->ni", tangent, change).ravel()
     tolerance = limits.STATIC_FORCING
-    correction = condensed.corrections.solve(right, tangent, 0.0, tolerance, couples=True)
+    correction = condensed.corrections.solve(right_hand_side, tangent, 0.0, tolerance, couples=True)
     return force - correction.step, coupled - correction.coupled
 
 
 def tractions_of(contact: Contact, state: JointState, given: Floats | None) -> Floats:
     """Return the tractions of a state, shape (n, 3), [Pa] (collective).
 
-    They follow from its gaps unless given; those of rigid joints are then zero.
+    They are ``given``, or follow from the gaps; with rigid joints they are zero unless given.
     """
     if given is not None:
         return given

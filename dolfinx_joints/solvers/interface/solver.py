@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The algebraic step condensed onto the joints: factor the bulk once, iterate on the joints only.
 
-With A factored, the joint gaps follow from the joint forces, g = g_free - G F, where G = B A^-1
-B^T is the compliance (Delassus) matrix and F = w t. Each step is one response without joints, an
-iteration on F alone, and one expansion. F solves
+With A factored, joint forces F = w t give the joint gaps g = g_free - G F. The compliance
+(Delassus) matrix is G = B A^-1 B^T. A step takes one response without joint forces, an iteration on
+F alone, and one solve for the displacements due to F. F solves
 
-    r(F) = F - w Res(g_free - G F + diag(G) F) = 0,
+    r(F) = F - w Res(g_free - G F + diag(G) F) = 0.
 
-Res being the law solved at each point on the point's own compliance: closed and regular however
-stiff the joint is. The semi-smooth Newton matrix is I + w T (G - diag G) with T = dRes/dh. All of
-it is done in the scaled forces f and gaps of `compliance`.
+Res is the law solved at each point on the point's own compliance: in closed form, and regular
+however stiff the joint is. The semi-smooth Newton matrix is I + w T (G - diag G) with T = dRes/dh.
+The iteration works on the scaled forces f and gaps of `compliance`.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ Floats = NDArray[np.float64]
 
 
 class InterfaceSolver(StepSolver):
-    """Semi-smooth Newton on the joint forces.
+    """Solver of a step on the joint forces alone, by a semi-smooth Newton method.
 
     The result equals that of `NewtonSolver`. The compliance matrix is computed once per set of
     coefficients and takes one back-substitution per joint unknown. Each step then takes two
@@ -65,13 +65,13 @@ class InterfaceSolver(StepSolver):
         options: Tolerances and limits.
 
     Attributes:
-        carried: Tractions of the accepted state that static solves start from, shape (n, 3), [Pa].
-            Those of its gaps unless given; rigid joints, whose tractions do not follow from gaps,
-            start without.
+        carried: Tractions of the accepted state from which static solves start, shape (n, 3), [Pa].
+            If None, they follow from the gaps of the state, and are zero with rigid joints, whose
+            tractions do not follow from gaps.
     """
 
     def __init__(self, system: MatrixSystem, options: SolverOptions | None = None) -> None:
-        """Constrain B (collective)."""
+        """Constrain B, and prepare the cache of condensed systems (collective)."""
         self.system = system
         self.name = "condensed"
         self.options = options or SolverOptions()
@@ -82,12 +82,12 @@ class InterfaceSolver(StepSolver):
         size, local = self._operator.getSize()[0], self._operator.getLocalSize()[0]
         self._points = self._operator.createVecLeft()
         self._nodal, self._moved = (self._operator.createVecRight() for _ in range(2))
-        nothing = np.zeros(local)
+        zero = np.zeros(local)
         self.carried: Floats | None = None
         self._accepted = AcceptedForces()
-        self._last: tuple[Condensed | None, Floats, Floats] = (None, nothing, nothing)
+        self._last: tuple[Condensed | None, Floats, Floats] = (None, zero, zero)
         self._before: tuple[Condensed | None, Floats, Floats] = self._last
-        operator, chosen = self._operator, self.options  # a reference to self would keep it alive
+        operator, chosen = self._operator, self.options  # capturing self would create a cycle
         fitting = limits.KEPT_BYTES // (8 * size**2 or 1)
         self._condensed = Cache(
             lambda key: Condensed(system, key[0], operator, key[1], chosen),
@@ -106,51 +106,51 @@ class InterfaceSolver(StepSolver):
         free_gap = state.gap + self._contact.operator.jump(x)
         step = JointStep(self._contact, condensed, free_gap, state, rule)
         if condensed.static:
-            found = self._static(step, b, x)
+            solved = self._static(step, b, x)
         else:
-            found = self._iterate(step, self._starts(condensed))
-            self._expand_all(condensed, found.force, x)
-        condensed.close(found)
-        return found.response, SolveReport(
-            iterations=found.iterations,
+            solved = self._iterate(step, self._starts(condensed))
+            self._set_forces(condensed, solved.force, x)
+        condensed.close_unresolved_openings(solved)
+        return solved.response, SolveReport(
+            iterations=solved.iterations,
             factorizations=int(factored),
-            residual=found.relative,
-            counts=self._contact.counts(found.response.status),
+            residual=solved.relative,
+            counts=self._contact.counts(solved.response.status),
             solver=self.name,
         )
 
     def _static(self, step: JointStep, b: PETSc.Vec, x: PETSc.Vec) -> Solved:
-        """Return the joint forces of a static step, and add what they cause to x (collective)."""
+        """Return the joint forces of a static step; add their displacements to x (collective)."""
         condensed = step.condensed
         if self.follows_path:
             traction = tractions_of(self._contact, step.state, self.carried)
             starts = [self._accepted.start(step, traction)]
         else:
-            nothing = np.zeros(condensed.compliance.split.local)
-            starts = [*self._starts(condensed), (nothing, nothing)]
-        found = self._iterate(step, starts)
-        self._expand_all(condensed, found.force, x)
+            zero = np.zeros(condensed.compliance.split.local)
+            starts = [*self._starts(condensed), (zero, zero)]
+        solved = self._iterate(step, starts)
+        self._set_forces(condensed, solved.force, x)
         for _ in range(limits.REFINEMENTS):
-            # Start from the gaps of the body: stiff joints turn their rounding errors to forces.
+            # Start from the gaps of the body: stiff joints turn their rounding errors into forces.
             if condensed.springs is not None:
-                self._balance(condensed, b, x)
+                self._refine_displacement(condensed, b, x)
             start = self._last[1:]
             if condensed.springs is not None and step.is_balanced(at := step.evaluate(*start)):
                 response, relative = step.response(at), at.worst / (at.largest or 1.0)
-                found = replace(found, response=response, relative=relative)
+                solved = replace(solved, response=response, relative=relative)
                 break
-            more = self._iterate(step, [start])
-            found = replace(more, iterations=found.iterations + more.iterations)
-            if more.iterations == 0:
+            refined = self._iterate(step, [start])
+            solved = replace(refined, iterations=solved.iterations + refined.iterations)
+            if refined.iterations == 0:
                 break
-            moved = found.force - self._last[1]
-            self._expand(condensed, found.force, x)
+            force_change = solved.force - self._last[1]
+            self._change_forces(condensed, solved.force, x)
         else:
-            if condensed.springs is not None and not self._settled(moved):
-                raise self.failure(found.response, step.state, found.iterations, found.relative)
+            if condensed.springs is not None and not self._is_settled(force_change):
+                raise self.failure(solved.response, step.state, solved.iterations, solved.relative)
         if self.follows_path:
-            self._accepted.solved(found.response.traction, *self._last[1:])
-        return found
+            self._accepted.solved(solved.response.traction, *self._last[1:])
+        return solved
 
     def _iterate(self, step: JointStep, starts: Sequence[tuple[Floats, Floats]]) -> Solved:
         """Return the joint forces of a step from the best of the starts (collective).
@@ -167,17 +167,14 @@ class InterfaceSolver(StepSolver):
             relative=problem.relative(at),
         )
 
-    def _settled(self, moved: Floats) -> bool:
-        """Whether forces changed little: those of a block that nothing holds go on (collective)."""
-        sizes = [np.abs(each).max(initial=0.0) for each in (moved, self._last[1])]
-        most, largest = of_ranks(self._contact.operator.comm, np.array(sizes)).max(axis=0)
-        return bool(most <= limits.SETTLED * largest)
+    def _is_settled(self, force_change: Floats) -> bool:
+        """Return True if forces changed little, unlike those of unsupported blocks (collective)."""
+        sizes = [np.abs(force).max(initial=0.0) for force in (force_change, self._last[1])]
+        largest_change, largest = of_ranks(self._contact.operator.comm, np.array(sizes)).max(axis=0)
+        return bool(largest_change <= limits.SETTLED * largest)
 
     def state_dict(self) -> dict[str, Any]:
-        """State that the next steps start from: matrices, forces of the last step and before.
-
-        (Collective.)
-        """
+        """Return the matrices, and the forces of the last two steps to start from (collective)."""
         comm, kept = self._contact.operator.comm, self._condensed.items()
         matrices = {
             str(i): {**asdict(key[0]), "weight": key[1], "corrections": condensed.state_dict()}
@@ -185,7 +182,7 @@ class InterfaceSolver(StepSolver):
         }
         objects = [condensed for _, condensed in kept]
         starts = ("last", self._last), ("before", self._before)
-        known = {
+        forces = {
             name: {
                 "matrix": objects.index(condensed) if condensed in objects else None,
                 "force": Dealt(comm, force.reshape(-1, 3)),
@@ -193,56 +190,56 @@ class InterfaceSolver(StepSolver):
             }
             for name, (condensed, force, coupled) in starts
         }
-        return {"matrices": matrices, **known}
+        return {"matrices": matrices, **forces}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Go on from what another's ``state_dict`` gave (collective)."""
+        """Restore the ``state_dict`` of another solver of the same system (collective)."""
         kept = []
         for i in range(len(state_dict["matrices"])):
-            one = state_dict["matrices"][str(i)]
+            entry = state_dict["matrices"][str(i)]
             effective = MatrixCoefficients(
-                mass=one["mass"],
-                damping=one["damping"],
-                stiffness=one["stiffness"],
-                exact_modes=one.get("exact_modes", 0),
+                mass=entry["mass"],
+                damping=entry["damping"],
+                stiffness=entry["stiffness"],
+                exact_modes=entry.get("exact_modes", 0),
             )
-            kept.append(self._condensed((effective, one["weight"])))
-            kept[-1].load_state_dict(one["corrections"])
+            kept.append(self._condensed((effective, entry["weight"])))
+            kept[-1].load_state_dict(entry["corrections"])
 
         def start(name: str) -> tuple[Condensed | None, Floats, Floats]:
-            known = state_dict[name]["matrix"]
-            found = None if known is None else kept[known]
+            number = state_dict[name]["matrix"]
+            condensed = None if number is None else kept[number]
             force, coupled = (state_dict[name][part].ravel() for part in ("force", "coupled"))
-            return found, force, coupled
+            return condensed, force, coupled
 
         self._last, self._before = start("last"), start("before")
 
     def _starts(self, condensed: Condensed) -> list[tuple[Floats, Floats]]:
-        """Forces of the last step, and on the line through the last two, each with S f."""
-        known, force, coupled = self._last
-        if known is not condensed:
-            if known is not None:
-                force = force / known.compliance.scale * condensed.compliance.scale
+        """Return the last forces and those on the line through the last two, each with S f."""
+        last_condensed, force, coupled = self._last
+        if last_condensed is not condensed:
+            if last_condensed is not None:
+                force = force / last_condensed.compliance.scale * condensed.compliance.scale
             coupled = condensed.corrections.product(force)
             return [(force, coupled)]
         before, self._before = self._before, self._last
-        if before[0] is not known:
+        if before[0] is not last_condensed:
             return [(force, coupled)]
         return [(force, coupled), (2.0 * force - before[1], 2.0 * coupled - before[2])]
 
-    def _expand_all(self, condensed: Condensed, force: Floats, x: PETSc.Vec) -> None:
-        """Add the displacements that the joint forces cause (collective)."""
-        nothing = np.zeros_like(force)
-        self._last = (condensed, nothing, nothing)
-        self._expand(condensed, force, x)
+    def _set_forces(self, condensed: Condensed, force: Floats, x: PETSc.Vec) -> None:
+        """Add the displacements due to the joint forces to x, -A^-1 B^T F (collective)."""
+        zero = np.zeros_like(force)
+        self._last = (condensed, zero, zero)
+        self._change_forces(condensed, force, x)
 
-    def _expand(self, condensed: Condensed, force: Floats, x: PETSc.Vec) -> None:
-        """Add the displacements that a change of the joint forces causes, -A^-1 B^T F.
+    def _change_forces(self, condensed: Condensed, force: Floats, x: PETSc.Vec) -> None:
+        """Add the displacements due to a change of the joint forces to x (collective).
 
-        The gaps they cause give S f without the rounding of the iteration's sums.
+        Their gaps give S f without the rounding errors accumulated in the iteration.
         """
-        _, known, coupled = self._last
-        scale, change = condensed.compliance.scale, force - known
+        _, last_force, coupled = self._last
+        scale, change = condensed.compliance.scale, force - last_force
         self._points.setArray(change / scale)
         self._operator.multTranspose(self._points, self._nodal)
         condensed.matrix.solve(self._nodal, self._moved)
@@ -252,20 +249,21 @@ class InterfaceSolver(StepSolver):
         x.axpy(-1.0, self._moved)
         self._operator.mult(self._moved, self._points)
         gaps = self._points.getArray(readonly=True)
-        caused = np.where(condensed.compliance.dead.ravel(), 0.0, gaps / scale - change)
-        self._last = (condensed, force, coupled + caused)
+        coupled_change = np.where(condensed.compliance.dead.ravel(), 0.0, gaps / scale - change)
+        self._last = (condensed, force, coupled + coupled_change)
 
-    def _balance(self, condensed: Condensed, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Correct x for what rounding left of equilibrium (collective).
+    def _refine_displacement(self, condensed: Condensed, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Refine x by a solve for the residual of equilibrium (collective).
 
-        Loose blocks on soft springs move far without joint forces, and these bring them back.
+        Without joint forces, unsupported blocks move far on soft springs, and the joint forces move
+        them back: the sum of both has a large rounding error.
         """
         _, force, coupled = self._last
-        scale, right = condensed.compliance.scale, b.copy()
+        scale, right_hand_side = condensed.compliance.scale, b.copy()
         self._points.setArray(force / scale)
         self._operator.multTranspose(self._points, self._nodal)
-        right.axpy(-1.0, self._nodal)
-        change = condensed.matrix.refine(right, x, self._unconstrained)
+        right_hand_side.axpy(-1.0, self._nodal)
+        change = condensed.matrix.refine(right_hand_side, x, self._unconstrained)
         self._operator.mult(change, self._points)
         gaps = self._points.getArray(readonly=True) / scale
         gaps = np.where(condensed.compliance.dead.ravel(), 0.0, gaps)

@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Springs across the joints that hold loose blocks while statics are solved, without a trace.
+"""Artificial springs across the joints that support unsupported blocks in statics.
 
-K x + B^T w t = b is solved as (K + B^T w s B) x + B^T w t' = b with t' = t - s (g - g0). At a point
-with its own compliance c, springs included, gap = h - c t'; this is the law on a compliance c' at
-a trial gap h',
+They are subtracted from the result. K x + B^T w t = b is solved as (K + B^T w s B) x + B^T w t' = b
+with t' = t - s (g - g0). At a point with its own compliance c, springs included, gap = h - c t'.
+This is the law on a compliance c' at a trial gap h',
 
     gap = h' - c' t,   c' = c / (1 - c s),   h' = (h - c s g0) / (1 - c s).
 """
@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 
 class JointSprings:
-    """Springs as stiff as the joints and the elements beside them in series.
+    """Springs as stiff as the joints and the adjacent elements in series.
 
     Args:
         system: The system.
@@ -33,11 +33,11 @@ class JointSprings:
     Attributes:
         stiffness: s of each local point, normal and tangential, shape (n, 2), [Pa/m].
         matrix: B^T w s B [N/m].
-        largest_compliance: Largest c to be used at each local point, shape (n, 2), [m/Pa].
+        largest_compliance: Upper limit of c at each local point, shape (n, 2), [m/Pa].
     """
 
     def __init__(self, system: MatrixSystem) -> None:
-        """Take the elements' stiffness from the diagonal of K (collective)."""
+        """Estimate the elements' stiffness from the diagonal of K (collective)."""
         assert system.contact is not None
         operator = system.contact.operator
         own = diagonal_compliance(operator.matrix, system.stiffness.getDiagonal())
@@ -47,15 +47,15 @@ class JointSprings:
         with np.errstate(divide="ignore"):  # no springs where points carry nothing
             self.stiffness: NDArray[Any] = 1.0 / (elements + 1.0 / joint)
         rows, work = operator.matrix.createVecLeft(), operator.matrix.copy()
-        rows.setArray((operator.areas[:, None] * self._wide(self.stiffness)).ravel())
+        rows.setArray((operator.areas[:, None] * self._in_three_directions(self.stiffness)).ravel())
         work.diagonalScale(L=rows)
         self.matrix: PETSc.Mat = operator.matrix.transposeMatMult(work)
         with np.errstate(divide="ignore"):
             self.largest_compliance: Floats = limits.SPRING_COMPLIANCE / self.stiffness
 
     @staticmethod
-    def _wide(values: Floats) -> Floats:
-        """Normal and tangential values, shape (n, 2), as values of three directions."""
+    def _in_three_directions(values: Floats) -> Floats:
+        """Return normal and tangential values, shape (n, 2), for three directions, shape (n, 3)."""
         return np.repeat(values, (1, 2), axis=1)
 
     def compliance_without(self, own: Floats) -> Floats:
@@ -74,10 +74,10 @@ class JointSprings:
             own: c, normal and tangential, shape (n, 2), [m/Pa].
             before: g0, shape (n, 3), [m].
         """
-        share = self._wide(self.stiffness * own)
+        share = self._in_three_directions(self.stiffness * own)
         return (trial_gap - share * before) / (1.0 - share)
 
-    def taken_off(
+    def traction_without(
         self, traction: Floats, tangent: Floats, gap: Floats, own: Floats, before: Floats
     ) -> tuple[Floats, Floats]:
         """Return the traction t' and its derivative by h, shapes (n, 3) and (n, 3, 3).
@@ -89,8 +89,8 @@ class JointSprings:
             own: c, normal and tangential, shape (n, 2), [m/Pa].
             before: g0, shape (n, 3), [m].
         """
-        s = self._wide(self.stiffness)
-        rest = 1.0 - s * self._wide(own)
-        found = tangent / rest[:, :, None]
-        found[:, [0, 1, 2], [0, 1, 2]] -= (1.0 - limits.SPRING_REGULARISATION) * s
-        return traction - s * (gap - before), found / rest[:, None, :]
+        s = self._in_three_directions(self.stiffness)
+        share = 1.0 - s * self._in_three_directions(own)
+        derivative = tangent / share[:, :, None]
+        derivative[:, [0, 1, 2], [0, 1, 2]] -= (1.0 - limits.SPRING_REGULARISATION) * s
+        return traction - s * (gap - before), derivative / share[:, None, :]

@@ -1,15 +1,15 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Newton's method on the displacement and the tractions of joints of large bodies.
+"""Newton's method on the displacement and the joint tractions, for large bodies.
 
 The unknowns are the change x of the displacement and the tractions t:
 
     A x + B^T (w t) = b,    t = t_c(g + B x + c t),    (13a)
 
-where t_c is the answer of the laws on the compliances c of their points, as the condensed solver
-asks them, here estimated from the diagonal of A. Whether a point opens then follows from gap and
-traction together, and the residual of a stiff joint is no larger than that of a soft one. In a
-correction t is eliminated; its matrix A + B^T (w D) B is that of `NewtonSolver`.
+where t_c is the condensed form of the laws on the compliances c of their points, as in the
+condensed solver. Here c is estimated from the diagonal of A. Whether a point opens then depends on
+its gap and traction together. The residual of a stiff joint is then no larger than that of a soft
+one. A correction eliminates t; its matrix A + B^T (w D) B is that of `NewtonSolver`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 
 class WholeSolver(NewtonSolver):
-    """Newton's method on displacement and tractions, for joints with condensed laws."""
+    """Newton's method on displacement and tractions, for laws with a condensed form."""
 
     @cached_property
     def operator(self) -> PETSc.Mat:
@@ -41,33 +41,32 @@ class WholeSolver(NewtonSolver):
         assert self.system.contact is not None
         return self.system.contact.operator.constrained(self.unconstrained)
 
-    def _problem(self, tangent: Tangent, equation: StepEquation) -> _BothEquations:
+    def _problem(self, tangent: Tangent, equation: StepEquation) -> _MixedProblem:
         """Return the equations of a step as a problem of Newton's method (collective)."""
-        return _BothEquations(self, tangent, equation)
+        return _MixedProblem(self, tangent, equation)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Iterate(BodyIterate):
-    """Displacement and tractions, with what is left of their equations.
+    """Displacement and tractions with the residuals of their equations.
 
-    The norm is that of both residuals [J^(1/2)], and the response that of the laws on the
-    compliances c.
+    The norm is that of both residuals [J^(1/2)]; the response is that on the compliances c.
 
     Attributes:
         traction: t, shape (n, 3), [Pa].
-        left: t less the tractions of the response, shape (n, 3), [Pa].
+        law_residual: t less the tractions of the response, shape (n, 3), [Pa].
         inverse: (I - T c)^-1 of each point with T = dt/dh, shape (n, 3, 3).
-        forces: Norm of both residuals as forces of nodes [N].
+        forces: Norm of both residuals as nodal forces [N].
     """
 
     traction: Floats
-    left: Floats
+    law_residual: Floats
     inverse: Floats
     forces: float
 
 
-class _BothEquations(BodyProblem[_Iterate]):
-    """Both equations of a step."""
+class _MixedProblem(BodyProblem[_Iterate]):
+    """Equilibrium and laws of a step as one problem."""
 
     def __init__(self, solver: WholeSolver, tangent: Tangent, equation: StepEquation) -> None:
         """Estimate the compliances (collective)."""
@@ -75,13 +74,13 @@ class _BothEquations(BodyProblem[_Iterate]):
         assert solver.system.contact is not None
         self._contact, self._product = solver.system.contact, self.b.duplicate()
         diagonal = self.matrix.constrained.getDiagonal()
-        each = diagonal_compliance(solver.operator, diagonal).reshape(-1, 3)
+        own = diagonal_compliance(solver.operator, diagonal).reshape(-1, 3)
         self._areas = self._contact.operator.areas[:, None]
-        live = np.maximum(np.count_nonzero(each[:, 1:], axis=1), 1)
-        self._own = self._areas * np.column_stack([each[:, 0], each[:, 1:].sum(axis=1) / live])
+        live = np.maximum(np.count_nonzero(own[:, 1:], axis=1), 1)
+        self._own = self._areas * np.column_stack([own[:, 0], own[:, 1:].sum(axis=1) / live])
         self._c = np.repeat(self._own, (1, 2), axis=1)
-        self._inverse, self._unit = diagonal, 0.0
-        self._inverse.reciprocal()
+        self._inverse_diagonal, self._unit = diagonal, 0.0
+        self._inverse_diagonal.reciprocal()
 
     def start(self) -> _Iterate:
         """Return the first iterate (collective).
@@ -98,13 +97,13 @@ class _BothEquations(BodyProblem[_Iterate]):
         return start
 
     def trial(self, at: _Iterate, correction: PETSc.Vec, share: float) -> _Iterate:
-        """Return the iterate that a share of a correction of x leads to (collective)."""
+        """Return the iterate after subtracting a share of a correction of x (collective)."""
         gaps = self._contact.operator.jump(correction)
-        back = np.einsum("nij,nj->ni", at.response.tangent, gaps) + at.left
-        back = np.einsum("nij,nj->ni", at.inverse, back)
+        traction_correction = np.einsum("nij,nj->ni", at.response.tangent, gaps) + at.law_residual
+        traction_correction = np.einsum("nij,nj->ni", at.inverse, traction_correction)
         change = at.change.duplicate()
         change.waxpy(-share, correction, at.change)
-        return self._evaluate(change, at.traction - share * back)
+        return self._evaluate(change, at.traction - share * traction_correction)
 
     def stiffness(self, at: _Iterate, part: float) -> Floats:
         """Return D = (I - T c)^-1 T of each point, shape (n, 3, 3), [Pa/m]."""
@@ -114,14 +113,13 @@ class _BothEquations(BodyProblem[_Iterate]):
     def right_hand_side(self, at: _Iterate, tolerance: float) -> tuple[PETSc.Vec, float]:
         """Return the right-hand side of a correction [N] and its tolerance (collective).
 
-        Part of the right-hand side cancels against the tractions of the laws, so the tolerance is
-        relative to the residual.
+        Part of it cancels against the tractions of the laws: scale the tolerance by the residual.
         """
-        traction = np.einsum("nij,nj->ni", at.inverse, at.left)
-        right = at.unbalanced.copy()
-        right.axpy(-1.0, self._contact.operator.force(traction, self.force))
-        right.pointwiseMult(right, self.free)
-        return right, tolerance * min(at.forces / (float(right.norm()) or 1.0), 1.0)
+        traction = np.einsum("nij,nj->ni", at.inverse, at.law_residual)
+        vector = at.unbalanced.copy()
+        vector.axpy(-1.0, self._contact.operator.force(traction, self.force))
+        vector.pointwiseMult(vector, self.free)
+        return vector, tolerance * min(at.forces / (float(vector.norm()) or 1.0), 1.0)
 
     def _evaluate(self, change: PETSc.Vec, traction: Floats) -> _Iterate:
         """Return the iterate of a displacement and tractions (collective)."""
@@ -130,7 +128,7 @@ class _BothEquations(BodyProblem[_Iterate]):
         response = self._contact.respond_condensed(
             gap + self._c * traction, self._own, self.state, self.rule
         )
-        left = traction - response.traction
+        law_residual = traction - response.traction
         self.matrix.multiply(change, self._product)
         operator.force(traction, self.force)
         scale = max(float(v.norm()) for v in (self._product, self.force, self.b)) or 1.0
@@ -138,19 +136,21 @@ class _BothEquations(BodyProblem[_Iterate]):
         unbalanced.waxpy(1.0, self.force, self._product)
         unbalanced.axpy(-1.0, self.b)
         unbalanced.pointwiseMult(unbalanced, self.free)
-        self._product.pointwiseMult(unbalanced, self._inverse)
+        self._product.pointwiseMult(unbalanced, self._inverse_diagonal)
         energy = float(self._product.dot(unbalanced))
-        operator.force(left, self.force)
+        operator.force(law_residual, self.force)
         forces = float(np.hypot(self.force.norm(), unbalanced.norm()))
         self.force.aypx(-1.0, unbalanced)
         self.force.pointwiseMult(self.force, self.free)
         rounding = limits.PRODUCT_ROUNDING * self.matrix.norm * float(change.norm()) / scale
-        joints, of_joints, more = self._in_joints(response, left, np.abs(gap), traction)
-        norm = float(np.sqrt(energy + more))
-        # In the joints relative to their largest force, in the equilibrium to its largest part.
-        relative = np.array([joints, float(self.force.norm()) / scale])
+        law_relative, law_rounding, law_energy = self._law_residual(
+            response, law_residual, np.abs(gap), traction
+        )
+        norm = float(np.sqrt(energy + law_energy))
+        # Laws: relative to the largest joint force; equilibrium: relative to its largest term.
+        relative = np.array([law_relative, float(self.force.norm()) / scale])
         largest = [limits.LARGEST_CONTACT_ROUNDING, limits.LARGEST_ROUNDING]
-        tolerance = np.maximum(self.wanted, np.minimum([of_joints, rounding], largest))
+        tolerance = np.maximum(self.wanted, np.minimum([law_rounding, rounding], largest))
         worst = float(relative.max())
         return _Iterate(
             change=change,
@@ -162,23 +162,23 @@ class _BothEquations(BodyProblem[_Iterate]):
             accepted=bool(np.all(relative <= tolerance)),
             target=self.wanted / (worst or 1.0),
             traction=traction,
-            left=left,
+            law_residual=law_residual,
             inverse=np.linalg.inv(np.eye(3) - response.tangent * self._c[:, None, :]),
             forces=forces,
         )
 
-    def _in_joints(
-        self, response: Response, left: Floats, gap: Floats, traction: Floats
+    def _law_residual(
+        self, response: Response, residual: Floats, gap: Floats, traction: Floats
     ) -> tuple[float, float, float]:
-        """What is left and what rounding leaves of the largest force; energy [J] (collective)."""
+        """Return the laws' relative residual and rounding error; energy [J] (collective)."""
         reach = gap + np.abs(self._c * traction)
         exact = np.divide(reach, self._c, out=np.zeros_like(reach), where=self._c > 0.0)
-        sizes = [self._areas * np.abs(each) for each in (left, response.traction, exact)]
-        mine = [each.max(initial=0.0) for each in sizes]
-        every = of_ranks(
+        sizes = [self._areas * np.abs(values) for values in (residual, response.traction, exact)]
+        mine = [size.max(initial=0.0) for size in sizes]
+        by_rank = of_ranks(
             self._contact.operator.comm,
-            np.array([*mine, np.sum(self._areas * self._c * left**2)]),
+            np.array([*mine, np.sum(self._areas * self._c * residual**2)]),
         )
-        worst, largest, rounding = every[:, :3].max(axis=0)
+        worst, largest, rounding = by_rank[:, :3].max(axis=0)
         largest = largest or worst or 1.0
-        return worst / largest, limits.GAP_ROUNDING * rounding / largest, float(every[:, 3].sum())
+        return worst / largest, limits.GAP_ROUNDING * rounding / largest, float(by_rank[:, 3].sum())

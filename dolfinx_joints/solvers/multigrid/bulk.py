@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Iterative solver of symmetric positive definite matrices too large for a factor."""
+"""Iterative solver of symmetric positive definite matrices that are too large for a factor."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ OPTIONS: dict[str, Any] = {
     "ksp_rtol": limits.MULTIGRID_TOLERANCE,
     "ksp_max_it": 500,
     "pc_type": "gamg",
-    "pc_mg_cycle_type": "w",  # on larger bodies V-cycles take more iterations
+    "pc_mg_cycle_type": "w",  # V-cycles take more iterations on larger bodies
     "pc_use_amat": True,
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_pc_type": "pbjacobi",
 }
 
-# P^T A P on several ranks without copies of A P and P, which would double what levels take. It is
-# slower where products are made again and again.
+# Compute P^T A P on several ranks without copies of A P and P, which would double the memory of the
+# levels. It is slower for products that are repeated.
 PTAP = {"matptap_via": "allatonce"}
 
 
 @contextmanager
 def options_set(prefix: str, options: Mapping[str, Any]) -> Iterator[None]:
-    """Set PETSc options under a prefix for a while, except those that the user has set."""
+    """Set PETSc options under a prefix temporarily, except those that the user has set."""
     database = PETSc.Options()
     own = [key for key in options if not database.hasName(prefix + key)]
     for key in own:
@@ -49,25 +49,26 @@ def options_set(prefix: str, options: Mapping[str, Any]) -> Iterator[None]:
 
 
 def made_once(comm: PETSc.Comm) -> AbstractContextManager[None]:
-    """PETSc options for matrices of levels that are not made again."""
+    """Return a context with PETSc options for matrices of levels that are computed only once."""
     return options_set("", PTAP if comm.size > 1 else {})
 
 
-def gave_up(ksp: PETSc.KSP, b: PETSc.Vec) -> JointsError:
-    """Error for an iteration that did not converge (collective)."""
+def not_converged(ksp: PETSc.KSP, b: PETSc.Vec) -> JointsError:
+    """Return the error of an iteration that did not converge (collective)."""
     return JointsError(
-        f"The iterative linear solver gave up after {ksp.getIterationNumber()} iterations, its "
-        f"residual {ksp.getResidualNorm():.3g} against a load of {b.norm():.3g}: is every block "
-        "restrained by supports, springs or a closed joint, and no cell much longer than thick?"
+        "The iterative linear solver did not converge in "
+        f"{ksp.getIterationNumber()} iterations: the residual is {ksp.getResidualNorm():.3g}, the "
+        f"load {b.norm():.3g}. Check that every block is restrained by supports, springs or a "
+        "closed joint, and that no cell is much longer than thick."
     )
 
 
 class IterativeSolver:
-    """Conjugate gradients with smoothed-aggregation multigrid, in the place of a `DirectSolver`.
+    """Conjugate gradients with smoothed-aggregation multigrid, used like a `DirectSolver`.
 
-    Needs memory in proportion to the matrix. The rigid-body modes, the matrix's near null space,
-    are taken into the coarse levels where the matrix has them. Products on the finest level, most
-    of the work, are made with a copy in blocks of the unknowns of a node.
+    The memory is proportional to the matrix. The coarse levels contain the rigid-body modes, if
+    they are the near null space of the matrix. Products on the finest level, most of the work, use
+    a copy in blocks of the unknowns of a node.
 
     Args:
         matrix: Symmetric positive definite matrix, in PETSc's AIJ format.
@@ -93,7 +94,7 @@ class IterativeSolver:
     def solve(
         self, b: PETSc.Vec, x: PETSc.Vec, tolerance: float = limits.MULTIGRID_TOLERANCE
     ) -> bool:
-        """Solve A x = b; whether the preconditioner was set up for it (collective).
+        """Solve A x = b; return True if the preconditioner was set up for it (collective).
 
         Args:
             b: Right-hand side.
@@ -104,23 +105,23 @@ class IterativeSolver:
         self._ksp.setTolerances(rtol=tolerance)
         self._ksp.solve(b, x)
         self.iterations = int(self._ksp.getIterationNumber())
-        if self._ksp.getConvergedReason() < 0 and not self._as_rounding_lets(b, x):
-            raise gave_up(self._ksp, b)
+        if self._ksp.getConvergedReason() < 0 and not self._is_solved_to_rounding(b, x):
+            raise not_converged(self._ksp, b)
         return renewed
 
-    def solve_block(self, right: Floats) -> Floats:
+    def solve_block(self, right_hand_sides: Floats) -> Floats:
         """Solve A X = B column by column; see `DirectSolver.solve_block` (collective)."""
         b, x = self.matrix.createVecLeft(), self.matrix.createVecRight()
-        solution = np.empty_like(right)
-        for column in range(right.shape[1]):
-            b.setArray(right[:, column])
+        solution = np.empty_like(right_hand_sides)
+        for column in range(right_hand_sides.shape[1]):
+            b.setArray(right_hand_sides[:, column])
             self.solve(b, x)
             solution[:, column] = x.getArray(readonly=True)
         return solution
 
     @property
     def for_products(self) -> PETSc.Mat:
-        """The matrix, in blocks where it has any (collective when first asked for)."""
+        """The matrix, in blocks if a node has several unknowns (collective on first use)."""
         if self._blocked is None and self.matrix.getBlockSize() > 1:
             self._blocked = self.matrix.convert("baij", PETSc.Mat())
         return self._blocked or self.matrix
@@ -136,8 +137,8 @@ class IterativeSolver:
         self._stale = False
         return True
 
-    def _as_rounding_lets(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
-        """Whether the residual is what rounding of the product leaves."""
+    def _is_solved_to_rounding(self, b: PETSc.Vec, x: PETSc.Vec) -> bool:
+        """Return True if the residual is within the rounding error of the product A x."""
         residual = b.duplicate()
         self.matrix.mult(x, residual)
         residual.axpy(-1.0, b)

@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Nodes that are one node where joints are tied, and the inverse of their part of a matrix.
+"""Nodes that become one node if joints are tied, and the inverse of their blocks of a matrix.
 
-A closed joint couples the two nodes of a point the more, the stiffer it is. Smoothers that take the
-nodes one by one then hardly move the pair; those that take the pair as a block do not mind.
+A closed joint couples the two nodes of a point, the more the stiffer it is. Smoothers that treat
+the nodes one by one hardly move the pair; those that treat the pair as a block are not affected.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ Ints = NDArray[np.int64]
 
 
 def tied_nodes(matrix: PETSc.Mat, joints: PETSc.Mat | None) -> tuple[Ints, int]:
-    """Tied node of each local node, by its number among all, and how many this rank has.
+    """Return the global number of each local node's tied node, and this rank's count (collective).
 
-    Nodes are together that the points of joints lie between, one on each side, whichever number of
-    joints meet there; of quadrature points, which lie between more, they stay apart (collective).
+    The nodes on both sides of a joint point become one tied node, also where several joints meet.
+    Nodes around quadrature points, which lie between more than two nodes, stay separate.
 
     Args:
         matrix: A, with the dofs of a node as blocks.
@@ -38,11 +38,11 @@ def tied_nodes(matrix: PETSc.Mat, joints: PETSc.Mat | None) -> tuple[Ints, int]:
     least = np.arange(start, stop)
     nodes, blocks = np.concatenate([first, second]), blocks_of(comm, stop - start)
     owners = rank_of(blocks, nodes)
-    here, changed = sent_to(comm, owners, nodes) - start, True
+    own, changed = sent_to(comm, owners, nodes) - start, True
     while changed:
         lower = np.minimum(rows_at(comm, least, first), rows_at(comm, least, second))
         before = least.copy()
-        np.minimum.at(least, here, sent_to(comm, owners, np.tile(lower, 2)))
+        np.minimum.at(least, own, sent_to(comm, owners, np.tile(lower, 2)))
         changed = bool(comm.allreduce(int(np.any(least != before))))
     kept = least == np.arange(start, stop)
     count = int(kept.sum())
@@ -51,11 +51,11 @@ def tied_nodes(matrix: PETSc.Mat, joints: PETSc.Mat | None) -> tuple[Ints, int]:
 
 
 def _pairs(joints: PETSc.Mat, size: int) -> tuple[Ints, Ints]:
-    """The two nodes of each local point that has two."""
+    """Return the two nodes of each local point that has exactly two."""
     starts, columns, values = joints.getValuesCSR()
     row = np.repeat(np.arange(len(starts) - 1), np.diff(starts))[values != 0.0]
-    held = np.stack([row // 3, columns[values != 0.0] // size], axis=1)
-    point, node = np.unique(held, axis=0).T.astype(np.int64)
+    node_of_point = np.stack([row // 3, columns[values != 0.0] // size], axis=1)
+    point, node = np.unique(node_of_point, axis=0).T.astype(np.int64)
     count = np.bincount(point)
     first = np.flatnonzero(np.diff(point, prepend=-1) > 0)
     first = first[count[point[first]] == 2]
@@ -63,12 +63,12 @@ def _pairs(joints: PETSc.Mat, size: int) -> tuple[Ints, Ints]:
 
 
 def tie(tied: Ints, count: int, size: int, comm: Any) -> PETSc.Mat:
-    """T, from the unknowns of tied nodes to those of nodes, a 1 in each row (collective).
+    """Return T, from the unknowns of tied nodes to those of nodes, a 1 in each row (collective).
 
     Args:
         tied: Tied node of each local node.
         count: Number of tied nodes of this rank.
-        size: Unknowns of a node.
+        size: Number of unknowns per node.
         comm: Communicator.
     """
     columns = (size * tied[:, None] + np.arange(size)).ravel().astype(PETSc.IntType)
@@ -80,7 +80,7 @@ def tie(tied: Ints, count: int, size: int, comm: Any) -> PETSc.Mat:
 
 
 class BlockInverse:
-    """Inverse of the diagonal blocks of A + K, those of tied nodes in one where K has entries.
+    """Inverse of the diagonal blocks of A + K, one block per tied node where K has entries.
 
     Args:
         matrix: A, in PETSc's AIJ format.
@@ -92,14 +92,14 @@ class BlockInverse:
     """
 
     def __init__(self, matrix: PETSc.Mat, added: PETSc.Mat, ties: PETSc.Mat) -> None:
-        """Find the blocks (collective)."""
+        """Determine the blocks, and invert those of A (collective)."""
         size = ties.getBlockSizes()[0]
-        self._dofs = _members(added, ties, size)
-        self._places = _Places(self._dofs)
-        rows = self._places.every.astype(PETSc.IntType)
+        self._dofs = _dofs_of_tied_nodes(added, ties, size)
+        self._positions = _BlockPositions(self._dofs)
+        rows = self._positions.every.astype(PETSc.IntType)
         self._rows = PETSc.IS().createGeneral(rows, comm=matrix.comm)
         self._bulk = self._blocks(matrix)
-        self.matrix = _room(ties, size)
+        self.matrix = _empty_matrix(ties, size)
         start, stop = matrix.getOwnershipRange()
         # PETSc gives blocks column by column.
         blocks = np.asarray(matrix.invertBlockDiagonal()).reshape(-1, size, size)
@@ -109,17 +109,17 @@ class BlockInverse:
         self.matrix.assemble()
 
     def update(self, added: PETSc.Mat) -> None:
-        """Invert for the values of K (collective)."""
+        """Invert the blocks for new values of K (collective)."""
         for dofs, bulk, joint in zip(self._dofs, self._bulk, self._blocks(added), strict=True):
             _insert(self.matrix, dofs, np.asarray(np.linalg.inv(bulk + joint), np.float64))
         self.matrix.assemble()
 
     def _blocks(self, matrix: PETSc.Mat) -> list[Floats]:
-        """Blocks of a matrix, an array for each number of nodes (collective)."""
+        """Return the blocks of a matrix, an array per number of nodes (collective)."""
         (part,) = matrix.createSubMatrices([self._rows], [self._rows])
-        found = self._places.blocks(part)
+        blocks = self._positions.blocks(part)
         part.destroy()
-        return found
+        return blocks
 
     def destroy(self) -> None:
         """Free the matrix."""
@@ -127,24 +127,24 @@ class BlockInverse:
         self.matrix.destroy()
 
 
-class _Places:
-    """Where the entries of blocks are in a matrix of all their dofs.
+class _BlockPositions:
+    """Positions of the entries of blocks in a matrix of all their dofs.
 
     Attributes:
         every: The dofs, sorted.
     """
 
     def __init__(self, dofs: list[Ints]) -> None:
-        self._shapes = [(len(each), each.shape[1], each.shape[1]) for each in dofs]
+        self._shapes = [(len(group), group.shape[1], group.shape[1]) for group in dofs]
         block: list[Ints] = [np.zeros(0, np.int64)]
         place: list[Ints] = [np.zeros(0, np.int64)]
         width: list[int] = []
-        for each in dofs:
-            count, wide = each.shape
+        for group in dofs:
+            count, wide = group.shape
             block.append(np.repeat(np.arange(count) + len(width), wide))
             place.append(np.tile(np.arange(wide), count))
             width += [wide] * count
-        flat = np.concatenate([np.zeros(0, np.int64), *(each.ravel() for each in dofs)])
+        flat = np.concatenate([np.zeros(0, np.int64), *(group.ravel() for group in dofs)])
         order = np.argsort(flat)
         self.every = flat[order]
         self._block, self._place = np.concatenate(block)[order], np.concatenate(place)[order]
@@ -152,7 +152,7 @@ class _Places:
         self._first = np.cumsum(self._width**2) - self._width**2
 
     def blocks(self, part: PETSc.Mat) -> list[Floats]:
-        """The blocks, an array for each number of nodes."""
+        """Return the blocks, an array per number of nodes."""
         starts, columns, values = part.getValuesCSR()
         rows = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
         block = self._block[rows]
@@ -163,15 +163,15 @@ class _Places:
         entries[self._first[block] + place] = values[inside]
         ends = np.cumsum([np.prod(shape) for shape in self._shapes])[:-1].astype(np.int64)
         parts = np.split(entries, ends) if self._shapes else []
-        return [each.reshape(shape) for each, shape in zip(parts, self._shapes, strict=True)]
+        return [values.reshape(shape) for values, shape in zip(parts, self._shapes, strict=True)]
 
 
-def _members(added: PETSc.Mat, ties: PETSc.Mat, size: int) -> list[Ints]:
-    """Dofs of the nodes of each of this rank's tied nodes that K touches, by number of nodes."""
-    marked, found = ties.createVecs()
+def _dofs_of_tied_nodes(added: PETSc.Mat, ties: PETSc.Mat, size: int) -> list[Ints]:
+    """Return the dofs of this rank's tied nodes with entries of K, an array per number of nodes."""
+    marked, touched_nodes = ties.createVecs()
     rows = np.diff(added.getValuesCSR()[0]).reshape(-1, size).max(axis=1, initial=0)
-    found.setArray(np.repeat((rows > 0).astype(float), size))
-    ties.multTranspose(found, marked)
+    touched_nodes.setArray(np.repeat((rows > 0).astype(float), size))
+    ties.multTranspose(touched_nodes, marked)
     every = ties.transpose(PETSc.Mat())
     starts, columns, _ = every.getValuesCSR()
     first, count = starts[:-1:size], np.diff(starts)[::size]
@@ -182,13 +182,13 @@ def _members(added: PETSc.Mat, ties: PETSc.Mat, size: int) -> list[Ints]:
         # The first row of a tied node has the first dof of each of its nodes.
         dofs = columns[chosen[:, None] + np.arange(nodes)][..., None] + np.arange(size)
         members.append(dofs.reshape(len(chosen), -1).astype(np.int64))
-    for used in (marked, found, every):
-        used.destroy()
+    for temporary in (marked, touched_nodes, every):
+        temporary.destroy()
     return members
 
 
-def _room(ties: PETSc.Mat, size: int) -> PETSc.Mat:
-    """A matrix with room for blocks of tied nodes."""
+def _empty_matrix(ties: PETSc.Mat, size: int) -> PETSc.Mat:
+    """Return an empty matrix with space for blocks of tied nodes."""
     tied, count = ties.createVecs()
     count.set(1.0)
     ties.multTranspose(count, tied)
@@ -203,7 +203,7 @@ def _room(ties: PETSc.Mat, size: int) -> PETSc.Mat:
 
 
 def _insert(matrix: PETSc.Mat, dofs: Ints, blocks: Floats) -> None:
-    """Set blocks, of the dofs of a row each."""
+    """Set blocks of a matrix, each with the dofs of one row of ``dofs``."""
     wide = dofs.shape[1]
     matrix.setValuesIJV(
         np.arange(0, dofs.size * wide + 1, wide, dtype=PETSc.IntType),

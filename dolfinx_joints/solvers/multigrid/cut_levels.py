@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Levels of multigrid for bodies with joints: those of the tied body, cut at the joints.
 
-A function of a coarse level that reaches across joints becomes one function for each side, alike at
-the joint. So the joints' stiffness on a coarse level couples functions that match, and open joints
-are as well represented as closed ones.
+A function of a coarse level that extends across joints is cut into one function for each side; both
+have the same values at the joint. The joints' stiffness on a coarse level then couples matching
+functions, and open joints are represented as well as closed ones.
 """
 
 from __future__ import annotations
@@ -28,13 +28,12 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True)
 class CutLevel:
-    """A coarse level.
+    """Coarse level.
 
     Attributes:
         interpolation: P, to the next finer level.
         matrix: P^T A P.
-        blocks: Unknowns of each block of functions that are one where joints are tied, of this
-            rank.
+        blocks: Numbers of unknowns of this rank's blocks; a block has the parts of one function.
     """
 
     interpolation: PETSc.Mat
@@ -43,12 +42,12 @@ class CutLevel:
 
 
 def cut_levels(matrix: PETSc.Mat, tied: Ints, count: int, near: PETSc.NullSpace) -> list[CutLevel]:
-    """The coarse levels, from fine to coarse (collective).
+    """Return the coarse levels, from fine to coarse (collective).
 
     Args:
         matrix: A, in PETSc's AIJ format.
-        tied: Tied node of each local node, by its number among all.
-        count: Tied nodes of this rank.
+        tied: Global number of each local node's tied node.
+        count: Number of this rank's tied nodes.
         near: Rigid-body motions.
     """
     size, levels = matrix.getBlockSize(), []
@@ -73,49 +72,49 @@ def cut_levels(matrix: PETSc.Mat, tied: Ints, count: int, near: PETSc.NullSpace)
 def _tied_prolongations(
     matrix: PETSc.Mat, ties: PETSc.Mat, near: PETSc.NullSpace
 ) -> list[PETSc.Mat]:
-    """Prolongations of smoothed aggregation for T^T A T, from fine to coarse (collective)."""
+    """Return the prolongations of T^T A T by smoothed aggregation, fine to coarse (collective)."""
     tied = matrix.PtAP(ties)
     tied.setBlockSize(ties.getBlockSizes()[1])
-    tied.setNearNullSpace(_of_tied(near, ties))
+    tied.setNearNullSpace(_tied_motions(near, ties))
     pc = PETSc.PC().create(matrix.comm)
     pc.setOptionsPrefix("dolfinx_joints_tied_")
-    with options_set("dolfinx_joints_tied_", {"pc_type": "gamg", **_of_levels()}):
+    with options_set("dolfinx_joints_tied_", {"pc_type": "gamg", **_level_options()}):
         pc.setOperators(tied)
         pc.setFromOptions()
         pc.setUp()
         pc.viewFromOptions("-pc_view")
-    found = [pc.getMGInterpolation(i) for i in range(pc.getMGLevels() - 1, 0, -1)]
+    prolongations = [pc.getMGInterpolation(i) for i in range(pc.getMGLevels() - 1, 0, -1)]
     pc.destroy()
     tied.destroy()
-    return found
+    return prolongations
 
 
-def _of_levels() -> dict[str, Any]:
+def _level_options() -> dict[str, Any]:
     return {key: value for key, value in OPTIONS.items() if key.startswith("mg_")}
 
 
-def _of_tied(near: PETSc.NullSpace, ties: PETSc.Mat) -> PETSc.NullSpace:
-    """Motions of tied nodes, orthonormal: those of any of their nodes (collective)."""
-    count, of_nodes = ties.createVecs()
-    of_nodes.set(1.0)
-    ties.multTranspose(of_nodes, count)
+def _tied_motions(near: PETSc.NullSpace, ties: PETSc.Mat) -> PETSc.NullSpace:
+    """Return the orthonormal motions of tied nodes, the means over their nodes (collective)."""
+    count, nodes = ties.createVecs()
+    nodes.set(1.0)
+    ties.multTranspose(nodes, count)
     motions: list[PETSc.Vec] = []
     for motion in near.getVecs():
-        found = count.duplicate()
-        ties.multTranspose(motion, found)
-        found.pointwiseDivide(found, count)
+        tied_motion = count.duplicate()
+        ties.multTranspose(motion, tied_motion)
+        tied_motion.pointwiseDivide(tied_motion, count)
         for _ in range(2):
             for other in motions:
-                found.axpy(-found.dot(other), other)
-        found.normalize()
-        motions.append(found)
+                tied_motion.axpy(-tied_motion.dot(other), other)
+        tied_motion.normalize()
+        motions.append(tied_motion)
     return PETSc.NullSpace().create(vectors=motions, comm=ties.comm)
 
 
 def _cut(matrix: PETSc.Mat, ties: PETSc.Mat, prolongation: PETSc.Mat) -> tuple[PETSc.Mat, Ints]:
-    """P of the cut functions, and how many each function of this rank becomes (collective).
+    """Return P of the cut functions, and the number of parts of each of this rank's functions.
 
-    A function that nodes of joints are in is cut into its parts that A connects on each rank.
+    A function with nodes of joints is cut into its parts that A connects on each rank (collective).
     """
     comm, size = matrix.comm.tompi4py(), ties.getBlockSizes()[0]
     wide = prolongation.getBlockSizes()[1]
@@ -125,7 +124,7 @@ def _cut(matrix: PETSc.Mat, ties: PETSc.Mat, prolongation: PETSc.Mat) -> tuple[P
     whole.destroy()
     ends, function = _pairs(starts[::size].copy(), entries // wide, columns[1] // wide)
     node = np.repeat(np.arange(rows // size), np.diff(ends))
-    joint = _shared(ties)[node]
+    joint = _is_tied(ties)[node]
     blocks = blocks_of(comm, columns[0] // wide)
     touched = np.zeros(columns[0] // wide, dtype=bool)
     owner = rank_of(blocks, function)
@@ -142,7 +141,7 @@ def _cut(matrix: PETSc.Mat, ties: PETSc.Mat, prolongation: PETSc.Mat) -> tuple[P
 
 
 def _pairs(starts: NDArray[Any], functions: NDArray[Any], count: int) -> tuple[Ints, Ints]:
-    """Functions of each local node, once each and sorted, one node after the other.
+    """Return the functions of each local node, sorted and without duplicates, node after node.
 
     Args:
         starts: First entry of each node, shape (n + 1,).
@@ -153,9 +152,9 @@ def _pairs(starts: NDArray[Any], functions: NDArray[Any], count: int) -> tuple[I
         First pair of each node, shape (n + 1,), and function of each pair.
     """
     ones = np.ones(len(functions), dtype=np.int8)
-    held = csr_array((ones, functions, starts), shape=(len(starts) - 1, count))
-    held.sum_duplicates()
-    return held.indptr.astype(np.int64), held.indices.astype(np.int64)
+    pattern = csr_array((ones, functions, starts), shape=(len(starts) - 1, count))
+    pattern.sum_duplicates()
+    return pattern.indptr.astype(np.int64), pattern.indices.astype(np.int64)
 
 
 @njit(cache=True)
@@ -168,68 +167,69 @@ def _renumbered(
     function: Ints,
     number: Ints,
 ) -> NDArray[Any]:  # pragma: no cover
-    """Columns of entries whose functions have new numbers, in the same order."""
-    found = np.empty_like(entries)
+    """Return the columns of the entries for new numbers of their functions, in the same order."""
+    renumbered = np.empty_like(entries)
     for row in range(len(starts) - 1):
         p = ends[row // size]
         for k in range(starts[row], starts[row + 1]):
             while function[p] < entries[k] // wide:
                 p += 1
-            found[k] = number[p] * wide + entries[k] % wide
-    return found
+            renumbered[k] = number[p] * wide + entries[k] % wide
+    return renumbered
 
 
 def _numbered(
     comm: Any, blocks: Ints, touched: NDArray[np.bool_], function: Ints, part: Ints
 ) -> tuple[Ints, Ints]:
-    """Number of the first part of each pair's function here, and the parts of own functions.
+    """Return the number of the first local part of each pair's function, and own parts.
 
-    Parts of a function follow each other in the order of the ranks, on the rank that has it; one
-    that is not cut has a single part for all ranks (collective).
+    Own parts are the numbers of parts of this rank's functions. The parts of a function follow each
+    other in the order of the ranks, on the rank that owns it. A function that is not cut has a
+    single part for all ranks (collective).
     """
     own, place = np.unique(function, return_inverse=True)
     most = np.zeros(len(own), dtype=np.int64)
     np.maximum.at(most, place, part + 1)
     owner = rank_of(blocks, own)
     ends = np.searchsorted(owner, np.arange(1, comm.size))
-    asked = comm.alltoall(np.split(np.stack([own, most], axis=1), ends))
+    requests = comm.alltoall(np.split(np.stack([own, most], axis=1), ends))
     functions = np.ones(len(touched), dtype=np.int64)
     functions[touched] = 0
     before = []
-    for of_rank in asked:
-        at = of_rank[:, 0] - blocks[comm.rank]
+    for request in requests:
+        at = request[:, 0] - blocks[comm.rank]
         before.append(np.where(touched[at], functions[at], 0))
-        functions[at] += np.where(touched[at], of_rank[:, 1], 0)
+        functions[at] += np.where(touched[at], request[:, 1], 0)
     start = np.cumsum(functions) - functions + blocks_of(comm, int(functions.sum()))[comm.rank]
-    answers = [
-        start[of_rank[:, 0] - blocks[comm.rank]] + earlier
-        for of_rank, earlier in zip(asked, before, strict=True)
+    replies = [
+        start[request[:, 0] - blocks[comm.rank]] + earlier
+        for request, earlier in zip(requests, before, strict=True)
     ]
-    first = np.concatenate(comm.alltoall(answers))
+    first = np.concatenate(comm.alltoall(replies))
     return first[place], functions
 
 
-def _shared(ties: PETSc.Mat) -> NDArray[np.bool_]:
-    """Whether other nodes are tied to each local node (collective)."""
+def _is_tied(ties: PETSc.Mat) -> NDArray[np.bool_]:
+    """Return, for each local node, whether other nodes are tied to it (collective)."""
     tied, nodes = ties.createVecs()
     nodes.set(1.0)
     ties.multTranspose(nodes, tied)
     ties.mult(tied, nodes)
     shared: NDArray[np.bool_] = nodes.getArray(readonly=True)[:: ties.getBlockSizes()[0]] > 1.5
-    for used in (tied, nodes):
-        used.destroy()
+    for temporary in (tied, nodes):
+        temporary.destroy()
     return shared
 
 
 def _parts(matrix: PETSc.Mat, size: int, node: Ints, function: Ints) -> Ints:
-    """Part of its function that each pair of a local node and a function is in.
+    """Return the part of its function to which each pair of a local node and a function belongs.
 
     The pairs are sorted by nodes, then by functions.
     """
     starts, columns = matrix.getDiagonalBlock().getRowIJ()[:2]
     rows = matrix.getLocalSize()[0] // size
     ends = np.searchsorted(node, np.arange(rows + 1))
-    root = _joined(starts[::size], columns // size, ends, function)
+    root = _roots(starts[::size], columns // size, ends, function)
     order = np.lexsort((root, function))
     new = np.diff(root[order], prepend=-1) != 0
     other = np.diff(function[order], prepend=-1) != 0
@@ -240,8 +240,8 @@ def _parts(matrix: PETSc.Mat, size: int, node: Ints, function: Ints) -> Ints:
 
 
 @njit(cache=True)
-def _joined(starts: Any, neighbours: Any, ends: Ints, function: Ints) -> Ints:  # pragma: no cover
-    """For each pair, the first that its function leads to from node to connected node."""
+def _roots(starts: Any, neighbours: Any, ends: Ints, function: Ints) -> Ints:  # pragma: no cover
+    """Return the first pair connected with each pair by its function and entries of the matrix."""
     root = np.arange(len(function))
     for i in range(len(ends) - 1):
         if ends[i] == ends[i + 1]:
@@ -273,7 +273,7 @@ def _joined(starts: Any, neighbours: Any, ends: Ints, function: Ints) -> Ints:  
 
 
 def _regularise(matrix: PETSc.Mat, size: int, parts: Ints) -> None:
-    """Add a little to the diagonal of functions that were cut (collective)."""
+    """Increase the diagonal of functions that were cut by a small share (collective)."""
     diagonal = matrix.getDiagonal()
     blocks = diagonal.getArray().reshape(-1, size)
     share = np.where(parts > 1, limits.CUT_REGULARISATION, 0.0)

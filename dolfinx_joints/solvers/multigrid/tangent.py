@@ -1,11 +1,11 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Iterative solver of A + K, A solved by multigrid and K the tangent of joints, which changes.
+"""Iterative solver of A + K: A is solved by multigrid, K is the changing tangent of the joints.
 
-To each of the `cut_levels` its part of the tangent is added, P^T K P, which is small: only nodes of
-the joints are in it. Smoothers take what joints tie together as blocks. Both see a symmetric K:
-what normal gaps do to shear tractions would grow with the stiffness in their corrections, in the
-products of GMRES it does not.
+The part of the tangent, P^T K P, is added to each of the `cut_levels`. It is small: only nodes of
+the joints have entries. Smoothers treat the nodes that joints tie as blocks. Levels and smoothers
+use a symmetric K, without the effect of normal gaps on shear tractions. In their corrections this
+effect would grow with the stiffness, in the products of GMRES it does not.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from petsc4py import PETSc
 from dolfinx_joints.joints.operator import JointTangent, TangentMatrix
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.modal_change import ModalChange
-from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver, gave_up, options_set
+from dolfinx_joints.solvers.multigrid.bulk import IterativeSolver, not_converged, options_set
 from dolfinx_joints.solvers.multigrid.coincident import BlockInverse, tie, tied_nodes
 from dolfinx_joints.solvers.multigrid.cut_levels import CutLevel, cut_levels
 
-# The bounds of Chebyshev's polynomials are estimated anew for each tangent.
+# The bounds of the Chebyshev polynomials are estimated for each tangent.
 OPTIONS: dict[str, Any] = {
     "ksp_type": "gmres",
     "ksp_pc_side": "right",
@@ -44,7 +44,7 @@ OPTIONS: dict[str, Any] = {
 
 @dataclass(kw_only=True, eq=False)
 class _Parts:
-    """A, K and a modal change."""
+    """A, K and a modal change of A."""
 
     bulk: PETSc.Mat
     added: PETSc.Mat
@@ -52,18 +52,18 @@ class _Parts:
 
 
 class _Products:
-    """A + K by their products, and what a modal change adds, as a PETSc matrix of type python.
+    """Products with A + K and with a modal change, as a PETSc matrix of type python.
 
-    On several ranks PETSc frees it with its garbage, and would lose what it held: a matrix that
-    becomes garbage just then is never freed. So it holds nothing.
+    It keeps only a weak reference to the parts. On several ranks PETSc frees it in its garbage
+    collection. A matrix that it owned and that became garbage meanwhile would never be freed.
     """
 
     def __init__(self, parts: _Parts) -> None:
-        """Refer to the parts, which another keeps."""
+        """Refer to the parts, which the caller keeps."""
         self._parts = weakref.ref(parts)
 
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Multiply (collective)."""
+        """Write the product with x to y (collective)."""
         parts = self._parts()
         assert parts is not None
         parts.bulk.mult(x, y)
@@ -73,20 +73,20 @@ class _Products:
 
 
 def _is_stiff(added: PETSc.Mat, matrix: PETSc.Mat) -> bool:
-    """Whether K is stiff beside A at some node (collective)."""
+    """Return True if K is stiff compared with A at some node (collective)."""
     share, diagonal = added.getDiagonal(), matrix.getDiagonal()
     share.pointwiseDivide(share, diagonal)
     return bool(share.max()[1] > limits.TIED_STIFFNESS)
 
 
 class TangentMultigrid:
-    """GMRES on A + K with the multigrid of A, each level with its part of K.
+    """GMRES for A + K with the multigrid levels of A, each with its part of K.
 
     Args:
         bulk: Solver of A.
         added: K, by its pattern.
-        product: What makes K.
-        change: What exact modes add to A, not seen by the coarse levels.
+        product: Object that assembles K.
+        change: Change of A by exact modes; the coarse levels omit it.
 
     Attributes:
         iterations: Iterations of the last solve.
@@ -99,13 +99,13 @@ class TangentMultigrid:
         product: TangentMatrix,
         change: ModalChange | None,
     ) -> None:
-        """Make the levels (collective)."""
+        """Compute the levels (collective)."""
         self._ksp = PETSc.KSP().create(added.comm)
         self._ksp.setOptionsPrefix("dolfinx_joints_tangent_")
         self._parts = [_Parts(bulk=bulk.for_products, added=added, change=change) for _ in range(2)]
         self._full, self._fine = (
-            PETSc.Mat().createPython(added.getSizes(), _Products(each), comm=added.comm)
-            for each in self._parts
+            PETSc.Mat().createPython(added.getSizes(), _Products(parts), comm=added.comm)
+            for parts in self._parts
         )
         matrix = bulk.matrix
         tied, count = tied_nodes(matrix, product.joints if _is_stiff(added, matrix) else None)
@@ -114,7 +114,7 @@ class TangentMultigrid:
         ties.destroy()
         levels = cut_levels(matrix, tied, count, matrix.getNearNullSpace())
         self._levels: list[_Level] = []
-        self._set_up, self._made_now, self.iterations = False, True, 0
+        self._set_up, self._levels_are_new, self.iterations = False, True, 0
         pc = self._ksp.getPC()
         pc.setType("mg")
         pc.setMGLevels(len(levels) + 1)
@@ -125,11 +125,11 @@ class TangentMultigrid:
             added = self._levels[-1].added
 
     def add(self, added: PETSc.Mat, symmetric: PETSc.Mat) -> None:
-        """Renew products and levels for the values of K and of a symmetric K (collective)."""
-        for parts, products, each in zip(
+        """Update products and levels for new values of K and of a symmetric K (collective)."""
+        for parts, products, tangent in zip(
             self._parts, (self._full, self._fine), (added, symmetric), strict=True
         ):
-            parts.added = each
+            parts.added = tangent
             products.stateIncrease()
         self._inverse.update(symmetric)
         for level in self._levels:
@@ -147,7 +147,7 @@ class TangentMultigrid:
             self._set_up = True
 
     def solve(self, b: PETSc.Vec, x: PETSc.Vec, tolerance: float) -> bool:
-        """Solve (A + K) x = b; whether levels were made for it (collective).
+        """Solve (A + K) x = b; return True in the first solve with new levels (collective).
 
         Args:
             b: Right-hand side.
@@ -158,9 +158,9 @@ class TangentMultigrid:
         self._ksp.solve(b, x)
         self.iterations = int(self._ksp.getIterationNumber())
         if self._ksp.getConvergedReason() < 0:
-            raise gave_up(self._ksp, b)
-        made, self._made_now = self._made_now, False
-        return made
+            raise not_converged(self._ksp, b)
+        new_levels, self._levels_are_new = self._levels_are_new, False
+        return new_levels
 
     def destroy(self) -> None:
         """Free the levels."""
@@ -173,18 +173,18 @@ class TangentMultigrid:
 
 
 class _Level:
-    """A coarse level: P^T A P, which stays, and P^T K P.
+    """Coarse level: the constant matrix P^T A P, and P^T K P.
 
     Attributes:
         added: P^T K P.
-        total: Their sum.
+        total: Sum of both.
     """
 
     def __init__(self, level: CutLevel, finer: PETSc.Mat, joints: JointTangent | None) -> None:
-        """Put both on one pattern (collective)."""
+        """Store both matrices on one sparsity pattern (collective)."""
         self._interpolation = level.interpolation
-        self._made = None if joints is None else joints.coarse(level.interpolation)
-        self.added = self._made() if self._made else finer.PtAP(level.interpolation)
+        self._assemble = None if joints is None else joints.coarse(level.interpolation)
+        self.added = self._assemble() if self._assemble else finer.PtAP(level.interpolation)
         self._base = self.added.copy()
         self._base.zeroEntries()
         self._base.axpy(1.0, level.matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
@@ -192,9 +192,9 @@ class _Level:
         self.total.setVariableBlockSizes(level.blocks.astype(PETSc.IntType))
 
     def add(self, finer: PETSc.Mat) -> PETSc.Mat:
-        """Renew the sum from K on the next finer level; K on this one (collective)."""
-        if self._made:
-            self._made()
+        """Update the sum from K on the next finer level; return K on this level (collective)."""
+        if self._assemble:
+            self._assemble()
         else:
             finer.PtAP(self._interpolation, result=self.added)
         self._base.copy(self.total, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)

@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""GMRES for (I + T P) x = b with a kept part P of S, in single precision (Saad and Schultz 1986).
+"""GMRES for (I + T P) x = b with a stored part P of S, in single precision (Saad and Schultz 1986).
 
-Newton's method corrects what single precision leaves. Vectors are relative to the right-hand side.
-The matrix is close to the identity: each direction is made orthogonal after the last entry on the
-diagonal of the Hessenberg matrix has been subtracted, so that little cancels.
+Newton's method corrects the error of single precision. Vectors are relative to the right-hand side.
+The matrix is close to the identity. Before a new direction is made orthogonal, the last diagonal
+entry of the Hessenberg matrix is subtracted from the matrix, so that little cancels.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from numpy.typing import NDArray
 from dolfinx_joints.common.kernels import njit, part
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.compliance.own_blocks import SUMS
-from dolfinx_joints.solvers.interface.compiled.products import Kept, multiply_part, turn
+from dolfinx_joints.solvers.interface.compiled.products import Kept, apply_blocks, multiply_part
 from dolfinx_joints.solvers.interface.compiled.ranks import Ranks, sum_over
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-# Columns of `Space.small` behind the triangle.
-LEFT, COLUMN, COSINE, SINE, SHIFT = -1, -2, -3, -4, -5
+# Columns of `Space.small` after the triangle.
+RESIDUAL, COLUMN, COSINE, SINE, SHIFT = -1, -2, -3, -4, -5
 
 
 class Space(NamedTuple):
-    """Room for a Krylov space of so many products, and for vectors beside it.
+    """Work arrays for a Krylov space of a number of products, and for vectors of a set.
 
     Attributes:
-        basis: Its directions, shape (products + 1, m).
-        small: R of the Hessenberg matrix; then what is left of the right-hand side, a column of the
-            Hessenberg matrix, its rotations and what is on its diagonal; shape (products + 1,
+        basis: Basis of the space, shape (products + 1, m).
+        small: R of the Hessenberg matrix, then the projected residual, a column of the Hessenberg
+            matrix, the cosines and sines of its rotations and its diagonal; shape (products + 1,
             products + 5).
-        sums: Products of a direction with the others, shape (products + 2,).
+        sums: Dot products of a direction with the others, shape (products + 2,).
         blocks: Blocks of the points of a set, shape (points, 3, 3).
         vectors: Vectors of the length of a set, shape (2, m).
     """
@@ -48,7 +48,7 @@ class Space(NamedTuple):
 
 
 def space_of(size: int, products: int) -> Space:
-    """Room for m unknowns of the rank."""
+    """Return work arrays for m unknowns of the rank."""
     return Space(
         np.empty((products + 1, size), dtype=np.float32),
         np.zeros((products + 1, products + 5)),
@@ -62,39 +62,39 @@ def space_of(size: int, products: int) -> Space:
 def gmres(
     split: Any,
     kept: Kept,
-    right: Floats,
+    right_hand_side: Floats,
     tolerance: float,
     space: Space,
     solution: Floats,
 ) -> int:
-    """Solve (I + T P) x = b for the part P of S; the number of products (collective).
+    """Solve (I + T P) x = b for the part P of S; return the number of products (collective).
 
     Args:
         split: S.
-        kept: The part P.
-        right: b, shape (3 number,).
+        kept: Set of points with the part P.
+        right_hand_side: b, shape (3 number,).
         tolerance: Largest residual accepted, relative to b in the 2-norm.
-        space: T, as ``blocks``, and where to work; its length limits the products.
-        solution: x, written to.
+        space: T, as ``blocks``, and work arrays; their length limits the number of products.
+        solution: x, overwritten.
     """
-    size, small, ranks, shift = len(right), space.small, split.ranks, 0.0
+    size, small, ranks, shift = len(right_hand_side), space.small, split.ranks, 0.0
     product = space.vectors[0, :size]
-    norm, most, count = np.sqrt(_square(ranks, right)), len(space.basis) - 1, 0
-    most = min(most, 3 * kept.number[1])
+    norm, largest_count, count = np.sqrt(_square(ranks, right_hand_side)), len(space.basis) - 1, 0
+    largest_count = min(largest_count, 3 * kept.number[1])
     if norm > 0.0:
         for k in range(size):
-            space.basis[0, k] = right[k] / norm
-        small[0, LEFT] = 1.0
-        while count < most:
+            space.basis[0, k] = right_hand_side[k] / norm
+        small[0, RESIDUAL] = 1.0
+        while count < largest_count:
             old, new = space.basis[count, :size], space.basis[count + 1, :size]
             multiply_part(split, kept, old, product)
-            turn(space.blocks, product, new)
+            apply_blocks(space.blocks, product, new)
             off = np.float32(shift)
             for k in range(size):
                 new[k] += old[k] - off * old[k]
             ended, count = _orthogonalise(space, size, count, shift, ranks), count + 1
             shift = small[count - 1, SHIFT]
-            if ended or abs(small[count, LEFT]) <= tolerance:
+            if ended or abs(small[count, RESIDUAL]) <= tolerance:
                 break
         _combine(space, count, product)
     for k in range(size):
@@ -104,7 +104,7 @@ def gmres(
 
 @njit(fastmath=SUMS, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def dot(a: NDArray[Any], b: NDArray[Any]) -> Any:
-    """Product a . b, summed in any order, in the precision of both."""
+    """Return a . b, summed in any order, in the precision of both."""
     total = a.dtype.type(0.0)
     for k in range(len(a)):
         total += a[k] * b[k]
@@ -113,54 +113,54 @@ def dot(a: NDArray[Any], b: NDArray[Any]) -> Any:
 
 @part
 def _square(ranks: Ranks, values: Floats) -> float:
-    """Sum of squares over the ranks (collective)."""
+    """Return the sum of squares over the ranks (collective)."""
     total = np.array([dot(values, values)])
     sum_over(ranks, total)
     return float(total[0])
 
 
 @part
-def _along(space: Space, size: int, j: int, ranks: Ranks) -> None:
-    """Products of the direction j + 1 with those before it and itself, as sums (collective)."""
-    new, found = space.basis[j + 1, :size], space.sums[: j + 2]
+def _dot_products(space: Space, size: int, j: int, ranks: Ranks) -> None:
+    """Write the dot products of direction j + 1 with directions 0 to j + 1 (collective)."""
+    new, products = space.basis[j + 1, :size], space.sums[: j + 2]
     for i in range(j + 2):
-        found[i] = dot(space.basis[i, :size], new)
-    sum_over(ranks, found)
+        products[i] = dot(space.basis[i, :size], new)
+    sum_over(ranks, products)
 
 
 @part
-def _take_off(space: Space, size: int, j: int) -> float:
-    """Take these amounts off the direction; what that leaves of its square, by Pythagoras."""
-    new, found = space.basis[j + 1, :size], space.sums
-    rest = found[j + 1]
+def _subtract_projections(space: Space, size: int, j: int) -> float:
+    """Subtract the projections from direction j + 1; return its new square, by Pythagoras."""
+    new, products = space.basis[j + 1, :size], space.sums
+    square = products[j + 1]
     for i in range(j + 1):
-        old, along = space.basis[i, :size], np.float32(found[i])
-        space.small[i, COLUMN] += found[i]
-        rest -= found[i] * found[i]
+        old, along = space.basis[i, :size], np.float32(products[i])
+        space.small[i, COLUMN] += products[i]
+        square -= products[i] * products[i]
         for k in range(size):
             new[k] -= along * old[k]
-    return rest
+    return square
 
 
 @part
 def _orthogonalise(space: Space, size: int, j: int, shift: float, ranks: Ranks) -> bool:
-    """Take up the direction j + 1 and rotate its column; whether it is the last (collective).
+    """Make direction j + 1 orthogonal, and rotate its column of the Hessenberg matrix (collective).
 
-    Directions are those of A - shift, see above.
+    Return True if the direction is the last one. Directions are those of A - shift, see the module.
     """
     new, small = space.basis[j + 1, :size], space.small
     for i in range(j + 2):
         small[i, COLUMN] = 0.0
-    _along(space, size, j, ranks)
+    _dot_products(space, size, j, ranks)
     square, last = space.sums[j + 1], space.sums[j]
     whole = np.sqrt(max(square + 2.0 * shift * last + shift * shift, 0.0))
-    rest = _take_off(space, size, j)
-    if not rest > limits.ORTHOGONAL_REST * square:
-        _along(space, size, j, ranks)
-        rest = _take_off(space, size, j)
+    new_square = _subtract_projections(space, size, j)
+    if not new_square > limits.ORTHOGONAL_REST * square:
+        _dot_products(space, size, j, ranks)
+        new_square = _subtract_projections(space, size, j)
     small[j, COLUMN] += shift
     small[j, SHIFT] = small[j, COLUMN]
-    length = np.sqrt(max(rest, 0.0))
+    length = np.sqrt(max(new_square, 0.0))
     for i in range(j):
         c, s = small[i, COSINE], small[i, SINE]
         a, b = small[i, COLUMN], small[i + 1, COLUMN]
@@ -171,27 +171,27 @@ def _orthogonalise(space: Space, size: int, j: int, shift: float, ranks: Ranks) 
         norm, length = 0.0, 0.0
     c, s = (last / norm, length / norm) if norm > 0.0 else (1.0, 0.0)
     small[j, j], small[j, COSINE], small[j, SINE] = norm, c, s
-    small[j + 1, LEFT] = -s * small[j, LEFT]
-    small[j, LEFT] *= c
+    small[j + 1, RESIDUAL] = -s * small[j, RESIDUAL]
+    small[j, RESIDUAL] *= c
     if length > 0.0:
-        each = np.float32(1.0 / length)
+        factor = np.float32(1.0 / length)
         for k in range(size):
-            new[k] *= each
+            new[k] *= factor
     return not length > limits.SINGLE_ROUNDING * whole
 
 
 @part
 def _combine(space: Space, count: int, solution: Singles) -> None:
-    """The solution in the space found so far."""
+    """Write the solution in the space built so far."""
     small, size = space.small, len(solution)
     for k in range(size):
         solution[k] = np.float32(0.0)
     for i in range(count - 1, -1, -1):
-        rest = small[i, LEFT]
+        value = small[i, RESIDUAL]
         for k in range(i + 1, count):
-            rest -= small[i, k] * small[k, COLUMN]
-        weight = rest / small[i, i] if small[i, i] != 0.0 else 0.0
+            value -= small[i, k] * small[k, COLUMN]
+        weight = value / small[i, i] if small[i, i] != 0.0 else 0.0
         small[i, COLUMN] = weight
-        each, direction = np.float32(weight), space.basis[i, :size]
+        factor, direction = np.float32(weight), space.basis[i, :size]
         for k in range(size):
-            solution[k] += each * direction[k]
+            solution[k] += factor * direction[k]

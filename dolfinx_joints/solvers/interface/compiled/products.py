@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Products with S, the compliance less its diagonal, and with parts of it kept in single precision.
+"""Products with S, the compliance less its diagonal, and with stored parts in single precision.
 
-S is `Dense` or `LowRank`; which, is settled when a function that multiplies is compiled. Vectors
-are those of the rank's unknowns, m of them; of all ranks there are M.
+S is `Dense` or `LowRank`; a compiled function is specialised for one of them. Vectors have the m
+unknowns of the rank; all ranks together have M.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from dolfinx_joints.solvers.compliance.row_matrix import add_rows, multiply_lowe
 from dolfinx_joints.solvers.interface.compiled.ranks import (
     Lengths,
     Ranks,
+    concatenated,
     each_of_ranks,
     exchange,
     lengths_of,
-    put_together,
 )
 
 Floats = NDArray[np.float64]
@@ -38,16 +38,16 @@ Singles = NDArray[np.float32]
 
 
 class Dense(NamedTuple):
-    """S as it stands.
+    """S as a dense matrix.
 
     Attributes:
         ranks: The ranks.
         columns: Columns of the rank's rows, one after the other, shape (M, m).
-        by_half: Whether products read half of it: it is symmetric, and of one rank.
-        work: Room for a vector and a product, shape (2, m), of the type of the columns.
-        nonzero: Room for numbers of unknowns, shape (M,).
-        lengths: Of vectors.
-        every: Room for one of all ranks, shape (M,), on several.
+        by_half: True if products read half of S: it is symmetric, on one rank.
+        work: Work array for a vector and a product, shape (2, m), of the type of the columns.
+        nonzero: Work array for numbers of unknowns, shape (M,).
+        lengths: Lengths of the ranks' vectors.
+        every: Work array for a vector of all ranks, shape (M,), if there are several.
     """
 
     ranks: Ranks
@@ -60,23 +60,23 @@ class Dense(NamedTuple):
 
 
 class LowRank(NamedTuple):
-    """S in the blocks of a `LowRankMatrix`, which have its unit diagonal as well.
+    """S in the blocks of a `LowRankMatrix`, which include its unit diagonal.
 
     Attributes:
         ranks: The ranks.
         blocks: Table of the blocks of the rank's points among themselves.
-        data: Their entries.
-        table: Of the blocks with points of other ranks, as of `LowRankMatrix`.
-        shares: Entries that the rank has of those.
-        lengths: Of what passes between it and each other.
-        passing: Room for that, shape (2, n).
+        data: Entries of these blocks.
+        table: Table of the blocks with points of other ranks, as in `LowRankMatrix`.
+        shares: Entries that the rank has of those blocks.
+        lengths: Lengths of the values exchanged with each other rank.
+        passing: Work array for these values, shape (2, n).
         order: Unknowns in the order of the blocks, shape (m,).
-        rows: Place of each unknown in that order, shape (m,).
+        rows: Position of each unknown in that order, shape (m,).
         live: Whether an unknown can move, shape (m,).
-        work: Room for a vector and a product, shape (2, m), of the type of the entries.
-        entries: Of all ranks.
-        whole: S as it stands for small sets, which read less of it than the blocks have, as the
-            columns of `Dense`; shape (M, m) or (0, 0).
+        work: Work array for a vector and a product, shape (2, m), of the type of the entries.
+        entries: Number of entries of all ranks.
+        whole: Columns of S as in `Dense`, for small sets, which read less of them than the blocks
+            have; shape (M, m) or (0, 0).
     """
 
     ranks: Ranks
@@ -95,17 +95,16 @@ class LowRank(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """A set of points with its part of S, kept while the points asked for are among them.
+    """Set of points with its part of S, kept as long as it contains the required points.
 
     Attributes:
-        points: Numbers of the rank's, in order, the first entries, shape (points,).
-        number: How many, -1 before the first set, and of all ranks, shape (2,).
-        lengths: Of vectors over the set, in single precision.
-        every: Room for such a vector of all ranks, shape (M,), where there is a part and more than
-            one of them.
-        numbers: Numbers of their points among all, likewise, shape (M / 3,).
-        part: Columns of the set, of the rank's rows in it, the first entries; of a `LowRank` S
-            where those are no more than it has.
+        points: Local numbers of the rank's points, sorted, in the first entries, shape (points,).
+        number: Numbers of the rank's points (-1 before the first set) and of all, shape (2,).
+        lengths: Lengths of the ranks' vectors over the set, in single precision.
+        every: Work array for such a vector of all ranks, shape (M,), empty if not needed.
+        numbers: Global numbers of all points of the set, shape (M / 3,), empty if not needed.
+        part: Columns of the set, for the rank's rows in it, in the first entries. For a `LowRank` S
+            only if they are no more than the entries of S.
     """
 
     points: Ints
@@ -117,7 +116,7 @@ class Kept(NamedTuple):
 
 
 def kept_of(points: int, every: int, split: Dense | LowRank) -> Kept:
-    """Room for sets of so many points of the rank, and of all."""
+    """Return an empty set with room for so many points of the rank, and of all ranks."""
     most, ranks = every, split.ranks.size
     if isinstance(split, LowRank):
         most = min(every, int(np.sqrt(split.entries) / 3.0)) if len(split.whole) else 0
@@ -133,7 +132,7 @@ def kept_of(points: int, every: int, split: Dense | LowRank) -> Kept:
 
 
 def _dense_product(split: Dense, values: Floats, out: Floats) -> None:
-    every = put_together(split.ranks, values, split.lengths, split.every)
+    every = concatenated(split.ranks, values, split.lengths, split.every)
     count, product = 0, split.work[1]
     for k in range(len(every)):
         if every[k] != 0.0:
@@ -153,24 +152,24 @@ def _dense_product(split: Dense, values: Floats, out: Floats) -> None:
 
 @part
 def _multiply_blocks(split: LowRank) -> None:
-    """The matrix times the first row of the room, to the second (collective).
+    """Multiply the matrix with the first row of ``work``; write to the second row (collective).
 
-    Dense blocks with other ranks are read once: what they are multiplied with comes first, and what
-    they give goes back.
+    Dense blocks with other ranks are read once: receive their vectors, multiply, and send the
+    products back.
     """
     x, y = split.work[0], split.work[1]
     for k in range(len(y)):
         y[k] = 0.0
     multiply_blocks(split.blocks, split.data, x, y)
     if split.ranks.size > 1:
-        gone, come = split.passing[0], split.passing[1]
-        gone[:] = 0.0
-        reduce(split.table, split.shares, x, gone, False)
-        exchange(split.ranks, gone, split.lengths, come)
-        gone[:] = 0.0
-        expand_and_return(split.table, split.shares, come, x, y, gone)
-        exchange(split.ranks, gone, split.lengths, come)
-        add_at_places(split.table, come, y)
+        sent, received = split.passing[0], split.passing[1]
+        sent[:] = 0.0
+        reduce(split.table, split.shares, x, sent, False)
+        exchange(split.ranks, sent, split.lengths, received)
+        sent[:] = 0.0
+        expand_and_return(split.table, split.shares, received, x, y, sent)
+        exchange(split.ranks, sent, split.lengths, received)
+        add_at_places(split.table, received, y)
 
 
 def _low_rank_product(split: LowRank, values: Floats, out: Floats) -> None:
@@ -184,7 +183,7 @@ def _low_rank_product(split: LowRank, values: Floats, out: Floats) -> None:
 
 
 def multiply(split: Any, values: Floats, out: Floats) -> None:
-    """S times values, shape (m,) (collective)."""
+    """Write S times values to ``out``, shape (m,) (collective)."""
     (_dense_product if isinstance(split, Dense) else _low_rank_product)(split, values, out)
 
 
@@ -202,7 +201,7 @@ def _low_rank_cost(split: LowRank, unknowns: int) -> float:
 
 
 def cost(split: Any, unknowns: int) -> float:
-    """Entries that a product with so many nonzero values reads, both of all ranks."""
+    """Return the number of entries that a product reads for so many nonzero values (all ranks)."""
     return (_dense_cost if isinstance(split, Dense) else _low_rank_cost)(split, unknowns)
 
 
@@ -212,8 +211,8 @@ def _(split: Any, unknowns: Any) -> Any:
 
 
 @part
-def turn(blocks: Singles, values: NDArray[Any], out: NDArray[Any]) -> None:
-    """Blocks, of which there may be more, times a vector (3 n,)."""
+def apply_blocks(blocks: Singles, values: NDArray[Any], out: NDArray[Any]) -> None:
+    """Write the blocks times a vector (3 n,) to ``out``; blocks beyond n are ignored."""
     for i in range(len(values) // 3):
         t, a, b, c = blocks[i], values[3 * i], values[3 * i + 1], values[3 * i + 2]
         out[3 * i] = t[0, 0] * a + t[0, 1] * b + t[0, 2] * c
@@ -221,24 +220,24 @@ def turn(blocks: Singles, values: NDArray[Any], out: NDArray[Any]) -> None:
         out[3 * i + 2] = t[2, 0] * a + t[2, 1] * b + t[2, 2] * c
 
 
-def _hold_dense(split: Dense, kept: Kept) -> None:
-    _pick(split.columns, kept, split.ranks, split.by_half)
+def _store_dense_part(split: Dense, kept: Kept) -> None:
+    _copy_part(split.columns, kept, split.ranks, split.by_half)
 
 
-def _hold_low_rank(split: LowRank, kept: Kept) -> None:
-    if _is_held(split, kept):
-        _pick(split.whole, kept, split.ranks, split.ranks.size == 1)
+def _store_low_rank_part(split: LowRank, kept: Kept) -> None:
+    if _part_is_stored(split, kept):
+        _copy_part(split.whole, kept, split.ranks, split.ranks.size == 1)
 
 
 @part
-def _is_held(split: LowRank, kept: Kept) -> bool:
-    """Whether the part of a set is kept."""
+def _part_is_stored(split: LowRank, kept: Kept) -> bool:
+    """Return True if the part of S of a set is stored."""
     return len(split.whole) > 0 and 9.0 * float(kept.number[1]) ** 2 <= split.entries
 
 
 @part
-def _pick(matrix: NDArray[Any], kept: Kept, ranks: Ranks, by_half: bool) -> None:
-    """Columns of the points kept, of the rank's rows among them; the lower half if that will do."""
+def _copy_part(matrix: NDArray[Any], kept: Kept, ranks: Ranks, by_half: bool) -> None:
+    """Copy the columns of the set's points for the rank's rows; if ``by_half`` the lower half."""
     count, points = kept.number[0], kept.points
     every = kept.points if ranks.size == 1 else kept.numbers
     columns = kept.part[: 9 * kept.number[1] * count].reshape(3 * kept.number[1], 3 * count)
@@ -250,64 +249,63 @@ def _pick(matrix: NDArray[Any], kept: Kept, ranks: Ranks, by_half: bool) -> None
                     out[3 * j + b] = line[3 * points[j] + b]
 
 
-def _hold(split: Any, kept: Kept) -> None:
-    (_hold_dense if isinstance(split, Dense) else _hold_low_rank)(split, kept)
+def _store_part(split: Any, kept: Kept) -> None:
+    (_store_dense_part if isinstance(split, Dense) else _store_low_rank_part)(split, kept)
 
 
-@overload(_hold, strict=False)
+@overload(_store_part, strict=False)
 def _(split: Any, kept: Any) -> Any:
-    return _hold_dense if split.instance_class is Dense else _hold_low_rank
+    return _store_dense_part if split.instance_class is Dense else _store_low_rank_part
 
 
 @part
-def hold(split: Any, kept: Kept, wanted: Ints, count: int) -> None:
-    """Keep the parts of a set that contains the wanted points, which are sorted.
+def keep(split: Any, kept: Kept, wanted: Ints, count: int) -> None:
+    """Store the parts of S of a set that contains the wanted points, which are sorted (collective).
 
-    The kept set stays if it contains them; else they join it, or replace it if it grows too large.
-
-    (Collective.)
+    A set that contains them is kept. Otherwise they are added to it, or replace it if it grows too
+    large.
     """
-    points, known, both, place = kept.points, kept.number[0], 0, 0
+    points, last_count, both, place = kept.points, kept.number[0], 0, 0
     for k in range(count):
-        while place < known and points[place] < wanted[k]:
+        while place < last_count and points[place] < wanted[k]:
             place += 1
-        both += place < known and points[place] == wanted[k]
-    union = known + count - both
-    if known >= 0:
-        mine = np.array([float(known), float(count), float(both)])
+        both += place < last_count and points[place] == wanted[k]
+    union = last_count + count - both
+    if last_count >= 0:
+        mine = np.array([float(last_count), float(count), float(both)])
         every = each_of_ranks(split.ranks, mine)
-        knowns, counts, boths = every[:, 0].sum(), every[:, 1].sum(), every[:, 2].sum()
-        if boths == counts and knowns <= limits.SET_EXCESS * counts + limits.SET_SPARE:
+        last_counts, counts, boths = every[:, 0].sum(), every[:, 1].sum(), every[:, 2].sum()
+        if boths == counts and last_counts <= limits.SET_EXCESS * counts + limits.SET_SPARE:
             return
-        if knowns + counts - boths > limits.SET_EXCESS * counts + limits.SET_SPARE:
-            known = -1
-    if known < 0:
-        take(split, kept, wanted, count)
+        if last_counts + counts - boths > limits.SET_EXCESS * counts + limits.SET_SPARE:
+            last_count = -1
+    if last_count < 0:
+        store(split, kept, wanted, count)
         return
-    old, new = known - 1, count - 1
+    old, new = last_count - 1, count - 1
     for k in range(union - 1, -1, -1):
         if new < 0 or (old >= 0 and points[old] > wanted[new]):
             points[k], old = points[old], old - 1
         else:
             old -= old >= 0 and points[old] == wanted[new]
             points[k], new = wanted[new], new - 1
-    take(split, kept, points, union)
+    store(split, kept, points, union)
 
 
 @njit(cache=True)
-def take(split: Any, kept: Kept, points: Ints, count: int) -> None:
-    """Keep these points (collective)."""
+def store(split: Any, kept: Kept, points: Ints, count: int) -> None:
+    """Store the parts of S of these points (collective)."""
     kept.number[0], kept.number[1] = count, count
     for k in range(count):
         kept.points[k] = points[k]
     if split.ranks.size > 1:
-        _tell(split, kept, count)
-    _hold(split, kept)
+        _gather_numbers(split, kept, count)
+    _store_part(split, kept)
 
 
 @part
-def _tell(split: Any, kept: Kept, count: int) -> None:
-    """Numbers of the points kept, to all ranks (collective)."""
+def _gather_numbers(split: Any, kept: Kept, count: int) -> None:
+    """Gather the numbers of the set's points on all ranks (collective)."""
     ranks = split.ranks
     every = each_of_ranks(ranks, np.array([float(count), float(len(kept.points))]))
     counts, starts, total, before = kept.lengths.counts, kept.lengths.starts, 0, 0
@@ -317,15 +315,17 @@ def _tell(split: Any, kept: Kept, count: int) -> None:
         total += int(every[r, 0])
     kept.number[1] = total
     if len(kept.numbers):
-        put_together(ranks, kept.points[:count] + before, kept.lengths, kept.numbers)
-    for r in range(ranks.size):  # of three numbers of four bytes instead of one of eight
+        concatenated(ranks, kept.points[:count] + before, kept.lengths, kept.numbers)
+    for r in range(ranks.size):  # three numbers of 4 bytes, not one of 8
         counts[r], starts[r] = counts[r] // 2 * 3, starts[r] // 2 * 3
 
 
 @part
-def _multiply_kept(ranks: Ranks, kept: Kept, values: Singles, out: Singles, by_half: bool) -> None:
-    """The part that is kept times values."""
-    every = put_together(ranks, values, kept.lengths, kept.every)[: 3 * kept.number[1]]
+def _multiply_stored(
+    ranks: Ranks, kept: Kept, values: Singles, out: Singles, by_half: bool
+) -> None:
+    """Write the stored part of S times values to ``out`` (collective)."""
+    every = concatenated(ranks, values, kept.lengths, kept.every)[: 3 * kept.number[1]]
     if len(values):
         size = len(every) * len(values)
         columns = kept.part[:size].reshape(len(every), len(values))
@@ -336,12 +336,12 @@ def _multiply_kept(ranks: Ranks, kept: Kept, values: Singles, out: Singles, by_h
 
 
 def _dense_part(split: Dense, kept: Kept, values: Singles, out: Singles) -> None:
-    _multiply_kept(split.ranks, kept, values, out, split.by_half)
+    _multiply_stored(split.ranks, kept, values, out, split.by_half)
 
 
 def _low_rank_part(split: LowRank, kept: Kept, values: Singles, out: Singles) -> None:
-    if _is_held(split, kept):
-        _multiply_kept(split.ranks, kept, values, out, split.ranks.size == 1)
+    if _part_is_stored(split, kept):
+        _multiply_stored(split.ranks, kept, values, out, split.ranks.size == 1)
         return
     x, y, rows = split.work[0], split.work[1], split.rows
     for k in range(len(x)):
@@ -357,7 +357,7 @@ def _low_rank_part(split: LowRank, kept: Kept, values: Singles, out: Singles) ->
 
 
 def multiply_part(split: Any, kept: Kept, values: Singles, out: Singles) -> None:
-    """The kept part of S times values, shape (3 number,) (collective)."""
+    """Write the part of S of the set times values to ``out``, shape (3 number,) (collective)."""
     (_dense_part if isinstance(split, Dense) else _low_rank_part)(split, kept, values, out)
 
 

@@ -1,8 +1,8 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What ranks tell each other inside compiled loops, by MPI's own functions.
+"""Communication between ranks inside compiled loops, by MPI's own functions.
 
-All ranks sum in the same order, so that a decision taken on sums or maxima is the same on all.
+All ranks sum in the same order, so that decisions based on sums or maxima agree.
 """
 
 from __future__ import annotations
@@ -24,44 +24,44 @@ from dolfinx_joints.solvers import limits
 Floats = NDArray[np.float64]
 
 
-def _function(name: str, arguments: str) -> Any:
-    """A function of the MPI that mpi4py has loaded: p pointers, i int, h handles."""
+def _mpi_function(name: str, arguments: str) -> Any:
+    """Return a function of mpi4py's MPI library; arguments: p pointer, i int, h handle."""
     library = ctypes.CDLL(MPI.__file__)
     address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
     binding.add_symbol(name, address)
     kinds = {"p": types.uintp, "i": types.int32, "h": types.intp}
-    return types.ExternalFunction(name, types.int32(*(kinds[each] for each in arguments)))
+    return types.ExternalFunction(name, types.int32(*(kinds[kind] for kind in arguments)))
 
 
-_allgather = _function("MPI_Allgather", "pihpihh")
-_allgatherv = _function("MPI_Allgatherv", "pihppphh")
-_alltoallv = _function("MPI_Alltoallv", "ppphppphh")
+_allgather = _mpi_function("MPI_Allgather", "pihpihh")
+_allgatherv = _mpi_function("MPI_Allgatherv", "pihppphh")
+_alltoallv = _mpi_function("MPI_Alltoallv", "ppphppphh")
 
 
 class Ranks(NamedTuple):
-    """The ranks of a communicator.
+    """Ranks of a communicator.
 
     Attributes:
         comm: MPI's handle of the communicator.
         byte: MPI's handle of the type of one byte.
-        rank: This one.
-        size: Their number.
-        room: For what the ranks sum, shape (size, products of GMRES + 1).
+        rank: Number of this rank.
+        size: Number of ranks.
+        buffer: Buffer for values of all ranks, shape (size, products of GMRES + 1).
     """
 
     comm: int
     byte: int
     rank: int
     size: int
-    room: Floats
+    buffer: Floats
 
 
 class Lengths(NamedTuple):
-    """Bytes that each rank has of an array that is dealt.
+    """Lengths in bytes of the ranks' parts of a distributed array.
 
     Attributes:
-        counts: Of each rank, shape (ranks,).
-        starts: Of the ranks before, shape (ranks,).
+        counts: Length of each rank's part, shape (ranks,).
+        starts: Total length of the parts of lower ranks, shape (ranks,).
     """
 
     counts: NDArray[np.int32]
@@ -69,30 +69,30 @@ class Lengths(NamedTuple):
 
 
 def ranks_of(comm: Any) -> Ranks:
-    """Those of an mpi4py communicator, which has to live as long."""
-    room = np.empty((comm.size, limits.MOST_PRODUCTS + 1))
-    # An address or, with MPICH, a number of 32 bits, which is passed in the same register.
-    return Ranks(MPI._handleof(comm), MPI._handleof(MPI.BYTE), comm.rank, comm.size, room)
+    """Return the ranks of an mpi4py communicator, which must exist as long as they are used."""
+    buffer = np.empty((comm.size, limits.MOST_PRODUCTS + 1))
+    # An address or, with MPICH, a number of 32 bits, passed in the same register.
+    return Ranks(MPI._handleof(comm), MPI._handleof(MPI.BYTE), comm.rank, comm.size, buffer)
 
 
 def lengths_of(counts: Any) -> Lengths:
-    """From the bytes of each rank."""
-    found = np.array(counts, dtype=np.int32)
-    return Lengths(found, (np.cumsum(found) - found).astype(np.int32))
+    """Return the lengths for the number of bytes of each rank."""
+    lengths = np.array(counts, dtype=np.int32)
+    return Lengths(lengths, (np.cumsum(lengths) - lengths).astype(np.int32))
 
 
 @part
 def _check(code: int) -> None:
-    """Raise where a function of MPI returns an error, as those of mpi4py do."""
+    """Raise an error if a function of MPI returns an error code, as mpi4py does."""
     if code != 0:
-        raise JointsError("MPI has failed between the ranks of the joint iteration.")
+        raise JointsError("MPI has failed in the exchange between ranks in the joint iteration.")
 
 
 @part
 def each_of_ranks(ranks: Ranks, mine: Floats) -> Floats:
-    """Values of all ranks, shape (ranks, n), in room that the next call takes (collective)."""
+    """Return the values of all ranks, shape (ranks, n), until the next call (collective)."""
     count = len(mine)
-    every = ranks.room.reshape(-1)[: ranks.size * count]
+    every = ranks.buffer.reshape(-1)[: ranks.size * count]
     if ranks.size == 1:
         every[:] = mine
     else:
@@ -112,7 +112,7 @@ def each_of_ranks(ranks: Ranks, mine: Floats) -> Floats:
 
 @part
 def sum_over(ranks: Ranks, values: Floats) -> None:
-    """Replace values, as many as `Ranks.room` takes, by their sums over the ranks (collective)."""
+    """Replace values by their sums over the ranks, as many as fit the buffer (collective)."""
     if ranks.size == 1:
         return
     every = each_of_ranks(ranks, values)
@@ -124,7 +124,7 @@ def sum_over(ranks: Ranks, values: Floats) -> None:
 
 @part
 def largest_of(ranks: Ranks, value: float) -> float:
-    """Largest value of all ranks, not a number if one is not (collective)."""
+    """Return the largest value of all ranks, NaN if one of them is NaN (collective)."""
     if ranks.size == 1:
         return value
     mine = np.array([value])
@@ -136,13 +136,10 @@ def largest_of(ranks: Ranks, value: float) -> float:
 
 
 @part
-def put_together(
+def concatenated(
     ranks: Ranks, mine: NDArray[Any], lengths: Lengths, every: NDArray[Any]
 ) -> NDArray[Any]:
-    """Parts of all ranks one after the other, in the room given; of one rank its own (collective).
-
-    Of several ranks the room begins with them.
-    """
+    """Return the parts of all ranks in ``every``, on one rank its own part (collective)."""
     if ranks.size == 1:
         return mine
     _check(
@@ -161,16 +158,16 @@ def put_together(
 
 
 @part
-def exchange(ranks: Ranks, gone: NDArray[Any], lengths: Lengths, come: NDArray[Any]) -> None:
-    """Send each rank its part of an array, and get as much from it (collective)."""
+def exchange(ranks: Ranks, sent: NDArray[Any], lengths: Lengths, received: NDArray[Any]) -> None:
+    """Send each rank its part of an array, and receive as much from it (collective)."""
     counts, starts = lengths.counts.ctypes.data, lengths.starts.ctypes.data
     _check(
         _alltoallv(
-            gone.ctypes.data,
+            sent.ctypes.data,
             counts,
             starts,
             ranks.byte,
-            come.ctypes.data,
+            received.ctypes.data,
             counts,
             starts,
             ranks.byte,

@@ -44,8 +44,7 @@ class ElasticBody:
         density: rho [kg/m^3].
         first_lame: lambda [Pa], NaN in orthotropic cells.
         shear_modulus: mu [Pa], NaN in orthotropic cells.
-        strained_axes: Number of axes with blocked strain in a clamped body: 2 in plane stress,
-            else 3.
+        strained_axes: Number of strains that a clamped body blocks: 2 in plane stress, else 3.
     """
 
     def __init__(
@@ -77,9 +76,7 @@ class ElasticBody:
                 self._matrix = fem.Constant(mesh, _reduced(elastic[""], gdim, plane))
             return
         if not material:
-            raise ValueError(
-                "material is an empty mapping; give a material, or one per cell group."
-            )
+            raise ValueError("material is an empty mapping; give one material per cell group.")
         space = fem.functionspace(mesh, ("DG", 0))
         fields = [fem.Function(space) for _ in range(3)]
         count = fem.Function(space)
@@ -179,20 +176,16 @@ def _tensor(stress: Any, dimension: int) -> Any:
     return ufl.as_tensor([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def _parameters(material: Elastic | Orthotropic, plane: str) -> tuple[float, float, float]:
+def _parameters(solid: Elastic | Orthotropic, plane: str) -> tuple[float, float, float]:
     """Return first Lame parameter, shear modulus and density."""
-    if isinstance(material, Elastic):
-        return (
-            float(material.first_lame(plane)),
-            float(material.shear_modulus),
-            float(material.density),
-        )
-    return float("nan"), float("nan"), float(material.density)
+    if isinstance(solid, Elastic):
+        return float(solid.first_lame(plane)), float(solid.shear_modulus), float(solid.density)
+    return float("nan"), float("nan"), float(solid.density)
 
 
-def _reduced(material: Elastic | Orthotropic, dimension: int, plane: str) -> NDArray[np.float64]:
+def _reduced(solid: Elastic | Orthotropic, dimension: int, plane: str) -> NDArray[np.float64]:
     """Return the stiffness in the order of `strain_vector`; in 2-D the last row is that of zz."""
-    matrix = material.stiffness_matrix()
+    matrix = solid.stiffness_matrix()
     if dimension == 3:
         return matrix
     coupled = float(np.abs(matrix[np.ix_((0, 1, 2, 5), (3, 4))]).max())

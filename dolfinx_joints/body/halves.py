@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Fast products with the symmetric M and K of a 3-D body, whose upper halves are stored.
 
-Both products take one pass over the matrices, and their time is that of reading memory: 84 bytes
-for two blocks of K and of M, where PETSc reads 224. Reading less also keeps the factor in the
+One pass over the matrices computes both products. Their time is that of reading memory: 84 bytes
+for two blocks of K and M, against 224 with PETSc. Reading less also keeps the factor in the
 processor's cache. Blocks between nodes of two ranks are stored on both ranks.
 """
 
@@ -22,10 +22,10 @@ from dolfinx_joints.mesh.cells import Floats, Ints
 
 Indices = NDArray[np.uint32]
 
-# Bound of the rounding error of an assembled entry, relative to the diagonal of its nodes (in the
-# symmetry check of M: to the largest entry). An entry is a sum over up to some hundred cells, in an
-# order that depends on processor and ranks. Each term has an error of 1.1e-16, the sum at most
-# about 1e-14. A real difference of 1e-13 changes a product by no more than rounding error.
+# Bound of the rounding error of an assembled entry, relative to the diagonal of its nodes (symmetry
+# of M: to the largest entry). An entry is a sum over up to some hundred cells, in an order that
+# depends on processor and ranks. Each term has an error of 1.1e-16, the sum at most about 1e-14. A
+# real difference of 1e-13 changes a product by no more than rounding error.
 ROUNDING = 1e-13
 
 # Entries of K above which the products are a small part of a step and a copy needs much memory.
@@ -112,12 +112,8 @@ class Halves:
 class Others:
     """Blocks between nodes of this rank and of other ranks, as in `Halves`.
 
-    Args:
-        rows: Local node of each block, ascending, shape (blocks,).
-        columns: Global node of each block, shape (blocks,).
-        blocks: Entries of K and M as in `Halves`, shape (blocks, 10).
-        nodes: Number of nodes of this rank.
-        like: Vector with the layout of the values.
+    ``rows`` are local nodes, ascending, and ``columns`` global nodes, both of shape (blocks,).
+    ``nodes`` is the number of nodes of this rank, ``like`` a vector with the layout of the values.
     """
 
     def __init__(

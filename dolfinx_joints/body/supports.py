@@ -42,8 +42,7 @@ def components_of(components: str, gdim: int) -> list[int]:
     axes = ["xyz"[:gdim].find(letter) for letter in components]
     if -1 in axes or not axes or len(set(axes)) < len(axes):
         raise ValueError(
-            f"components is {shown(components)}; it must name one or more of {'xyz'[:gdim]!r}, "
-            "each at most once."
+            f"components is {shown(components)}; it must name some of {'xyz'[:gdim]!r}, each once."
         )
     return axes
 
@@ -144,9 +143,7 @@ def place_of(support: Fixed | Prescribed) -> str:
     group, point = support.group, support.point
     if point is None:
         if group is None:
-            raise ValueError(
-                f"{type(support).__name__}: group and point are both None; give one of them."
-            )
+            raise ValueError(f"{type(support).__name__}: group and point are both None; give one.")
         return group
     where = f"point ({' '.join(f'{x:g}' for x in point)})"
     return where if group is None else f"{where} of {group}"
@@ -213,8 +210,8 @@ class Constraints:
         _check_not_both(supports)
         clamped = [s for s in supports if isinstance(s, Fixed | Prescribed) and s.point is None]
         self.groups = tuple(dict.fromkeys(place_of(support) for support in clamped))
-        every = [np.empty(0, dtype=np.int64), *fixed, *(dofs for dofs, *_ in self._prescribed)]
-        self.dofs = np.unique(np.concatenate(every))
+        parts = [np.empty(0, dtype=np.int64), *fixed, *(dofs for dofs, *_ in self._prescribed)]
+        self.dofs = np.unique(np.concatenate(parts))
         self._shared = self._shared_dofs()
         self.static_dofs = np.unique(np.concatenate([self.dofs, *static_only]))
 
@@ -265,10 +262,10 @@ class Constraints:
             values = np.column_stack([prescribed[i][at_one], prescribed[j][at_other]])
             worst = np.argsort(np.abs(values @ [1.0, -1.0]))[-1:]  # empty without shared dofs
             places = self._prescribed[i][1][at_one[worst]]
-            every = self._comm.allgather((scale, [*zip(values[worst], places, strict=True)]))
-            shared = [pair for _, pairs in every for pair in pairs]
+            from_ranks = self._comm.allgather((scale, [*zip(values[worst], places, strict=True)]))
+            shared = [pair for _, pairs in from_ranks for pair in pairs]
             (one, other), place = max(shared, key=lambda pair: abs(pair[0][0] - pair[0][1]))
-            if abs(one - other) <= SAME_VALUE * max(scale for scale, _ in every):
+            if abs(one - other) <= SAME_VALUE * max(scale for scale, _ in from_ranks):
                 continue
             supports = [self._prescribed[k][2] for k in (i, j)]
             groups = " and ".join(shown(place_of(support)) for support in supports)
@@ -283,10 +280,10 @@ class Constraints:
 def _check_not_both(supports: Sequence[Support]) -> None:
     """Check that no component is both fixed by name and prescribed at one place."""
     fixed = [s for s in supports if isinstance(s, Fixed)]
-    fixed_components = {(place_of(s), component) for s in fixed for component in s.components or ""}
-    for moved in supports:
-        if isinstance(moved, Prescribed) and (place_of(moved), moved.component) in fixed_components:
-            label = f"The displacement {moved.component} on {shown(place_of(moved))}"
+    fixed_by_name = {(place_of(s), component) for s in fixed for component in s.components or ""}
+    for motion in supports:
+        if isinstance(motion, Prescribed) and (place_of(motion), motion.component) in fixed_by_name:
+            label = f"The displacement {motion.component} on {shown(place_of(motion))}"
             raise ValueError(f"{label} is both Fixed and Prescribed; give one of them.")
 
 
@@ -296,15 +293,15 @@ def _node_of_point(jointed: JointedMesh, V: Any, support: Fixed | Prescribed) ->
     comm, where = jointed.mesh.comm, place_of(support)
     distance, nodes = nearest_nodes(jointed, V, support.point, support.group)
     own_nodes = [x.tolist() for x in V.tabulate_dof_coordinates()[nodes]]
-    every = [x for part in comm.allgather(own_nodes) for x in part]
+    all_nodes = [x for part in comm.allgather(own_nodes) for x in part]
     if not distance <= NO_NODE * extent(V):
-        near = as_text(every[0], V) if every else "none"
+        near = as_text(all_nodes[0], V) if all_nodes else "none"
         raise MeshError(
             f"The support at {where} has no node there; the nearest is {near}, at {distance:.3g} m."
         )
-    if len(every) > 1:
+    if len(all_nodes) > 1:
         raise MeshError(
-            f"The support at {where} has {len(every)} nodes there, on both sides of a joint; name "
-            f"a side as well, as in group='{jointed.joint_names[0]}+'."
+            f"The support at {where} has {len(all_nodes)} nodes there, on both sides of a joint; "
+            f"name a side as well, as in group='{jointed.joint_names[0]}+'."
         )
     return nodes

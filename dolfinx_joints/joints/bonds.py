@@ -54,6 +54,6 @@ def broken_points(parts: Sequence[LawPoints], before: JointState, after: JointSt
     broken = np.zeros(len(before.gap), dtype=bool)
     for part in parts:
         if part.brittle:
-            was, bond = (state.internal[part.points, 0] for state in (before, after))
-            broken[part.points] = (was < BROKEN) & (bond == BROKEN)
+            bond_before, bond = (state.internal[part.points, 0] for state in (before, after))
+            broken[part.points] = (bond_before < BROKEN) & (bond == BROKEN)
     return broken

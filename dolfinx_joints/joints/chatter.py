@@ -19,17 +19,16 @@ from dolfinx_joints.common.kernels import njit
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Response
 
-# Number of steps from which a contact or an open phase is resolved; number of shorter contacts per
-# point, and their share of the normal impulse, above which a joint chatters.
+# Number of steps that resolve a contact or an open phase. A joint chatters above this number of
+# shorter contacts per point and this share of the normal impulse in them.
 RESOLVED, REPEATED, LARGE_SHARE = 10, 20, 0.2
 
 
 class Chatter:
     """Share of the normal impulse of each joint that acts in short sliding contacts.
 
-    A contact is short if it lasts less than `RESOLVED` steps, or than the whole step if this was
-    subdivided. It counts only if the open phase before it was also short: rebounds of a block are
-    not chatter.
+    Contacts shorter than `RESOLVED` steps, or than a subdivided step, are short. They count if the
+    open phase before was also short: rebounds of a block are not chatter.
 
     Args:
         contact: The joints, or None.

@@ -92,8 +92,8 @@ class FormOperator(GapOperator):
     def assemble_tangent(self, tangent: Floats, out: PETSc.Mat) -> None:
         """Assemble the tangent (6) [N/m] of point tangents (n, 3, 3), [Pa/m] (collective)."""
         axes = self._axes
-        turned = np.einsum("nki,nkl,nlj->nij", axes, tangent, axes)
-        self._exchange.give(self._tangent, turned.reshape(len(turned), -1))
+        rotated = np.einsum("nki,nkl,nlj->nij", axes, tangent, axes)
+        self._exchange.give(self._tangent, rotated.reshape(len(rotated), -1))
         out.zeroEntries()
         fem_petsc.assemble_matrix(out, self.tangent_form)
         out.assemble()

@@ -93,10 +93,10 @@ class JointInternalForces:
 
     def failure(self, response: Response, state: JointState) -> dict[str, Any]:
         """Return point counts and the joint with the largest gap change (collective)."""
-        moved = np.abs(response.state.gap - state.gap).sum(axis=1)
+        gap_change = np.abs(response.state.gap - state.gap).sum(axis=1)
         counts = vars(self.counts(response)).copy()
         del counts["tied"]
         not_finite = self.contact.not_finite(response)
         if not_finite is not None:
             return {**counts, "joint": not_finite[0], "law": not_finite[1]}
-        return {**counts, "joint": self.contact.worst_joint(moved)}
+        return {**counts, "joint": self.contact.worst_joint(gap_change)}

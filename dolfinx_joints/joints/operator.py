@@ -274,9 +274,9 @@ def _side_entries(jointed: JointedMesh, V: Any, layout: JointPoints) -> tuple[In
     kinds, kind = np.unique(np.column_stack([slots[:, 1], match]), axis=0, return_inverse=True)
     dofs = V.dofmap.list
     parts: list[tuple[Ints, Ints, Floats]] = []
-    for number, (facet, *turned) in enumerate(kinds):
+    for number, (facet, *order) in enumerate(kinds):
         sides = np.flatnonzero(kind.ravel() == number)
-        vertices = corners[shape.facet_vertices[facet]][turned]
+        vertices = corners[shape.facet_vertices[facet]][order]
         basis = _side_table(element, layout.rule, vertices)[:, on_facet[facet]]
         q, a = np.nonzero(basis)
         pair, sign = sides % len(pairs.joint), np.where(sides < len(pairs.joint), -1.0, 1.0)

@@ -64,16 +64,11 @@ def _order_of_integration(rule: Floats, turned: Ints) -> Ints:
     Args:
         rule: Points on the reference facet, the same set for each vertex order of the facet.
         turned: Facet vertices in the order of the integrals, shape (facets, vertices per facet).
-
-    Raises:
-        ValueError: The set of points depends on the vertex order.
     """
     corners = basix.cell.geometry(facet_cell_type(turned.shape[1]))
     weights = vertex_functions(turned.shape[1], rule)
     kinds, of_facet = np.unique(turned, axis=0, return_inverse=True)
     distance = np.linalg.norm((weights @ corners[kinds])[:, :, None] - rule, axis=3)
     if np.any(distance.min(axis=2, initial=np.inf) > 1e-9):
-        raise ValueError(
-            "This quadrature rule depends on the vertex order of a facet; use a symmetric rule."
-        )
+        raise ValueError("This quadrature rule depends on a facet's vertex order; use another.")
     return distance.argmin(axis=2)[of_facet.ravel()]

@@ -92,11 +92,11 @@ def joint_points(
     order = np.argsort(table[:, 0])  # the sums then do not depend on the number of ranks
     table, values = table[order], sent_to(comm, rank, values)[order]
     _, first, of = np.unique(table[:, 1:], axis=0, return_index=True, return_inverse=True)
-    of, every = of.ravel(), pairs.count * len(rule)
+    of, total = of.ravel(), pairs.count * len(rule)
     sums, least = np.zeros((len(first), 4)), np.full(len(first), np.inf)
     np.add.at(sums, of, values[:, :4])
     np.minimum.at(least, of, values[:, 4])
-    number, count = positions(comm, table[first, 0], every), comm.allreduce(len(first))
+    number, count = positions(comm, table[first, 0], total), comm.allreduce(len(first))
     share = values[:, 0] / sums[of, 0]
     areas, mean, sizes, points = (
         dealt(comm, count, number, column)
@@ -108,7 +108,7 @@ def joint_points(
     for i, axis in enumerate(pairs.axes):
         rows[joint == i] = frames(mean[joint == i], axis, plane=shape.dim == 2)
     own_number, own_share = (
-        rows_at(comm, dealt(comm, every, table[:, 0], column), place).reshape(-1, len(rule))
+        rows_at(comm, dealt(comm, total, table[:, 0], column), place).reshape(-1, len(rule))
         for column in (number[of], share)
     )
     return JointPoints(
@@ -135,8 +135,8 @@ def _shortest_edges(nodes: Floats, corners: int) -> Floats:
 def _keys(pairs: JointPairs, corners: int, rule: Floats) -> Ints:
     """Return keys that identify the joint points, a row per rule point of each facet.
 
-    The key of a point consists of its joint and of the vertices, on both sides, of the sub-entity
-    (vertex, edge or facet) that contains it; inside a facet also of its number in the rule.
+    The key of a point consists of its joint and the vertices, on both sides, of the sub-entity
+    (vertex, edge or facet) that contains it. Inside a facet the number in the rule is added.
     """
     around = vertex_functions(corners, rule) > 1e-9  # vertices of the sub-entity
     keys = np.full((len(pairs.joint), len(rule), 2 + 2 * corners), -1, dtype=np.int64)

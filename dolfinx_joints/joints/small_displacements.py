@@ -61,9 +61,7 @@ class SmallDisplacements:
             self._largest[:], self._warned[:] = state_dict["largest"], state_dict["warned"]
 
     def warn(self, when: str) -> list[str]:
-        """Warn of joints above the limit since the last call; return the texts (collective).
-
-        The list is empty on ranks other than 0.
+        """Warn of joints above the limit since the last call; return rank 0's texts (collective).
 
         Args:
             when: Time of the event, such as ``by t = 2 s``.

@@ -3,8 +3,7 @@
 """Joint laws in UFL: a stored energy or a traction as a function of the gap vector.
 
 The gap (n, s1, s2) consists of the normal gap, including the initial gap, and the slip since the
-state at rest. UFL computes the derivatives and FFCx the C code. The result is a joint law like any
-other, arrays in and arrays out.
+state at rest. UFL computes the derivatives and FFCx the C code.
 """
 
 from __future__ import annotations
@@ -45,8 +44,7 @@ class PotentialJoint:
     uses the mean traction over the path of a step (`path_mean`).
 
     Attributes:
-        energy: Function that returns psi [J/m^2], a scalar UFL expression, for the gap, a UFL
-            vector (n, s1, s2).
+        energy: Function that returns psi [J/m^2], a UFL scalar, for the gap, a UFL vector.
         normal_stiffness: k_n of the closed joint, for modes and singular tangents.
         shear_stiffness: k_s of the closed joint, for modes and singular tangents.
 
@@ -78,23 +76,21 @@ class PotentialJoint:
 
     def stored_energy(self, state: JointState) -> Floats:
         """Return psi of each point, shape (n,), [J/m^2]."""
-        return self._points.evaluate("energy", _expression_gap(state))[:, 0]
+        return self._points.evaluate("energy", _gap_of(state))[:, 0]
 
     def backward_euler(self, gap: Floats, state: JointState) -> Response:
         """Return the response at a gap of shape (n, 3), [m]; it does not depend on the history."""
         after = _after(gap, state)
-        return _response(after, *self._tractions(_expression_gap(after)))
+        return _response(after, *self._tractions(_gap_of(after)))
 
     def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
         """Return the mean traction of a step, whose work is the change of psi; see `path_mean`."""
         after = _after(gap, state)
-        return _response(
-            after, *path_mean(self._tractions, _expression_gap(state), _expression_gap(after))
-        )
+        return _response(after, *path_mean(self._tractions, _gap_of(state), _gap_of(after)))
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Return the losses: work of the traction minus the mean over the path."""
-        start, end = _expression_gap(before), _expression_gap(answer.state)
+        start, end = _gap_of(before), _gap_of(answer.state)
         mean, _ = path_mean(self._tractions, start, end)
         return Losses(answer.dissipation, work(traction - mean, end - start))
 
@@ -117,8 +113,8 @@ class TractionJoint:
             shear_stiffness=0.0,
         )
 
-    Internal variables are scalars. An update function receives the gap at the end of the step and
-    the variables at its start; traction and energy receive gap and variables of the same time. In
+    Internal variables are scalars. Update functions receive the gap at the end of the step and the
+    variables at its start. Traction and energy receive gap and variables of the same time. In
     ``traction``, ``ufl.diff(psi(g, kappa), g)`` keeps the variables fixed.
 
     All schemes use the traction at the end of the step (backward Euler). The dissipation is the
@@ -184,17 +180,17 @@ class TractionJoint:
 
     def stored_energy(self, state: JointState) -> Floats:
         """Return the energy of each point, zero without ``energy``, shape (n,), [J/m^2]."""
-        return self._points.evaluate("state", _expression_gap(state), state.internal)[:, 0]
+        return self._points.evaluate("state", _gap_of(state), state.internal)[:, 0]
 
     def backward_euler(self, gap: Floats, state: JointState) -> Response:
         """Return traction and new variables at the end of a step at a gap (n, 3), [m]."""
-        before, after = _expression_gap(state), _after(gap, state)
-        values = self._points.evaluate("end", _expression_gap(after), state.internal)
+        before, after = _gap_of(state), _after(gap, state)
+        values = self._points.evaluate("end", _gap_of(after), state.internal)
         traction, tangent = values[:, :3], values[:, 3:12].reshape(-1, 3, 3)
         after = replace(after, internal=values[:, 12:])
         start = self._points.evaluate("state", before, state.internal)
         mean = 0.5 * (start[:, 1:] + traction)
-        lost = np.einsum("ij,ij->i", mean, _expression_gap(after) - before)
+        lost = np.einsum("ij,ij->i", mean, _gap_of(after) - before)
         lost -= self.stored_energy(after) - start[:, 0]
         return replace(_response(after, traction, tangent), dissipation=lost)
 
@@ -214,7 +210,7 @@ def _check_internal(owner: str, internal: Any) -> None:
             raise ValueError(f"{owner}: internal has {shown(name)}: {shown(item)}; {wanted}")
 
 
-def _expression_gap(state: JointState) -> Floats:
+def _gap_of(state: JointState) -> Floats:
     """Return the gap passed to expressions: normal gap and slip since rest, (n, 3), [m].
 
     A zero normal gap is replaced by a tiny negative one: it counts as closed, and UFL has no
@@ -235,7 +231,7 @@ def _response(after: JointState, traction: Floats, tangent: Floats) -> Response:
 
     Closed points without shear traction and shear tangent are frictionless.
     """
-    # Remove the traction due to the tiny negative gap of `_expression_gap`.
+    # Remove the traction due to the tiny negative gap of `_gap_of`.
     threshold = 2.0 * np.finfo(float).tiny * np.abs(tangent).max(axis=(1, 2))
     traction = np.where(np.abs(traction) <= threshold[:, None], 0.0, traction)
     sheared = (traction[:, 1:] != 0.0).any(axis=1) | (tangent[:, 1:] != 0.0).any(axis=(1, 2))

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Joint with unyielding shear keys: it opens but does not slip."""
+"""Joint with elastic shear keys: it opens but does not slip."""
 
 from __future__ import annotations
 

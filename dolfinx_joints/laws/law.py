@@ -99,8 +99,8 @@ class JointState:
         elastic_slip: Elastic part of the tangential gap, shape (n, 2), [m].
         internal: Internal variables (history variables) of the laws, shape (n, m).
         slips: Plastic slips of the last two steps [m], latest first, scaled to the length of the
-            next step, and half the friction work of the last step [J/m^2]; shape (n, 5), empty if
-            no law uses them. They predict slip reversal within a step (`turning`).
+            next step, and half the last friction work [J/m^2]. Shape (n, 5), or empty if no law
+            uses them. They predict slip reversal within a step (`turning`).
         approach: Normal gap change of a step at its initial velocity, shape (n,), [m]. A scheme
             sets it for laws whose points do not rebound; otherwise it is empty.
     """

@@ -43,13 +43,13 @@ def overlap_and_slip(state: JointState) -> Floats:
 
 def friction_gap_change(before: JointState, after: JointState) -> GapChange:
     """Return the gap change of a step at points with friction and without tension."""
-    moved = after.gap - before.gap
+    change = after.gap - before.gap
     elastic = overlap_and_slip(after) - overlap_and_slip(before)
-    plastic, flight = np.zeros_like(moved), np.zeros_like(moved)
+    plastic, flight = np.zeros_like(change), np.zeros_like(change)
     fraction = contact_fraction(before.gap[:, 0], np.minimum(after.gap[:, 0], 0.0))[:, None]  # (8)
-    plastic[:, 1:] = fraction * moved[:, 1:] - elastic[:, 1:]
+    plastic[:, 1:] = fraction * change[:, 1:] - elastic[:, 1:]
     flight[:, 0] = np.maximum(after.gap[:, 0], 0.0) - np.maximum(before.gap[:, 0], 0.0)
-    flight[:, 1:] = (1.0 - fraction) * moved[:, 1:]
+    flight[:, 1:] = (1.0 - fraction) * change[:, 1:]
     return GapChange(elastic, plastic, flight)
 
 

@@ -44,10 +44,10 @@ from dolfinx_joints.laws.points.return_mapping import (
     response_of,
 )
 
-# A point whose opening at the start of a step is below this fraction of its slip counts as touching
-# and may ride up on its slip. The traction jumps between touching and open, and the gap of a
-# touching point without pressure is rounding error (1e-16 of the displacements). Mesh and step do
-# not resolve openings of 1e-9 of the slip.
+# Opening at the start of a step, relative to its slip, below which a point counts as touching and
+# may ride up on its slip. The traction jumps between touching and open, and the gap of a touching
+# point without pressure is rounding error (1e-16 of the displacements). Mesh and step do not
+# resolve openings of 1e-9 of the slip.
 TOUCHING = 1e-9
 
 
@@ -105,23 +105,23 @@ def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> N
     k_n, k_s, mu = law.normal_stiffness, law.shear_stiffness, law.friction
     tan_psi = law.dilatancy
     gap, before, dilation = answer.gap[i], start.gap[i], start.history[i, 3]
-    was = 0.0
+    start_gap = 0.0
     if start.history[i, 2] == BROKEN:
-        was = before[0] - dilation
-        moved = np.sqrt((gap[1] - before[1]) ** 2 + (gap[2] - before[2]) ** 2)
-        was = min(was, 0.0) if was <= TOUCHING * moved else was
+        start_gap = before[0] - dilation
+        slip_size = np.sqrt((gap[1] - before[1]) ** 2 + (gap[2] - before[2]) ** 2)
+        start_gap = min(start_gap, 0.0) if start_gap <= TOUCHING * slip_size else start_gap
     # A closed point stays closed if its gap is below the dilation due to its whole trial slip.
-    stays, length = was <= 0.0 and k_s > 0.0, np.sqrt(slip[0] * slip[0] + slip[1] * slip[1])
+    stays, length = start_gap <= 0.0 and k_s > 0.0, np.sqrt(slip[0] * slip[0] + slip[1] * slip[1])
     rise = tan_psi * length if stays else 0.0
     elastic = gap[0] - dilation
     answer.history[i, 2], answer.history[i, 3] = BROKEN, dilation
     if elastic > rise:
         # A point that opens dilates by its slip until the opening, on a straight path.
         if stays:
-            answer.history[i, 3] += rise * (-was / (elastic - rise - was))
+            answer.history[i, 3] += rise * (-start_gap / (elastic - rise - start_gap))
         return
-    landing = was > 0.0
-    theta = -min(elastic, 0.0) / (was - min(elastic, 0.0)) if landing else 1.0  # (8)
+    closes = start_gap > 0.0
+    theta = -min(elastic, 0.0) / (start_gap - min(elastic, 0.0)) if closes else 1.0  # (8)
     trial, size = (k_s * theta * slip[0], k_s * theta * slip[1]), k_s * theta * length
     excess = size + mu * k_n * elastic
     hardening = k_s + mu * k_n * tan_psi
@@ -131,8 +131,8 @@ def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> N
     safe = size if size > 0.0 else 1.0
     ratio = -mu * t_n / safe if slides else 1.0
     # Derivatives of the trial shear traction, of the slip length, then of the tractions.
-    approach, along = was - elastic, answer.tangent[i]
-    rate = -(was / approach) / approach if landing else 0.0
+    approach, along = start_gap - elastic, answer.tangent[i]
+    rate = -(start_gap / approach) / approach if closes else 0.0
     direction = (trial[0] / safe, trial[1] / safe)
     along[0, 0] = k_n
     for b in range(3):
@@ -150,8 +150,8 @@ def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> N
                 along[1 + a, b] = ratio * turned - direction[a] * mu * along[0, b]
             else:
                 along[1 + a, b] = ratio * across[a]
-    rubs = mu > 0.0 and k_s > 0.0
-    answer.status[i] = (SLIP if slides else STICK) if rubs else FRICTIONLESS
+    has_friction = mu > 0.0 and k_s > 0.0
+    answer.status[i] = (SLIP if slides else STICK) if has_friction else FRICTIONLESS
     answer.traction[i, 0] = t_n
     for a in range(2):
         answer.traction[i, 1 + a] = ratio * trial[a]
@@ -273,18 +273,18 @@ class MohrCoulombJoint(ElasticContact, CompiledLaw):
     def _gap_change(self, before: JointState, after: JointState) -> GapChange:
         """Return the parts of the gap change; if a bond breaks, all but the elastic is plastic."""
         broken, breaks = before.internal[:, 0] == BROKEN, _breaks(before, after)
-        dilation, moved = before.internal[:, 1], after.gap - before.gap
+        dilation, change = before.internal[:, 1], after.gap - before.gap
         elastic = self._elastic(after) - self._elastic(before)
         # Slip while the point is open meets no friction.
         fraction = contact_fraction(
             np.where(broken, _start_gap(before, after.gap), 0.0),
             np.minimum(after.gap[:, 0] - dilation, 0.0),
         )
-        plastic, flight = np.zeros_like(moved), np.zeros_like(moved)
+        plastic, flight = np.zeros_like(change), np.zeros_like(change)
         plastic[:, 0] = after.internal[:, 1] - dilation
-        plastic[:, 1:] = fraction[:, None] * moved[:, 1:] - elastic[:, 1:]
+        plastic[:, 1:] = fraction[:, None] * change[:, 1:] - elastic[:, 1:]
         flight[:, 0] = self._opening(after) - self._opening(before)
-        flight[:, 1:] = (1.0 - fraction)[:, None] * moved[:, 1:]
+        flight[:, 1:] = (1.0 - fraction)[:, None] * change[:, 1:]
         plastic[breaks] += flight[breaks]
         flight[breaks] = 0.0
         return GapChange(elastic, plastic, flight)

@@ -28,12 +28,12 @@ class RigidJoint(CompiledEnergyConsistentLaw):
     """`FrictionNoTension` with infinite k_n and k_s of a given ratio.
 
     Its tractions follow from the structure, not from the gap, so it is only a `CondensedLaw`. In
-    the energy-consistent scheme a point that strikes either stores its impact energy and releases
-    it on opening (restitution 1), or stops and loses its kinetic energy (restitution 0). In statics
-    and in backward Euler schemes the joint stores no energy.
+    the energy-consistent scheme with restitution 1, a striking point stores its impact energy and
+    releases it on opening. With restitution 0 it stops and loses its kinetic energy. In statics and
+    in backward Euler schemes the joint stores no energy.
 
-    With restitution 1, joint nodes with mass rebound repeatedly, and the sequence of rebounds does
-    not converge with the time step: the friction work is uncertain by some per cent. It converges
+    With restitution 1, joint nodes with mass rebound repeatedly, in a sequence that does not
+    converge with the time step. The friction work is then uncertain by some per cent. It converges
     with restitution 0, or without mass at the joint nodes (`Body(redistribute_mass=True)`).
 
     Internal variables: the energy stored in normal contact [J/m^2] and the square root of the shear

@@ -46,7 +46,7 @@ from dolfinx_joints.laws.points.key_faces import (
     Teeth,
     choose_all,
     keyed_loop,
-    turned,
+    rotated,
 )
 from dolfinx_joints.laws.points.return_mapping import Answer, Coulomb, Start, response_of
 
@@ -57,10 +57,10 @@ class ShearKeyJoint(EnergyConsistentContact):
     """Friction joint with shear keys, teeth of trapezoidal or triangular section.
 
     Slip along the keys, and across them within the play, is resisted by friction on the base.
-    Beyond the play a flank closes and the joint rides up on it: it opens by slip times tan(alpha)
-    and, under a pressure p, carries a shear of p tan(alpha + phi). phi is the friction angle. At
-    the depth of the teeth the point slides on their crests. All teeth of a point shear off if one
-    of them carries a shear T and a pressure P with
+    Beyond the play a flank closes and the joint rides up on it. It then opens by slip times
+    tan(alpha), and its shear is p tan(alpha + phi) under a pressure p, phi being the friction
+    angle. At the depth of the teeth the point slides on their crests. All teeth of a point shear
+    off if one of them carries a shear T and a pressure P with
 
         T > a c + P tan(phi_t),                                                            (9b)
 
@@ -89,8 +89,8 @@ class ShearKeyJoint(EnergyConsistentContact):
         forward_play: Slip of the + side along (axis_2, -axis_1) before a flank closes; None for no
             flank in this direction.
         backward_play: Slip in the opposite direction before a flank closes, or None.
-        key_axis: Direction of the keys in the joint's axes (s1, s2), of any length; the default is
-            steepest upward in joints that are not level, and out of the plane in 2-D.
+        key_axis: Direction of the keys in the joint's axes (s1, s2), of any length. The default is
+            steepest upward in joints that are not level; in 2-D it is out of the plane.
 
     Raises:
         ValueError: Parameters contradict each other.
@@ -183,9 +183,9 @@ class ShearKeyJoint(EnergyConsistentContact):
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
         """Return the losses (30) of a backward Euler step, summed over the faces.
 
-        The energy released by faces that lose contact counts as friction. If the traction is
-        neither that at the end nor the mean of both ends, it is projected onto the line between
-        them and distributed to the faces; the work of the remainder is numerical.
+        The energy of faces that lose contact counts as friction. Only the part of the traction
+        between that at the end and the mean of both ends is distributed to the faces. The work of
+        the remainder is numerical.
         """
         after = answer.state
         shears = (after.internal[:, 0] == BROKEN) & (before.internal[:, 0] < BROKEN)
@@ -249,6 +249,6 @@ class ShearKeyJoint(EnergyConsistentContact):
     def _sum(self, faces: Faces, local: Floats) -> Floats:
         """Return the sum over the faces of vectors (3 n, 3) in face axes, shape (n, 3)."""
         normal, across, along = np.moveaxis(local.reshape(-1, 3, 3), 2, 0)
-        normal, across = turned(normal, across, faces.plane[:, :, 0], -faces.plane[:, :, 1])
+        normal, across = rotated(normal, across, faces.plane[:, :, 0], -faces.plane[:, :, 1])
         teeth, sums = self._teeth, [part.sum(axis=1) for part in (normal, across, along)]
-        return np.column_stack([sums[0], *turned(*sums[1:], teeth.key_cosine, -teeth.key_sine)])
+        return np.column_stack([sums[0], *rotated(*sums[1:], teeth.key_cosine, -teeth.key_sine)])

@@ -73,9 +73,7 @@ class ViscousJoint:
                 "stiffness."
             )
         if isinstance(self.law, ViscousJoint):
-            raise ValueError(
-                "ViscousJoint: law already has dashpots; add up the viscosities and give them once."
-            )
+            raise ValueError("ViscousJoint: law already has dashpots; change their viscosities.")
         dilates = isinstance(self.law, MohrCoulombJoint) and self.law.dilatancy_angle_deg
         if dilates or isinstance(self.law, ShearKeyJoint):
             feature = "a dilatancy angle" if dilates else "shear keys"

@@ -29,17 +29,17 @@ _DOUBLE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 class DruckerPrager:
     """Elastic, perfectly plastic material with the Drucker-Prager cone and a dilatancy angle.
 
-    The yield function is F = sqrt(J2) + alpha I1 - k, the plastic potential sqrt(J2) + beta I1.
-    alpha and k follow from the Mohr-Coulomb friction angle and cohesion by ``fit``, beta likewise
-    from the dilatancy angle. I1 is the trace of the stress s, J2 = dev(s) : dev(s) / 2.
+    Yield function F = sqrt(J2) + alpha I1 - k, plastic potential sqrt(J2) + beta I1. The fit gives
+    alpha and k for the Mohr-Coulomb friction angle and cohesion, and beta for the dilatancy angle.
+    I1 is the trace of the stress s, J2 = dev(s) : dev(s) / 2.
 
     Attributes:
         elastic: Elastic part of the material.
         cohesion: c, positive if phi is zero.
         friction_angle_deg: phi.
         dilatancy_angle_deg: psi, at most phi (default: phi, associated flow).
-        fit: States in which the strength equals that of Mohr-Coulomb: ``compression`` or
-            ``extension`` (triaxial tests), or ``plane strain`` (collapse at psi = phi).
+        fit: Stress states with the strength of Mohr-Coulomb: ``compression`` or ``extension``
+            (triaxial tests), or ``plane strain`` (collapse at psi = phi).
 
     Raises:
         ValueError: Parameters contradict each other.
@@ -190,8 +190,7 @@ class DruckerPrager:
     def _cone_tangent(self, direction: Floats, part: Floats) -> Floats:
         """Return the derivative of the stress on the cone by the strain, (n, 6, 6), [Pa].
 
-        ``direction`` is the deviator over sqrt(J2), ``part`` the fraction of the trial deviator
-        that the return mapping subtracts.
+        ``direction`` is deviator / sqrt(J2), ``part`` the fraction subtracted from the trial one.
         """
         shear, bulk = self._moduli()
         side = np.einsum("ni,nj->nij", direction, direction)

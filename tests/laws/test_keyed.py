@@ -145,7 +145,7 @@ def test_the_shear_dashpot_is_bounded_by_the_pressure():
             lambda: ViscousJoint(law=DILATANT),
             "law has a dilatancy angle; dashpots need a law that closes",
         ),
-        (lambda: ViscousJoint(law=ViscousJoint(law=FRICTION)), "law already has dashpots; add up"),
+        (lambda: ViscousJoint(law=ViscousJoint(law=FRICTION)), "law already has dashpots; change"),
     ],
 )
 def test_laws_without_dashpots(make, text):

@@ -409,7 +409,7 @@ def test_materials_must_cover_the_mesh_once(comm, bar):
 def test_options_out_of_range(comm, bar, blocks):
     base = {"material": BAR, "supports": [BASE]}
     text = error_on_all_ranks(comm, ValueError, lambda: dj.Model(bar, material={}))
-    assert text == "material is an empty mapping; give a material, or one per cell group."
+    assert text == "material is an empty mapping; give one material per cell group."
     short = dj.Model(bar, **base, loads=[dj.Traction(group="top", value=(0.0, 1.0))])
     text = error_on_all_ranks(comm, ValueError, short.system)
     assert text.startswith("Traction on 'top': value is (0.0, 1.0); it must be 3 finite numbers")

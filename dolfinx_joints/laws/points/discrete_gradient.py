@@ -13,10 +13,10 @@ contact:
 If decelerating slip may stop or reverse within the step, s is given by `turning`. For any step
 length t . (g1 - g0) equals the change of the elastic energy plus the friction work, to rounding.
 
-The equations are solved for the traction on the structural compliance c of the point,
-g1 - g0 = h - c t, h being the gap change without its own traction. Closed points are described by
-psi = k_n g^2 / 2 [J/m^2] and q = sqrt(k_s) e [(J/m^2)^(1/2)] instead of gap and elastic slip, so
-that rigid joints (1/k_n = 1/k_s = 0) are included.
+The traction is solved for on the structural compliance c of the point: g1 - g0 = h - c t, h being
+the gap change without the point's own traction. The variables of closed points are
+psi = k_n g^2 / 2 [J/m^2] and q = sqrt(k_s) e [(J/m^2)^(1/2)] instead of gap and elastic slip. They
+remain finite in rigid joints (1/k_n = 1/k_s = 0).
 """
 
 from __future__ import annotations

@@ -100,28 +100,28 @@ def _slip_columns(teeth: Teeth) -> tuple[int, float]:
 
 
 @inline
-def turned(first: Any, second: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
+def rotated(first: Any, second: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
     """Return two components of a vector in rotated axes; pass -sine to rotate back."""
     return cosine * first - sine * second, sine * first + cosine * second
 
 
 @inline
-def _turn_back(a: int, b: int, turn: Any, traction: Floats, tangent: Floats) -> None:
-    """Rotate a traction and its tangent back, in place; the inverse of `turned`."""
+def _rotate_back(a: int, b: int, turn: Any, traction: Floats, tangent: Floats) -> None:
+    """Rotate a traction and its tangent back, in place; the inverse of `rotated`."""
     c, s = turn[0], turn[1]
-    traction[a], traction[b] = turned(traction[a], traction[b], c, -s)
+    traction[a], traction[b] = rotated(traction[a], traction[b], c, -s)
     for k in range(3):
-        tangent[k, a], tangent[k, b] = turned(tangent[k, a], tangent[k, b], c, -s)
+        tangent[k, a], tangent[k, b] = rotated(tangent[k, a], tangent[k, b], c, -s)
     for k in range(3):
-        tangent[a, k], tangent[b, k] = turned(tangent[a, k], tangent[b, k], c, -s)
+        tangent[a, k], tangent[b, k] = rotated(tangent[a, k], tangent[b, k], c, -s)
 
 
 @inline
 def _put_gaps(gap: Floats, plane: Floats, teeth: Teeth, local: Floats) -> None:
     """Write the gap of a point in the axes of its faces to ``local``, shape (3, 3), [m]."""
-    across, along = turned(gap[1], gap[2], teeth.key_cosine, teeth.key_sine)
+    across, along = rotated(gap[1], gap[2], teeth.key_cosine, teeth.key_sine)
     for f in range(3):
-        normal, local[f, 1] = turned(gap[0], across, plane[f, 0], plane[f, 1])
+        normal, local[f, 1] = rotated(gap[0], across, plane[f, 0], plane[f, 1])
         local[f, 0], local[f, 2] = normal + plane[f, 2], along
 
 
@@ -131,7 +131,7 @@ def _nearest(f: int, gap: Floats, teeth: Teeth) -> tuple[int, bool]:
     if f == 0:
         return FLAT, True
     sine, offset = (teeth.sine, teeth.forward) if f == 1 else (-teeth.sine, teeth.backward)
-    across, _ = turned(gap[1], gap[2], teeth.key_cosine, teeth.key_sine)
+    across, _ = rotated(gap[1], gap[2], teeth.key_cosine, teeth.key_sine)
     flank = teeth.cosine * gap[0] - sine * across + offset
     crest = gap[0] - teeth.depth
     return FLAT if crest > flank else FLANK, max(flank, crest) <= 0.0
@@ -178,7 +178,7 @@ def _shear_off(gap: Floats, history: Floats, teeth: Teeth, faces: Faces, sheared
     for f in range(3):
         normal = k_n * min(faces.gap[f, 0], 0.0)
         shear = teeth.shear_stiffness * faces.history[f, first] / root
-        t_n, _ = turned(normal, shear, faces.plane[f, 0], -faces.plane[f, 1])
+        t_n, _ = rotated(normal, shear, faces.plane[f, 0], -faces.plane[f, 1])
         # Limit the pressure to that of the face, so that no energy is generated.
         pressed = max(pressed, min(-t_n, -normal))
     for k in range(COLUMNS):
@@ -198,14 +198,14 @@ def _finish(i: int, history: Floats, teeth: Teeth, start: KeyStart, answer: Answ
     stored, leaves = 0.0, False
     for f in range(3):
         kind, meets = _nearest(f, answer.gap[i], teeth)
-        kept, overlap = meets and kind == start.faces.kind[f], min(ends.gap[f, 0], 0.0)
+        stays, overlap = meets and kind == start.faces.kind[f], min(ends.gap[f, 0], 0.0)
         energy = 0.5 * teeth.normal_stiffness * overlap * overlap
         for a in range(2):
             slip = ends.history[f, first + a] / root
-            end[(2 * f + 2 if f > 0 else 0) + a] = slip if kept else 0.0
+            end[(2 * f + 2 if f > 0 else 0) + a] = slip if stays else 0.0
             energy += 0.5 * teeth.shear_stiffness * slip * slip
         stored += energy
-        leaves = leaves or (not kept and energy > 0.0)
+        leaves = leaves or (not stays and energy > 0.0)
     end[KEYS], end[LIFT] = history[KEYS], history[LIFT]
     if teeth.whole == 1.0:
         for k in range(5):
@@ -229,7 +229,7 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
         for f in range(3):
             face_point(f, friction, ends)
             if faces.kind[f] == FLANK:
-                _turn_back(0, 1, faces.plane[f], ends.traction[f], ends.tangent[f])
+                _rotate_back(0, 1, faces.plane[f], ends.traction[f], ends.tangent[f])
             for a in range(3):
                 traction[a] += ends.traction[f, a]
                 for b in range(3):
@@ -240,7 +240,7 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
             answer.dissipation[i] += ends.dissipation[f]
             answer.status[i] = max(answer.status[i], ends.status[f])
             sticks = sticks or ends.status[f] == STICK
-        _turn_back(1, 2, (teeth.key_cosine, teeth.key_sine), traction, tangent)
+        _rotate_back(1, 2, (teeth.key_cosine, teeth.key_sine), traction, tangent)
         answer.history[i, KEYS] = ratio
         if sticks:
             answer.status[i] = STICK

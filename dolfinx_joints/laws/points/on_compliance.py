@@ -82,7 +82,7 @@ def advance(
     at: int,
     trial_gap: Any,
     compliance: Any,
-    magnitude: float,
+    scale: float,
     gap: Floats,
     traction: Floats,
     tangent: Floats,
@@ -94,7 +94,7 @@ def advance(
         at: Index of the point in the search.
         trial_gap: h, three numbers [m].
         compliance: Normal and tangential c [m/Pa], k_n and k_s of the law [Pa/m].
-        magnitude: Largest gap or trial gap, which sets the rounding error [m].
+        scale: Largest gap or trial gap, which sets the rounding error [m].
         gap: Current gap, shape (3,), [m]; modified.
         traction: Traction at this gap, shape (3,), [Pa].
         tangent: d traction / d gap, shape (3, 3), [Pa/m].
@@ -104,7 +104,7 @@ def advance(
         `CONTINUE`, `CONVERGED` or `FAILED`.
     """
     base, correction, counts = search.base[at], search.correction[at], search.counts[at]
-    size, rounding, largest = 0.0 * magnitude, 0.0 * magnitude, magnitude
+    size, rounding, largest = 0.0 * scale, 0.0 * scale, scale
     tolerance = ROUNDING * np.finfo(gap.dtype).eps
     for a in range(3):
         largest = max(largest, abs(gap[a]))
@@ -207,10 +207,10 @@ def solver_of(point: Callable[..., None]) -> Callable[..., None]:
     def solve(i: int, c_n: float, c_s: float, start: Start, answer: Answer, search: Search) -> None:
         alone = c_n == 0.0 and c_s == 0.0
         compliance = c_n, c_s, start.parameters[0], start.parameters[1]
-        gap, magnitude = answer.gap[i], 0.0 * c_n
+        gap, scale = answer.gap[i], 0.0 * c_n
         trial_gap = (gap[0], gap[1], gap[2])
         for a in range(3):
-            magnitude = max(magnitude, max(abs(gap[a]), abs(start.gap[i, a])))
+            scale = max(scale, max(abs(gap[a]), abs(start.gap[i, a])))
             gap[a] = trial_gap[a] if alone else start.gap[i, a]
             search.counts[0, a] = 0
         traction, tangent, status = answer.traction[i], answer.tangent[i], CONTINUE
@@ -218,9 +218,7 @@ def solver_of(point: Callable[..., None]) -> Callable[..., None]:
             point(i, start, answer)
             status = CONVERGED
             if not alone:
-                status = advance(
-                    0, trial_gap, compliance, magnitude, gap, traction, tangent, search
-                )
+                status = advance(0, trial_gap, compliance, scale, gap, traction, tangent, search)
         if status == FAILED:
             traction[0] = np.nan
         by_trial_gap(compliance, tangent, search)
@@ -260,9 +258,9 @@ def _advance_all(
         if status[i] == CONTINUE:
             j = i if len(compliance) > 1 else 0
             values = (compliance[j, 0], compliance[j, 1], stiffness[0], stiffness[1])
-            magnitude = max(np.abs(at_start[i]).max(), np.abs(trial_gap[i]).max())
+            scale = max(np.abs(at_start[i]).max(), np.abs(trial_gap[i]).max())
             status[i] = advance(
-                i, trial_gap[i], values, magnitude, gap[i], traction[i], tangent[i], search
+                i, trial_gap[i], values, scale, gap[i], traction[i], tangent[i], search
             )
 
 

@@ -2,14 +2,12 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Coulomb friction at one point: yield function and return mapping, shared by all friction rules.
 
-The functions take scalars and follow the order of docs/theory, with its equation numbers in the
-comments. numba compiles them into loops over points. `friction` has the loop for the end of a step,
-`discrete_gradient` that for a whole step, each with its `normal_traction` and `trial_traction`.
-`points.on_compliance` is for laws without a closed form on the compliance.
+The functions take scalars and follow docs/theory, whose equation numbers are in the comments. They
+are compiled by numba into loops over points: in `friction` for the end of a step, and in
+`discrete_gradient` for a whole step. Laws without a closed form use `points.on_compliance`.
 
 The structure has the compliance c at a point, gap = trial_gap - c t; c = 0 gives the law alone. The
-tractions depend on c plus the joint compliance d = 1/k, so a rigid joint (d = 0) needs no special
-treatment.
+tractions depend on c plus the joint compliance d = 1/k, so that d may be zero (rigid joint).
 """
 
 from __future__ import annotations

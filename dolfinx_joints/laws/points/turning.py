@@ -90,12 +90,12 @@ def friction_with_turns(trial: Shear, limit: Limit, slips: Slips) -> tuple[Shear
     if m_1 * back.traction[0] + m_2 * back.traction[1] <= lowest:
         return back, slips_back or prediction.back < 0.0
     across = m_1 * trial.traction[1] - m_2 * trial.traction[0]
-    most, across_slope = np.sqrt(max(size * size - lowest * lowest, 0.0)), 0.0
+    largest, across_slope = np.sqrt(max(size * size - lowest * lowest, 0.0)), 0.0
     k = trial.by_shear[0]
-    if abs(across) > most:
-        k, across = 0.0, np.copysign(most, across)
+    if abs(across) > largest:
+        k, across = 0.0, np.copysign(largest, across)
         change = -size * limit.friction * limit.stiffness - lowest * slope
-        across_slope = change / across if most > 0.0 else 0.0
+        across_slope = change / across if largest > 0.0 else 0.0
     return Shear(
         (lowest * m_1 - across * m_2, lowest * m_2 + across * m_1),
         (slope * m_1 - across_slope * m_2, slope * m_2 + across_slope * m_1),
@@ -106,16 +106,16 @@ def friction_with_turns(trial: Shear, limit: Limit, slips: Slips) -> tuple[Shear
 @inline
 def _predict(slips: Slips) -> Prediction:
     """Return the prediction (17a); its speed is zero if the slip neither stops nor reverses."""
-    nothing = Prediction((0.0, 0.0), 0.0, 0.0, 0.0)
+    no_turn = Prediction((0.0, 0.0), 0.0, 0.0, 0.0)
     size = np.sqrt(slips[0] * slips[0] + slips[1] * slips[1])
     if size == 0.0:
-        return nothing
+        return no_turn
     m_1, m_2 = slips[0] / size, slips[1] / size
     dp_1, dp_2 = slips[0] - slips[2], slips[1] - slips[3]
     braked, square = -(m_1 * dp_1 + m_2 * dp_2), dp_1 * dp_1 + dp_2 * dp_2
     speed = size - 0.5 * braked
     if not (speed > 0.0 and 0.0 < speed * braked < square):
-        return nothing
+        return no_turn
     mean = 2.0 * speed * braked / square - 1.0
     return Prediction((m_1, m_2), speed, mean, 0.5 * min(mean, 0.0) * np.sqrt(square))
 

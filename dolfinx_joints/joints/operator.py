@@ -303,7 +303,7 @@ def _side_table(element: Any, rule: Floats, vertices: Floats) -> Floats:
     """
     position = vertex_functions(len(vertices), rule) @ vertices
     table: Floats = element.tabulate(0, position)[0, :, :, 0]
-    table[np.abs(table) < ROUNDING] = 0.0  # at a node only one function is not zero
+    table[np.abs(table) < ROUNDING] = 0.0  # rounding error: at a node one function only is nonzero
     return table
 
 

@@ -58,7 +58,7 @@ class UflPoints:
             ValueError: The function fails, or the expression has another size or other terminals.
         """
         kind = "a UFL scalar" if size == 1 else f"a UFL vector of {size} components"
-        wanted = f"it must be {kind}, that depends on gap and internal variables only."
+        wanted = f"it must be {kind} that depends on gap and internal variables only."
         try:
             result = function(self.gap, *self.internal)
             result = (

@@ -38,11 +38,11 @@ class Chatter:
         self._contact = contact
         points = 0 if contact is None else len(contact.operator.joint)
         # Per point: time, impulse and friction work of its contact; time of the last open phase.
-        self._lasts, self._impulse, self._rubbed = np.zeros((3, points))
-        self._flight: Floats = np.full(points, np.inf)
+        self._duration, self._impulse, self._friction = np.zeros((3, points))
+        self._open_time: Floats = np.full(points, np.inf)
         # Per joint on this rank: short contacts, their impulse, total impulse.
         self._sums: Floats = np.zeros((3, 0 if contact is None else len(contact.operator.names)))
-        self._found: dict[str, float] = {}
+        self._shares: dict[str, float] = {}
 
     def see(self, joints: Response, dt: float, whole: float) -> None:
         """Record a substep of length dt [s] of a step of length ``whole`` [s]."""
@@ -50,7 +50,7 @@ class Chatter:
             return
         operator = self._contact.operator
         resolved = max((RESOLVED - 0.5) * dt, whole)
-        points = self._lasts, self._impulse, self._rubbed, self._flight
+        points = self._duration, self._impulse, self._friction, self._open_time
         fields = operator.areas, joints.traction, joints.dissipation
         _see(*fields, operator.joint, dt, resolved, points, self._sums)
 
@@ -66,28 +66,30 @@ class Chatter:
         """
         if self._contact is None:
             return {}
-        operator, (short, brief, all_of) = self._contact.operator, self._total()
+        operator, (contacts, short_impulse, impulse) = self._contact.operator, self._total()
         count = len(operator.names)
         points = sum(operator.comm.allgather(np.bincount(operator.joint, minlength=count)))
-        share = brief / np.where(all_of > 0.0, all_of, 1.0)
-        chatters = (short > REPEATED * points) & (share > LARGE_SHARE)
-        self._found |= {operator.names[i]: float(share[i]) for i in np.flatnonzero(chatters)}
-        return self._found
+        share = short_impulse / np.where(impulse > 0.0, impulse, 1.0)
+        chatters = (contacts > REPEATED * points) & (share > LARGE_SHARE)
+        self._shares |= {operator.names[i]: float(share[i]) for i in np.flatnonzero(chatters)}
+        return self._shares
 
     def state_dict(self) -> dict[str, Any]:
         """Return the recorded data for a restart (collective)."""
         if self._contact is None:
             return {}
-        points = np.column_stack([self._lasts, self._impulse, self._rubbed, self._flight])
-        every = Dealt(self._contact.operator.comm, points)
-        return {"found": dict(self._found), "sums": self._total(), "points": every}
+        points = np.column_stack([self._duration, self._impulse, self._friction, self._open_time])
+        own_points = Dealt(self._contact.operator.comm, points)
+        return {"found": dict(self._shares), "sums": self._total(), "points": own_points}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Restore the data of ``state_dict``; its points are those of this rank."""
         if self._contact is None:
             return
-        self._lasts, self._impulse, self._rubbed, self._flight = state_dict["points"].T.copy()
-        self._found = dict(state_dict["found"])
+        self._duration, self._impulse, self._friction, self._open_time = state_dict[
+            "points"
+        ].T.copy()
+        self._shares = dict(state_dict["found"])
         if self._contact.operator.comm.rank == 0:
             self._sums[:] = state_dict["sums"]
 
@@ -104,19 +106,19 @@ def _see(
     sums: Floats,
 ) -> None:
     """Record a substep; ``points`` and ``sums`` are the arrays of `Chatter`."""
-    lasts, impulse, rubbed, flight = points
+    contact_time, impulse, friction_work, open_time = points
     for i in range(len(areas)):
         pressure = -areas[i] * traction[i, 0] * dt
         if pressure > 0.0:
             sums[2, joint[i]] += pressure
-            lasts[i] += dt
+            contact_time[i] += dt
             impulse[i] += pressure
-            rubbed[i] += abs(dissipation[i])
+            friction_work[i] += abs(dissipation[i])
             continue
-        if lasts[i] > 0.0:
-            if max(lasts[i], flight[i]) < resolved and rubbed[i] > 0.0:
+        if contact_time[i] > 0.0:
+            if max(contact_time[i], open_time[i]) < resolved and friction_work[i] > 0.0:
                 sums[0, joint[i]] += 1.0
                 sums[1, joint[i]] += impulse[i]
-            flight[i] = 0.0
-        flight[i] += dt
-        lasts[i], impulse[i], rubbed[i] = 0.0, 0.0, 0.0
+            open_time[i] = 0.0
+        open_time[i] += dt
+        contact_time[i], impulse[i], friction_work[i] = 0.0, 0.0, 0.0

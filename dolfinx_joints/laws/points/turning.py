@@ -76,17 +76,17 @@ def friction_with_turns(trial: Shear, limit: Limit, slips: Slips) -> tuple[Shear
     """
     prediction = _predict(slips)
     if prediction.speed == 0.0:
-        return _return(trial, limit)
+        return _limited(trial, limit)
     (m_1, m_2), size, slope = prediction.along, -limit.friction * limit.normal, 0.0
     lowest, reserve = prediction.mean * size, -2.0 * slips[4] / prediction.speed
     if lowest >= reserve:
         slope = -prediction.mean * limit.friction * limit.stiffness
     else:
         lowest = reserve
-    ahead, _ = _return(_trial_after(trial, prediction, 0.5 * prediction.speed), limit)
+    ahead, _ = _limited(_trial_after(trial, prediction, 0.5 * prediction.speed), limit)
     if m_1 * ahead.traction[0] + m_2 * ahead.traction[1] >= lowest:
         return ahead, True
-    back, slips_back = _return(_trial_after(trial, prediction, prediction.back), limit)
+    back, slips_back = _limited(_trial_after(trial, prediction, prediction.back), limit)
     if m_1 * back.traction[0] + m_2 * back.traction[1] <= lowest:
         return back, slips_back or prediction.back < 0.0
     across = m_1 * trial.traction[1] - m_2 * trial.traction[0]
@@ -121,7 +121,7 @@ def _predict(slips: Slips) -> Prediction:
 
 
 @inline
-def _return(trial: Shear, limit: Limit) -> tuple[Shear, bool]:
+def _limited(trial: Shear, limit: Limit) -> tuple[Shear, bool]:
     """Return the trial traction, or that on the limit (7), and True if on the limit."""
     mu = limit.friction
     if yield_function(limit.normal, trial.traction, mu) > 0.0 or mu == 0.0:  # (5)

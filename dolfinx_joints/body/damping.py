@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Constant viscous damping of the bulk: C = a M + b K, and damping ratios of given modes."""
+"""Viscous damping of the bulk: Rayleigh damping C = a M + b K, and modal damping ratios."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ Frequency = Annotated[float, at.Gt(0), at.Unit("Hz")]
 @dataclass(frozen=True, kw_only=True)
 @checked
 class Rayleigh:
-    """C = a M + b K with the bulk stiffness K alone.
+    """Rayleigh damping C = a M + b K, K being the bulk stiffness without joints.
 
-    A mode of circular frequency omega gets the damping ratio a/(2 omega) + b omega/2.
+    The damping ratio of a mode of circular frequency omega is a/(2 omega) + b omega/2.
 
     Attributes:
         mass_factor: a [1/s].
@@ -35,7 +35,7 @@ class Rayleigh:
 
     @checked
     def ratio(self, frequency: Frequency) -> float:
-        """Damping ratio of a mode of the given frequency [Hz]."""
+        """Return the damping ratio of a mode of the given frequency [Hz]."""
         omega = 2.0 * math.pi * frequency
         return self.mass_factor / (2.0 * omega) + self.stiffness_factor * omega / 2.0
 
@@ -43,14 +43,14 @@ class Rayleigh:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class ModalRatios:
-    """Damping ratios of the lowest modes, joints closed: C = M Phi diag(c) Phi^T M, (34a).
+    """Damping ratios of the lowest modes with closed joints: C = M Phi diag(c) Phi^T M, (34a).
 
-    Wilson and Penzien (1972). Other modes have the damping of ``beyond`` alone, which in the named
-    ones is a part of their ratio. What absorbs waves comes on top.
+    Wilson and Penzien (1972). Higher modes have the damping of ``beyond`` only. In the lowest modes
+    the ratio includes this damping. Absorbing boundaries add to it.
 
     Attributes:
-        ratio: Of all these modes, or one for each, from the lowest on.
-        modes: How many modes.
+        ratio: One damping ratio for all these modes, or one per mode, lowest first.
+        modes: Number of modes.
         beyond: Rayleigh damping of the whole body.
     """
 
@@ -59,23 +59,23 @@ class ModalRatios:
     beyond: Rayleigh = field(default_factory=Rayleigh)
 
     def __post_init__(self) -> None:
-        """Check that there are as many ratios as modes."""
+        """Check that the number of ratios equals the number of modes."""
         if np.ndim(self.ratio) and len(np.asarray(self.ratio)) != self.modes:
             raise ValueError(
                 f"ModalRatios: ratio has {len(np.asarray(self.ratio))} values for {self.modes} "
-                "modes; give one for all or one for each."
+                "modes; give one value for all modes or one per mode."
             )
 
 
 @checked
 def stiffness_proportional(*, ratio: Ratio, frequency: Frequency) -> Rayleigh:
-    """C = b K with a modal damping ratio at one frequency [Hz], as in the paper (2 % at 5 Hz)."""
+    """Return C = b K of a damping ratio at one frequency [Hz], in the paper 2 % at 5 Hz."""
     return Rayleigh(stiffness_factor=2.0 * ratio / (2.0 * math.pi * frequency))
 
 
 @checked
 def mass_proportional(*, ratio: Ratio, frequency: Frequency) -> Rayleigh:
-    """C = a M with a modal damping ratio at one frequency [Hz]."""
+    """Return C = a M of a damping ratio at one frequency [Hz]."""
     return Rayleigh(mass_factor=2.0 * ratio * (2.0 * math.pi * frequency))
 
 
@@ -85,30 +85,29 @@ def rayleigh(
     ratio: Ratio | tuple[float, float],
     frequencies: Annotated[tuple[float, float], at.Gt(0), at.Unit("Hz")],
 ) -> Rayleigh:
-    """C = a M + b K with given damping ratios at two frequencies [Hz].
+    """Return C = a M + b K of damping ratios at two frequencies [Hz].
 
     Args:
-        ratio: One ratio for both, or one for each.
+        ratio: One ratio for both frequencies, or one per frequency.
         frequencies: The two frequencies [Hz].
 
     Raises:
-        ValueError: The frequencies are equal, or the ratios differ so much that a or b would be
-            negative.
+        ValueError: The frequencies are equal, or a or b would be negative.
     """
-    first, second = (float(each) for each in np.broadcast_to(ratio, 2))
+    first, second = (float(value) for value in np.broadcast_to(ratio, 2))
     one, two = (2.0 * math.pi * frequency for frequency in frequencies)
     if one == two:
         raise ValueError(f"Both frequencies are {frequencies[0]} Hz; they must differ.")
-    # From (a / omega + b omega) / 2 = ratio at both.
+    # Solve (a / omega + b omega) / 2 = ratio at both frequencies.
     scale = 2.0 / ((two - one) * (two + one))
     b = scale * (second * two - first * one)
     a = scale * one * two * (first * two - second * one)
-    smallest = -1e-14 * max(first, second)  # rounding where one of them is zero
+    smallest = -1e-14 * max(first, second)  # rounding error if a or b is zero
     if b * max(one, two) < smallest or a / max(one, two) < smallest:
         share = min(frequencies) / max(frequencies)
         raise ValueError(
-            f"ratio is {first, second} at {frequencies} Hz, which needs a negative factor of "
-            f"{'K' if b < 0 else 'M'}; the second over the first must be from {share:.4g} to "
-            f"{1.0 / share:.4g} for these frequencies."
+            f"ratio is {first, second} at {frequencies} Hz, which requires a negative factor of "
+            f"{'K' if b < 0 else 'M'}; the second ratio over the first must be between {share:.4g} "
+            f"and {1.0 / share:.4g} for these frequencies."
         )
     return Rayleigh(mass_factor=max(a, 0.0), stiffness_factor=max(b, 0.0))

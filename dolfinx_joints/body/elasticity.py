@@ -20,38 +20,37 @@ from dolfinx_joints.materials.orthotropic import Orthotropic
 from dolfinx_joints.mesh.cells import CellShape
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-# Strain components that a plane body has: xx, yy, xy of xx, yy, zz, yz, xz, xy.
+# Strain components xx, yy, xy of a 2-D body among xx, yy, zz, yz, xz, xy.
 IN_PLANE = (0, 1, 5)
 
-# Components of a stress as VTK orders them.
+# Stress components in the order of VTK.
 COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 
 
 def strain(u: Any) -> Any:
-    """Small strain tensor of a displacement (UFL)."""
+    """Return the small strain tensor of a displacement (UFL)."""
     return ufl.sym(ufl.grad(u))
 
 
 class ElasticBody:
-    """Stiffness and mass of an elastic body, with one material or one per cell group.
+    """Stiffness and mass of an elastic body with one material, or one per cell group.
 
     K: (lambda tr(eps(u)) I + 2 mu eps(u)) : eps(v) dx,   M: rho u . v dx
 
-    and C eps(u) in the place of the stress where some material is orthotropic. Of a plastic
-    material only its elastic part is seen here. In 2-D ``plane`` is ``strain`` or ``stress``, of
-    unit thickness; in 3-D it is ignored.
+    The stress is C eps(u) if a material is orthotropic. Only the elastic part of plastic materials
+    is used. In 2-D ``plane`` is ``strain`` or ``stress``, of unit thickness; in 3-D it is ignored.
 
     Attributes:
         density: rho [kg/m^3].
         first_lame: lambda [Pa], NaN in orthotropic cells.
         shear_modulus: mu [Pa], NaN in orthotropic cells.
-        strained_axes: Axes along which a clamped body blocks strains, 2 in plane stress, else 3.
+        strained_axes: Number of strains that a clamped body blocks: 2 in plane stress, else 3.
     """
 
     def __init__(
         self, jointed: JointedMesh, material: Material | Mapping[str, Material], *, plane: str
     ) -> None:
-        """Put the parameters on the cells (collective)."""
+        """Set the parameters of the cells (collective)."""
         mesh = jointed.mesh
         gdim = mesh.topology.dim
         plane = plane if gdim == 2 else "strain"
@@ -59,25 +58,25 @@ class ElasticBody:
         self._jointed, self._matrix = jointed, None
         by_group = material if isinstance(material, Mapping) else {"": material}
         self.materials = dict(by_group)
-        for given in by_group.values():
-            if not isinstance(given, Elastic | Orthotropic | BulkLaw):
+        for item in by_group.values():
+            if not isinstance(item, Elastic | Orthotropic | BulkLaw):
                 raise ValueError(
-                    f"material is {shown(given)}; it must be an Elastic, an Orthotropic or a "
+                    f"material is {shown(item)}; it must be an Elastic, an Orthotropic or a "
                     "plastic material, or one of these per named cell group."
                 )
-        self._plastic = {group: is_plastic(given) for group, given in by_group.items()}
-        elastic = {group: elastic_part(given) for group, given in by_group.items()}
-        values = {group: _parameters(given, plane) for group, given in elastic.items()}
-        needed = any(not isinstance(given, Elastic) for given in elastic.values())
+        self._plastic = {group: is_plastic(item) for group, item in by_group.items()}
+        elastic = {group: elastic_part(item) for group, item in by_group.items()}
+        values = {group: _parameters(item, plane) for group, item in elastic.items()}
+        is_orthotropic = any(not isinstance(item, Elastic) for item in elastic.values())
         if not isinstance(material, Mapping):
             self.first_lame, self.shear_modulus, self.density = (
                 fem.Constant(mesh, value) for value in values[""]
             )
-            if needed:
+            if is_orthotropic:
                 self._matrix = fem.Constant(mesh, _reduced(elastic[""], gdim, plane))
             return
         if not material:
-            raise ValueError("material names no cell group; give a material, or one per group.")
+            raise ValueError("material is an empty mapping; give one material per cell group.")
         space = fem.functionspace(mesh, ("DG", 0))
         fields = [fem.Function(space) for _ in range(3)]
         count = fem.Function(space)
@@ -87,23 +86,23 @@ class ElasticBody:
             count.x.array[dofs] += 1
             for field, value in zip(fields, parameters, strict=True):
                 field.x.array[dofs] = value
-        wrong = int(sum(mesh.comm.allgather(int((count.x.array != 1).sum()))))
-        if wrong:
+        faulty = int(sum(mesh.comm.allgather(int((count.x.array != 1).sum()))))
+        if faulty:
             raise ValueError(
-                f"{wrong} cells have no material or several; the groups {', '.join(material)} "
-                "must cover the mesh without overlap."
+                f"{faulty} cells have no material or more than one; the groups "
+                f"{', '.join(material)} must cover the mesh without overlap."
             )
         self.first_lame, self.shear_modulus, self.density = fields
-        if needed:
+        if is_orthotropic:
             shape = (4, 3) if gdim == 2 else (6, 6)
             self._matrix = fem.Function(fem.functionspace(mesh, ("DG", 0, shape)))
             blocks = self._matrix.x.array.reshape(-1, *shape)
-            for group, given in elastic.items():
+            for group, item in elastic.items():
                 cells = self._matrix.function_space.dofmap.list[jointed.cells(group), 0]
-                blocks[cells] = _reduced(given, gdim, plane)
+                blocks[cells] = _reduced(item, gdim, plane)
 
     def stress(self, u: Any) -> Any:
-        """Cauchy stress of a displacement (UFL), [Pa]; elastic in plastic cells as well."""
+        """Return the Cauchy stress (UFL), [Pa]; in plastic cells that of their elastic part."""
         eps = strain(u)
         if self._matrix is not None:
             return _tensor(self._matrix * strain_vector(u), len(u))
@@ -111,9 +110,9 @@ class ElasticBody:
         return self.first_lame * ufl.tr(eps) * identity + 2.0 * self.shear_modulus * eps
 
     def stress_vector(self, u: Any) -> Any:
-        """(xx, yy, zz, xy, yz, xz) of the stress of a displacement (UFL), [Pa].
+        """Return the stress (xx, yy, zz, xy, yz, xz) of a displacement (UFL), [Pa].
 
-        That of a plane body has zz too, in plane strain.
+        In plane strain it includes zz.
         """
         stress, zero = self.stress(u), ufl.as_ufl(0.0)
         if len(u) == 3:
@@ -124,15 +123,15 @@ class ElasticBody:
         return ufl.as_vector([stress[0, 0], stress[1, 1], across, stress[0, 1], zero, zero])
 
     def blocked_stress(self, strain: Any) -> Any:
-        """Pressure that an isotropic strain such as a thermal one makes where it is clamped (UFL).
+        """Return the pressure due to a blocked isotropic strain, for example a thermal one (UFL).
 
-        (3 lambda + 2 mu) times the strain, 2 lambda + 2 mu in plane stress, [Pa]. NaN in
-        orthotropic cells, where it is no pressure.
+        It is (3 lambda + 2 mu) times the strain, in plane stress (2 lambda + 2 mu), [Pa], and NaN
+        in orthotropic cells, whose stress is not isotropic.
         """
         return (self.strained_axes * self.first_lame + 2.0 * self.shear_modulus) * strain
 
     def stiffness_form(self, u: Any, v: Any) -> Any:
-        """The bilinear form of K, plastic cells integrated at the points of their law."""
+        """Return the bilinear form of K; plastic cells use the points of their law."""
         density = ufl.inner(self.stress(u), strain(v))
         if not any(self._plastic.values()):
             return density * ufl.dx
@@ -146,22 +145,22 @@ class ElasticBody:
         return sum(density * measure for measure in measures)
 
     def mass_form(self, u: Any, v: Any) -> Any:
-        """The bilinear form of M."""
+        """Return the bilinear form of M."""
         return self.density * ufl.inner(u, v) * ufl.dx
 
 
 def law_degree(shape: CellShape, degree: int) -> int:
-    """Degree of the rule at whose points plastic laws are asked.
+    """Return the degree of the quadrature rule at whose points plastic laws are evaluated.
 
-    The least that integrates the stiffness of straight cells exactly: degree + 1 points along each
-    axis of quadrilaterals and hexahedra, ``degree`` being that of the displacement.
+    It is the lowest that integrates the stiffness of straight cells exactly: ``degree`` + 1 points
+    per axis of quadrilaterals and hexahedra, ``degree`` being that of the displacement.
     """
     simplex = shape.type in (basix.CellType.triangle, basix.CellType.tetrahedron)
     return 2 * (degree - 1) if simplex else 2 * degree + 1
 
 
 def strain_vector(u: Any) -> Any:
-    """(xx, yy, zz, 2 yz, 2 xz, 2 xy) of a displacement's strain (UFL), (xx, yy, 2 xy) in 2-D."""
+    """Return the strain (xx, yy, zz, 2 yz, 2 xz, 2 xy) (UFL), in 2-D (xx, yy, 2 xy)."""
     eps = strain(u)
     if len(u) == 2:
         return ufl.as_vector([eps[0, 0], eps[1, 1], 2.0 * eps[0, 1]])
@@ -170,30 +169,30 @@ def strain_vector(u: Any) -> Any:
 
 
 def _tensor(stress: Any, dimension: int) -> Any:
-    """A stress in the order of `strain_vector` as a tensor (UFL)."""
+    """Return a stress in the order of `strain_vector` as a tensor (UFL)."""
     if dimension == 2:
         return ufl.as_tensor([[stress[0], stress[2]], [stress[2], stress[1]]])
     xx, yy, zz, yz, xz, xy = (stress[i] for i in range(6))
     return ufl.as_tensor([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def _parameters(given: Elastic | Orthotropic, plane: str) -> tuple[float, float, float]:
-    """First Lame parameter, shear modulus and density."""
-    if isinstance(given, Elastic):
-        return float(given.first_lame(plane)), float(given.shear_modulus), float(given.density)
-    return float("nan"), float("nan"), float(given.density)
+def _parameters(solid: Elastic | Orthotropic, plane: str) -> tuple[float, float, float]:
+    """Return first Lame parameter, shear modulus and density."""
+    if isinstance(solid, Elastic):
+        return float(solid.first_lame(plane)), float(solid.shear_modulus), float(solid.density)
+    return float("nan"), float("nan"), float(solid.density)
 
 
-def _reduced(given: Elastic | Orthotropic, dimension: int, plane: str) -> NDArray[np.float64]:
-    """Stiffness in the order of `strain_vector`; of a plane body with the row of zz at the end."""
-    matrix = given.stiffness_matrix()
+def _reduced(solid: Elastic | Orthotropic, dimension: int, plane: str) -> NDArray[np.float64]:
+    """Return the stiffness in the order of `strain_vector`; in 2-D the last row is that of zz."""
+    matrix = solid.stiffness_matrix()
     if dimension == 3:
         return matrix
     coupled = float(np.abs(matrix[np.ix_((0, 1, 2, 5), (3, 4))]).max())
     if coupled > 1e-9 * float(np.abs(matrix).max()):
         raise ValueError(
-            "The axes of an orthotropic material are inclined to the plane of a 2-D model; one of "
-            "them must be (0, 0, 1)."
+            "An orthotropic material has axes inclined to the plane of a 2-D model; one axis must "
+            "be (0, 0, 1)."
         )
     rows = np.ix_(IN_PLANE, IN_PLANE)
     if plane == "strain":

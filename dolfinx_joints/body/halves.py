@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""M and K of a body in space as half of their blocks, read once for the products of both.
+"""Fast products with the symmetric M and K of a 3-D body, whose upper halves are stored.
 
-Steps wait for these products, which take what reading the matrices takes: 84 bytes for two blocks
-of K and of M, where PETSc reads 224. What is not read leaves the factor in the processor's cache.
-Blocks between nodes of two ranks are on both, as they are multiplied.
+One pass over the matrices computes both products. Their time is that of reading memory: 84 bytes
+for two blocks of K and M, against 224 with PETSc. Reading less also keeps the factor in the
+processor's cache. Blocks between nodes of two ranks are stored on both ranks.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ from dolfinx_joints.mesh.cells import Floats, Ints
 
 Indices = NDArray[np.uint32]
 
-# Rounding error that assembly may leave in an entry, relative to the diagonal of its nodes (in the
-# symmetry of M: to the largest entry). An entry sums the shares of up to some hundred cells in an
-# order that depends on processor and ranks, each rounded to 1.1e-16: the sum errs by about 1e-14 at
-# most. A real difference of 1e-13 would change a product by no more than rounding does.
+# Bound of the rounding error of an assembled entry, relative to the diagonal of its nodes (symmetry
+# of M: to the largest entry). An entry is a sum over up to some hundred cells, in an order that
+# depends on processor and ranks. Each term has an error of 1.1e-16, the sum at most about 1e-14. A
+# real difference of 1e-13 changes a product by no more than rounding error.
 ROUNDING = 1e-13
 
-# Entries of K above which products are a small part of a step, and copies of K take memory.
+# Entries of K above which the products are a small part of a step and a copy needs much memory.
 MOST_ENTRIES = 10_000_000
 
 
 class Halves:
-    """Blocks of M and K on their diagonals and right of them, by nodes.
+    """Upper halves of M and K, diagonal included, as 3 x 3 blocks of nodes.
 
     Args:
-        starts: First block of each node of this rank, and their number at the end, shape
-            (nodes + 1,).
-        columns: Node that each block multiplies, that of the diagonal first, shape (blocks,).
-        blocks: Nine entries of K and the one that M has three times, shape (blocks, 10).
+        starts: First block of each node of this rank, and the number of blocks, (nodes + 1,).
+        columns: Node that each block multiplies, diagonal block first, shape (blocks,).
+        blocks: Nine entries of K and the diagonal entry of M, shape (blocks, 10).
         others: Blocks with nodes of other ranks; None on one rank.
-        rest: What M has besides, as added masses on inclined faces; None for nothing.
+        remainder: Part of M that is not isotropic per node, such as added masses on inclined faces,
+            or None.
     """
 
     def __init__(
@@ -50,70 +50,70 @@ class Halves:
         columns: Indices,
         blocks: Floats,
         others: Others | None,
-        rest: PETSc.Mat | None,
+        remainder: PETSc.Mat | None,
     ) -> None:
-        """Keep the arrays."""
-        self._arrays, self._others, self._rest = (starts, columns, blocks), others, rest
+        """Store the arrays."""
+        self._arrays, self._others, self._remainder = (starts, columns, blocks), others, remainder
 
     @classmethod
     def of(cls, mass: PETSc.Mat, stiffness: PETSc.Mat) -> Self | None:
-        """Halves of two matrices (collective).
+        """Return the halves of two matrices (collective).
 
-        None where they have none, or are to be left to PETSc: in the plane, above `MOST_ENTRIES`,
-        and where K or M is not symmetric.
+        Return None, for products by PETSc, in 2-D, above `MOST_ENTRIES` and if K or M is not
+        symmetric.
         """
         comm = stiffness.comm.tompi4py()
         entries = stiffness.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
         if stiffness.getBlockSize() != 3 or entries > MOST_ENTRIES:
             return None
         k, m = _by_nodes(stiffness), _by_nodes(mass)
-        once, places, of_mass = m.data[:, 0, 0], _places(k), _places(m)
+        mass_entries, places, of_mass = m.data[:, 0, 0], _places(k), _places(m)
         at = np.minimum(np.searchsorted(places, of_mass), len(places) - 1)
         nodes, first = k.shape[0] // 3, stiffness.getOwnershipRange()[0] // 3
-        taken = _is_isotropic(m, of_mass, nodes, first) & (places[at] == of_mass)
+        isotropic = _is_isotropic(m, of_mass, nodes, first) & (places[at] == of_mass)
         blocks = np.zeros((len(places), 10))
         blocks[:, :9] = k.data.reshape(-1, 9)
-        blocks[at[taken], 9] = once[taken]
+        blocks[at[isotropic], 9] = mass_entries[isotropic]
         rows, columns = np.divmod(places, k.shape[1] // 3)
         columns -= first
-        here = (columns >= 0) & (columns < nodes)
-        inner = rows[here], columns[here], blocks[here]
-        if not all(comm.allgather(_is_symmetric(*inner, nodes, once.max(initial=0.0)))):
+        owned = (columns >= 0) & (columns < nodes)
+        inner = rows[owned], columns[owned], blocks[owned]
+        if not all(comm.allgather(_is_symmetric(*inner, nodes, mass_entries.max(initial=0.0)))):
             return None
-        m.data[taken] = 0.0
+        m.data[isotropic] = 0.0
         others = None
         if comm.size > 1:
-            outer = rows[~here], columns[~here] + first, blocks[~here]
+            outer = rows[~owned], columns[~owned] + first, blocks[~owned]
             others = Others(*outer, nodes, stiffness.createVecRight())
-        right = here & (columns >= rows)
+        upper = owned & (columns >= rows)
         return cls(
-            _starts(rows[right], nodes),
-            columns[right].astype(np.uint32),
-            blocks[right],
+            _starts(rows[upper], nodes),
+            columns[upper].astype(np.uint32),
+            blocks[upper],
             others,
-            _rest(m, mass),
+            _nonzero(m, mass),
         )
 
     def multiply(self, x: PETSc.Vec, mass: PETSc.Vec, stiffness: PETSc.Vec) -> None:
-        """M x and K x written to ``mass`` and ``stiffness`` (collective)."""
+        """Write M x to ``mass`` and K x to ``stiffness`` (collective)."""
         mass.set(0.0)
         stiffness.set(0.0)
-        each = (x.getArray(readonly=True), mass.getArray(), stiffness.getArray())
-        own, into_mass, into_stiffness = (values.reshape(-1, 3) for values in each)
+        arrays = (x.getArray(readonly=True), mass.getArray(), stiffness.getArray())
+        own, mass_x, stiffness_x = (values.reshape(-1, 3) for values in arrays)
         if self._others is not None:
-            self._others.ask(x)
-        _multiply(*self._arrays, own, into_mass, into_stiffness)
+            self._others.begin(x)
+        _multiply(*self._arrays, own, mass_x, stiffness_x)
         if self._others is not None:
-            self._others.add(x, into_mass, into_stiffness)
-        if self._rest is not None:
-            self._rest.multAdd(x, mass, mass)
+            self._others.add(x, mass_x, stiffness_x)
+        if self._remainder is not None:
+            self._remainder.multAdd(x, mass, mass)
 
 
 class Others:
-    """Blocks of this rank's nodes with those of other ranks, as in `Halves`.
+    """Blocks between nodes of this rank and of other ranks, as in `Halves`.
 
-    Rows are nodes of this rank, in order, and columns nodes among those of all ranks, both of
-    shape (blocks,); ``nodes`` is the number of this rank's nodes, ``like`` a vector of values.
+    ``rows`` are local nodes, ascending, and ``columns`` global nodes, both of shape (blocks,).
+    ``nodes`` is the number of nodes of this rank, ``like`` a vector with the layout of the values.
     """
 
     def __init__(
@@ -124,28 +124,28 @@ class Others:
         nodes: int,
         like: PETSc.Vec,
     ) -> None:
-        """Settle what comes from which rank (collective)."""
-        asked, place = np.unique(columns, return_inverse=True)
+        """Set up the exchange between the ranks (collective)."""
+        numbers, place = np.unique(columns, return_inverse=True)
         self._arrays = _starts(rows, nodes), place.ravel().astype(np.uint32), blocks
-        self._values = PETSc.Vec().createSeq(3 * len(asked), comm=PETSc.COMM_SELF)
-        wanted = PETSc.IS().createBlock(3, asked.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
-        self._scatter = PETSc.Scatter().create(like, wanted, self._values, None)
+        self._values = PETSc.Vec().createSeq(3 * len(numbers), comm=PETSc.COMM_SELF)
+        indices = PETSc.IS().createBlock(3, numbers.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
+        self._scatter = PETSc.Scatter().create(like, indices, self._values, None)
 
-    def ask(self, x: PETSc.Vec) -> None:
-        """Ask other ranks for their values (collective)."""
+    def begin(self, x: PETSc.Vec) -> None:
+        """Begin the exchange of values with other ranks (collective)."""
         self._scatter.begin(x, self._values)
 
     def add(self, x: PETSc.Vec, mass: Floats, stiffness: Floats) -> None:
-        """Add the products with them, shape (nodes, 3) (collective)."""
+        """Finish the exchange and add the products, shape (nodes, 3) (collective)."""
         self._scatter.end(x, self._values)
         values = self._values.getArray(readonly=True).reshape(-1, 3)
         _multiply_others(*self._arrays, values, mass, stiffness)
 
 
 def _is_isotropic(blocks: Any, places: Ints, nodes: int, first: int) -> NDArray[np.bool_]:
-    """Return True for each block of M that is a multiple of the identity to rounding.
+    """Return True for blocks of M that are a multiple of the identity to rounding, (blocks,).
 
-    The rank has so many ``nodes`` from the ``first`` on; ``places`` are those of `_places`.
+    ``first`` is the first of the ``nodes`` nodes of the rank; ``places`` is from `_places`.
     """
     rows, columns = np.divmod(places, blocks.shape[1] // 3)
     diagonal, sizes = columns - first == rows, np.abs(blocks.data).max(axis=(1, 2))
@@ -157,17 +157,17 @@ def _is_isotropic(blocks: Any, places: Ints, nodes: int, first: int) -> NDArray[
 
 
 def _is_symmetric(rows: Ints, columns: Ints, blocks: Floats, nodes: int, largest: float) -> bool:
-    """Whether blocks of a rank's nodes, sorted, are those of symmetric K and M to rounding.
+    """Return True if K and M are symmetric to rounding, given the sorted blocks of a rank.
 
-    The largest entry of M is given.
+    ``largest`` is the largest entry of M.
     """
     places = rows * nodes + columns
-    turned = np.searchsorted(places, columns * nodes + rows)
-    there = np.append(places, -1)[turned] == columns * nodes + rows
+    transposed = np.searchsorted(places, columns * nodes + rows)
+    exists = np.append(places, -1)[transposed] == columns * nodes + rows
     flipped = [0, 3, 6, 1, 4, 7, 2, 5, 8, 9]
-    if not np.all(there) or np.count_nonzero(rows == columns) < nodes:
+    if not np.all(exists) or np.count_nonzero(rows == columns) < nodes:
         return False
-    error = np.abs(blocks[turned][:, flipped] - blocks)
+    error = np.abs(blocks[transposed][:, flipped] - blocks)
     own = np.sqrt(np.abs(blocks[rows == columns, :9]).max(axis=1))
     if np.any(error[:, :9].max(axis=1) > ROUNDING * own[rows] * own[columns]):
         return False
@@ -175,7 +175,7 @@ def _is_symmetric(rows: Ints, columns: Ints, blocks: Floats, nodes: int, largest
 
 
 def _by_nodes(matrix: PETSc.Mat) -> Any:
-    """The rows of this rank in blocks of three, sorted."""
+    """Return the rows of this rank as sorted blocks of three rows and columns."""
     single = matrix.convert("aij", PETSc.Mat())
     starts, columns, values = single.getValuesCSR()
     single.destroy()
@@ -186,18 +186,18 @@ def _by_nodes(matrix: PETSc.Mat) -> Any:
 
 
 def _places(blocks: Any) -> Ints:
-    """Row times the number of columns, plus column, of each block; they grow."""
+    """Return row times number of columns plus column of each block, ascending."""
     rows = np.repeat(np.arange(len(blocks.indptr) - 1), np.diff(blocks.indptr))
     return rows * (blocks.shape[1] // 3) + blocks.indices
 
 
 def _starts(rows: Ints, nodes: int) -> Indices:
-    """First block of each row, and their number at the end."""
+    """Return the first block of each row, and the number of blocks at the end."""
     return np.append(0, np.cumsum(np.bincount(rows, minlength=nodes))).astype(np.uint32)
 
 
-def _rest(blocks: Any, like: PETSc.Mat) -> PETSc.Mat | None:
-    """A matrix of the entries that are not zero, if there are any (collective)."""
+def _nonzero(blocks: Any, like: PETSc.Mat) -> PETSc.Mat | None:
+    """Return a matrix of the nonzero entries, None if all are zero (collective)."""
     single = blocks.tocsr()
     single.eliminate_zeros()
     if not any(like.comm.tompi4py().allgather(single.nnz)):
@@ -209,7 +209,7 @@ def _rest(blocks: Any, like: PETSc.Mat) -> PETSc.Mat | None:
 def _multiply(
     starts: Indices, columns: Indices, blocks: Floats, x: Floats, mass: Floats, stiffness: Floats
 ) -> None:
-    """Add M x and K x: each block multiplies, and off the diagonal its transpose as well."""
+    """Add M x and K x; blocks off the diagonal also act transposed."""
     for i in range(len(starts) - 1):
         x0, x1, x2 = x[i, 0], x[i, 1], x[i, 2]
         first = starts[i]
@@ -240,7 +240,7 @@ def _multiply(
 def _multiply_others(
     starts: Indices, columns: Indices, blocks: Floats, x: Floats, mass: Floats, stiffness: Floats
 ) -> None:
-    """Add M x and K x of blocks that multiply once, x of the columns."""
+    """Add M x and K x of blocks that do not act transposed; x are values at the columns."""
     for i in range(len(starts) - 1):
         for at in range(starts[i], starts[i + 1]):
             k, j = blocks[at], columns[at]

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Assembled matrices in the form that a run keeps: blocks of a node, no zeros, no ghosts."""
+"""Conversion of assembled matrices and vectors: blocks per node, no zeros, no ghosts."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ from dolfinx_joints.common.mpi import lasting
 
 
 def blocked(matrix: PETSc.Mat) -> PETSc.Mat:
-    """The matrix in blocks of a node: its products, which time steps wait for, are faster.
+    """Convert a matrix to blocks per node, which makes products in time steps faster.
 
-    Whole, even if symmetric: PETSc's product with half a matrix reads beyond it where the last rows
-    are empty, as those of dashpots on a boundary, and would hide that K is not symmetric after all.
+    The whole matrix is stored even if it is symmetric. PETSc's symmetric format reads beyond its
+    arrays if the last rows are empty, as for dashpots on a boundary, and would hide an unsymmetric
+    K.
     """
     return matrix.convert("baij")
 
 
-def kept(assembled: PETSc.Mat, components: int) -> PETSc.Mat:
+def on_lasting_comm(assembled: PETSc.Mat, components: int) -> PETSc.Mat:
     """Move a matrix to a communicator that outlives the mesh, which frees its own (collective).
 
-    A node has so many ``components``.
+    ``components`` is the number of dofs per node.
     """
     assembled.assemble()
     comm = lasting(assembled.comm.tompi4py())
@@ -35,7 +36,7 @@ def kept(assembled: PETSc.Mat, components: int) -> PETSc.Mat:
 
 
 def from_rows(sizes: Any, csr: tuple[Any, Any, Any], comm: Any, block: int = 1) -> PETSc.Mat:
-    """Return a matrix from each rank's rows: starts, columns and values (collective)."""
+    """Return a matrix from the CSR rows of each rank: starts, columns, values (collective)."""
     starts, columns, values = csr
     csr = starts.astype(PETSc.IntType), columns.astype(PETSc.IntType), values
     matrix = PETSc.Mat().createAIJ(sizes, bsize=block, csr=csr, comm=comm)
@@ -44,9 +45,9 @@ def from_rows(sizes: Any, csr: tuple[Any, Any, Any], comm: Any, block: int = 1) 
 
 
 def rigid_modes(matrix: PETSc.Mat, nodes: NDArray[np.float64]) -> PETSc.NullSpace:
-    """Translations and rotations, which multigrid takes to its coarse levels (collective).
+    """Return the rigid body modes, the near null space for multigrid (collective).
 
-    ``nodes`` are coordinates of the rank's nodes, its own first, shape (n, 3), [m].
+    ``nodes`` are the coordinates of the rank's nodes, owned ones first, shape (n, 3), [m].
     """
     places, gdim = matrix.createVecRight(), matrix.getBlockSize()
     places.setArray(nodes[: places.getLocalSize() // gdim, :gdim].ravel())
@@ -54,19 +55,19 @@ def rigid_modes(matrix: PETSc.Mat, nodes: NDArray[np.float64]) -> PETSc.NullSpac
 
 
 def without_zeros(matrix: PETSc.Mat) -> PETSc.Mat:
-    """The matrix without zeros off its diagonal: two thirds of M, which couples no components."""
+    """Remove zeros off the diagonal: two thirds of M, which does not couple components."""
     starts, columns, values = matrix.getValuesCSR()
     rows = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
-    kept = (values != 0.0) | (columns == rows + matrix.getOwnershipRange()[0])
-    counts = np.bincount(rows[kept], minlength=len(starts) - 1)
-    csr = np.append(0, np.cumsum(counts)), columns[kept], values[kept]
+    stays = (values != 0.0) | (columns == rows + matrix.getOwnershipRange()[0])
+    counts = np.bincount(rows[stays], minlength=len(starts) - 1)
+    csr = np.append(0, np.cumsum(counts)), columns[stays], values[stays]
     thin = from_rows(matrix.getSizes(), csr, matrix.comm, matrix.getBlockSize())
     matrix.destroy()
     return thin
 
 
 def without_ghosts(vector: PETSc.Vec, matrix: PETSc.Mat) -> PETSc.Vec:
-    """The owned part of a ghosted vector in the layout of a matrix."""
+    """Return the owned part of a ghosted vector in the layout of a matrix."""
     plain = matrix.createVecRight()
     plain.setArray(vector.getArray(readonly=True)[: plain.getLocalSize()])
     return plain

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Nodes of a space in a named group, and those at a place."""
+"""Nodes of a space in a named group or near a point."""
 
 from __future__ import annotations
 
@@ -16,52 +16,52 @@ from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.mesh.cells import Ints
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-# Of the extent of the mesh: nodes nearer to each other are at the same place.
+# Distance, relative to the extent of the mesh, below which nodes are at the same place.
 SAME_PLACE = 1e-9
 
 
 def nodes_of_facets(jointed: JointedMesh, V: FunctionSpace, group: str) -> Ints:
-    """Owned nodes of a facet group or a side of a joint, local numbers (collective)."""
+    """Return owned nodes of a facet group or joint side, local numbers (collective)."""
     facets = jointed.facets(group)
     nodes = fem.locate_dofs_topological(V, jointed.mesh.topology.dim - 1, facets)
     return nodes[nodes < V.dofmap.index_map.size_local].astype(np.int64)
 
 
 def nodes_of_group(jointed: JointedMesh, V: FunctionSpace, group: str) -> Ints:
-    """Owned nodes of a cell group, or else a facet group or side, local numbers (collective)."""
+    """Return owned nodes of a cell group, facet group or joint side (collective)."""
     if group not in jointed.cell_groups:
         return nodes_of_facets(jointed, V, group)
     marks = la.vector(V.dofmap.index_map)
     marks.array[:] = 0.0
     marks.array[V.dofmap.list[jointed.cells(group)].ravel()] = 1.0
-    marks.scatter_reverse(la.InsertMode.add)  # the cells of a node may be on another rank
+    marks.scatter_reverse(la.InsertMode.add)  # all cells of a node may be on other ranks
     return np.flatnonzero(marks.array[: V.dofmap.index_map.size_local])
 
 
 def nearest_nodes(
     jointed: JointedMesh, V: FunctionSpace, point: Sequence[float], group: str | None = None
 ) -> tuple[float, Ints]:
-    """Return the distance [m] of the nodes nearest to a point, and those owned (collective).
+    """Return the distance [m] of the nodes nearest to a point, and the owned ones (collective).
 
-    The point has as many coordinates as the mesh, or three, [m]. On a joint there may be several
-    such nodes, of a cell group, a facet group or a side of a joint if one is given.
+    The point has as many coordinates as the mesh, or three, [m]. On a joint several nodes may be
+    nearest. If ``group`` is given, only nodes of this group or joint side are considered.
     """
     gdim, owned = jointed.mesh.geometry.dim, V.dofmap.index_map.size_local
     if len(point) < gdim:
         raise MeshError(
-            f"The point {shown(tuple(point))} has {len(point)} coordinates; the mesh has {gdim}."
+            f"The point {shown(tuple(point))} has {len(point)} coordinates; give {gdim}."
         )
     x = V.tabulate_dof_coordinates()[:owned]
-    known = np.arange(owned) if group is None else nodes_of_group(jointed, V, group)
-    wanted = np.zeros(3)
-    wanted[: len(point)] = point
-    distance = np.linalg.norm(x[known] - wanted, axis=1)
+    candidates = np.arange(owned) if group is None else nodes_of_group(jointed, V, group)
+    target = np.zeros(3)
+    target[: len(point)] = point
+    distance = np.linalg.norm(x[candidates] - target, axis=1)
     least = min(jointed.mesh.comm.allgather(float(distance.min(initial=np.inf))))
-    return least, known[distance <= least + SAME_PLACE * extent(V)]
+    return least, candidates[distance <= least + SAME_PLACE * extent(V)]
 
 
 def extent(V: FunctionSpace) -> float:
-    """Largest length of the nodes along an axis [m] (collective)."""
+    """Return the largest extent of the mesh along an axis [m] (collective)."""
     x = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
     boxes = V.mesh.comm.allgather((x.min(axis=0), x.max(axis=0)) if len(x) else None)
     lowest, highest = zip(*(box for box in boxes if box is not None), strict=True)
@@ -69,22 +69,22 @@ def extent(V: FunctionSpace) -> float:
 
 
 def as_text(place: Sequence[float], V: FunctionSpace) -> str:
-    """Coordinates as text, their rounding errors left out (collective)."""
+    """Return coordinates as text, without rounding errors (collective)."""
     size = extent(V)
     exact = size * np.round(np.asarray(place) / size, 9) + 0.0
     return f"({', '.join(f'{x:.6g}' for x in exact[: V.mesh.geometry.dim])})"
 
 
 def cell_size(V: FunctionSpace, nodes: NDArray[np.int64]) -> float:
-    """Diameter of the largest cell at some local nodes, ghosts included [m] (collective)."""
+    """Return the diameter of the largest cell at local nodes, with ghosts, [m] (collective)."""
     mesh = V.mesh
     cells = np.flatnonzero(np.isin(V.dofmap.list, nodes).any(axis=1)).astype(np.int32)
-    here = mesh.h(mesh.topology.dim, cells).max(initial=0.0) if len(cells) else 0.0
-    return max(mesh.comm.allgather(float(here)))
+    largest = mesh.h(mesh.topology.dim, cells).max(initial=0.0) if len(cells) else 0.0
+    return max(mesh.comm.allgather(float(largest)))
 
 
 def sides_at(jointed: JointedMesh, V: FunctionSpace, node: int | None) -> tuple[str, ...]:
-    """Sides of joints that a node belongs to, given on the rank that owns it (collective)."""
+    """Return the joint sides that contain a node; pass it on its owner, else None (collective)."""
     sides = [f"{name}{sign}" for name in jointed.joint_names for sign in "-+"]
     nodes = {side: nodes_of_facets(jointed, V, side) for side in sides}
     mine = [side for side in sides if node is not None and node in nodes[side]]

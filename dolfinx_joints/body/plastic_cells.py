@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Cells with plastic materials, beside the joints: what the monolithic solver asks of both.
+"""Cells with plastic materials, combined with the joints for the monolithic solver.
 
-The stiffness matrix holds the elastic part of these cells. What is added to its forces is the
-stress that plastic strains take off, -C eps_p: nothing where no point has yielded.
+The stiffness matrix contains the elastic part of these cells. The plastic force adds the stress
+-C eps_p, which is zero unless a point has yielded.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 @dataclass(frozen=True, kw_only=True)
 class PlasticState(JointState):
-    """State of the joints, without points where there are none, and of the plastic cells."""
+    """State of the joints (zero points without joints) and of the plastic cells."""
 
     bulk: BulkState
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlasticResponse(Response):
-    """Answer of the joints, without points where there are none, and of the plastic cells.
+    """Response of the joints (zero points without joints) and of the plastic cells.
 
     Attributes:
         state: State to keep if the step is accepted.
-        bulk: Answer of the plastic cells.
-        softening: Tangent of the plastic cells less their elastic one, shape (n, 6, 6), [Pa].
+        bulk: Response of the plastic cells.
+        softening: Tangent of the plastic cells minus the elastic one, shape (n, 6, 6), [Pa].
     """
 
     state: PlasticState
@@ -51,9 +51,10 @@ class PlasticResponse(Response):
 
 
 class PlasticBulk:
-    """The cells of a body with plastic materials, and its joints.
+    """Internal forces of the cells with plastic materials and of the joints.
 
-    Laws are by cell group; that of an empty name is of all cells. ``kinds`` are theirs.
+    ``laws`` are given by cell group; the empty name stands for all cells. ``kinds`` are their class
+    names.
     """
 
     def __init__(
@@ -66,9 +67,9 @@ class PlasticBulk:
     ) -> None:
         """Build the strain operator (collective)."""
         topology = jointed.mesh.topology
-        every = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
-        of_group = {name: jointed.cells(name) if name else every for name in laws}
-        groups = {name: cells[cells < len(every)] for name, cells in of_group.items()}
+        owned = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
+        of_group = {name: jointed.cells(name) if name else owned for name in laws}
+        groups = {name: cells[cells < len(owned)] for name, cells in of_group.items()}
         self.kinds = tuple(sorted({type(law).__name__ for law in laws.values()}))
         self._joints = None if contact is None else JointInternalForces(contact)
         self._mesh = jointed.mesh
@@ -81,36 +82,36 @@ class PlasticBulk:
         for law, points in self._laws:
             self._elastic[points] = law.elastic.stiffness_matrix()
 
-    def beside(self, contact: Contact) -> PlasticBulk:
-        """The same cells with other joints."""
+    def with_joints(self, contact: Contact) -> PlasticBulk:
+        """Return a copy with other joints."""
         other = copy(self)
         other._joints = JointInternalForces(contact)
         return other
 
     def at_rest(self, u: PETSc.Vec) -> PlasticState:
-        """State without shear traction and plastic strain at a displacement (collective)."""
+        """Return the state without shear traction and plastic strain (collective)."""
         joints = self._joints.at_rest(u) if self._joints else JointState.at_rest(np.zeros((0, 3)))
         return PlasticState(**vars(joints), bulk=BulkState.at_rest(self.operator.strain(u)))
 
     def trial(self, u: PETSc.Vec, state: PlasticState) -> PlasticResponse:
-        """End-point answer at the displacement ``u``, from ``state`` (collective)."""
+        """Return the response at the end of a step from ``state`` to ``u`` (collective)."""
         joints = self._joints.trial(u, state) if self._joints else _no_joints()
-        return self._beside(joints, BACKWARD_EULER, self.operator.strain(u), state.bulk)
+        return self._combined(joints, BACKWARD_EULER, self.operator.strain(u), state.bulk)
 
     def respond(self, change: PETSc.Vec, state: PlasticState, rule: Rule) -> PlasticResponse:
-        """Answer to a change of the displacement [m] since ``state`` (collective)."""
+        """Return the response to a displacement change [m] since ``state`` (collective)."""
         joints = self._joints.respond(change, state, rule) if self._joints else _no_joints()
         strain = state.bulk.strain + self.operator.strain(change)
-        return self._beside(joints, rule, strain, state.bulk)
+        return self._combined(joints, rule, strain, state.bulk)
 
-    def _ask(self, rule: Rule, strain: Floats, state: BulkState) -> BulkResponse:
-        """Answer of the laws of the local points (collective)."""
+    def _evaluate(self, rule: Rule, strain: Floats, state: BulkState) -> BulkResponse:
+        """Return the response of the material laws at the local points (collective)."""
         with raised_together(self.operator.comm):
             if len(self._laws) == 1:
                 return _method(self._laws[0][0], rule)(strain, state)
             answer = _empty_response(len(strain))
             for law, points in self._laws:
-                before = BulkState(**{name: each[points] for name, each in vars(state).items()})
+                before = BulkState(**{name: field[points] for name, field in vars(state).items()})
                 part = _method(law, rule)(strain[points], before)
                 for name in ("stress", "plastic_strain", "tangent", "dissipation", "status"):
                     getattr(answer, name)[points] = getattr(part, name)
@@ -118,22 +119,22 @@ class PlasticBulk:
                     getattr(answer.state, name)[points] = getattr(part.state, name)
         return answer
 
-    def _beside(
+    def _combined(
         self, joints: Response, rule: Rule, strain: Floats, before: BulkState
     ) -> PlasticResponse:
-        """The answer of the joints with that of the bulk."""
-        bulk = self._ask(rule, strain, before)
-        facts = vars(joints) | {"state": PlasticState(**vars(joints.state), bulk=bulk.state)}
-        # A whole step sees half of the change of strain, as its matrix holds half of K.
+        """Return the response of the joints combined with that of the bulk."""
+        bulk = self._evaluate(rule, strain, before)
+        fields = vars(joints) | {"state": PlasticState(**vars(joints.state), bulk=bulk.state)}
+        # The rule over a whole step uses the mean strain, so its tangent is half the elastic one.
         softening = bulk.tangent - rule.weight * self._elastic
-        return PlasticResponse(**facts, bulk=bulk, softening=softening)
+        return PlasticResponse(**fields, bulk=bulk, softening=softening)
 
     def force(self, response: PlasticResponse, out: PETSc.Vec) -> PETSc.Vec:
-        """Nodal forces of joints and plastic strains that act in a step, [N] (collective)."""
+        """Compute the nodal forces of joints and plastic strains in a step, [N] (collective)."""
         return self._force(response, response.bulk.plastic_strain, out)
 
     def force_at_end(self, response: PlasticResponse, out: PETSc.Vec) -> PETSc.Vec:
-        """The same with the plastic strains of the end of the step, [N] (collective)."""
+        """Compute the forces with the plastic strains at the end, [N] (collective)."""
         return self._force(response, response.state.bulk.plastic_strain, out)
 
     def _force(self, response: Response, plastic: Floats, out: PETSc.Vec) -> PETSc.Vec:
@@ -144,31 +145,31 @@ class PlasticBulk:
         return out
 
     def _stress(self, strain: Floats) -> Floats:
-        """Elastic stress of strains of the local points, shape (n, 6), [Pa]."""
+        """Return the elastic stress of strains at the local points, shape (n, 6), [Pa]."""
         return np.einsum("nij,nj->ni", self._elastic, strain)
 
     def elastic_correction(self, state: Any) -> float:
-        """Change of u.K u / 2 by plastic strains, the energy of an elastic body [J] (collective).
+        """Return the change of the elastic energy u.K u / 2 by plastic strains [J] (collective).
 
-        (eps - eps_p).C (eps - eps_p) / 2 - eps.C eps / 2.
+        It is the integral of (eps - eps_p).C (eps - eps_p) / 2 - eps.C eps / 2.
         """
         plastic = state.bulk.plastic_strain
         both = 0.5 * plastic - state.bulk.strain
         return self.operator.integral(np.einsum("ni,ni->n", both, self._stress(plastic)))
 
     def dissipation(self, response: Any) -> float:
-        """Plastic work of a step [J] (collective)."""
+        """Return the plastic work of a step [J] (collective)."""
         return self.operator.integral(response.bulk.dissipation)
 
     def yielding(self, response: PlasticResponse) -> int:
-        """Points of the bulk beyond their elastic range, on all ranks (collective)."""
-        beyond = int(np.count_nonzero(response.bulk.status != BulkStatus.ELASTIC))
-        return int(self.operator.comm.allreduce(beyond))
+        """Return the number of yielding bulk points on all ranks (collective)."""
+        yielding = int(np.count_nonzero(response.bulk.status != BulkStatus.ELASTIC))
+        return int(self.operator.comm.allreduce(yielding))
 
     def tangent(self, response: PlasticResponse, part: float = 0.0) -> Floats:
-        """Point tangents of joints and bulk, the latter less its elastic one, in one array [SI].
+        """Return the tangents of joints and bulk (minus the elastic one) in one array [SI].
 
-        A part of the stiffness of closed joints and of the elastic body may be added.
+        ``part`` times the stiffness of closed joints and of the elastic body is added.
         """
         bulk = response.softening + part * self._elastic if part else response.softening
         if self._joints is None:
@@ -176,29 +177,29 @@ class PlasticBulk:
         return np.concatenate([self._joints.tangent(response, part).ravel(), bulk.ravel()])
 
     def tangent_matrix(self, unconstrained: PETSc.Vec) -> PlasticTangent:
-        """The builder of a matrix of point tangents (collective)."""
+        """Return the assembler of the tangent matrix (collective)."""
         joints = None if self._joints is None else self._joints.tangent_matrix(unconstrained)
         return PlasticTangent(StrainTangent(self.operator, unconstrained), joints)
 
     def counts(self, response: PlasticResponse) -> StatusCounts | None:
-        """Joint points by status on all ranks, None without joints (collective)."""
+        """Return the number of joint points by status, None without joints (collective)."""
         return None if self._joints is None else self._joints.counts(response)
 
     def rounding(self, response: PlasticResponse, change: float) -> float:
-        """Rounding left in the forces of the joints, over eps [N] (collective)."""
+        """Return the rounding error of the joint forces, over eps [N] (collective)."""
         return 0.0 if self._joints is None else self._joints.rounding(response, change)
 
     def failure(self, response: PlasticResponse, state: PlasticState) -> dict[str, Any]:
-        """Facts of a solve that did not converge, for its message (collective)."""
-        facts = {} if self._joints is None else self._joints.failure(response, state)
-        return facts | {"yielding": self.yielding(response)}
+        """Return keyword arguments of the error for a failed solve (collective)."""
+        details = {} if self._joints is None else self._joints.failure(response, state)
+        return details | {"yielding": self.yielding(response)}
 
     def stress(self, state: PlasticState) -> Floats:
-        """Stress of the local points, shape (n, 6), [Pa]."""
+        """Return the stress at the local points, shape (n, 6), [Pa]."""
         return self._stress(state.bulk.strain - state.bulk.plastic_strain)
 
     def cell_means(self, values: Floats) -> tuple[Ints, Floats]:
-        """The plastic cells of this rank, (cells,), and means of values (n, m), (cells, m)."""
+        """Return the plastic cells, (cells,), and cell means of values (n, m), (cells, m)."""
         cells, place = np.unique(self.operator.cells, return_inverse=True)
         volumes = self.operator.volumes
         shares = volumes / np.bincount(place, volumes)[place]
@@ -207,7 +208,7 @@ class PlasticBulk:
         return cells, means
 
     def accumulated(self, state: PlasticState) -> Any:
-        """Mean accumulated plastic strain of each cell, a DOLFINx function on the cells."""
+        """Return the mean accumulated plastic strain per cell as a DOLFINx function."""
         field = fem.Function(fem.functionspace(self._mesh, ("DG", 0)), name="plastic strain")
         cells, means = self.cell_means(state.bulk.accumulated[:, None])
         field.x.array[field.function_space.dofmap.list[cells, 0]] = means[:, 0]
@@ -216,16 +217,16 @@ class PlasticBulk:
 
 
 class PlasticTangent:
-    """Tangent of joints and plastic cells as a matrix, its sparsity kept."""
+    """Assembler of the tangent of joints and plastic cells; reuses the sparsity pattern."""
 
     def __init__(self, bulk: StrainTangent, joints: TangentMatrix | None) -> None:
-        """Take the builders of both parts, None without joints."""
+        """Store the assemblers of both parts, None without joints."""
         self.comm, self._bulk, self._joints = bulk.comm, bulk, joints
         self.joints = None if joints is None else joints.joints
         self._sums: dict[bool, PETSc.Mat] = {}
 
     def assemble(self, tangent: Floats, *, coupled: bool = True) -> PETSc.Mat:
-        """The matrix for what `PlasticBulk.tangent` gave, [N/m] (collective)."""
+        """Return the matrix of the array from `PlasticBulk.tangent`, [N/m] (collective)."""
         count = len(tangent) - SIZE**2 * self._bulk.num_points
         added = self._bulk.assemble(tangent[count:].reshape(-1, SIZE, SIZE))
         if self._joints is None:
@@ -243,7 +244,7 @@ class PlasticTangent:
 
 
 def _method(law: BulkLaw, rule: Rule) -> Callable[[Floats, BulkState], BulkResponse]:
-    """The method of a law that a rule asks."""
+    """Return the method of a law for a rule."""
     methods = {"backward_euler": law.backward_euler, "discrete_gradient": law.discrete_gradient}
     return methods[rule.name]
 

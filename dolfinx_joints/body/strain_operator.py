@@ -1,8 +1,8 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The strain operator of some cells: strain = P u, force = P^T (w stress), tangent = P^T (w D) P.
+"""Strain operator of some cells: strain = P u, force = P^T (w stress), tangent = P^T (w D) P.
 
-It is to plastic laws of the bulk what the joint operator is to joint laws, and knows no plasticity.
+It corresponds to the gap operator of joints; plasticity is in the material laws.
 """
 
 from __future__ import annotations
@@ -21,18 +21,17 @@ from dolfinx_joints.common.mpi import lasting
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-# Strain components of space.
+# Number of strain components in 3-D.
 SIZE = 6
 
 _CHUNK = 512  # cells evaluated at a time
 
 
 class StrainOperator:
-    """A matrix P with the volume of each point: strain = P u, force = P^T (w stress).
+    """Matrix P and the volume of each point: strain = P u, force = P^T (w stress).
 
     Strains are (xx, yy, zz, 2 yz, 2 xz, 2 xy); in 2-D those out of the plane are zero. Each rank
-    has the points of those of the given ``cells`` that are its own. The columns of ``matrix`` are
-    the dofs of V.
+    has the points of its owned ``cells``. The columns of ``matrix`` are the dofs of V.
 
     Attributes:
         matrix: P, shape (6 num_points, num_dofs).
@@ -55,7 +54,7 @@ class StrainOperator:
         self._work = self.matrix.createVecLeft()
 
     def _assemble(self, V: Any, cells: NDArray[Any], places: Floats, like: PETSc.Mat) -> PETSc.Mat:
-        """P, its rows those of the points of this rank."""
+        """Assemble P; the rows are those of the points of this rank."""
         gdim = V.mesh.geometry.dim
         components = np.arange(SIZE) if gdim == 3 else np.array(IN_PLANE)
         expression = strain_vector(ufl.TrialFunction(V))
@@ -92,7 +91,7 @@ class StrainOperator:
         return int(self.matrix.getSize()[0] // SIZE)
 
     def strain(self, u: PETSc.Vec) -> Floats:
-        """P u of the local points, shape (n, 6) (collective)."""
+        """Return P u at the local points, shape (n, 6) (collective)."""
         self.matrix.mult(u, self._work)
         return self._work.getArray(readonly=True).reshape(-1, SIZE).copy()
 
@@ -103,19 +102,19 @@ class StrainOperator:
         return out
 
     def integral(self, density: Floats) -> float:
-        """Sum of volume times a value per point over all ranks (collective)."""
+        """Return the integral of a value per point (collective)."""
         return float(self.comm.allreduce(float(self.volumes @ density)))
 
 
 class StrainTangent:
-    """P^T (w D) P for changing point tangents D, with its sparsity kept.
+    """Assembler of P^T (w D) P for point tangents D; reuses the sparsity pattern.
 
-    ``unconstrained`` is 1 for unconstrained and 0 for constrained dofs, whose rows and columns of
-    the result are zero. ``num_points`` are those of this rank.
+    ``unconstrained`` is 1 for unconstrained dofs and 0 for others, whose rows and columns are zero.
+    ``num_points`` is the number of points of this rank.
     """
 
     def __init__(self, operator: StrainOperator, unconstrained: PETSc.Vec) -> None:
-        """Set up the products (collective)."""
+        """Create the matrices (collective)."""
         self.comm, self._volumes = operator.comm, operator.volumes
         self.num_points = len(operator.volumes)
         self._operator = operator.matrix.copy()
@@ -129,7 +128,7 @@ class StrainTangent:
         self._product: PETSc.Mat | None = None
 
     def assemble(self, tangent: Floats) -> PETSc.Mat:
-        """The tangent for point tangents of shape (n, 6, 6), [Pa]; [N/m] (collective)."""
+        """Return the tangent [N/m] of point tangents (n, 6, 6), [Pa] (collective)."""
         values = (self._volumes[:, None, None] * tangent).ravel()
         self._points.setValuesCSR(self._starts, self._columns, values)
         self._points.assemble()

@@ -28,17 +28,17 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 Point = Annotated[Sequence[float], at.MinLen(2), at.MaxLen(3), at.Unit("m")]
 _BY_POSITION = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
 
-# Of the extent of the mesh: a node farther from the point of a support is another one.
+# Largest distance between the point of a support and its node, relative to the mesh extent.
 NO_NODE = 1e-6
 
-# Relative to the largest prescribed value: a smaller difference of two values is rounding.
+# Difference of prescribed values, relative to the largest, below which it is rounding error.
 SAME_VALUE = 1e-9
 
 Stiffness = Annotated[float, at.Ge(0), at.Unit("Pa/m")]
 
 
 def components_of(components: str, gdim: int) -> list[int]:
-    """Numbers of the axes that letters name, each once."""
+    """Return the axis numbers of letters such as ``xz``, each of which may occur once."""
     axes = ["xyz"[:gdim].find(letter) for letter in components]
     if -1 in axes or not axes or len(set(axes)) < len(axes):
         raise ValueError(
@@ -53,10 +53,10 @@ class Fixed:
     """Displacement components fixed at zero on a facet group, or at a point.
 
     Attributes:
-        group: Name of the facet group. Of a point on a joint: name of the side, or of another cell
-            or facet group that its node belongs to.
-        components: Letters of the fixed axes, all of them unless given.
-        point: Coordinates of a node, in the place of a whole group [m].
+        group: Name of the facet group. For a point on a joint: name of the joint side, or of a cell
+            or facet group that contains the node.
+        components: Letters of the fixed axes (default: all axes).
+        point: Coordinates of a node that is fixed instead of the whole group [m].
     """
 
     group: str | None = None
@@ -64,7 +64,7 @@ class Fixed:
     point: Point | None = None
 
     def __post_init__(self) -> None:
-        """Check the letters, and that there is a place."""
+        """Check the letters, and that a group or point is given."""
         place_of(self)
         if self.components is not None:
             components_of(self.components, 3)
@@ -73,17 +73,17 @@ class Fixed:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class Prescribed:
-    """Displacement component given as a function of time on a facet group, or at a point.
+    """Displacement component prescribed as a function of time on a facet group, or at a point.
 
-    Two of them may share nodes and the component if they give the same value there. Otherwise the
+    Two of them may share nodes and the component if their values are equal there. Otherwise the
     evaluation of the values raises a ValueError.
 
     Attributes:
-        group: Name of the facet group, or as of `Fixed`.
+        group: Name of the facet group, or for a point as in `Fixed`.
         component: ``x``, ``y`` or ``z``.
-        value: Displacement [m] at a time [s], ``value(t)``; or, of two arguments, ``value(x, t)``,
-            of nodes of shape (n, 3), [m], which returns shape (n,).
-        point: Coordinates of a node, in the place of a whole group [m].
+        value: Displacement [m] as a function ``value(t)`` of time [s], or ``value(x, t)`` of nodes
+            (n, 3), [m], and time, which returns shape (n,).
+        point: Coordinates of a node that is moved instead of the whole group [m].
     """
 
     group: str | None = None
@@ -92,7 +92,7 @@ class Prescribed:
     point: Point | None = None
 
     def __post_init__(self) -> None:
-        """Check that there is a place."""
+        """Check that a group or point is given."""
         place_of(self)
 
     @property
@@ -100,16 +100,16 @@ class Prescribed:
         """Whether the value is a function of nodes and time."""
         try:
             parameters = signature(self.value).parameters.values()
-        except (TypeError, ValueError):  # of a function that is not Python's
+        except (TypeError, ValueError):  # not a Python function
             return False
-        needed = [p for p in parameters if p.default is p.empty and p.kind in _BY_POSITION]
-        return len(needed) == 2
+        required = [p for p in parameters if p.default is p.empty and p.kind in _BY_POSITION]
+        return len(required) == 2
 
 
 @dataclass(frozen=True, kw_only=True)
 @checked
 class Spring:
-    """Distributed springs to the fixed ground on a facet group.
+    """Distributed springs between a facet group and the fixed ground.
 
     Adds k_n (u.n)(v.n) + k_t (u_t . v_t) over the group to the stiffness.
 
@@ -124,9 +124,9 @@ class Spring:
     tangential_stiffness: Stiffness = 0.0
 
     def form(self, jointed: JointedMesh, u: Any, v: Any) -> Any:
-        """The bilinear form of the springs."""
+        """Return the bilinear form of the springs."""
         stiffness = self.normal_stiffness, self.tangential_stiffness
-        # As constants, so that no other values of them are compiled anew.
+        # Constants avoid a new compilation for other values.
         of_normal, of_tangential = (fem.Constant(jointed.mesh, float(k)) for k in stiffness)
         n = ufl.FacetNormal(jointed.mesh)
         normal = ufl.inner(u, n) * ufl.inner(v, n)
@@ -135,10 +135,10 @@ class Spring:
 
 
 def place_of(support: Fixed | Prescribed) -> str:
-    """Where a support is, as results name it: a group, or the coordinates of a point.
+    """Return the name of a support's place in results: a group, or coordinates of a point.
 
     Raises:
-        ValueError: It has neither.
+        ValueError: The support has neither group nor point.
     """
     group, point = support.group, support.point
     if point is None:
@@ -155,37 +155,37 @@ Support = Fixed | Prescribed | Spring | ViscousBoundary
 class Constraints:
     """Constrained dofs of a space and their values in time.
 
-    Where supports share a dof, a prescribed value goes before a fixed one, and two prescribed ones
-    must be equal.
+    If supports share a dof, a prescribed value overrides a fixed one; two prescribed values must be
+    equal.
 
     Args:
-        jointed: The mesh with its facet groups.
-        V: The displacement space.
-        supports: The supports; springs are ignored here.
+        jointed: Mesh with its facet groups.
+        V: Displacement space.
+        supports: Supports; springs are ignored here.
 
     Attributes:
         dofs: Owned constrained dofs, local numbers, ascending, shape (n,).
-        static_dofs: Likewise in static stages, which hold viscous boundaries as well.
+        static_dofs: Owned dofs constrained in static stages, which include viscous boundaries.
         groups: Names of the groups with constrained dofs.
-        points: Owned nodes, local numbers, of the supports at points, by `place_of`.
+        points: Owned nodes, local numbers, of supports at points, by `place_of`.
 
     Raises:
-        ValueError: A component is unknown, or Fixed by name and Prescribed at one place.
-        MeshError: A group does not exist, or there is no node at a point, or several.
+        ValueError: A component is unknown, or both Fixed by name and Prescribed at one place.
+        MeshError: A group does not exist, or a point has no node or several.
     """
 
     def __init__(self, jointed: JointedMesh, V: Any, supports: list[Support]) -> None:
         """Locate the dofs (collective)."""
         gdim, bs = jointed.mesh.geometry.dim, V.dofmap.index_map_bs
         fixed: list[Ints] = []
-        held: list[Ints] = []
+        static_only: list[Ints] = []
         self._prescribed: list[tuple[Ints, Floats, Prescribed]] = []
         self._comm, self._V, self.points = jointed.mesh.comm, V, dict[str, Ints]()
         x = V.tabulate_dof_coordinates()
         for support in supports:
             if not isinstance(support, Support):
                 raise ValueError(
-                    f"{shown(support)} is no support; supports are Fixed, Prescribed, Spring and "
+                    f"{shown(support)} is not a support; give Fixed, Prescribed, Spring or "
                     "ViscousBoundary."
                 )
             if isinstance(support, Spring):
@@ -204,20 +204,20 @@ class Constraints:
             if isinstance(support, Prescribed):
                 self._prescribed.append((dofs, x[nodes], support))
             elif isinstance(support, ViscousBoundary):
-                held += [dofs] if support.in_statics == "held" else []
+                static_only += [dofs] if support.in_statics == "held" else []
             else:
                 fixed.append(dofs)
         _check_not_both(supports)
         clamped = [s for s in supports if isinstance(s, Fixed | Prescribed) and s.point is None]
         self.groups = tuple(dict.fromkeys(place_of(support) for support in clamped))
-        every = [np.empty(0, dtype=np.int64), *fixed, *(dofs for dofs, *_ in self._prescribed)]
-        self.dofs = np.unique(np.concatenate(every))
+        parts = [np.empty(0, dtype=np.int64), *fixed, *(dofs for dofs, *_ in self._prescribed)]
+        self.dofs = np.unique(np.concatenate(parts))
         self._shared = self._shared_dofs()
-        self.static_dofs = np.unique(np.concatenate([self.dofs, *held]))
+        self.static_dofs = np.unique(np.concatenate([self.dofs, *static_only]))
 
     @property
     def moves(self) -> bool:
-        """Whether any value is prescribed as a function of time."""
+        """Whether a displacement is prescribed."""
         return bool(self._prescribed)
 
     def values(self, time: float, *, static: bool = False) -> NDArray[np.float64]:
@@ -234,8 +234,8 @@ class Constraints:
             value: float | Floats
             if support.varies_in_space:
                 with raised_together(self._comm):
-                    given = support.value(x, time) if len(x) else np.zeros(0)
-                    value = check_each(f"{name} at t = {time:g} s", given, len(x))
+                    result = support.value(x, time) if len(x) else np.zeros(0)
+                    value = check_each(f"{name} at t = {time:g} s", result, len(x))
             else:
                 value = number_at(name, support.value, time, unit="m")
             prescribed.append(np.broadcast_to(value, len(dofs)))
@@ -246,7 +246,7 @@ class Constraints:
     def _shared_dofs(self) -> list[tuple[int, int, Ints, Ints]]:
         """Find pairs of prescribed supports that share dofs on any rank (collective).
 
-        A pair has two numbers, and the places of the shared dofs among those of each support.
+        A pair has the numbers of both supports and the positions of the shared dofs in each.
         """
         pairs = []
         for (i, (one, *_)), (j, (other, *_)) in combinations(enumerate(self._prescribed), 2):
@@ -260,48 +260,48 @@ class Constraints:
         for i, j, at_one, at_other in self._shared:
             scale = max(float(np.abs(prescribed[k]).max(initial=0.0)) for k in (i, j))
             values = np.column_stack([prescribed[i][at_one], prescribed[j][at_other]])
-            worst = np.argsort(np.abs(values @ [1.0, -1.0]))[-1:]  # none without shared dofs
+            worst = np.argsort(np.abs(values @ [1.0, -1.0]))[-1:]  # empty without shared dofs
             places = self._prescribed[i][1][at_one[worst]]
-            every = self._comm.allgather((scale, [*zip(values[worst], places, strict=True)]))
-            shared = [pair for _, pairs in every for pair in pairs]
+            from_ranks = self._comm.allgather((scale, [*zip(values[worst], places, strict=True)]))
+            shared = [pair for _, pairs in from_ranks for pair in pairs]
             (one, other), place = max(shared, key=lambda pair: abs(pair[0][0] - pair[0][1]))
-            if abs(one - other) <= SAME_VALUE * max(scale for scale, _ in every):
+            if abs(one - other) <= SAME_VALUE * max(scale for scale, _ in from_ranks):
                 continue
             supports = [self._prescribed[k][2] for k in (i, j)]
             groups = " and ".join(shown(place_of(support)) for support in supports)
             raise ValueError(
                 f"The supports on {groups} both prescribe the displacement "
                 f"{supports[0].component} at {as_text(place, self._V)}, which is {one:.10g} m and "
-                f"{other:.10g} m at t = {time:g} s; make the values equal there, or take the "
-                "shared nodes out of one of the groups."
+                f"{other:.10g} m at t = {time:g} s; make the values equal there, or remove "
+                "the shared nodes from one of the groups."
             )
 
 
 def _check_not_both(supports: Sequence[Support]) -> None:
-    """Check that no component is fixed by its name and prescribed at one place."""
+    """Check that no component is both fixed by name and prescribed at one place."""
     fixed = [s for s in supports if isinstance(s, Fixed)]
-    still = {(place_of(s), component) for s in fixed for component in s.components or ""}
-    for moved in supports:
-        if isinstance(moved, Prescribed) and (place_of(moved), moved.component) in still:
-            what = f"The displacement {moved.component} on {shown(place_of(moved))}"
-            raise ValueError(f"{what} is both Fixed and Prescribed; give one of them.")
+    fixed_by_name = {(place_of(s), component) for s in fixed for component in s.components or ""}
+    for motion in supports:
+        if isinstance(motion, Prescribed) and (place_of(motion), motion.component) in fixed_by_name:
+            label = f"The displacement {motion.component} on {shown(place_of(motion))}"
+            raise ValueError(f"{label} is both Fixed and Prescribed; give one of them.")
 
 
 def _node_of_point(jointed: JointedMesh, V: Any, support: Fixed | Prescribed) -> Ints:
-    """The node of a support at a point if this rank owns it, shape (1,) or (0,) (collective)."""
+    """Return the node of a support at a point, shape (1,), or (0,) if not owned (collective)."""
     assert support.point is not None
     comm, where = jointed.mesh.comm, place_of(support)
     distance, nodes = nearest_nodes(jointed, V, support.point, support.group)
-    found = [x.tolist() for x in V.tabulate_dof_coordinates()[nodes]]
-    every = [x for part in comm.allgather(found) for x in part]
+    own_nodes = [x.tolist() for x in V.tabulate_dof_coordinates()[nodes]]
+    all_nodes = [x for part in comm.allgather(own_nodes) for x in part]
     if not distance <= NO_NODE * extent(V):
-        near = as_text(every[0], V) if every else "none"
+        near = as_text(all_nodes[0], V) if all_nodes else "none"
         raise MeshError(
-            f"The support at {where} is at no node; the nearest is {near}, {distance:.3g} m away."
+            f"The support at {where} has no node there; the nearest is {near}, at {distance:.3g} m."
         )
-    if len(every) > 1:
+    if len(all_nodes) > 1:
         raise MeshError(
-            f"The support at {where} is at {len(every)} nodes, which a joint divides; name a side "
-            f"as well, as in group='{jointed.joint_names[0]}+'."
+            f"The support at {where} has {len(all_nodes)} nodes there, on both sides of a joint; "
+            f"name a side as well, as in group='{jointed.joint_names[0]}+'."
         )
     return nodes

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Boundaries of the rock that let waves out: dashpots after Lysmer and Kuhlemeyer (1969)."""
+"""Absorbing boundaries of the foundation: dashpots after Lysmer and Kuhlemeyer (1969)."""
 
 from __future__ import annotations
 
@@ -19,38 +19,38 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 @dataclass(frozen=True, kw_only=True)
 @checked
 class ViscousBoundary:
-    """Dashpots rho c_p along the normal and rho c_s across it, per area, on a facet group.
+    """Dashpots on a facet group: rho c_p along the normal, rho c_s tangentially, per area.
 
-    Adds rho c_p (u.n)(v.n) + rho c_s (u_t . v_t) over the group to the damping, with density and
-    wave speeds of the cells behind each facet; massless cells give none. It takes waves that arrive
-    along the normal altogether. These cells must be isotropic.
+    Adds rho c_p (u.n)(v.n) + rho c_s (u_t . v_t) over the group to the damping. Density and wave
+    speeds are those of the cell behind each facet, which must be isotropic; massless cells do not
+    contribute. Waves with normal incidence are absorbed completely.
 
     Attributes:
         group: Name of the facet group.
-        in_statics: ``held``, fixed in static stages; the forces that hold it are kept as a load
-            in a dynamic stage. Or ``free``.
+        in_statics: ``held``: fixed in static stages, and the reactions act as a load in dynamic
+            stages; or ``free``.
     """
 
     group: str
     in_statics: Literal["held", "free"] = "held"
 
     def form(self, jointed: JointedMesh, body: ElasticBody, u: Any, v: Any) -> Any:
-        """The bilinear form of the dashpots."""
+        """Return the bilinear form of the dashpots."""
         return ufl.inner(impedance(jointed, body, u), v) * jointed.ds(self.group)
 
 
 def absorbing_groups(
     jointed: JointedMesh, body: ElasticBody, supports: Sequence[Any]
 ) -> tuple[str, ...]:
-    """Groups with a viscous boundary (collective)."""
+    """Return the groups with a viscous boundary, after a check of their cells (collective)."""
     groups = [support.group for support in supports if isinstance(support, ViscousBoundary)]
     if groups:
         facets = np.concatenate([jointed.facets(group) for group in groups])
         twice = len(facets) - len(np.unique(facets))
         if any(jointed.mesh.comm.allgather(twice > 0)):
             raise ValueError(
-                f"The viscous boundaries on {', '.join(groups)} have facets in common; a facet may "
-                "have dashpots once."
+                f"The viscous boundaries on {', '.join(groups)} have common facets; a facet may "
+                "belong to one of them only."
             )
         orthotropic = np.isnan(_shear_moduli(jointed, body, facets)).any()
         if any(jointed.mesh.comm.allgather(bool(orthotropic))):
@@ -62,7 +62,7 @@ def absorbing_groups(
 
 
 def _shear_moduli(jointed: JointedMesh, body: ElasticBody, facets: Any) -> Any:
-    """Mu of the cell behind each facet, NaN where it is orthotropic, shape (n,), [Pa]."""
+    """Return mu of the cell behind each facet, NaN if orthotropic, shape (n,), [Pa]."""
     field, topology = body.shear_modulus, jointed.mesh.topology
     if not hasattr(field, "function_space"):
         return np.full(len(facets), float(field.value))
@@ -73,7 +73,7 @@ def _shear_moduli(jointed: JointedMesh, body: ElasticBody, facets: Any) -> Any:
 
 
 def impedance(jointed: JointedMesh, body: ElasticBody, velocity: Any) -> Any:
-    """Traction of the dashpots at a velocity of the boundary (UFL), [Pa]."""
+    """Return the dashpot traction for a velocity of the boundary (UFL), [Pa]."""
     n = ufl.FacetNormal(jointed.mesh)
     normal = ufl.inner(velocity, n) * n
     pressure_wave = ufl.sqrt(body.density * (body.first_lame + 2.0 * body.shear_modulus))

@@ -2,5 +2,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The joint operator: gap = B u, force = B^T (w t); points, frames, quadrature rules, contact.
 
-It knows no friction: laws are handed to it.
+It does not contain friction: the laws are passed to it.
 """

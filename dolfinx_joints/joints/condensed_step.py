@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Laws of all local points in one step of the condensed solver, on their own compliances."""
+"""Evaluation of the joint laws at all local points in one step of the condensed solver."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from dolfinx_joints.laws.points.return_mapping import Answer, solve_points
 
 
 class PointAnswers(NamedTuple):
-    """Answers of all local points at one trial gap.
+    """Responses of all local points at one trial gap.
 
     Attributes:
         traction: (n, s1, s2) components, shape (n, 3), [Pa].
         tangent: d traction / d trial_gap, shape (n, 3, 3), [Pa/m].
-        by_law: What each law has answered.
+        by_law: Response of each law.
     """
 
     traction: Floats
@@ -31,14 +31,14 @@ class PointAnswers(NamedTuple):
 
 
 class ContactStep:
-    """The local points in one step, evaluated at many trial gaps.
+    """Local points in one step, for evaluation at many trial gaps.
 
     Args:
-        laws: The points of each law.
+        laws: Points of each law.
         comm: Communicator of the ranks.
         compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
         state: State at the start of the step.
-        rule: How the laws are evaluated.
+        rule: Rule by which the laws are evaluated.
     """
 
     def __init__(
@@ -49,9 +49,9 @@ class ContactStep:
         state: JointState,
         rule: Rule,
     ) -> None:
-        """Prepare what all evaluations share (collective)."""
+        """Prepare the data shared by all evaluations (collective)."""
         self._laws, self._comm, self._state = laws, comm, state
-        # Compiled loops raise no errors, so that ranks need not exchange them.
+        # Compiled loops raise no errors, so the ranks need not exchange errors.
         self._may_fail = any(part.compiled_over(rule) is None for part in laws)
         with raised_together(comm):
             if len(laws) == 1:
@@ -63,7 +63,7 @@ class ContactStep:
                 ]
 
     def answers(self, trial_gap: Floats) -> PointAnswers:
-        """Return the answers at a trial gap of shape (n, 3), [m] (collective)."""
+        """Return the responses at a trial gap of shape (n, 3), [m] (collective)."""
         if not self._may_fail:
             return self._answers(trial_gap)
         with raised_together(self._comm):
@@ -71,32 +71,32 @@ class ContactStep:
 
     def _answers(self, trial_gap: Floats) -> PointAnswers:
         if len(self._steps) == 1:
-            (one,) = found = [self._steps[0].answer(trial_gap)]
-            return PointAnswers(one.traction, one.tangent, found)
+            (one,) = by_law = [self._steps[0].answer(trial_gap)]
+            return PointAnswers(one.traction, one.tangent, by_law)
         traction, tangent = np.zeros((len(trial_gap), 3)), np.zeros((len(trial_gap), 3, 3))
-        found = []
+        by_law = []
         for part, step in zip(self._laws, self._steps, strict=True):
-            found.append(answer := step.answer(trial_gap[part.points]))
+            by_law.append(answer := step.answer(trial_gap[part.points]))
             traction[part.points], tangent[part.points] = answer.traction, answer.tangent
-        return PointAnswers(traction, tangent, found)
+        return PointAnswers(traction, tangent, by_law)
 
     def response(self, answers: PointAnswers) -> Response:
-        """Return some answers as a `Response`."""
+        """Return the responses of all points as one `Response`."""
         parts = [
             step.response(answer) for step, answer in zip(self._steps, answers.by_law, strict=True)
         ]
         if len(parts) == 1:
             return parts[0]
         response = empty_response(len(answers.traction), self._state.internal.shape[1])
-        for part, found in zip(self._laws, parts, strict=True):
-            part.put(found, response)
+        for part, own_response in zip(self._laws, parts, strict=True):
+            part.put(own_response, response)
         return response
 
 
 class PointStep:
-    """The points of one law in one step of the condensed solver, evaluated at many trial gaps.
+    """Points of one law in one step of the condensed solver, for many trial gaps.
 
-    The compliance of the structure is normal and tangential, shape (n, 2), [m/Pa].
+    The structural compliance is normal and tangential, shape (n, 2), [m/Pa].
     """
 
     def __init__(self, part: LawPoints, rule: Rule, compliance: Floats, state: JointState) -> None:
@@ -110,13 +110,13 @@ class PointStep:
             self._start = law.loop_start(self._rule, self._state)
 
     def answer(self, trial_gap: Floats) -> Answer | Response:
-        """Return tractions, tangents and what else the law gives at a trial gap (n, 3) [m]."""
+        """Return the response of the law at a trial gap (n, 3), [m]."""
         if self._law is None:
             return self._part.ask(self._rule, trial_gap, self._compliance, self._state)
         return solve_points(self._loop, trial_gap, self._compliance, self._start)
 
     def response(self, answer: Answer | Response) -> Response:
-        """Return one of the answers as a `Response`."""
+        """Return the result of `answer` as a `Response`."""
         if self._law is None or isinstance(answer, Response):
             assert isinstance(answer, Response)
             return answer

@@ -41,23 +41,23 @@ InitialGap = float | Callable[[Floats], Floats]
 
 
 class Contact:
-    """The joints of a system: a gap operator, and a law for the points of each joint.
+    """Joints of a model: a gap operator, and a law for the points of each joint.
 
     Args:
         operator: The gap operator.
         laws: One law for all joints, or one per joint name.
-        initial_gaps: Initial normal gap of each joint named, [m]: a number, or a function of the
-            point coordinates (n, 3) that gives (n,); added to a gap in the mesh itself.
+        initial_gaps: Initial normal gaps by joint name, [m]: a number, or a function that maps
+            point coordinates (n, 3) to gaps (n,). They are added to gaps of the mesh.
 
     Attributes:
         laws: Law of each joint by name.
-        initial_gap: Gap before any displacement, in the mesh and given, shape (n, 3), [m].
-        acting: Which of the local points carry tractions, shape (n,).
-        tied: Which of the local points can neither open nor slide, shape (n,).
-        overlaps: Smallest given gap of each joint that has one below zero, by name [m].
+        initial_gap: Gap before any displacement, of the mesh and as given, shape (n, 3), [m].
+        acting: True for local points that carry tractions, shape (n,).
+        tied: True for local points that can neither open nor slide, shape (n,).
+        overlaps: Smallest given gap of each joint with a negative one, by name [m].
 
     Raises:
-        MeshError: A name stands for no joint, or a joint has no law.
+        MeshError: A name is not that of a joint, or a joint has no law.
     """
 
     def __init__(
@@ -90,38 +90,38 @@ class Contact:
         places = np.zeros_like(self.initial_gap) if operator.points is None else operator.points
         self.overlaps: dict[str, float] = {}
         for name, gap in gaps.items():
-            here = operator.joint == operator.names.index(name)
+            in_joint = operator.joint == operator.names.index(name)
             with raised_together(operator.comm):
-                given = _checked_gap(name, gap, places[here])
-            self.initial_gap[here, 0] += given
-            least = operator.comm.allreduce(float(given.min(initial=0.0)), min)
+                normal_gap = _checked_gap(name, gap, places[in_joint])
+            self.initial_gap[in_joint, 0] += normal_gap
+            least = operator.comm.allreduce(float(normal_gap.min(initial=0.0)), min)
             self.overlaps |= {name: least} if least < 0.0 else {}
 
     @cached_property
     def by_forms(self) -> Contact:
-        """The same with jump, force and tangent by interior-facet integrals (collective).
+        """Copy of the contact that uses interior-facet integrals instead of B (collective).
 
         Raises:
-            JointsError: The operator came from a matrix, without a mesh to integrate over.
+            JointsError: The operator was built from a matrix, without a mesh.
         """
         if not isinstance(self.operator, JointOperator):
-            raise JointsError("Interior-facet integrals need joints of a mesh.")
+            raise JointsError("Interior-facet integrals need joints of a mesh, not of a matrix.")
         return self.on(FormOperator(self.operator))
 
     def on(self, operator: GapOperator) -> Contact:
-        """The same laws of the same points on another operator."""
+        """Return a copy with the same laws and points on another operator."""
         other = copy(self)
         other.__dict__.pop("by_forms", None)
         other.operator = operator
         return other
 
     def without(self, idle: Flags) -> Contact | None:
-        """The same with nothing carried by some local points; None if no point acts (collective).
+        """Return a copy with inactive points, or None if no point is active (collective).
 
-        Laws without a point that acts are no longer there to choose a solver by.
+        Laws without an active point are dropped, so they do not affect the choice of the solver.
 
         Args:
-            idle: Which of the local points carry nothing, shape (n,).
+            idle: True for local points without traction, shape (n,).
         """
         acting = [part.among(~idle) for part in self._laws]
         numbers = summed(self.operator.comm, np.array([len(p.points) for p in acting]))
@@ -135,15 +135,15 @@ class Contact:
         return other
 
     def gap(self, u: Any) -> Floats:
-        """Gap with the initial gap included, shape (n, 3), [m] (collective)."""
+        """Return the gap including the initial gap, shape (n, 3), [m] (collective)."""
         return self.operator.jump(u) + self.initial_gap
 
     def at_rest(self, u: Any) -> JointState:
-        """State without shear traction at the displacement ``u`` (collective)."""
+        """Return the state without shear traction at the displacement ``u`` (collective)."""
         return self.resting(self.gap(u))
 
     def resting(self, gap: Floats) -> JointState:
-        """State without shear traction and history at a gap, shape (n, 3), [m] (collective)."""
+        """Return the state without shear traction and history at a gap (n, 3), [m] (collective)."""
         state = JointState.at_rest(gap, variables=self._variables)
         with raised_together(self.operator.comm):
             for part in self._laws:
@@ -157,81 +157,81 @@ class Contact:
 
     def at_gap(self, gap: Floats, state: JointState) -> Response:
         """Return the end-point response at a gap (n, 3) [m], from ``state`` (collective)."""
-        return self._ask(BACKWARD_EULER, gap, None, state)
+        return self._evaluate(BACKWARD_EULER, gap, None, state)
 
     def respond(self, change: Any, state: JointState, rule: Rule) -> Response:
-        """Answer of the laws to a change of the displacement since ``state`` (collective).
+        """Return the response to a change of the displacement since ``state`` (collective).
 
         Args:
-            change: Displacement less that at ``state``, [m].
+            change: Displacement minus that at ``state``, [m].
             state: State at the start of the step.
-            rule: How the laws are asked.
+            rule: Rule by which the laws are evaluated.
         """
-        return self._ask(rule, state.gap + self.operator.jump(change), None, state)
+        return self._evaluate(rule, state.gap + self.operator.jump(change), None, state)
 
     def respond_condensed(
         self, trial_gap: Floats, compliance: Floats, state: JointState, rule: Rule
     ) -> Response:
-        """Answer of the laws of the local points, each on its own compliance (collective).
-
-        Trial gaps are those of points without traction, shape (n, 3), [m]; the compliance of the
-        structure is normal and tangential, shape (n, 2), [m/Pa].
-        """
-        return self._ask(rule, trial_gap, compliance, state)
-
-    def condensed_step(self, compliance: Floats, state: JointState, rule: Rule) -> ContactStep:
-        """Return the local points in a step, each on its own compliance, for many trial gaps.
+        """Return the response of the local points on a diagonal compliance (collective).
 
         Args:
-            compliance: Normal and tangential compliance of the structure, shape (n, 2), [m/Pa].
+            trial_gap: Gap without traction, shape (n, 3), [m].
+            compliance: Normal and tangential structural compliance, shape (n, 2), [m/Pa].
             state: State at the start of the step.
-            rule: How the laws are evaluated.
+            rule: Rule by which the laws are evaluated.
+        """
+        return self._evaluate(rule, trial_gap, compliance, state)
+
+    def condensed_step(self, compliance: Floats, state: JointState, rule: Rule) -> ContactStep:
+        """Return the local points in a step, for evaluation at many trial gaps.
+
+        The arguments are those of `respond_condensed`.
         """
         return ContactStep(self._laws, self.operator.comm, compliance, state, rule)
 
-    def _ask(
+    def _evaluate(
         self, rule: Rule, gap: Floats, compliance: Floats | None, state: JointState
     ) -> Response:
-        """Answer of the laws of the local points (collective)."""
+        """Return the response of the local points (collective)."""
         with raised_together(self.operator.comm):
             if len(self._laws) == 1:
                 return self._laws[0].ask(rule, gap, compliance, state)
             answer = empty_response(len(gap), self._variables)
             for part in self._laws:
-                here = part.points
-                own = None if compliance is None else compliance[here]
-                part.put(part.ask(rule, gap[here], own, part.state_of(state)), answer)
+                points = part.points
+                own = None if compliance is None else compliance[points]
+                part.put(part.ask(rule, gap[points], own, part.state_of(state)), answer)
             return answer
 
     @property
     def brittle(self) -> bool:
-        """Whether some law has bonds that break for good, on all ranks alike."""
+        """Whether a law has bonds that can break; the same on all ranks."""
         return any(part.brittle for part in self._laws)
 
     def bonds(self, state: JointState) -> Bonds:
-        """Bonds that may break in a step from a state."""
+        """Return the bonds that may break in a step from a state."""
         return Bonds(self._laws, self.operator.comm, state)
 
     def without_losses(self, rule: Rule) -> tuple[str, ...]:
-        """Kinds of the laws whose numerical loss under a rule is a difference of other works."""
+        """Return the class names of laws whose numerical loss is obtained by difference."""
         return tuple(sorted({part.kind for part in self._laws if not part.states_losses(rule)}))
 
     def broken(self, before: JointState, after: JointState) -> Flags:
-        """Return at which local points bonds have broken between two states, shape (n,)."""
+        """Return True for local points whose bond broke between two states, shape (n,)."""
         return broken_points(self._laws, before, after)
 
     @property
     def stops(self) -> bool:
-        """Whether points of some law do not rebound, on all ranks alike."""
+        """Whether a law has points without rebound; the same on all ranks."""
         return any(part.stops for part in self._laws)
 
     @property
     def without_balance(self) -> tuple[str, ...]:
-        """Kinds of the laws without an answer over a whole step."""
+        """Class names of the laws without a method for whole steps."""
         return tuple(sorted({part.kind for part in self._laws if not part.balances}))
 
     def stored_energy(self, state: JointState) -> Floats:
-        """Elastic energy of each joint, shape (number of joints,), [J] (collective)."""
+        """Return the elastic energy of each joint, shape (number of joints,), [J] (collective)."""
         if len(self._laws) == 1:
             return self.integrals(self._laws[0].law.stored_energy(state))
         density = np.empty(len(state.gap))
@@ -240,42 +240,42 @@ class Contact:
         return self.integrals(density)
 
     def losses(self, rule: Rule, before: JointState, answer: Response, traction: Floats) -> Losses:
-        """Losses of a step of the local points, each of shape (n,), [J/m^2].
+        """Return the losses of a step at all local points, each of shape (n,), [J/m^2].
 
-        Arguments are those of `LawWithLosses.losses`, of all local points.
+        See `LawWithLosses.losses` for the arguments.
         """
         friction, numerical, impact = np.empty((3, len(traction)))
         if len(self._laws) == 1:
-            found = self._laws[0].losses(rule, before, answer, traction)
-            friction[:], numerical[:], impact[:] = found
+            lost = self._laws[0].losses(rule, before, answer, traction)
+            friction[:], numerical[:], impact[:] = lost
             return Losses(friction, numerical, impact)
         for part in self._laws:
-            here = part.points
-            given = part.losses(
-                rule, part.state_of(before), part.response_of(answer), traction[here]
+            points = part.points
+            lost = part.losses(
+                rule, part.state_of(before), part.response_of(answer), traction[points]
             )
-            friction[here], numerical[here], impact[here] = given
+            friction[points], numerical[points], impact[points] = lost
         return Losses(friction, numerical, impact)
 
     def integrals(self, density: Floats) -> Floats:
-        """Sum of area times a value per point, for each joint over all ranks (collective).
+        """Return the integral over each joint of values per point (collective).
 
-        Of values of shape (n,) or (k, n); the sums are of shape (number of joints,) or (k, ...).
+        Values (n,) or (k, n) give integrals of shape (number of joints,) or (k, number of joints).
         """
         operator = self.operator
         values = np.atleast_2d(operator.areas * density)
         sums = np.empty((len(values), len(operator.names)))
-        for each, of_joints in zip(values, sums, strict=True):
-            of_joints[:] = np.bincount(operator.joint, each, len(operator.names))
+        for row, of_joints in zip(values, sums, strict=True):
+            of_joints[:] = np.bincount(operator.joint, row, len(operator.names))
         total = summed(operator.comm, sums)
         return total if density.ndim > 1 else total[0]
 
     def integral(self, density: Floats) -> float:
-        """Sum of area times a value per point over all ranks (collective)."""
+        """Return the integral over all joints of a value per point (collective)."""
         return float(self.operator.comm.allreduce(float(self.operator.areas @ density)))
 
     def closed_stiffness(self) -> Floats:
-        """k_n and k_s of every point while closed and sticking, shape (n, 2), [Pa/m]."""
+        """Return k_n and k_s of each closed, sticking point, shape (n, 2), [Pa/m]."""
         stiffness = np.zeros((len(self.operator.areas), 2))
         for part in self._laws:
             stiffness[part.points] = part.law.closed_stiffness()
@@ -283,51 +283,51 @@ class Contact:
 
     @property
     def rigid(self) -> bool:
-        """Whether some law has infinite stiffness, on all ranks alike."""
+        """Whether a law has infinite stiffness; the same on all ranks."""
         return any(math.isinf(k) for part in self._laws for k in part.law.closed_stiffness())
 
     def firm_stiffness(self) -> Floats:
-        """Return the closed stiffness, with k_n where k_s is zero, shape (n, 2), [Pa/m]."""
+        """Return the closed stiffness, with k_n in place of a zero k_s, shape (n, 2), [Pa/m]."""
         stiffness = self.closed_stiffness()
         stiffness[:, 1] = np.where(stiffness[:, 1] > 0.0, stiffness[:, 1], stiffness[:, 0])
         return stiffness
 
     def closed_tangent(self, *, firm: bool = False) -> Floats:
-        """Return the tangent of each point while closed and sticking, (n, 3, 3), [Pa/m].
+        """Return the tangent of each closed, sticking point, shape (n, 3, 3), [Pa/m].
 
-        With ``firm`` it is that of `firm_stiffness`.
+        With ``firm`` the stiffness is that of `firm_stiffness`.
 
         Raises:
             JointsError: A law is rigid.
         """
         if self.rigid:
             raise JointsError(
-                "A rigid joint has no stiffness: modes and the solvers 'monolithic' and 'forms' "
-                "need a finite one; 'condensed' does not."
+                "A rigid joint has no finite stiffness, which modes and the solvers 'monolithic' "
+                "and 'forms' need; use the solver 'condensed' or a joint of finite stiffness."
             )
         stiffness = self.firm_stiffness() if firm else self.closed_stiffness()
         diagonal: Floats = np.repeat(stiffness, (1, 2), axis=1)
         return diagonal[:, :, None] * np.eye(3)
 
     def shown_status(self, status: NDArray[np.int8]) -> NDArray[np.int8]:
-        """Return the status that the laws gave the local points, tied ones marked, shape (n,)."""
+        """Return the status of the local points, with TIED for tied points, shape (n,)."""
         return np.where(self.tied, np.int8(Status.TIED), status)
 
     def counts(self, status: NDArray[np.int8]) -> StatusCounts:
-        """Count points by what they do, on all ranks (collective)."""
+        """Return the number of points of each status on all ranks (collective)."""
         numbers = np.bincount(self.shown_status(status), minlength=len(Status))
-        every = summed(self.operator.comm, numbers)
-        return StatusCounts(**{each.name.lower(): int(every[each]) for each in Status})
+        totals = summed(self.operator.comm, numbers)
+        return StatusCounts(**{status.name.lower(): int(totals[status]) for status in Status})
 
     def worst_joint(self, change: NDArray[Any]) -> str | None:
-        """Name of the joint with the largest sum of a value per acting point (collective)."""
+        """Return the name of the joint with the largest sum over active points (collective)."""
         acting = change * self.acting
         sums = np.bincount(self.operator.joint, acting, minlength=len(self.operator.names))
         total = summed(self.operator.comm, sums)
         return self.operator.names[int(np.argmax(total))] if total.any() else None
 
     def not_finite(self, response: Response) -> tuple[str, str] | None:
-        """Joint and kind of law that made NaN or infinity of a finite gap, if any (collective)."""
+        """Return joint and law class of non-finite values at a finite gap, or None (collective)."""
         answers = (response.traction, response.tangent.reshape(-1, 9))
         wrong = ~np.all([np.isfinite(values).all(axis=1) for values in answers], axis=0)
         wrong &= np.isfinite(response.state.gap).all(axis=1)
@@ -336,7 +336,7 @@ class Contact:
 
 
 def _checked_gap(name: str, gap: InitialGap, places: Floats) -> Floats:
-    what = f"The initial gap of {name!r}"
+    label = f"The initial gap of {name!r}"
     if not callable(gap):
-        check_number(what, gap, lambda _: True, "finite", unit="m")
-    return check_each(what, gap(places) if callable(gap) else gap, len(places))
+        check_number(label, gap, lambda _: True, "finite", unit="m")
+    return check_each(label, gap(places) if callable(gap) else gap, len(places))

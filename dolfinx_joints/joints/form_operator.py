@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The joint operator by interior-facet integrals, the reference that B is compared with.
+"""Joint operator by interior-facet integrals, the reference for the matrix B.
 
 With q a test function at the quadrature points of the joints, and w their areas,
 
@@ -8,9 +8,9 @@ With q a test function at the quadrature points of the joints, and w their areas
     force     f(v) = int_joints t . [v] dS                  (2)
     tangent   a(u, v) = int_joints D [u] . [v] dS           (6)
 
-are assembled by DOLFINx; traction t and tangent D come from the return mapping at the points and
-are Functions on the joints. Both operators are the same sum over points: B holds the coefficients
-of g once and for all, which makes it several times faster.
+are assembled by DOLFINx. Traction t and tangent D come from the return mapping at the points and
+are Functions on the joints. Both operators are the same sum over points. B stores the coefficients
+of g, which makes it several times faster.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from dolfinx_joints.mesh.cells import Floats
 
 
 class FormOperator(GapOperator):
-    """Jump, force and tangent of a joint operator, each by a form.
+    """Joint operator whose jump, force and tangent are assembled from forms.
 
     Args:
-        operator: The joint operator, whose points, areas and frames are taken over.
+        operator: Joint operator that provides points, areas and frames.
     """
 
     def __init__(self, operator: JointOperator) -> None:
@@ -69,14 +69,14 @@ class FormOperator(GapOperator):
         self._areas = self._assembled(areas)
 
     def jump(self, u: PETSc.Vec) -> Floats:
-        """Jump of the displacement at the local points, shape (n, 3), [m] (collective)."""
+        """Return the displacement jump at the local points, shape (n, 3), [m] (collective)."""
         u.copy(self._u.x.petsc_vec)
         self._u.x.scatter_forward()
         jump = self._exchange.to_points(self._assembled(self._jump_form) / self._areas)
         return np.einsum("nki,ni->nk", self._axes, jump)
 
     def force(self, traction: Floats, out: PETSc.Vec) -> PETSc.Vec:
-        """Nodal forces (2), [N] (collective)."""
+        """Compute the nodal forces (2), [N] (collective)."""
         self._exchange.give(self._traction, np.einsum("nki,nk->ni", self._axes, traction))
         with self._force.localForm() as local:
             local.set(0.0)
@@ -86,40 +86,40 @@ class FormOperator(GapOperator):
         return out
 
     def tangent_matrix(self, free: PETSc.Vec) -> FormTangent:
-        """What assembles tangents (6); see `GapOperator.tangent_matrix` (collective)."""
+        """Return the tangent assembler (6); see `GapOperator.tangent_matrix` (collective)."""
         return FormTangent(self, free)
 
     def assemble_tangent(self, tangent: Floats, out: PETSc.Mat) -> None:
-        """Tangent (6) for point tangents of shape (n, 3, 3), [Pa/m]; [N/m] (collective)."""
+        """Assemble the tangent (6) [N/m] of point tangents (n, 3, 3), [Pa/m] (collective)."""
         axes = self._axes
-        turned = np.einsum("nki,nkl,nlj->nij", axes, tangent, axes)
-        self._exchange.give(self._tangent, turned.reshape(len(turned), -1))
+        rotated = np.einsum("nki,nkl,nlj->nij", axes, tangent, axes)
+        self._exchange.give(self._tangent, rotated.reshape(len(rotated), -1))
         out.zeroEntries()
         fem_petsc.assemble_matrix(out, self.tangent_form)
         out.assemble()
 
     def _assembled(self, form: fem.Form) -> Floats:
-        """A linear form on the vectors at quadrature points, facet by facet, shape (m, dim)."""
-        found = fem.assemble_vector(form).array.reshape(-1, self._dim)
-        return found[self._dofs]
+        """Assemble a linear form on vectors at quadrature points, by facet, shape (m, dim)."""
+        values = fem.assemble_vector(form).array.reshape(-1, self._dim)
+        return values[self._dofs]
 
 
 class FormTangent:
-    """Tangents of joints assembled by a form, with their sparsity kept.
+    """Assembler of joint tangents by a form; reuses the sparsity pattern.
 
-    Dofs are constrained where ``free`` is 0: rows and columns of the result are zero there.
+    Rows and columns of constrained dofs (``free`` is 0) are zero.
     """
 
     def __init__(self, operator: FormOperator, free: PETSc.Vec) -> None:
-        """Set up the matrix (collective)."""
+        """Create the matrix (collective)."""
         self.comm, self.joints = operator.comm, None
         self._operator, self._free = operator, free
         self._matrix = fem_petsc.create_matrix(operator.tangent_form)
 
     def assemble(self, tangent: Floats, *, coupled: bool = True) -> PETSc.Mat:
-        """The tangent for point tangents of shape (n, 3, 3), [Pa/m]; [N/m] (collective).
+        """Return the tangent [N/m] of point tangents (n, 3, 3), [Pa/m] (collective).
 
-        It is the same whether ``coupled`` or not.
+        The argument ``coupled`` has no effect.
         """
         self._operator.assemble_tangent(tangent, self._matrix)
         self._matrix.diagonalScale(self._free, self._free)

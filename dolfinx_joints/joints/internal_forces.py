@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What Newton's method asks of the parts of a body that are not linear: joints, plastic cells."""
+"""Interface of Newton's method to the nonlinear internal forces: joints, plastic cells."""
 
 from __future__ import annotations
 
@@ -16,73 +16,73 @@ from dolfinx_joints.laws.law import JointState, Response, Rule, StatusCounts
 
 
 class InternalForces(Protocol):
-    """Forces that follow from displacements by laws; every method is collective.
+    """Nonlinear forces that depend on displacements; every method is collective.
 
-    States and responses are a `JointState` and a `Response`, or kinds of these that hold more.
+    States and responses are `JointState` and `Response`, or types with additional fields.
     """
 
     def at_rest(self, u: PETSc.Vec) -> Any:
-        """State at a displacement that has no history."""
+        """Return the state at a displacement without history."""
 
     def trial(self, u: PETSc.Vec, state: Any) -> Any:
-        """End-point answer at the displacement ``u`` from ``state``."""
+        """Return the response at the end of a step from ``state`` to the displacement ``u``."""
 
     def respond(self, change: PETSc.Vec, state: Any, rule: Rule) -> Any:
-        """Answer to a change of the displacement since ``state``."""
+        """Return the response to a change of the displacement since ``state``."""
 
     def force(self, response: Any, out: PETSc.Vec) -> PETSc.Vec:
-        """Nodal forces that act in a step, [N]."""
+        """Compute the nodal forces that act in a step, [N]."""
 
     def force_at_end(self, response: Any, out: PETSc.Vec) -> PETSc.Vec:
-        """Nodal forces that a motion starts with after the step, [N]."""
+        """Compute the nodal forces at the end of the step, from which a motion starts, [N]."""
 
     def tangent(self, response: Any, part: float = 0.0) -> Floats:
-        """Point tangents, with a part of the stiffness of closed joints and elastic cells added."""
+        """Return the point tangents plus ``part`` times the elastic stiffness."""
 
     def tangent_matrix(self, free: PETSc.Vec) -> TangentMatrix:
-        """What makes a matrix of point tangents; ``free`` is 1 for free dofs, 0 for others."""
+        """Return the assembler of the tangent matrix; ``free`` is 1 for free dofs, else 0."""
 
     def counts(self, response: Any) -> StatusCounts | None:
-        """Joint points by status, None without joints."""
+        """Return the number of joint points by status, None without joints."""
 
     def rounding(self, response: Any, change: float) -> float:
-        """What rounding may leave of the forces over eps, ``change`` the largest of the step."""
+        """Return the rounding error of the forces / eps; ``change`` is the largest of the step."""
 
     def failure(self, response: Any, state: Any) -> dict[str, Any]:
-        """What `ConvergenceError` is to say of a solve that did not converge."""
+        """Return keyword arguments of the `ConvergenceError` for a failed solve."""
 
 
 class JointInternalForces:
-    """The joints."""
+    """Internal forces of the joints."""
 
     def __init__(self, contact: Contact) -> None:
         self.contact = contact
         self.at_rest, self.trial, self.respond = contact.at_rest, contact.trial, contact.respond
 
     def force(self, response: Response, out: PETSc.Vec) -> PETSc.Vec:
-        """B^T (w t), [N] (collective)."""
+        """Compute B^T (w t), [N] (collective)."""
         return self.contact.operator.force(response.traction, out)
 
     force_at_end = force
 
     def tangent(self, response: Response, part: float = 0.0) -> Floats:
-        """Tangent of each point, shape (n, 3, 3), [Pa/m]."""
+        """Return the tangent of each point, shape (n, 3, 3), [Pa/m]."""
         tangent = response.tangent
         return tangent + part * self.contact.closed_tangent(firm=True) if part else tangent
 
     def tangent_matrix(self, free: PETSc.Vec) -> TangentMatrix:
-        """What makes B^T (w D) B of point tangents D (collective)."""
+        """Return the assembler of B^T (w D) B from point tangents D (collective)."""
         return self.contact.operator.tangent_matrix(free)
 
     def counts(self, response: Response) -> StatusCounts:
-        """Count points by what they do, on all ranks (collective)."""
+        """Return the number of points of each status on all ranks (collective)."""
         return self.contact.counts(response.status)
 
     def rounding(self, response: Response, change: float) -> float:
-        """What rounding may leave of joint forces that follow from the gaps, over eps [N].
+        """Return the rounding error of the joint forces due to that of the gaps, over eps [N].
 
         Args:
-            response: The answer that made them.
+            response: Response with the joint forces.
             change: Largest displacement of the step [m].
         """
         operator = self.contact.operator
@@ -92,11 +92,11 @@ class JointInternalForces:
         return float(sum(operator.comm.allgather(error @ error)) ** 0.5)
 
     def failure(self, response: Response, state: JointState) -> dict[str, Any]:
-        """Counts, and the joint that moved most (collective)."""
-        moved = np.abs(response.state.gap - state.gap).sum(axis=1)
+        """Return point counts and the joint with the largest gap change (collective)."""
+        gap_change = np.abs(response.state.gap - state.gap).sum(axis=1)
         counts = vars(self.counts(response)).copy()
         del counts["tied"]
-        blamed = self.contact.not_finite(response)
-        if blamed is not None:
-            return {**counts, "joint": blamed[0], "law": blamed[1]}
-        return {**counts, "joint": self.contact.worst_joint(moved)}
+        not_finite = self.contact.not_finite(response)
+        if not_finite is not None:
+            return {**counts, "joint": not_finite[0], "law": not_finite[1]}
+        return {**counts, "joint": self.contact.worst_joint(gap_change)}

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The points of one law: which of its methods is asked under a rule, and what it may return."""
+"""Points of one law: selection of its method for a rule, and check of its results."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from dolfinx_joints.laws.points.on_compliance import on_compliance
 if TYPE_CHECKING:
     from dolfinx_joints.laws.rigid import RigidJoint
 
-# Of the arrays of a response, after the number of points.
+# Shapes of the arrays of a response, after the number of points.
 _SHAPES: dict[str, tuple[int, ...]] = {
     "traction": (3,),
     "tangent": (3, 3),
@@ -54,20 +54,20 @@ _SHAPES: dict[str, tuple[int, ...]] = {
 
 
 class LawPoints:
-    """The points of one law.
+    """Points of one law.
 
     Attributes:
         law: The law.
-        points: Its local points.
-        kind: Name of its class.
-        variables: Number of its internal variables.
-        balances: Whether it has an answer over a whole step that balances energy.
-        accounts: Whether it states its losses in steps that it answered at their end.
-        brittle: Whether it has bonds that break for good.
-        stops: Whether its points do not rebound.
+        points: Local numbers of the points.
+        kind: Class name of the law.
+        variables: Number of internal variables.
+        balances: Whether the law has an energy-consistent method for whole steps.
+        accounts: Whether the law has formulas for its losses in backward Euler steps.
+        brittle: Whether the law has bonds that can break.
+        stops: Whether the points do not rebound.
 
     Raises:
-        ValueError: Its internal variables are not what `LawWithHistory` says, or its stiffness is
+        ValueError: The internal variables do not conform to `LawWithHistory`, or the stiffness is
             not two numbers.
     """
 
@@ -77,17 +77,17 @@ class LawPoints:
 
         self.law, self.points, self.kind = law, points, type(law).__name__
         names = getattr(law, "internal_variables", ())
-        good = isinstance(names, tuple | list) and all(isinstance(n, str) for n in names)
-        if not good or (names and not isinstance(law, LawWithHistory)):
+        valid = isinstance(names, tuple | list) and all(isinstance(n, str) for n in names)
+        if not valid or (names and not isinstance(law, LawWithHistory)):
             raise ValueError(
                 f"{self.kind}: internal_variables is {shown(names)}; it must be a tuple of names, "
-                "beside a method initial_variables(gap)."
+                "and the law must have a method initial_variables(gap)."
             )
         stiffness: Any = law.closed_stiffness()
         if np.shape(stiffness) != (2,) or not all(k >= 0.0 for k in stiffness):
             raise ValueError(
-                f"{self.kind}.closed_stiffness returned {shown(stiffness)}; it must give normal "
-                "and shear stiffness, two numbers from 0 Pa/m on."
+                f"{self.kind}.closed_stiffness returned {shown(stiffness)}; it must return normal "
+                "and shear stiffness, two numbers of at least 0 Pa/m."
             )
         self.variables = len(names)
         self._law_of_steps: Callable[[float], AnyLaw] = lambda dt: law
@@ -102,13 +102,13 @@ class LawPoints:
         self.stops = self._rigid is not None and self._rigid.restitution == 0
 
     def among(self, chosen: Flags) -> LawPoints:
-        """Those of its points that are chosen of all local points."""
+        """Return a copy with those points that are chosen among all local points."""
         part = copy(self)
         part.points = self.points[chosen[self.points]]
         return part
 
     def state_of(self, state: JointState) -> JointState:
-        """The state of its points, of that of all local points."""
+        """Return the state of these points, given that of all local points."""
         part = JointState(gap=state.gap[self.points], elastic_slip=state.elastic_slip[self.points])
         if self.variables:
             part = replace(part, internal=state.internal[self.points, : self.variables])
@@ -119,44 +119,44 @@ class LawPoints:
         return part
 
     def response_of(self, answer: Response) -> Response:
-        """The answer of its points, of that of all local points."""
-        here = self.points
+        """Return the response of these points, given that of all local points."""
+        points = self.points
         return Response(
-            traction=answer.traction[here],
-            tangent=answer.tangent[here],
+            traction=answer.traction[points],
+            tangent=answer.tangent[points],
             state=self.state_of(answer.state),
-            dissipation=answer.dissipation[here],
-            status=answer.status[here],
+            dissipation=answer.dissipation[points],
+            status=answer.status[points],
         )
 
     def initial_variables(self, gap: Floats) -> Floats:
-        """Internal variables at rest at a gap, shape (n, variables)."""
+        """Return the internal variables at rest at a gap, shape (n, variables)."""
         if not isinstance(self.law, LawWithHistory):
             return np.zeros((len(gap), 0))
         first, wanted = numbers_of(self.law.initial_variables(gap)), (len(gap), self.variables)
         if first is None or first.shape != wanted:
             raise ValueError(
-                f"{self.kind}.initial_variables must give numbers of shape {wanted}, one column "
+                f"{self.kind}.initial_variables must return numbers of shape {wanted}, one column "
                 "for each internal variable."
             )
         return first
 
     def law_over(self, rule: Rule) -> AnyLaw:
-        """Return the law of a step of the length of a rule."""
+        """Return the law for the step length of a rule."""
         return self._law_of_steps(rule.dt)
 
     def compiled_over(self, rule: Rule) -> CompiledLaw | None:
-        """Return `law_over` if its answers are those of its compiled loops, else None."""
+        """Return `law_over` if its compiled loops give all its responses, else None."""
         law = self.law_over(rule)
         return law if isinstance(law, CompiledLaw) and law.has_loops_alone() else None
 
     def ask(
         self, rule: Rule, gap: Floats, compliance: Floats | None, state: JointState
     ) -> Response:
-        """Answer at a gap, or at a trial gap on a compliance; all are those of the law's points.
+        """Return the response of these points at a gap, or at a trial gap on a compliance.
 
         Raises:
-            ValueError: The law returned something else.
+            ValueError: The law returned an invalid response.
         """
         law = self.law_over(rule)
 
@@ -170,24 +170,24 @@ class LawPoints:
             return self._checked(condensed(gap, compliance, state), len(gap))
         return on_compliance(answer, state.gap, gap, compliance, law.closed_stiffness())
 
-    def put(self, given: Response, answer: Response) -> None:
-        """Write the answer of its points into that of all local points."""
-        here = self.points
+    def put(self, own: Response, answer: Response) -> None:
+        """Write the response of these points into that of all local points."""
+        points = self.points
         for name in ("traction", "tangent", "dissipation", "status"):
-            getattr(answer, name)[here] = getattr(given, name)
-        answer.state.gap[here] = given.state.gap
-        answer.state.elastic_slip[here] = given.state.elastic_slip
-        if len(given.state.slips):
-            answer.state.slips[here] = given.state.slips
+            getattr(answer, name)[points] = getattr(own, name)
+        answer.state.gap[points] = own.state.gap
+        answer.state.elastic_slip[points] = own.state.elastic_slip
+        if len(own.state.slips):
+            answer.state.slips[points] = own.state.slips
         if self.variables:
-            answer.state.internal[here, : self.variables] = given.state.internal
+            answer.state.internal[points, : self.variables] = own.state.internal
 
     def states_losses(self, rule: Rule) -> bool:
-        """Whether it states its losses under a rule, so that its energies can be checked."""
+        """Return True if the law gives its losses, so that the energy balance checks it."""
         return self.accounts or (rule.name == DISCRETE_GRADIENT.name and self.balances)
 
     def losses(self, rule: Rule, before: JointState, answer: Response, traction: Floats) -> Losses:
-        """Losses of a step of its points; arguments are those of `LawWithLosses.losses`."""
+        """Return the losses of a step at these points; arguments as in `LawWithLosses`."""
         if rule.name == DISCRETE_GRADIENT.name and self.balances:
             lost = Losses(answer.dissipation, np.zeros(len(traction)))
             if self._rigid is not None and self.stops:
@@ -216,14 +216,14 @@ class LawPoints:
 
 
 def _methods(law: AnyLaw) -> dict[str, Callable[..., Response]]:
-    """Methods that follow from a gap; at the end of steps where there is none for whole ones."""
+    """Return the methods at a gap by rule; backward Euler if there is no whole-step method."""
     end = law.backward_euler if isinstance(law, Law) else partial(_without_pressure, law)
     whole = law.discrete_gradient if isinstance(law, EnergyConsistentLaw) else end
     return {"backward_euler": end, "discrete_gradient": whole}
 
 
 def _condensed_methods(law: AnyLaw) -> dict[str, Callable[..., Response]]:
-    """Return the law's own methods on the compliance of the structure; most laws have none."""
+    """Return the law's methods on a compliance by rule; most laws do not have them."""
     if not isinstance(law, CondensedLaw) or changes_gap_methods(type(law)):
         return {}
     methods = {"backward_euler": law.condensed_backward_euler}
@@ -235,21 +235,21 @@ def _condensed_methods(law: AnyLaw) -> dict[str, Callable[..., Response]]:
 
 
 def _without_pressure(law: Any, gap: Floats, state: JointState) -> Response:
-    """Answer of a law that needs the compliance of the structure, at points that only touch.
+    """Return the response of a rigid joint without a compliance, at points without pressure.
 
     Raises:
-        JointsError: A point overlaps: its traction does not follow from its gap.
+        JointsError: A point overlaps, so its traction is not determined by its gap.
     """
     if np.any(gap[:, 0] < 0.0):
         raise JointsError(
-            f"A rigid joint overlaps by {-gap[:, 0].min():.3g} m: it must start without overlap, "
-            "or from a static stage, and needs the condensed solver."
+            f"A rigid joint has an initial overlap of {-gap[:, 0].min():.3g} m. Start without "
+            "overlap or from a static stage, and use the condensed solver."
         )
     return law.condensed_backward_euler(gap, NO_COMPLIANCE, state)
 
 
 def empty_response(count: int, variables: int) -> Response:
-    """Room for the answer of points with internal variables."""
+    """Return a zero response of ``count`` points with internal variables."""
     return Response(
         traction=np.zeros((count, 3)),
         tangent=np.zeros((count, 3, 3)),

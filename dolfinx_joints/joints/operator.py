@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The joint operator: gap = B u, force = B^T (w t), tangent = B^T (w D) B; it knows no friction.
+"""Joint operator without friction: gap = B u, force = B^T (w t), tangent = B^T (w D) B.
 
-Sign convention (the only place that fixes it): the jump is u+ - u-, the normal n points from the
-- to the + side, so gap_n > 0 is open and compression is t_n < 0; `orientation.orient_pairs` chooses
-the sides and `joint_frames` the tangential axes.
+The sign convention is defined here: the jump is u+ - u- and the normal n points from the - to the +
+side. Thus gap_n > 0 is open and t_n < 0 is compression. `orientation.orient_pairs` chooses the
+sides and `joint_frames` the tangential axes.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import vertex_functions
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh, local_cells
 
-# Entries of B, which are of the order of one, that are zero but for rounding: left out, they keep
-# the products with B of a nodal rule and of joints along the axes several times shorter.
+# Smaller entries of B are rounding error (others are of order one). Without them, products with B
+# are several times faster for nodal rules and joints parallel to the axes.
 ROUNDING = 1e-14
 
 
 class TangentMatrix(Protocol):
-    """Point tangents as a matrix; ``joints`` is B with zero columns of constrained dofs."""
+    """Assembler of the tangent matrix; ``joints`` is B with zero columns at constrained dofs."""
 
     comm: Any
     joints: PETSc.Mat | None
 
     def assemble(self, tangent: Floats, *, coupled: bool = True) -> PETSc.Mat:
-        """The matrix, [N/m]; if not ``coupled``, a symmetric one like it (collective)."""
+        """Return the matrix, [N/m]; if not ``coupled``, a symmetric approximation (collective)."""
 
 
 class GapOperator:
-    """A matrix B with the area of each point: gap = B u, force = B^T (w t).
+    """Matrix B and the area of each point: gap = B u, force = B^T (w t).
 
-    This is all that a solver needs to know of the joints; `JointOperator` builds one from a mesh,
-    and any other matrix with three rows (n, s1, s2) per point will do.
+    Solvers need nothing else from the joints. `JointOperator` builds B from a mesh; any matrix with
+    three rows (n, s1, s2) per point can be used.
 
     Args:
         matrix: B, shape (3 num_points, num_dofs); each rank holds whole points.
@@ -56,9 +56,9 @@ class GapOperator:
     Attributes:
         comm: Communicator of the matrix.
         initial_gap: Gap before any displacement, shape (n, 3), [m].
-        points: Coordinates of the local points, shape (n, 3), [m]. None where there is no mesh.
-        sizes: Size of the elements around each local point, shape (n,), [m]: the shortest edge of
-            the facets that share it. None where there is no mesh.
+        points: Coordinates of the local points, shape (n, 3), [m]; None without a mesh.
+        sizes: Element size at each local point, shape (n,), [m]: the shortest edge of the facets
+            that share it; None without a mesh.
     """
 
     points: Floats | None = None
@@ -67,7 +67,7 @@ class GapOperator:
     def __init__(
         self, matrix: PETSc.Mat, areas: Floats, joint: Ints, names: tuple[str, ...]
     ) -> None:
-        """Keep the parts and make a work vector (collective)."""
+        """Store the arguments and create a work vector (collective)."""
         self.matrix, self.areas, self.joint, self.names = matrix, areas, joint, names
         self.comm = matrix.comm.tompi4py()
         self.initial_gap: Floats = np.zeros((len(areas), 3))
@@ -80,7 +80,7 @@ class GapOperator:
 
     @cached_property
     def tied(self) -> Flags:
-        """Return which local points can neither open nor slide, their rows of B zero, shape (n,).
+        """True for local points that can neither open nor slide (zero rows of B), shape (n,).
 
         At the end of a joint inside a body both sides share their nodes.
         """
@@ -90,12 +90,12 @@ class GapOperator:
         return ~(moves[0::3] | moves[1::3] | moves[2::3])
 
     def jump(self, u: PETSc.Vec) -> Floats:
-        """B u of the local points, shape (n, 3), [m] (collective)."""
+        """Return B u at the local points, shape (n, 3), [m] (collective)."""
         self.matrix.mult(u, self._work)
         return self._work.getArray(readonly=True).reshape(-1, 3).copy()
 
     def force(self, traction: Floats, out: PETSc.Vec) -> PETSc.Vec:
-        """Nodal forces B^T (w t), [N] (collective).
+        """Compute the nodal forces B^T (w t), [N] (collective).
 
         Args:
             traction: Tractions of the local points, shape (n, 3), [Pa].
@@ -106,26 +106,26 @@ class GapOperator:
         return out
 
     def tangent_matrix(self, free: PETSc.Vec) -> TangentMatrix:
-        """What makes B^T (w D) B of point tangents D; ``free`` is 1 or 0 per dof (collective)."""
+        """Return the assembler of B^T (w D) B; ``free`` is 0 at constrained dofs (collective)."""
         return JointTangent(self, free)
 
     def constrained(self, free: PETSc.Vec) -> PETSc.Mat:
-        """B with the columns of constrained dofs made zero; ``free`` is 1 or 0 per dof."""
+        """Return B with zero columns at constrained dofs, where ``free`` is 0, else 1."""
         matrix = self.matrix.copy()
         matrix.diagonalScale(R=free)
         return matrix
 
     def gather(self, values: NDArray[Any]) -> NDArray[Any] | None:
-        """Values of all points in global order on rank 0, None elsewhere (collective)."""
+        """Return the values of all points in global order on rank 0, else None (collective)."""
         return gathered(self.comm, values)
 
 
 class JointOperator(GapOperator):
-    """The gap operator of the joints of a mesh.
+    """Gap operator of the joints of a mesh.
 
     gap = B u with B = T N (paper eq. 1), force = B^T (w t) (eq. 2), tangent = B^T (w D) B (eq. 6).
-    The points are handed out to the ranks in equal blocks, whatever the partition of the mesh:
-    their order does not depend on the number of ranks, and the work on them is balanced.
+    The points are distributed to the ranks in equal blocks, regardless of the mesh partition. Their
+    order does not depend on the number of ranks, and the load is balanced.
 
     Args:
         jointed: Mesh with its facet pairs.
@@ -134,7 +134,7 @@ class JointOperator(GapOperator):
 
     Attributes:
         space: The space V.
-        layout: The points, and this rank's facets.
+        layout: Joint points and facets of this rank.
         frames: Rows n, s1, s2 of each local point, shape (n, 3, 3).
 
     Raises:
@@ -155,19 +155,19 @@ class JointOperator(GapOperator):
         super().__init__(matrix, self.layout.areas, self.layout.joint, pairs.names)
         if jointed.pairs.gaps_in_geometry:
             self.initial_gap = self.jump(_coordinates(V))
-            # Faces that touch are apart by rounding; zero counts as closed, a positive gap not.
+            # Set the rounding error of touching faces to zero: a positive gap would be open.
             touching = np.abs(self.initial_gap[:, 0]) < 1e-9 * np.sqrt(self.areas)
             self.initial_gap[touching, 0] = 0.0
 
 
 class JointTangent:
-    """B^T (w D) B for changing point tangents D, with its sparsity kept.
+    """Assembler of B^T (w D) B for point tangents D; reuses the sparsity pattern.
 
-    Dofs are constrained where ``free`` is 0: rows and columns of the result are zero there.
+    Rows and columns of constrained dofs (``free`` is 0) are zero.
     """
 
     def __init__(self, operator: GapOperator, free: PETSc.Vec) -> None:
-        """Set up the products (collective)."""
+        """Create the matrices (collective)."""
         self.comm = operator.comm
         self._areas = operator.areas
         self.joints = operator.constrained(free)
@@ -180,9 +180,9 @@ class JointTangent:
         self._products: dict[bool, PETSc.Mat] = {}
 
     def assemble(self, tangent: Floats, *, coupled: bool = True) -> PETSc.Mat:
-        """The tangent for point tangents of shape (n, 3, 3), [Pa/m]; [N/m] (collective).
+        """Return the tangent [N/m] of point tangents (n, 3, 3), [Pa/m] (collective).
 
-        If not ``coupled``, it is symmetric, without what normal gaps do to shear tractions.
+        If not ``coupled``, it is symmetrised and normal-shear coupling is dropped.
         """
         if not coupled:
             tangent = 0.5 * (tangent + tangent.transpose(0, 2, 1))
@@ -195,9 +195,9 @@ class JointTangent:
         return product
 
     def coarse(self, interpolation: PETSc.Mat) -> Callable[[], PETSc.Mat]:
-        """What makes P^T B^T (w D) B P of the tangent assembled last (collective).
+        """Return a function that computes P^T B^T (w D) B P for the last tangent (collective).
 
-        On several ranks products with all of P would hold a copy of it.
+        The product B P is formed first: otherwise each rank would store a copy of P.
         """
         operator = self.joints.matMult(interpolation)
         product: PETSc.Mat | None = None
@@ -211,10 +211,10 @@ class JointTangent:
 
 
 def _assemble_operator(jointed: JointedMesh, V: Any, layout: JointPoints) -> PETSc.Mat:
-    """B from the basis functions of the cells on the two sides.
+    """Assemble B from the basis functions of the cells on both sides.
 
-    Each rank adds the facets whose - cell it owns; PETSc sends them to the owner of the row. Where
-    facets share a point, each adds its share of the point's area.
+    Each rank adds the facets whose - cell it owns; PETSc sends the entries to the owner of the row.
+    Facets that share a point add the entries in proportion to their areas.
     """
     mesh, facet_dim = jointed.mesh, jointed.shape.dim - 1
     index_map, bs = V.dofmap.index_map, V.dofmap.index_map_bs
@@ -225,8 +225,8 @@ def _assemble_operator(jointed: JointedMesh, V: Any, layout: JointPoints) -> PET
     )
     matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
     row, column, value = _side_entries(jointed, V, layout)
-    held, row = np.unique(row, return_inverse=True)
-    sides = coo_array((value, (row, column)), shape=(len(held), columns[1])).tocsr()
+    own_rows, row = np.unique(row, return_inverse=True)
+    sides = coo_array((value, (row, column)), shape=(len(own_rows), columns[1])).tocsr()
     sides.data[np.abs(sides.data) < ROUNDING] = 0.0
     sides.eliminate_zeros()
     matrix.setValuesIJV(
@@ -234,14 +234,14 @@ def _assemble_operator(jointed: JointedMesh, V: Any, layout: JointPoints) -> PET
         sides.indices.astype(PETSc.IntType),
         sides.data,
         addv=PETSc.InsertMode.ADD_VALUES,
-        rowmap=held.astype(PETSc.IntType),
+        rowmap=own_rows.astype(PETSc.IntType),
     )
     matrix.assemble()
     return matrix
 
 
 def diagonal_compliance(operator: PETSc.Mat, diagonal: PETSc.Vec) -> Floats:
-    """B diag(A)^-1 B^T, the estimate of the compliance's diagonal, shape (local rows,), [m/N]."""
+    """Return diag(B diag(A)^-1 B^T), an estimate of the compliance, (local rows,), [m/N]."""
     squares, inverse = operator.copy(), diagonal.copy()
     starts, columns, values = squares.getValuesCSR()
     squares.setValuesCSR(starts, columns, values**2)
@@ -249,17 +249,17 @@ def diagonal_compliance(operator: PETSc.Mat, diagonal: PETSc.Vec) -> Floats:
     inverse.reciprocal()
     rows = squares.createVecLeft()
     squares.mult(inverse, rows)
-    found: Floats = rows.getArray().copy()
-    for used in (squares, inverse, rows):
-        used.destroy()
-    return found
+    compliance: Floats = rows.getArray().copy()
+    for work in (squares, inverse, rows):
+        work.destroy()
+    return compliance
 
 
 def _side_entries(jointed: JointedMesh, V: Any, layout: JointPoints) -> tuple[Ints, Ints, Floats]:
-    """Rows, columns and values that the facets of this rank add to B (collective).
+    """Return rows, columns and values that the facets of this rank add to B (collective).
 
-    Sides that show the same facet of the reference cell, turned alike, share a table of basis
-    functions and are treated at once.
+    Sides with the same reference facet and orientation share a table of basis functions and are
+    processed together.
     """
     pairs, shape, mesh = jointed.pairs, jointed.shape, jointed.mesh
     element, bs = V.element.basix_element, V.dofmap.index_map_bs
@@ -274,9 +274,9 @@ def _side_entries(jointed: JointedMesh, V: Any, layout: JointPoints) -> tuple[In
     kinds, kind = np.unique(np.column_stack([slots[:, 1], match]), axis=0, return_inverse=True)
     dofs = V.dofmap.list
     parts: list[tuple[Ints, Ints, Floats]] = []
-    for number, (facet, *turned) in enumerate(kinds):
+    for number, (facet, *order) in enumerate(kinds):
         sides = np.flatnonzero(kind.ravel() == number)
-        vertices = corners[shape.facet_vertices[facet]][turned]
+        vertices = corners[shape.facet_vertices[facet]][order]
         basis = _side_table(element, layout.rule, vertices)[:, on_facet[facet]]
         q, a = np.nonzero(basis)
         pair, sign = sides % len(pairs.joint), np.where(sides < len(pairs.joint), -1.0, 1.0)
@@ -297,13 +297,13 @@ def _side_entries(jointed: JointedMesh, V: Any, layout: JointPoints) -> tuple[In
 
 
 def _side_table(element: Any, rule: Floats, vertices: Floats) -> Floats:
-    """Basis functions of a cell at the rule's points on one of its facets, shape (q, a).
+    """Return the basis functions of a cell at the rule's points on a facet, shape (q, a).
 
-    Vertices are the facet's in the order of the - side, in reference coordinates of the cell.
+    ``vertices`` are those of the facet in the order of the - side, in reference coordinates.
     """
     position = vertex_functions(len(vertices), rule) @ vertices
     table: Floats = element.tabulate(0, position)[0, :, :, 0]
-    table[np.abs(table) < ROUNDING] = 0.0  # at a node all functions but one
+    table[np.abs(table) < ROUNDING] = 0.0  # rounding error: at a node one function only is nonzero
     return table
 
 

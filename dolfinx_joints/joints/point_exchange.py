@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Values of joint points as those of Functions on a joint surface, and back."""
+"""Transfer of values between joint points and Functions on a joint surface."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dolfinx_joints.mesh.joint_surface import JointSurface
 
 
 class PointExchange:
-    """Carries values between joint points, dealt to the ranks in blocks, and points of facets."""
+    """Transfer between joint points, distributed in equal blocks, and facet quadrature points."""
 
     def __init__(self, surface: JointSurface, layout: JointPoints, count: int) -> None:
         number = surface.number
@@ -28,19 +28,19 @@ class PointExchange:
         self._parts: dict[int, tuple[PETSc.Vec, PETSc.Vec, PETSc.Scatter]] = {}
 
     def give(self, function: fem.Function, values: Floats) -> None:
-        """Set a Function at the rule's points by values of joint points, (n, k) (collective)."""
+        """Set a quadrature Function from values at joint points, shape (n, k) (collective)."""
         array = function.x.array.reshape(-1, values.shape[1])
         array[function.function_space.dofmap.list.ravel()] = self.to_facets(values)
 
     def to_facets(self, values: Floats) -> Floats:
-        """Values of joint points, shape (n, k), at the points of facets in turn (collective)."""
+        """Return values of joint points, shape (n, k), at the facet points (collective)."""
         points, facets, scatter = self._exchange(values.shape[1])
         points.setArray(values.ravel())
         scatter.scatter(points, facets)
         return facets.getArray().reshape(-1, values.shape[1]).copy()
 
     def to_points(self, values: Floats) -> Floats:
-        """Means by area of what the facets around joint points have, shape (n, k) (collective)."""
+        """Return area-weighted means over the facets around joint points, (n, k) (collective)."""
         points, facets, scatter = self._exchange(values.shape[1])
         facets.setArray((self._share * values).ravel())
         points.set(0.0)
@@ -51,24 +51,24 @@ class PointExchange:
         if size not in self._parts:
             points = PETSc.Vec().createMPI((size * self._count, None), comm=lasting(self._comm))
             facets = PETSc.Vec().createSeq(size * len(self._point), comm=PETSc.COMM_SELF)
-            here = PETSc.IS().createBlock(
+            rows = PETSc.IS().createBlock(
                 size, self._point.astype(PETSc.IntType), comm=PETSc.COMM_SELF
             )
-            self._parts[size] = (points, facets, PETSc.Scatter().create(points, here, facets, None))
+            self._parts[size] = (points, facets, PETSc.Scatter().create(points, rows, facets, None))
         return self._parts[size]
 
 
 def _order_of_integration(rule: Floats, turned: Ints) -> Ints:
-    """Which point of the rule each point of an integral is, shape (facets, q).
+    """Return the rule point of each quadrature point of an integral, shape (facets, q).
 
     Args:
-        rule: Points on the reference facet, which the permutations of a facet leave a set.
-        turned: Vertices of the facets as integrals see them, shape (facets, vertices per facet).
+        rule: Points on the reference facet, the same set for each vertex order of the facet.
+        turned: Facet vertices in the order of the integrals, shape (facets, vertices per facet).
     """
     corners = basix.cell.geometry(facet_cell_type(turned.shape[1]))
     weights = vertex_functions(turned.shape[1], rule)
     kinds, of_facet = np.unique(turned, axis=0, return_inverse=True)
-    apart = np.linalg.norm((weights @ corners[kinds])[:, :, None] - rule, axis=3)
-    if np.any(apart.min(axis=2, initial=np.inf) > 1e-9):
-        raise ValueError("This quadrature rule depends on the order of a facet's vertices.")
-    return apart.argmin(axis=2)[of_facet.ravel()]
+    distance = np.linalg.norm((weights @ corners[kinds])[:, :, None] - rule, axis=3)
+    if np.any(distance.min(axis=2, initial=np.inf) > 1e-9):
+        raise ValueError("This quadrature rule depends on a facet's vertex order; use another.")
+    return distance.argmin(axis=2)[of_facet.ravel()]

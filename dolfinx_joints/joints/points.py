@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Where joints are evaluated: points, their areas and local frames."""
+"""Joint points, their areas and local frames."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from dolfinx_joints.mesh.joint_pairs import JointPairs
 
 @dataclass(frozen=True, kw_only=True)
 class JointPoints:
-    """This rank's facets of the joints, and the joint points that it is dealt.
+    """Joint facets and joint points of this rank.
 
-    A point at a vertex or in the middle of an edge is one for all facets of its joint around it;
-    every other point belongs to one facet. Points are numbered over all ranks in the order of
-    their first facet and dealt in equal blocks.
+    A point at a vertex or edge midpoint is shared by all facets of its joint around it; every other
+    point belongs to one facet. Points are numbered over all ranks in the order of their first facet
+    and distributed in equal blocks.
 
     Attributes:
         rule: Points on the reference facet, shape (q, facet dimension).
-        facet: Number of each facet among all, as in `JointPairs`, shape (num_facets,).
+        facet: Global number of each facet, as in `JointPairs`, shape (num_facets,).
         number: Point at each facet's rule point, shape (num_facets, q).
-        share: Share of the point's area that the facet holds, shape (num_facets, q).
+        share: Fraction of the point's area that lies on the facet, shape (num_facets, q).
         count: Number of points on all ranks.
-        points: Coordinates of the points dealt, shape (n, 3), [m].
+        points: Coordinates of the points of this rank, shape (n, 3), [m].
         frames: Rows n, s1, s2, shape (n, 3, 3).
         areas: Area of each point, shape (n,), [m^2].
         joint: Joint number of each point, ascending, shape (n,).
@@ -50,17 +50,17 @@ class JointPoints:
     sizes: Floats
 
     def from_facets(self, comm: Any, values: Ints) -> Ints:
-        """Whole numbers of facets (num_facets, k) at the points dealt, (n, k) (collective).
+        """Return integers of facets, (num_facets, k), at this rank's points, (n, k) (collective).
 
-        Where facets share a point, that of the last counts.
+        If facets share a point, the value of the last one is used.
         """
         number, blocks = self.number.ravel(), equal_blocks(self.count, comm.size)
         of_facet = np.column_stack([self.facet, values]).repeat(len(self.rule), axis=0)
         rows = sent_to(comm, rank_of(blocks, number), np.column_stack([number, of_facet]))
         rows = rows[np.argsort(rows[:, 1], kind="stable")]
-        found = np.zeros((len(self.areas), values.shape[1]), dtype=np.int64)
-        found[rows[:, 0] - blocks[comm.rank]] = rows[:, 2:]
-        return found
+        at_points = np.zeros((len(self.areas), values.shape[1]), dtype=np.int64)
+        at_points[rows[:, 0] - blocks[comm.rank]] = rows[:, 2:]
+        return at_points
 
 
 def joint_points(
@@ -84,23 +84,23 @@ def joint_points(
     area = (size * weights)[..., None]
     edge = np.broadcast_to(_shortest_edges(pairs.nodes, corners)[:, None, None], area.shape)
     values: Floats = np.concatenate([area, area * normal, edge, x], axis=2).reshape(-1, 8)
-    # Places of the rule on facets are numbered as well; those of one point meet on one rank.
+    # Number the rule points of all facets, and collect those of a joint point on one rank.
     place = (pairs.number[:, None] * len(rule) + np.arange(len(rule))).ravel()
     keys = _keys(pairs, corners, rule)
     rank = keys[:, 2] % comm.size
     table: Ints = sent_to(comm, rank, np.column_stack([place, keys]))
-    order = np.argsort(table[:, 0])  # sums do not depend on the ranks
+    order = np.argsort(table[:, 0])  # the sums then do not depend on the number of ranks
     table, values = table[order], sent_to(comm, rank, values)[order]
     _, first, of = np.unique(table[:, 1:], axis=0, return_index=True, return_inverse=True)
-    of, every = of.ravel(), pairs.count * len(rule)
+    of, total = of.ravel(), pairs.count * len(rule)
     sums, least = np.zeros((len(first), 4)), np.full(len(first), np.inf)
     np.add.at(sums, of, values[:, :4])
     np.minimum.at(least, of, values[:, 4])
-    number, count = positions(comm, table[first, 0], every), comm.allreduce(len(first))
+    number, count = positions(comm, table[first, 0], total), comm.allreduce(len(first))
     share = values[:, 0] / sums[of, 0]
     areas, mean, sizes, points = (
-        dealt(comm, count, number, each)
-        for each in (sums[:, 0], sums[:, 1:], least, values[first, 5:])
+        dealt(comm, count, number, column)
+        for column in (sums[:, 0], sums[:, 1:], least, values[first, 5:])
     )
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
     joint = dealt(comm, count, number, table[first, 1])
@@ -108,8 +108,8 @@ def joint_points(
     for i, axis in enumerate(pairs.axes):
         rows[joint == i] = frames(mean[joint == i], axis, plane=shape.dim == 2)
     own_number, own_share = (
-        rows_at(comm, dealt(comm, every, table[:, 0], each), place).reshape(-1, len(rule))
-        for each in (number[of], share)
+        rows_at(comm, dealt(comm, total, table[:, 0], column), place).reshape(-1, len(rule))
+        for column in (number[of], share)
     )
     return JointPoints(
         rule=rule,
@@ -126,17 +126,17 @@ def joint_points(
 
 
 def _shortest_edges(nodes: Floats, corners: int) -> Floats:
-    """Shortest distance of two neighbouring vertices of each facet, shape (num_facets,), [m]."""
+    """Return the shortest edge of each facet, shape (num_facets,), [m]."""
     edges = np.array(basix.topology(facet_cell_type(corners))[1])
     along = nodes[:, edges[:, 1]] - nodes[:, edges[:, 0]]
     return np.linalg.norm(along, axis=2).min(axis=1)
 
 
 def _keys(pairs: JointPairs, corners: int, rule: Floats) -> Ints:
-    """What tells points apart, a row for each place of the rule on each facet.
+    """Return keys that identify the joint points, a row per rule point of each facet.
 
-    A point is known by its joint, by the vertices, on both sides, of the facet's sub-entity
-    (vertex, edge or the facet itself) that it lies on, and within a facet by its place in the rule.
+    The key of a point consists of its joint and the vertices, on both sides, of the sub-entity
+    (vertex, edge or facet) that contains it. Inside a facet the number in the rule is added.
     """
     around = vertex_functions(corners, rule) > 1e-9  # vertices of the sub-entity
     keys = np.full((len(pairs.joint), len(rule), 2 + 2 * corners), -1, dtype=np.int64)

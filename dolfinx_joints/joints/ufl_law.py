@@ -1,10 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Joint laws written in UFL: a stored energy or a traction of the gap vector.
+"""Joint laws in UFL: a stored energy or a traction as a function of the gap vector.
 
-They see the gap (n, s1, s2) of a point: the normal gap, initial gap included, and the slip since
-the state at rest. Derivatives are UFL's, the C code is FFCx's; a law then is as any other, arrays
-in and arrays out, and runs on the monolithic solver.
+The gap (n, s1, s2) consists of the normal gap, including the initial gap, and the slip since the
+state at rest. UFL computes the derivatives and FFCx the C code.
 """
 
 from __future__ import annotations
@@ -31,9 +30,9 @@ from dolfinx_joints.laws.path_mean import path_mean
 @dataclass(frozen=True, eq=False, repr=False)
 @checked
 class PotentialJoint:
-    """A reversible joint with the traction t = d psi / d gap of a stored energy psi(gap).
+    """Reversible joint law with the traction t = d psi / d gap of a stored energy psi(gap).
 
-    For instance::
+    Example::
 
         law = PotentialJoint(
             lambda g: 0.5 * k_n * ufl.min_value(g[0], 0.0) ** 2,
@@ -41,16 +40,16 @@ class PotentialJoint:
             shear_stiffness=0.0,
         )
 
-    psi may have kinks in its traction, as here at g[0] = 0, but no jumps. The energy-consistent
-    scheme takes the mean traction over the path of a step (`path_mean`).
+    The traction may have kinks, as here at g[0] = 0, but no jumps. The energy-consistent scheme
+    uses the mean traction over the path of a step (`path_mean`).
 
     Attributes:
-        energy: Gives psi [J/m^2] as a scalar UFL expression of the gap, a UFL vector (n, s1, s2).
-        normal_stiffness: k_n of the closed joint, for modes and where a tangent is singular.
-        shear_stiffness: k_s, for the same.
+        energy: Function that returns psi [J/m^2], a UFL scalar, for the gap, a UFL vector.
+        normal_stiffness: k_n of the closed joint, for modes and singular tangents.
+        shear_stiffness: k_s of the closed joint, for modes and singular tangents.
 
     Raises:
-        ValueError: ``energy`` gives no scalar expression of the gap alone.
+        ValueError: ``energy`` does not return a scalar expression of the gap alone.
     """
 
     energy: Callable[[Any], Any]
@@ -68,7 +67,7 @@ class PotentialJoint:
         object.__setattr__(self, "_points", points)
 
     def __repr__(self) -> str:
-        """The energy as UFL shows it, and the stiffness."""
+        """Return the energy as UFL text, and the stiffness."""
         return self._points.described(**_stiffness(self))
 
     def closed_stiffness(self) -> tuple[float, float]:
@@ -76,22 +75,22 @@ class PotentialJoint:
         return self.normal_stiffness, self.shear_stiffness
 
     def stored_energy(self, state: JointState) -> Floats:
-        """Psi of each point, shape (n,), [J/m^2]."""
-        return self._points.evaluate("energy", _seen(state))[:, 0]
+        """Return psi of each point, shape (n,), [J/m^2]."""
+        return self._points.evaluate("energy", _gap_of(state))[:, 0]
 
     def backward_euler(self, gap: Floats, state: JointState) -> Response:
-        """Traction and tangent at a gap of shape (n, 3), [m]; they depend on no history."""
+        """Return the response at a gap of shape (n, 3), [m]; it does not depend on the history."""
         after = _after(gap, state)
-        return _response(after, *self._tractions(_seen(after)))
+        return _response(after, *self._tractions(_gap_of(after)))
 
     def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
-        """Mean traction over a step, whose work is the change of psi; see `path_mean`."""
+        """Return the mean traction of a step, whose work is the change of psi; see `path_mean`."""
         after = _after(gap, state)
-        return _response(after, *path_mean(self._tractions, _seen(state), _seen(after)))
+        return _response(after, *path_mean(self._tractions, _gap_of(state), _gap_of(after)))
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
-        """Losses of an end-point step: work of what the traction has above the mean of the path."""
-        start, end = _seen(before), _seen(answer.state)
+        """Return the losses: work of the traction minus the mean over the path."""
+        start, end = _gap_of(before), _gap_of(answer.state)
         mean, _ = path_mean(self._tractions, start, end)
         return Losses(answer.dissipation, work(traction - mean, end - start))
 
@@ -103,9 +102,9 @@ class PotentialJoint:
 @dataclass(frozen=True, eq=False, repr=False)
 @checked
 class TractionJoint:
-    """A joint with the traction t(gap, internal variables) of the end of a step.
+    """Joint law with a traction t(gap, internal variables) at the end of a step.
 
-    For instance::
+    Example::
 
         law = TractionJoint(
             lambda g, kappa: ufl.as_vector([k_n * ufl.exp(-kappa / length) * g[0], 0.0, 0.0]),
@@ -114,26 +113,26 @@ class TractionJoint:
             shear_stiffness=0.0,
         )
 
-    Internal variables are scalars. Updates are given the gap at the end of the step and the
-    variables at its start; traction and energy the gap and variables of the same time. Within
+    Internal variables are scalars. Update functions receive the gap at the end of the step and the
+    variables at its start. Traction and energy receive gap and variables of the same time. In
     ``traction``, ``ufl.diff(psi(g, kappa), g)`` keeps the variables fixed.
 
-    All schemes ask for the traction at the end of steps (backward Euler). Its dissipation is the
-    work of the mean of the tractions at both ends of a step, less the change of the energy, and its
-    numerical loss what is left: the energy balance says nothing of it (`LawWithLosses`). Without
-    ``energy`` nothing counts as stored and all of that work as dissipated, what an elastic joint
-    gives back with a negative sign.
+    All schemes use the traction at the end of the step (backward Euler). The dissipation is the
+    work of the mean traction of both ends minus the change of the stored energy. The numerical loss
+    is obtained by difference, so the energy balance does not check the law (`LawWithLosses`).
+    Without ``energy`` all work counts as dissipated; energy returned by an elastic joint then is
+    negative dissipation.
 
     Attributes:
-        traction: Gives t [Pa], a UFL vector of three, of the gap (n, s1, s2) and the internal
-            variables in their order.
-        internal: Initial value and update of each internal variable by name.
-        energy: Gives the stored energy [J/m^2] of the same arguments, or None.
-        normal_stiffness: k_n of the closed joint, for modes and where a tangent is singular.
-        shear_stiffness: k_s, for the same.
+        traction: Function that returns t [Pa], a UFL vector of three, for the gap (n, s1, s2) and
+            the internal variables in their order.
+        internal: Initial value and update function of each internal variable by name.
+        energy: Function of the same arguments that returns the stored energy [J/m^2], or None.
+        normal_stiffness: k_n of the closed joint, for modes and singular tangents.
+        shear_stiffness: k_s of the closed joint, for modes and singular tangents.
 
     Raises:
-        ValueError: A function gives no expression of the right shape of its arguments alone.
+        ValueError: A function does not return a UFL expression of its arguments, of correct shape.
     """
 
     traction: Callable[..., Any]
@@ -155,14 +154,14 @@ class TractionJoint:
             for name, (_, update) in internal.items()
         ]
         points.compile("state", psi, traction)
-        # Its own derivatives before the variables become functions of the gap.
+        # Evaluate derivatives in the traction before the variables become functions of the gap.
         ended = apply_derivatives(apply_algebra_lowering(traction))
         ended = ufl.replace(ended, dict(zip(points.internal, updates, strict=True)))
         points.compile("end", ended, ufl.diff(ended, points.gap), *updates)
         object.__setattr__(self, "_points", points)
 
     def __repr__(self) -> str:
-        """The expressions as UFL shows them, initial values and stiffness."""
+        """Return the expressions as UFL text, initial values and stiffness."""
         first = {name: float(value) for name, (value, _) in self.internal.items()}
         return self._points.described(**first, **_stiffness(self))
 
@@ -172,7 +171,7 @@ class TractionJoint:
         return tuple(self.internal)
 
     def initial_variables(self, gap: Floats) -> Floats:
-        """Internal variables at rest, shape (n, number of variables)."""
+        """Return the internal variables at rest, shape (n, number of variables)."""
         return np.tile([float(value) for value, _ in self.internal.values()], (len(gap), 1))
 
     def closed_stiffness(self) -> tuple[float, float]:
@@ -180,18 +179,18 @@ class TractionJoint:
         return self.normal_stiffness, self.shear_stiffness
 
     def stored_energy(self, state: JointState) -> Floats:
-        """The energy of each point, zero if none is given, shape (n,), [J/m^2]."""
-        return self._points.evaluate("state", _seen(state), state.internal)[:, 0]
+        """Return the energy of each point, zero without ``energy``, shape (n,), [J/m^2]."""
+        return self._points.evaluate("state", _gap_of(state), state.internal)[:, 0]
 
     def backward_euler(self, gap: Floats, state: JointState) -> Response:
-        """Traction at the end of a step to a gap of shape (n, 3), [m], and new variables."""
-        before, after = _seen(state), _after(gap, state)
-        values = self._points.evaluate("end", _seen(after), state.internal)
+        """Return traction and new variables at the end of a step at a gap (n, 3), [m]."""
+        before, after = _gap_of(state), _after(gap, state)
+        values = self._points.evaluate("end", _gap_of(after), state.internal)
         traction, tangent = values[:, :3], values[:, 3:12].reshape(-1, 3, 3)
         after = replace(after, internal=values[:, 12:])
         start = self._points.evaluate("state", before, state.internal)
         mean = 0.5 * (start[:, 1:] + traction)
-        lost = np.einsum("ij,ij->i", mean, _seen(after) - before)
+        lost = np.einsum("ij,ij->i", mean, _gap_of(after) - before)
         lost -= self.stored_energy(after) - start[:, 0]
         return replace(_response(after, traction, tangent), dissipation=lost)
 
@@ -201,39 +200,40 @@ def _stiffness(law: PotentialJoint | TractionJoint) -> dict[str, float]:
 
 
 def _check_internal(owner: str, internal: Any) -> None:
-    wanted = 'it must be {"name": (initial value, function that updates it), ...}.'
+    wanted = 'it must be {"name": (initial value, update function), ...}.'
     if not isinstance(internal, Mapping):
         raise ValueError(f"{owner}: internal is {shown(internal)}; {wanted}")
-    for name, each in internal.items():
-        good = isinstance(name, str) and bool(name.strip())
-        good = good and isinstance(each, tuple) and len(each) == 2
-        if not (good and math.isfinite(real(each[0])) and callable(each[1])):
-            raise ValueError(f"{owner}: internal has {shown(name)}: {shown(each)}; {wanted}")
+    for name, item in internal.items():
+        valid = isinstance(name, str) and bool(name.strip())
+        valid = valid and isinstance(item, tuple) and len(item) == 2
+        if not (valid and math.isfinite(real(item[0])) and callable(item[1])):
+            raise ValueError(f"{owner}: internal has {shown(name)}: {shown(item)}; {wanted}")
 
 
-def _seen(state: JointState) -> Floats:
-    """The gap that an expression sees: normal gap and slip since rest, shape (n, 3), [m].
+def _gap_of(state: JointState) -> Floats:
+    """Return the gap passed to expressions: normal gap and slip since rest, (n, 3), [m].
 
-    A gap of zero is closed; there UFL has no derivative of ``min_value(g[0], 0.0)``.
+    A zero normal gap is replaced by a tiny negative one: it counts as closed, and UFL has no
+    derivative of ``min_value(g[0], 0.0)`` at zero.
     """
     normal = np.where(state.gap[:, 0] == 0.0, -np.finfo(float).tiny, state.gap[:, 0])
     return np.column_stack([normal, state.elastic_slip])
 
 
 def _after(gap: Floats, state: JointState) -> JointState:
-    """State at a gap; all slip is elastic."""
+    """Return the state at a gap; all slip is elastic."""
     slip = state.elastic_slip + gap[:, 1:] - state.gap[:, 1:]
     return JointState(gap=gap.copy(), elastic_slip=slip)
 
 
 def _response(after: JointState, traction: Floats, tangent: Floats) -> Response:
-    """The answer of a law that loses nothing; open and closed by the normal gap.
+    """Return the response of a law without dissipation; its status follows from the normal gap.
 
-    A closed point without shear traction and without shear tangent is frictionless.
+    Closed points without shear traction and shear tangent are frictionless.
     """
-    # What a gap of zero has because `_seen` takes it for closed.
-    by_seen = 2.0 * np.finfo(float).tiny * np.abs(tangent).max(axis=(1, 2))
-    traction = np.where(np.abs(traction) <= by_seen[:, None], 0.0, traction)
+    # Remove the traction due to the tiny negative gap of `_gap_of`.
+    threshold = 2.0 * np.finfo(float).tiny * np.abs(tangent).max(axis=(1, 2))
+    traction = np.where(np.abs(traction) <= threshold[:, None], 0.0, traction)
     sheared = (traction[:, 1:] != 0.0).any(axis=1) | (tangent[:, 1:] != 0.0).any(axis=(1, 2))
     closed = np.where(sheared, Status.STICK, Status.FRICTIONLESS)
     return Response(

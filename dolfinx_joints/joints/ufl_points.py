@@ -22,18 +22,19 @@ from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.laws.law import Floats
 
 _BLOCK = 1024  # points evaluated at a time
-_JIT = {"timeout": 60}  # [s] that a rank waits for the compilation of another
+_JIT = {"timeout": 60}  # longest time that a rank waits for the compilation by another [s]
 _OF_A_MESH = (Constant, FormArgument, GeometricQuantity)
 
 
 class UflPoints:
     """UFL expressions of gap and internal variables, evaluated for arrays of points.
 
-    On a private mesh with a cell for each point of a block, on which these are constant.
+    They are evaluated on a private mesh with one cell per point of a block, where gap and variables
+    are constant.
 
     Args:
         owner: Name of the law, for messages.
-        names: Of the internal variables.
+        names: Names of the internal variables.
 
     Attributes:
         gap: The gap as a UFL variable of three components.
@@ -50,82 +51,81 @@ class UflPoints:
         self.internal = [fem.Function(spaces[1], name=name) for name in names]
         self._compiled: dict[str, tuple[fem.Expression, int]] = {}
 
-    def expression(self, what: str, function: Callable[..., Any], size: int = 1) -> Any:
-        """What a function makes of gap and internal variables, checked.
+    def expression(self, label: str, function: Callable[..., Any], size: int = 1) -> Any:
+        """Return the expression that a function gives for gap and internal variables.
 
         Raises:
-            ValueError: It is no expression of this size, or has something else in it.
+            ValueError: The function fails, or the expression has another size or other terminals.
         """
         kind = "a UFL scalar" if size == 1 else f"a UFL vector of {size} components"
-        wanted = f"it must be {kind}, of gap and internal variables alone."
+        wanted = f"it must be {kind} that depends on gap and internal variables only."
         try:
-            made = function(self.gap, *self.internal)
-            made = ufl.as_vector(made) if isinstance(made, list | tuple) else ufl.as_ufl(made)
+            result = function(self.gap, *self.internal)
+            result = (
+                ufl.as_vector(result) if isinstance(result, list | tuple) else ufl.as_ufl(result)
+            )
         except Exception as error:
             raise ValueError(
-                f"{self._owner}: {what} fails, {shown(error, str)}; {wanted}"
+                f"{self._owner}: {label} fails, {shown(error, str)}; {wanted}"
             ) from error
-        known = (self._gap, *self.internal)
-        terminals = traverse_unique_terminals(made)
-        foreign = [t for t in terminals if isinstance(t, _OF_A_MESH) and t not in known]
-        shape = made.ufl_shape
-        good = shape == (() if size == 1 else (size,)) and not made.ufl_free_indices
-        if foreign or not good:
+        allowed = (self._gap, *self.internal)
+        terminals = traverse_unique_terminals(result)
+        foreign = [t for t in terminals if isinstance(t, _OF_A_MESH) and t not in allowed]
+        shape = result.ufl_shape
+        valid = shape == (() if size == 1 else (size,)) and not result.ufl_free_indices
+        if foreign or not valid:
             fault = f"contains {shown(foreign[0], str)}" if foreign else f"has shape {shape}"
-            raise ValueError(f"{self._owner}: {what} {fault}; {wanted}")
-        text = str(renumber_indices(strip_variables(made)))
-        self._texts.append(f"{what.removeprefix('the ')}={text}")
-        return made
+            raise ValueError(f"{self._owner}: {label} {fault}; {wanted}")
+        text = str(renumber_indices(strip_variables(result)))
+        self._texts.append(f"{label.removeprefix('the ')}={text}")
+        return result
 
     def compile(self, name: str, *expressions: Any) -> None:
         """Compile the components of some expressions as one vector, for `evaluate`.
 
         Raises:
-            ValueError: FFCx cannot.
+            ValueError: FFCx cannot compile them.
         """
         parts = [e[i] if i else e for e in expressions for i in np.ndindex(e.ufl_shape)]
-        # The gap besides: without it constants would have no mesh.
+        # Append the gap: an expression of constants alone has no mesh.
         vector = ufl.as_vector([*parts, self._gap[0]])
         middle = np.array([[0.5]])
         try:
             compiled = fem.Expression(vector, middle, jit_options=_JIT, dtype=np.float64)
         except Exception as error:
             raise ValueError(
-                f"{self._owner}: FFCx cannot compile it, {shown(error, str)}."
+                f"{self._owner}: FFCx cannot compile the expression, {shown(error, str)}."
             ) from error
         self._compiled[name] = compiled, len(parts)
 
     def evaluate(self, name: str, gap: Floats, internal: Floats | None = None) -> Floats:
-        """Values of what was compiled by a name.
+        """Return the values of compiled expressions, shape (n, number of components).
 
         Args:
-            name: The name.
+            name: Name given to `compile`.
             gap: Gap, shape (n, 3), [m].
-            internal: Internal variables if there are some, shape (n, number of variables).
-
-        Returns:
-            Its components, shape (n, number of components).
+            internal: Internal variables, shape (n, number of variables); None without.
         """
         compiled, size = self._compiled[name]
         values = np.empty((len(gap), size))
-        given = gap if internal is None or not self.internal else np.hstack([gap, internal])
+        arguments = gap if internal is None or not self.internal else np.hstack([gap, internal])
         for first in range(0, len(gap), _BLOCK):
-            block = given[first : first + _BLOCK]
+            block = arguments[first : first + _BLOCK]
             cells = np.arange(len(block), dtype=np.int32)
             _fill(self._gap, cells, block[:, :3])
             for k, variable in enumerate(self.internal, start=3):
                 _fill(variable, cells, block[:, k : k + 1])
-            found = compiled.eval(self._mesh, cells).reshape(len(block), -1)
-            values[first : first + _BLOCK] = found[:, :size]
+            result = compiled.eval(self._mesh, cells).reshape(len(block), -1)
+            values[first : first + _BLOCK] = result[:, :size]
         return values
 
     def described(self, **values: float) -> str:
-        """The law as text: its expressions, and values by name."""
+        """Return the law as text: its expressions, and values by name."""
         numbers = [f"{name}={value!r}" for name, value in values.items()]
         return f"{self._owner}({', '.join([*self._texts, *numbers])})"
 
 
 def _fill(function: Any, cells: NDArray[np.int32], values: Floats) -> None:
-    """Give a function that is constant on cells its values there, shape (cells, components)."""
+    """Set the values of a cellwise constant function, shape (cells, components)."""
     dofs = function.function_space.dofmap.list[cells, 0]
     function.x.array.reshape(-1, values.shape[1])[dofs] = values

@@ -2,6 +2,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Joint laws: arrays in, arrays out.
 
-From gap and state to traction, tangent and new state, or in condensed form. A law knows no mesh and
-no time; one that depends on rates is given the length of the step, ``for_step(dt)``.
+A law maps gap and state to traction, tangent and new state, also in condensed form. It does not use
+mesh or time. A rate-dependent law receives the step length by ``for_step(dt)``.
 """

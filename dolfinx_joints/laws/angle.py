@@ -9,12 +9,12 @@ from typing import Any
 
 
 def set_friction(law: Any) -> tuple[float, float]:
-    """Coefficient and angle [degrees] of a law that was given one of them; the other is set.
+    """Return friction coefficient and angle [degrees] of a law, and set the missing one of them.
 
-    Both are taken where they agree, as ``dataclasses.replace`` gives them.
+    Both may be given if they agree: ``dataclasses.replace`` passes both.
 
     Raises:
-        ValueError: Both are missing, or contradict each other.
+        ValueError: Both are missing, or they contradict each other.
     """
     angle, mu, name = law.friction_angle_deg, law.friction_coefficient, type(law).__name__
     if angle is None and mu is None:
@@ -36,11 +36,11 @@ def set_friction(law: Any) -> tuple[float, float]:
 
 
 def coefficient_of(law: Any) -> float:
-    """Coefficient of friction of a law that has taken its friction."""
+    """Return the friction coefficient of a law after `set_friction`."""
     return float(law.friction_coefficient)
 
 
 def cosine_and_sine(angle_deg: float) -> tuple[float, float]:
-    """Of an angle from zero to 90 degrees, where the cosine is zero."""
+    """Return cosine and sine of an angle in [0, 90] degrees, with cos(90) exactly zero."""
     angle = math.radians(angle_deg)
     return (0.0, 1.0) if angle_deg == 90.0 else (math.cos(angle), math.sin(angle))

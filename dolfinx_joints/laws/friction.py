@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Friction without tension, the law of the paper: theory of a point, loop over points, law.
+"""Coulomb friction without tension, the law of the paper: functions of a point, and the law.
 
-At the end of a step (backward Euler) here, over a whole step in `discrete_gradient`; numbers in
-brackets are those of the equations in docs/theory.
+This module has the backward Euler rule (end of a step); the rule over a whole step is in
+`discrete_gradient`. Numbers in brackets are equation numbers of docs/theory.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from dolfinx_joints.laws.law import (
     Response,
     Rule,
 )
-from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction
+from dolfinx_joints.laws.losses import friction_gap_change, losses_on, overlap_and_slip
 from dolfinx_joints.laws.points.compiled_law import EnergyConsistentContact
 from dolfinx_joints.laws.points.discrete_gradient import (
     discrete_gradient_on,
@@ -55,9 +55,9 @@ from dolfinx_joints.laws.points.return_mapping import (
 
 @inline
 def normal_traction(h_n: float, c_n: float, law: Coulomb) -> Vector:
-    """t_n = k_n g_n of a closed point (4), in (21) h_n / (c_n + d_n); and its derivative."""
+    """Return t_n = h_n / (c_n + d_n) of a closed point, see (4) and (21), and its derivative."""
     total = c_n + law.normal_compliance
-    stiffness = 1.0 / total if total > 0.0 else 0.0  # zero: rigid, and both sides constrained
+    stiffness = 1.0 / total if total > 0.0 else 0.0  # zero: rigid, with both sides constrained
     return stiffness * h_n, stiffness
 
 
@@ -65,10 +65,10 @@ def normal_traction(h_n: float, c_n: float, law: Coulomb) -> Vector:
 def trial_traction(
     slip: Vector, opening: float, t_n: float, stiffness: float, c_s: float, law: Coulomb
 ) -> Shear:
-    """t_tr = (e0 + h_s - g_s0) / (c_s + d_s / theta): (6), with (8) where the point closes, (21).
+    """Return the trial traction t_tr = (e0 + h_s - g_s0) / (c_s + d_s / theta), see (6), (8), (21).
 
     Args:
-        slip: Elastic slip at the start plus slip of the step, [m].
+        slip: Elastic slip at the start plus slip of the step, e0 + h_s - g_s0, [m].
         opening: Normal gap at the start, zero if closed, [m].
         t_n: Normal traction [Pa].
         stiffness: d t_n / d h_n [Pa/m].
@@ -88,7 +88,7 @@ def trial_traction(
 
 @inline
 def friction_work(before: Vector, t_s: Vector, plastic: Vector, d_s: float) -> float:
-    """Mean shear traction times plastic slip, [J/m^2]; that at the end of a rigid point.
+    """Return mean shear traction times plastic slip, [J/m^2]; a rigid point uses that at the end.
 
     Args:
         before: Elastic slip at the start [m].
@@ -104,7 +104,7 @@ def friction_work(before: Vector, t_s: Vector, plastic: Vector, d_s: float) -> f
 
 @inline
 def backward_euler_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:
-    """Answer of a point at the end of a step; its gap in the answer is the trial gap at first."""
+    """Compute the response at the end of a step; on entry ``answer.gap`` is the trial gap."""
     put_nothing(i, answer)
     law, gap, end = law_of(start.parameters), start.gap[i], answer.gap[i]
     d_n, d_s, mu = law.normal_compliance, law.shear_compliance, law.friction
@@ -112,7 +112,7 @@ def backward_euler_on(i: int, c_n: float, c_s: float, start: Start, answer: Answ
     e_1, e_2 = start.history[i, 0], start.history[i, 1]
     slip_1, slip_2 = end[1] - gap[1], end[2] - gap[2]
     if h_n > 0.0:
-        # Open: t = 0, and what slip there is becomes plastic; in flight none meets friction.
+        # Open: t = 0. All slip becomes plastic; slip of a point that was open meets no friction.
         theta = 0.0 if opening > 0.0 else 1.0
         plastic = (theta * slip_1 + e_1, theta * slip_2 + e_2)
         answer.dissipation[i] = friction_work((e_1, e_2), (0.0, 0.0), plastic, d_s)
@@ -127,17 +127,17 @@ def backward_euler_on(i: int, c_n: float, c_s: float, start: Start, answer: Answ
     answer.status[i] = closed_status(slides, law)
     put_traction(i, t_n, stiffness, shear, answer.traction, answer.tangent)
     t_1, t_2 = shear.traction
-    if c_n > 0.0:  # of a stiff joint the traction holds more digits of the overlap
+    if c_n > 0.0:  # in a stiff joint the overlap is more accurate from the traction
         end[0] = d_n * t_n
     end[1] -= c_s * t_1
     end[2] -= c_s * t_2
-    kept = answer.history[i]
+    elastic = answer.history[i]
     if d_s < np.inf:
-        kept[0], kept[1] = d_s * t_1, d_s * t_2  # end of (7)
+        elastic[0], elastic[1] = d_s * t_1, d_s * t_2  # end of (7)
     theta = d_n * t_n / (d_n * t_n - opening) if opening > 0.0 else 1.0  # (8)
     plastic = (
-        theta * (end[1] - gap[1]) - (kept[0] - e_1),
-        theta * (end[2] - gap[2]) - (kept[1] - e_2),
+        theta * (end[1] - gap[1]) - (elastic[0] - e_1),
+        theta * (end[2] - gap[2]) - (elastic[1] - e_2),
     )
     answer.dissipation[i] = friction_work((e_1, e_2), (t_1, t_2), plastic, d_s)
 
@@ -155,19 +155,19 @@ POINTS = {name: at_gap(point) for name, point in _ON_COMPLIANCE.items()}
 class FrictionNoTension(EnergyConsistentContact):
     """No tension, elastic contact, Coulomb friction without dilatancy (paper eqs. 3 to 5).
 
-    Open (gap_n > 0): t = 0. Closed: t_n = k_n gap_n, t_s = k_s e with |t_s| <= -t_n tan(alpha);
-    sliding changes t_s along itself only (plastic potential |t_s|), so the tangent is unsymmetric.
-    On opening the elastic slip e becomes zero: what slip there is, is plastic. Where a point closes
-    within a step, only the slip after touching loads it: with the path of a step taken as straight,
-    the fraction gap_n1 / (gap_n1 - gap_n0) of the step's slip.
+    Open (gap_n > 0): t = 0. Closed: t_n = k_n gap_n, t_s = k_s e with |t_s| <= -t_n tan(alpha). The
+    flow rule is not associated (plastic potential |t_s|), so the tangent is unsymmetric. On opening
+    the elastic slip e becomes zero and all slip is plastic. If a point closes within a step, only
+    its slip after closing loads it. On a straight path this is the fraction
+    gap_n1 / (gap_n1 - gap_n0) of the slip increment.
 
     Departure from the paper: compression is negative here, so its yield function
-    |t_s| - t_n tan(alpha) reads |t_s| + t_n tan(alpha).
+    |t_s| - t_n tan(alpha) becomes |t_s| + t_n tan(alpha).
 
     Attributes:
         normal_stiffness: k_n.
-        shear_stiffness: k_s; zero leaves the joint without friction.
-        friction_angle_deg: alpha; exactly one of this and the next is given.
+        shear_stiffness: k_s; zero makes the joint frictionless.
+        friction_angle_deg: alpha; give either this or `friction_coefficient`.
         friction_coefficient: Mu = tan(alpha).
 
     Raises:
@@ -183,30 +183,30 @@ class FrictionNoTension(EnergyConsistentContact):
     friction_coefficient: Annotated[float, at.Ge(0)] | None = None
 
     def __post_init__(self) -> None:
-        """Take the friction."""
+        """Set friction angle and coefficient."""
         set_friction(self)
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
-        """Losses of an end-point step (30), see `LawWithLosses`."""
+        """Return the losses (30) of a backward Euler step; see `LawWithLosses`."""
         k = np.array([self.normal_stiffness, self.shear_stiffness, self.shear_stiffness])
         mean = 0.5 * k * (overlap_and_slip(before) + overlap_and_slip(answer.state))
-        way = way_with_friction(before, answer.state)
-        return losses_on(way, traction, mean, answer.dissipation)
+        change = friction_gap_change(before, answer.state)
+        return losses_on(change, traction, mean, answer.dissipation)
 
     def loop_start(self, rule: Rule, state: JointState) -> Start:
-        """Elastic slip at the start, over a whole step stored energies and slips."""
+        """Return elastic slip, or stored energies and slips for a whole step, and parameters."""
         k_n, k_s, mu = self.normal_stiffness, self.shear_stiffness, coefficient_of(self)
         if rule.name == BACKWARD_EULER.name:
             shear = (1.0 / k_s, k_n / k_s) if k_s else (math.inf, math.inf)
             law = Coulomb(1.0 / k_n, *shear, mu)
             return Start(state.gap, state.elastic_slip, np.array(law, dtype=np.float64))
         stored = stored_by(state, k_n, k_s)
-        # Without shear stiffness friction is never mobilised, as if there were none.
+        # With zero shear stiffness no shear traction builds up: treat the joint as frictionless.
         law = Coulomb(1.0 / k_n, 1.0 / (k_s or k_n), k_n / (k_s or k_n), mu if k_s else 0.0)
         return whole_step_from(state, stored, law)
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
-        """Return the answer with elastic slip and, over a whole step, the slips."""
+        """Return the response with elastic slip and, over a whole step, the plastic slips."""
         if rule.name == BACKWARD_EULER.name:
             return response_of(answer, elastic_slip=answer.history)
         root = math.sqrt(self.shear_stiffness) or 1.0
@@ -219,7 +219,7 @@ class FrictionNoTension(EnergyConsistentContact):
 def frictionless(
     *, normal_stiffness: Annotated[float, at.Gt(0), at.Unit("Pa/m")]
 ) -> FrictionNoTension:
-    """A joint that carries pressure only: no tension, no shear.
+    """Return a law that transmits pressure only: no tension, no shear.
 
     Args:
         normal_stiffness: k_n.

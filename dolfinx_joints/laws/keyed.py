@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A joint with shear keys: it opens but does not slip."""
+"""Joint with elastic shear keys: it opens but does not slip."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from dolfinx_joints.laws.law import (
     Response,
     Rule,
 )
-from dolfinx_joints.laws.losses import Way, losses_on, overlap_and_slip
+from dolfinx_joints.laws.losses import GapChange, losses_on, overlap_and_slip
 from dolfinx_joints.laws.points.compiled_law import EnergyConsistentContact
 from dolfinx_joints.laws.points.discrete_gradient import normal_traction as normal_over_step
 from dolfinx_joints.laws.points.return_mapping import (
@@ -43,10 +43,10 @@ RULES = (BACKWARD_EULER.name, DISCRETE_GRADIENT.name)
 
 @inline
 def keyed_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:
-    """Answer of a point; its gap in the answer is the trial gap at first.
+    """Compute the response of a point; on entry ``answer.gap`` is the trial gap.
 
-    The parameters are k_n, k_s and the part of the slip of a step that counts: 1 at its end, 1/2
-    over the whole step.
+    The parameters are k_n, k_s and the weight of the slip increment: 1 at the end of a step, 1/2
+    over a whole step.
     """
     k_n, k_s, mean = start.parameters[0], start.parameters[1], start.parameters[2]
     law = Coulomb(1.0 / k_n, 1.0 / k_n, 1.0, 0.0)
@@ -75,9 +75,9 @@ def keyed_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> No
 @dataclass(frozen=True, kw_only=True)
 @checked
 class KeyedJoint(EnergyConsistentContact):
-    """A joint that opens but does not slip: no tension, and shear keys that carry at any opening.
+    """Joint that opens but does not slip: no tension, and shear keys that act at any opening.
 
-    t_n = k_n gap_n where gap_n <= 0, else 0;  t_s = k_s gap_s, measured from the state at rest.
+    t_n = k_n gap_n if gap_n <= 0, else 0;  t_s = k_s gap_s, measured from the state at rest.
 
     Attributes:
         normal_stiffness: k_n.
@@ -91,19 +91,19 @@ class KeyedJoint(EnergyConsistentContact):
     shear_stiffness: Annotated[float, at.Ge(0), at.Unit("Pa/m")]
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
-        """Losses of an end-point step (30), see `LawWithLosses`."""
+        """Return the losses (30) of a backward Euler step; see `LawWithLosses`."""
         k = np.array([self.normal_stiffness, self.shear_stiffness, self.shear_stiffness])
         start, end = overlap_and_slip(before), overlap_and_slip(answer.state)
         flight = np.zeros_like(start)
         flight[:, 0] = np.maximum(answer.state.gap[:, 0], 0.0) - np.maximum(before.gap[:, 0], 0.0)
-        way = Way(end - start, np.zeros_like(start), flight)
-        return losses_on(way, traction, 0.5 * k * (start + end), answer.dissipation)
+        change = GapChange(end - start, np.zeros_like(start), flight)
+        return losses_on(change, traction, 0.5 * k * (start + end), answer.dissipation)
 
     def loop_start(self, rule: Rule, state: JointState) -> Start:
-        """Return the elastic slip at the start."""
+        """Return gap, elastic slip and parameters at the start of the step."""
         row = (self.normal_stiffness, self.shear_stiffness, rule.weight)
         return Start(state.gap, state.elastic_slip, np.array(row))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
-        """Return the answer with the elastic slip."""
+        """Return the response, whose history is the elastic slip."""
         return response_of(answer, elastic_slip=answer.history)

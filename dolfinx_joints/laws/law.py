@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Protocols of joint laws, with their states and responses: arrays in, arrays out.
 
-A law sees the gap vector of each joint point in the local frame (n, s1, s2), with the initial gap
-already included: ``gap[:, 0] > 0`` is open, ``gap[:, 0] <= 0`` closed, tractions are negative in
-compression. A trial never changes the state it starts from; whoever accepts a step keeps the state
-that the trial returned.
+A law receives the gap vector of each joint point in the local frame (n, s1, s2), including the
+initial gap. A point is open if ``gap[:, 0] > 0`` and closed otherwise; tractions are negative in
+compression. A law never changes the state that it receives; it returns the new state, which the
+caller keeps if the step is accepted.
 
-A joint takes a `Law`, or a `CondensedLaw` with the condensed solver alone. A law may give more:
+A joint takes a `Law`, or a `CondensedLaw` with the condensed solver only. Optional protocols:
 `EnergyConsistentLaw`, `CondensedEnergyConsistentLaw`, `LawWithHistory`, `RateDependentLaw`,
 `LawWithLosses`.
 """
@@ -31,15 +31,15 @@ NO_COMPLIANCE: Floats = np.zeros((1, 2))
 
 
 class Status(IntEnum):
-    """What a joint point does, as files number it.
+    """Contact status of a joint point, with the numbers used in results files.
 
     Attributes:
         OPEN: The two sides do not touch.
         STICK: Closed, below the limit of the shear traction.
         SLIP: Closed, at the limit.
-        FRICTIONLESS: Closed, by a law without shear resistance: neither friction nor bond.
-        TIED: At the end of a joint inside a body, where both sides share their nodes. Laws never
-            return it; `Contact.shown_status` sets it.
+        FRICTIONLESS: Closed, without shear resistance: neither friction nor bond.
+        TIED: At the end of a joint inside a body, where both sides share their nodes. It is set by
+            `Contact.shown_status`, never by a law.
     """
 
     OPEN = 0
@@ -51,7 +51,7 @@ class Status(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class StatusCounts:
-    """Joint points by what they do, as `Status` says, on all ranks."""
+    """Number of joint points of each `Status` on all ranks."""
 
     open: int
     stick: int
@@ -61,16 +61,16 @@ class StatusCounts:
 
     @property
     def total(self) -> int:
-        """Number of points that can open or slide: all but tied ones."""
+        """Number of points that can open or slide, without tied points."""
         return self.open + self.stick + self.slip + self.frictionless
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rule:
-    """How a time scheme asks the laws.
+    """Rule by which a time scheme evaluates the laws.
 
     Attributes:
-        name: The method asked.
+        name: Name of the law's method.
         weight: d traction / d gap of a sticking point over its stiffness k: 1 at the end of a step,
             1/2 over a whole step.
         dt: Length of the step [s], infinite in statics.
@@ -81,11 +81,11 @@ class Rule:
     dt: float = math.inf
 
     def over(self, dt: float) -> Rule:
-        """The rule for a step of length dt [s]."""
+        """Return the rule for a step of length dt [s]."""
         return replace(self, dt=dt)
 
 
-# At the end of a step, and by the mean of a step, in which energy balances.
+# Traction at the end of the step, or its mean over the step with an exact energy balance.
 BACKWARD_EULER = Rule(name="backward_euler", weight=1.0)
 DISCRETE_GRADIENT = Rule(name="discrete_gradient", weight=0.5)
 
@@ -96,13 +96,13 @@ class JointState:
 
     Attributes:
         gap: Gap vector (n, s1, s2) at the last accepted step, shape (n, 3), [m].
-        elastic_slip: Part of the tangential gap that holds shear traction, shape (n, 2), [m].
-        internal: Further variables of the laws that have some, shape (n, m).
-        slips: Plastic slips of the last step and of the one before it [m], as if these had been as
-            long as the next, and half the work of friction in the last [J/m^2], shape (n, 5); empty
-            where no law keeps them. By these slip turns within a step (`turning`).
-        approach: Normal way that a step would make with the velocity at its start, shape (n,), [m];
-            a scheme adds it before it asks laws whose points do not rebound, else empty.
+        elastic_slip: Elastic part of the tangential gap, shape (n, 2), [m].
+        internal: Internal variables (history variables) of the laws, shape (n, m).
+        slips: Plastic slips of the last two steps [m], latest first, scaled to the length of the
+            next step, and half the last friction work [J/m^2]. Shape (n, 5), or empty if no law
+            uses them. They predict slip reversal within a step (`turning`).
+        approach: Normal gap change of a step at its initial velocity, shape (n,), [m]. A scheme
+            sets it for laws whose points do not rebound; otherwise it is empty.
     """
 
     gap: Floats
@@ -113,10 +113,10 @@ class JointState:
 
     @classmethod
     def at_rest(cls, gap: Floats, *, variables: int = 0) -> JointState:
-        """State without shear traction at a given gap, shape (n, 3), [m].
+        """Return the state without shear traction at a given gap.
 
         Args:
-            gap: The gap, shape (n, 3), [m].
+            gap: Gap, shape (n, 3), [m].
             variables: Number m of internal variables.
         """
         count = len(gap)
@@ -129,16 +129,15 @@ class JointState:
 
 @dataclass(frozen=True, kw_only=True)
 class Response:
-    """Answer of a law to a trial gap of ``n`` points.
+    """Response of a law at ``n`` points.
 
     Attributes:
         traction: (n, s1, s2) components, shape (n, 3), [Pa].
         tangent: d traction / d gap, shape (n, 3, 3), [Pa/m].
         state: State to keep if the step is accepted.
-        dissipation: Friction work of the step per area, shape (n,), [J/m^2]; at the end point that
-            of the mean of the law's tractions at both ends on the plastic slip in contact, which is
-            what the trapezoidal rule sees, and may be negative where slip reverses within a long
-            step.
+        dissipation: Friction work of the step per area, shape (n,), [J/m^2]. For backward Euler it
+            is the mean of the law's tractions at both ends times the plastic slip in contact
+            (trapezoidal rule). It may be negative if slip reverses within a long step.
         status: `Status` of each point, shape (n,).
     """
 
@@ -151,37 +150,37 @@ class Response:
 
 @runtime_checkable
 class Law(Protocol):
-    """A joint law that follows from gaps; implement it for a user-defined law."""
+    """Joint law with a traction-gap relation; implement it for a user-defined law."""
 
     def backward_euler(self, gap: Floats, state: JointState) -> Response:
-        """Traction and consistent tangent at the end of a step, gap of shape (n, 3), [m]."""
+        """Return traction and consistent tangent at the end of a step, gap (n, 3), [m]."""
 
     def stored_energy(self, state: JointState) -> Floats:
-        """Elastic energy per area of a state, shape (n,), [J/m^2]."""
+        """Return the elastic energy per area, shape (n,), [J/m^2]."""
 
     def closed_stiffness(self) -> tuple[float, float]:
-        """Normal and shear stiffness while closed and sticking, [Pa/m]."""
+        """Return normal and shear stiffness of a closed, sticking point, [Pa/m]."""
 
 
 @runtime_checkable
 class EnergyConsistentLaw(Law, Protocol):
-    """A law with an answer over a whole step.
+    """Joint law that can also be evaluated over a whole step.
 
-    Energy-consistent schemes ask other laws for `Law.backward_euler`; what that loses is counted as
+    For other laws, energy-consistent schemes use `Law.backward_euler` and count its losses as
     numerical (`LawWithLosses`).
     """
 
     def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
-        """Traction whose work from ``state.gap`` to ``gap`` is what is stored and dissipated."""
+        """Return a traction whose work over the step equals stored plus dissipated energy."""
 
 
 class Losses(NamedTuple):
-    """What is lost of the work of a step on ``n`` points, each of shape (n,), [J/m^2].
+    """Energy losses of a step at ``n`` points, each of shape (n,), [J/m^2].
 
     Attributes:
-        friction: Dissipated by the law.
-        numerical: By the time scheme; gained if negative.
-        impact: Where points strike and do not rebound.
+        friction: Dissipation of the law.
+        numerical: Dissipation of the time scheme; an energy gain if negative.
+        impact: Loss at points that strike and do not rebound.
     """
 
     friction: Floats
@@ -191,127 +190,127 @@ class Losses(NamedTuple):
 
 @runtime_checkable
 class LawWithLosses(Protocol):
-    """A law with formulas of its own for what a step loses that `Law.backward_euler` answered.
+    """Joint law with formulas for the losses of a step with `Law.backward_euler`.
 
-    Of another law the numerical loss in such steps is the rest of the work on its points, so that
-    the energy balance says nothing of these.
+    For other laws the numerical loss of such steps is obtained by difference, so the energy balance
+    cannot detect errors in these laws.
     """
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
-        """What is lost of the work of a traction that acts over a step.
+        """Return the energy losses of a step on which a constant traction acts.
 
         Args:
             before: State at the start of the step.
-            answer: What the law answered.
-            traction: That of the end, or the mean of both ends, shape (n, 3), [Pa].
+            answer: Response of the law.
+            traction: Traction at the end, or mean of both ends, shape (n, 3), [Pa].
         """
 
 
 @runtime_checkable
 class CondensedLaw(Protocol):
-    """A law with its own answer on a compliance; of others `on_compliance` finds it.
+    """Joint law with a method for its response on a compliance; others need `on_compliance`.
 
-    A law that is not a `Law` besides, as a rigid joint, carries nothing that follows from its gap.
+    A `CondensedLaw` that is not also a `Law` (a rigid joint) has no traction-gap relation.
     """
 
     def condensed_backward_euler(
         self, trial_gap: Floats, compliance: Floats, state: JointState
     ) -> Response:
-        """Answer at the end of a step at gap = trial_gap - compliance * traction.
+        """Return the response at the end of a step at gap = trial_gap - compliance * traction.
 
         Args:
-            trial_gap: Gap if the point carried no traction, shape (n, 3), [m].
+            trial_gap: Gap without traction, shape (n, 3), [m].
             compliance: Normal and tangential compliance, shape (n or 1, 2), [m/Pa].
             state: State at the start of the step.
 
         Returns:
-            The answer at that gap, its tangent being d traction / d trial_gap.
+            The response; its tangent is d traction / d trial_gap.
         """
 
     def stored_energy(self, state: JointState) -> Floats:
-        """Elastic energy per area of a state, shape (n,), [J/m^2]."""
+        """Return the elastic energy per area, shape (n,), [J/m^2]."""
 
     def closed_stiffness(self) -> tuple[float, float]:
-        """Normal and shear stiffness while closed and sticking, infinite if rigid, [Pa/m]."""
+        """Return normal and shear stiffness when closed and sticking, infinite if rigid, [Pa/m]."""
 
 
 @runtime_checkable
 class CondensedEnergyConsistentLaw(CondensedLaw, Protocol):
-    """A law that the condensed solver can ask over a whole step."""
+    """Joint law that the condensed solver can evaluate over a whole step."""
 
     def condensed_discrete_gradient(
         self, trial_gap: Floats, compliance: Floats, state: JointState
     ) -> Response:
-        """Answer over a step that ends at gap = trial_gap - compliance * traction."""
+        """Return the response over a step ending at gap = trial_gap - compliance * traction."""
 
 
 @runtime_checkable
 class LawWithHistory(Protocol):
-    """A law with internal variables: it finds a column of ``state.internal`` for each.
+    """Joint law with internal variables, one column of ``state.internal`` each.
 
-    It returns the new ones in the state of its response.
+    The law returns their new values in the state of its response.
     """
 
     @property
     def internal_variables(self) -> tuple[str, ...]:
-        """Their names."""
+        """Names of the internal variables."""
 
     def initial_variables(self, gap: Floats) -> Floats:
-        """Their values at rest at a gap of shape (n, 3), shape (n, number of variables)."""
+        """Return the values at rest at a gap (n, 3), shape (n, number of variables)."""
 
 
-# What bonds, or keys, are. While a step is solved intact ones are held, or released: they break in
-# it. A bond that was held and bears more than its strength is minus the ratio of both, below HELD.
+# States of a bond or shear key. During the solution of a step an intact bond is either locked
+# (`HELD`: it cannot break) or `RELEASED` (it breaks in this step). A locked bond that is loaded
+# beyond its strength has the value -load / strength, which is below `HELD`.
 INTACT, BROKEN, HELD, RELEASED = 0.0, 1.0, -1.0, 0.5
-LARGEST_OVERLOAD = 1e9  # of bonds without the strength that is asked for
+LARGEST_OVERLOAD = 1e9  # load / strength of a loaded bond without strength
 
-# Relative excess of load over strength that a bond bears. A bond that is loaded to just its
-# strength, as in tests and symmetric models, would break or not by the last bit. Solved loads err
-# by 1e-10 at most.
+# Relative excess of load over strength at which a bond does not break yet. Otherwise rounding would
+# decide about a bond that is loaded exactly to its strength, as in tests and symmetric models. The
+# error of computed loads is at most 1e-10.
 BORNE = 1e-9
 
 
 @runtime_checkable
 class BrittleLaw(LawWithHistory, Protocol):
-    """A law with bonds that break for good, the first of its internal variables saying which.
+    """Joint law with bonds that break permanently; the first internal variable is the bond state.
 
-    Solvers hold the bonds in a step, and release those that its solution overloads: one that an
-    iterate on the way breaks would stay broken. A bond that is held answers as if it could not
-    break; in the state of the response it is what `bond_under` of
-    `points.return_mapping` gives.
+    Solvers lock the bonds during a step and release those that the converged solution overloads.
+    Otherwise a bond broken by an intermediate iterate would stay broken. A locked bond responds
+    elastically; `bond_under` of `points.return_mapping` gives its new bond variable.
     """
 
     breaks: ClassVar[bool]
 
 
 def has_bonds(law: Any) -> bool:
-    """Whether a law has bonds that break for good."""
+    """Return True if a law has bonds that can break."""
     return isinstance(law, BrittleLaw) and law.breaks
 
 
 def with_bonds(internal: Floats, released: NDArray[np.bool_]) -> Floats:
-    """Internal variables of a brittle law with intact bonds held, or released, shape (n, m)."""
-    given, bonds = internal.copy(), np.where(released, RELEASED, HELD)
-    given[:, 0] = np.where(internal[:, 0] == INTACT, bonds, internal[:, 0])
-    return given
+    """Return internal variables of a brittle law, intact bonds locked or released, (n, m)."""
+    variables, bonds = internal.copy(), np.where(released, RELEASED, HELD)
+    variables[:, 0] = np.where(internal[:, 0] == INTACT, bonds, internal[:, 0])
+    return variables
 
 
 @runtime_checkable
 class RateDependentLaw(Law, Protocol):
-    """A law that depends on the rate of the gap; its own methods are those of statics."""
+    """Joint law that depends on the rate of the gap; its other methods are for statics."""
 
     def for_step(self, dt: float) -> Law:
-        """The law of a step of length dt [s], infinite in statics."""
+        """Return the law for a step of length dt [s], infinite in statics."""
 
 
 AnyLaw: TypeAlias = Law | CondensedLaw
 
 
 def check_law(name: str, law: Any) -> None:
-    """Check that a value is a joint law; a class in the place of an object is none.
+    """Check that a value is an instance of a joint law.
 
     Raises:
-        ValueError: It does not give what one gives.
+        ValueError: The value is a class, or lacks methods of `Law` and `CondensedLaw`.
     """
     if isinstance(law, type) or not isinstance(law, Law | CondensedLaw):
         raise ValueError(f"{name} is {shown(law)}; it must be a joint law.")
@@ -319,19 +318,19 @@ def check_law(name: str, law: Any) -> None:
 
 @cache
 def changes_gap_methods(cls: type) -> bool:
-    """Return True if a class changes the methods at a gap of a compiled or condensed law.
+    """Return True if a subclass of a compiled or condensed law overrides its methods at a gap.
 
-    Its answers on a compliance then follow from these methods, not from the inherited ones.
+    Its responses on a compliance then follow from these methods, not from the inherited ones.
     """
 
     def depth(*names: str) -> int:
-        found = (i for i, each in enumerate(cls.__mro__) if not vars(each).keys().isdisjoint(names))
-        return next(found, len(cls.__mro__))
+        levels = (i for i, c in enumerate(cls.__mro__) if not vars(c).keys().isdisjoint(names))
+        return next(levels, len(cls.__mro__))
 
     inherited = "points", "loops", "condensed_backward_euler", "condensed_discrete_gradient"
     return depth("backward_euler", "discrete_gradient") < depth(*inherited)
 
 
 def variables_of(law: Any) -> tuple[str, ...]:
-    """Names of the internal variables of a law."""
+    """Return the names of the internal variables of a law."""
     return law.internal_variables if isinstance(law, LawWithHistory) else ()

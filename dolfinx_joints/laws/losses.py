@@ -1,15 +1,15 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What a step loses in a joint, from the parts of its way: elastic, plastic, in flight.
+"""Energy losses of a step in a joint, from the parts of the gap change: elastic, plastic, flight.
 
-With m the mean of the law's own tractions at both ends, m . elastic is the change of a quadratic
-stored energy and m . plastic the friction work that the law states. Of the work of a traction t
+Let m be the mean of the law's tractions at both ends of the step. Then m . elastic is the change of
+a quadratic stored energy, and m . plastic is the friction work of the law. A traction t loses
 
     friction D_f = m . plastic + (t - m) . plastic,
-    numerical D_num = t . flight + (t - m) . elastic                                        (30)
+    numerical D_num = t . flight + (t - m) . elastic.                                       (30)
 
-are lost. For t of the end of the step the latter is t . flight + change . k change / 2, never
-negative.
+If t is the traction at the end of the step, D_num = t . flight + change . k change / 2 with the
+elastic change; it is never negative.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from dolfinx_joints.laws.law import AnyLaw, Floats, JointState, LawWithLosses, L
 from dolfinx_joints.laws.points.return_mapping import contact_fraction
 
 
-class Way(NamedTuple):
-    """Change of the gap in a step, in parts of shape (n, 3), [m].
+class GapChange(NamedTuple):
+    """Parts of the gap change in a step, each of shape (n, 3), [m].
 
     Attributes:
-        elastic: Change of what holds the traction.
+        elastic: Change of the elastic gap, which determines the traction.
         plastic: Slip against friction, and dilation.
-        flight: Change of the opening, and slip before a point touches.
+        flight: Change of the opening, and slip while the point is open.
     """
 
     elastic: Floats
@@ -37,51 +37,51 @@ class Way(NamedTuple):
 
 
 def overlap_and_slip(state: JointState) -> Floats:
-    """Elastic gap of points without tension: overlap and elastic slip, shape (n, 3), [m]."""
+    """Return the elastic gap without tension: overlap and elastic slip, shape (n, 3), [m]."""
     return np.column_stack([np.minimum(state.gap[:, 0], 0.0), state.elastic_slip])
 
 
-def way_with_friction(before: JointState, after: JointState) -> Way:
-    """The way of a step of points without tension that stick and slide in contact."""
-    moved = after.gap - before.gap
+def friction_gap_change(before: JointState, after: JointState) -> GapChange:
+    """Return the gap change of a step at points with friction and without tension."""
+    change = after.gap - before.gap
     elastic = overlap_and_slip(after) - overlap_and_slip(before)
-    plastic, flight = np.zeros_like(moved), np.zeros_like(moved)
+    plastic, flight = np.zeros_like(change), np.zeros_like(change)
     fraction = contact_fraction(before.gap[:, 0], np.minimum(after.gap[:, 0], 0.0))[:, None]  # (8)
-    plastic[:, 1:] = fraction * moved[:, 1:] - elastic[:, 1:]
+    plastic[:, 1:] = fraction * change[:, 1:] - elastic[:, 1:]
     flight[:, 0] = np.maximum(after.gap[:, 0], 0.0) - np.maximum(before.gap[:, 0], 0.0)
-    flight[:, 1:] = (1.0 - fraction) * moved[:, 1:]
-    return Way(elastic, plastic, flight)
+    flight[:, 1:] = (1.0 - fraction) * change[:, 1:]
+    return GapChange(elastic, plastic, flight)
 
 
-def losses_on(way: Way, traction: Floats, mean: Floats, dissipation: Floats) -> Losses:
-    """(30) of a way.
+def losses_on(change: GapChange, traction: Floats, mean: Floats, dissipation: Floats) -> Losses:
+    """Return the losses (30).
 
     Args:
-        way: The way.
-        traction: That acts, shape (n, 3), [Pa].
-        mean: Of the law's tractions at both ends, shape (n, 3), [Pa].
-        dissipation: That the law states, mean . plastic, shape (n,), [J/m^2].
+        change: Parts of the gap change.
+        traction: Traction that acts over the step, shape (n, 3), [Pa].
+        mean: Mean of the law's tractions at both ends, shape (n, 3), [Pa].
+        dissipation: Friction work of the law, mean . plastic, shape (n,), [J/m^2].
     """
-    above = traction - mean
+    excess = traction - mean
     return Losses(
-        friction=dissipation + work(above, way.plastic),
-        numerical=work(traction, way.flight) + work(above, way.elastic),
+        friction=dissipation + work(excess, change.plastic),
+        numerical=work(traction, change.flight) + work(excess, change.elastic),
     )
 
 
 def losses_of(law: AnyLaw, before: JointState, answer: Response, traction: Floats) -> Losses:
-    """Losses of a step as the law states them, or else the numerical one by difference.
+    """Return the losses of a step by the law's formulas, or the numerical loss by difference.
 
-    Arguments are those of `LawWithLosses.losses`.
+    See `LawWithLosses.losses` for the arguments.
     """
     if isinstance(law, LawWithLosses):
         return law.losses(before, answer, traction)
-    taken = work(traction, answer.state.gap - before.gap) - answer.dissipation
-    kept = law.stored_energy(answer.state) - law.stored_energy(before)
-    return Losses(friction=answer.dissipation, numerical=taken - kept)
+    net_work = work(traction, answer.state.gap - before.gap) - answer.dissipation
+    stored = law.stored_energy(answer.state) - law.stored_energy(before)
+    return Losses(friction=answer.dissipation, numerical=net_work - stored)
 
 
-def work(traction: Floats, way: Floats) -> Floats:
-    """Work of tractions (n, 3) on ways (n, 3), shape (n,), [J/m^2]."""
-    done: Floats = np.einsum("ij,ij->i", traction, way)
-    return done
+def work(traction: Floats, path: Floats) -> Floats:
+    """Return the work of tractions (n, 3) on gap changes (n, 3), shape (n,), [J/m^2]."""
+    result: Floats = np.einsum("ij,ij->i", traction, path)
+    return result

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A joint with cohesion, tensile strength and dilatancy, all lost or gained in closed form."""
+"""Mohr-Coulomb joint with a brittle bond (cohesion, tensile strength) and dilatancy."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from dolfinx_joints.laws.law import (
     Response,
     Rule,
 )
-from dolfinx_joints.laws.losses import Way, losses_on, work
+from dolfinx_joints.laws.losses import GapChange, losses_on, work
 from dolfinx_joints.laws.points.compiled_law import CompiledLaw, ElasticContact
 from dolfinx_joints.laws.points.return_mapping import (
     FRICTIONLESS,
@@ -44,15 +44,15 @@ from dolfinx_joints.laws.points.return_mapping import (
     response_of,
 )
 
-# Opening at the start of a step, relative to the slip of the step, that counts as rounding error:
-# the point touches and may ride up on its slip. The traction jumps between touching and open. The
-# gap of a point that touches without pressure is a difference of displacements, with an error of
-# 1e-16 of these. Mesh and step do not resolve openings of 1e-9 of a slip.
+# Opening at the start of a step, relative to its slip, below which a point counts as touching and
+# may ride up on its slip. The traction jumps between touching and open, and the gap of a touching
+# point without pressure is rounding error (1e-16 of the displacements). Mesh and step do not
+# resolve openings of 1e-9 of the slip.
 TOUCHING = 1e-9
 
 
 class Bonded(NamedTuple):
-    """Parameters of a point, as `MohrCoulombJoint.loop_start` puts them."""
+    """Parameters of a point in the order of `MohrCoulombJoint.loop_start`."""
 
     normal_stiffness: float
     shear_stiffness: float
@@ -64,7 +64,7 @@ class Bonded(NamedTuple):
 
 @inline
 def bonded_point(i: int, start: Start, answer: Answer) -> None:
-    """Answer of a point at the end of a step, at its gap: with its bond, or without."""
+    """Compute the response of an intact or broken point at its gap at the end of a step."""
     put_nothing(i, answer)
     p = start.parameters
     law = Bonded(p[0], p[1], p[2], p[3], p[4], p[5])
@@ -90,37 +90,38 @@ def bonded_point(i: int, start: Start, answer: Answer) -> None:
 
 @inline
 def _overload(gap_n: float, slip: Vector, law: Bonded) -> float:
-    """Return the load of a bond over its strength at a normal gap and an elastic slip [m]."""
+    """Return load / strength of a bond at a normal gap and an elastic slip [m]."""
     t_n = law.normal_stiffness * gap_n
     shear = law.shear_stiffness * np.sqrt(slip[0] * slip[0] + slip[1] * slip[1])
-    pulled = t_n if t_n > BORNE * law.cohesion else 0.0  # a bond may have no strength here
+    # Ignore rounding error in t_n: a bond without tensile strength would break.
+    pulled = t_n if t_n > BORNE * law.cohesion else 0.0
     strength = law.cohesion - law.friction * t_n
     return max(overload(pulled, law.tensile_strength), overload(shear, strength))
 
 
 @inline
 def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> None:
-    """Write the answer of a point without a bond; ``slip`` is the elastic one of a stuck point."""
+    """Compute the response of a broken point; ``slip`` is its trial elastic slip [m]."""
     k_n, k_s, mu = law.normal_stiffness, law.shear_stiffness, law.friction
     tan_psi = law.dilatancy
     gap, before, dilation = answer.gap[i], start.gap[i], start.history[i, 3]
-    was = 0.0
+    start_gap = 0.0
     if start.history[i, 2] == BROKEN:
-        was = before[0] - dilation
-        moved = np.sqrt((gap[1] - before[1]) ** 2 + (gap[2] - before[2]) ** 2)
-        was = min(was, 0.0) if was <= TOUCHING * moved else was
-    # Riding up on its whole slip a point may stay closed: where t_n < 0 comes out below.
-    stays, length = was <= 0.0 and k_s > 0.0, np.sqrt(slip[0] * slip[0] + slip[1] * slip[1])
+        start_gap = before[0] - dilation
+        slip_size = np.sqrt((gap[1] - before[1]) ** 2 + (gap[2] - before[2]) ** 2)
+        start_gap = min(start_gap, 0.0) if start_gap <= TOUCHING * slip_size else start_gap
+    # A closed point stays closed if its gap is below the dilation due to its whole trial slip.
+    stays, length = start_gap <= 0.0 and k_s > 0.0, np.sqrt(slip[0] * slip[0] + slip[1] * slip[1])
     rise = tan_psi * length if stays else 0.0
     elastic = gap[0] - dilation
     answer.history[i, 2], answer.history[i, 3] = BROKEN, dilation
     if elastic > rise:
-        # A point that leaves has ridden up on its slip until then, on a straight path.
+        # A point that opens dilates by its slip until the opening, on a straight path.
         if stays:
-            answer.history[i, 3] += rise * (-was / (elastic - rise - was))
+            answer.history[i, 3] += rise * (-start_gap / (elastic - rise - start_gap))
         return
-    landing = was > 0.0
-    theta = -min(elastic, 0.0) / (was - min(elastic, 0.0)) if landing else 1.0  # (8)
+    closes = start_gap > 0.0
+    theta = -min(elastic, 0.0) / (start_gap - min(elastic, 0.0)) if closes else 1.0  # (8)
     trial, size = (k_s * theta * slip[0], k_s * theta * slip[1]), k_s * theta * length
     excess = size + mu * k_n * elastic
     hardening = k_s + mu * k_n * tan_psi
@@ -129,9 +130,9 @@ def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> N
     t_n = k_n * (elastic - tan_psi * plastic)
     safe = size if size > 0.0 else 1.0
     ratio = -mu * t_n / safe if slides else 1.0
-    # Derivatives: of the trial shear traction, of the slip length, then of the tractions.
-    way, along = was - elastic, answer.tangent[i]
-    rate = -(was / way) / way if landing else 0.0
+    # Derivatives of the trial shear traction, of the slip length, then of the tractions.
+    approach, along = start_gap - elastic, answer.tangent[i]
+    rate = -(start_gap / approach) / approach if closes else 0.0
     direction = (trial[0] / safe, trial[1] / safe)
     along[0, 0] = k_n
     for b in range(3):
@@ -149,8 +150,8 @@ def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> N
                 along[1 + a, b] = ratio * turned - direction[a] * mu * along[0, b]
             else:
                 along[1 + a, b] = ratio * across[a]
-    rubs = mu > 0.0 and k_s > 0.0
-    answer.status[i] = (SLIP if slides else STICK) if rubs else FRICTIONLESS
+    has_friction = mu > 0.0 and k_s > 0.0
+    answer.status[i] = (SLIP if slides else STICK) if has_friction else FRICTIONLESS
     answer.traction[i, 0] = t_n
     for a in range(2):
         answer.traction[i, 1 + a] = ratio * trial[a]
@@ -161,18 +162,18 @@ def _slide(i: int, slip: Vector, law: Bonded, start: Start, answer: Answer) -> N
 @dataclass(frozen=True, kw_only=True)
 @checked
 class MohrCoulombJoint(ElasticContact, CompiledLaw):
-    """Friction joint with a brittle bond and with dilatancy, a Mohr-Coulomb joint.
+    """Mohr-Coulomb friction joint with a brittle bond and dilatancy.
 
-    Intact: t_n = k_n gap_n in tension too and t_s = k_s e, as long as t_n <= f_t and
-    |t_s| <= c - t_n tan(alpha). At the first step whose solution leaves this range the bond is gone
-    for good, c = f_t = 0 (brittle loss): the point opens, or slides by
+    Intact: t_n = k_n gap_n, also in tension, and t_s = k_s e, as long as t_n <= f_t and
+    |t_s| <= c - t_n tan(alpha). In the first step whose solution exceeds a limit, the bond breaks
+    permanently (brittle failure, c = f_t = 0). The point then opens, or slides with
 
-        |t_s| + t_n tan(alpha) <= 0,   plastic potential |t_s| + t_n tan(psi),
+        |t_s| + t_n tan(alpha) <= 0,   plastic potential |t_s| + t_n tan(psi).
 
-    so that slip over a length lambda opens the joint by p = lambda tan(psi), and while confined
-    raises its pressure: t_n = k_n (gap_n - p). A point is open where that would be positive. p only
-    grows, also where slip reverses, and stays on opening; there is no limit to it, so psi is meant
-    for small slip. With c = f_t = psi = 0 this is `FrictionNoTension`. Points with an initial gap
+    Slip of length lambda dilates the joint by p = lambda tan(psi). If the joint is confined, the
+    pressure increases: t_n = k_n (gap_n - p). The point is open if this would be positive. p never
+    decreases, neither on slip reversal nor on opening. It has no upper limit, so use psi for small
+    slip only. With c = f_t = psi = 0 the law is `FrictionNoTension`. Points with an initial gap
     have no bond.
 
     Internal variables: ``broken`` (0 or 1) and ``dilation`` p [m].
@@ -180,14 +181,14 @@ class MohrCoulombJoint(ElasticContact, CompiledLaw):
     Attributes:
         normal_stiffness: k_n.
         shear_stiffness: k_s.
-        friction_angle_deg: alpha; exactly one of this and the next is given.
+        friction_angle_deg: alpha; give either this or `friction_coefficient`.
         friction_coefficient: Mu = tan(alpha).
         cohesion: c.
         tensile_strength: f_t, at most c / tan(alpha).
-        dilatancy_angle_deg: psi, at most alpha (beyond it friction would give energy away).
+        dilatancy_angle_deg: psi, at most alpha; otherwise friction would generate energy.
 
     Raises:
-        ValueError: Two parameters contradict each other.
+        ValueError: Parameters contradict each other.
     """
 
     points: ClassVar[Mapping[str, Any]] = {BACKWARD_EULER.name: bonded_point}
@@ -203,7 +204,7 @@ class MohrCoulombJoint(ElasticContact, CompiledLaw):
     dilatancy_angle_deg: Annotated[float, at.Ge(0), at.Lt(90), at.Unit("degrees")] = 0.0
 
     def __post_init__(self) -> None:
-        """Take the friction; check strengths and angles against each other."""
+        """Set friction angle and coefficient; check strengths and angles."""
         mu, alpha = set_friction(self)
         if mu * self.tensile_strength > self.cohesion * (1.0 + 1e-12):
             raise ValueError(
@@ -222,7 +223,7 @@ class MohrCoulombJoint(ElasticContact, CompiledLaw):
         return math.tan(math.radians(self.dilatancy_angle_deg))
 
     def initial_variables(self, gap: Floats) -> Floats:
-        """Internal variables at rest: no bond where there is none to break, or no contact.
+        """Return the values at rest; points without cohesion or without contact have no bond.
 
         Args:
             gap: Gap at rest, shape (n, 3), [m].
@@ -231,13 +232,13 @@ class MohrCoulombJoint(ElasticContact, CompiledLaw):
         return np.column_stack([np.where(bonded, INTACT, BROKEN), np.zeros(len(gap))])
 
     def stored_energy(self, state: JointState) -> Floats:
-        """k_n g^2 / 2 + k_s |e|^2 / 2 with the elastic normal gap g, shape (n,), [J/m^2]."""
+        """Return k_n g^2 / 2 + k_s |e|^2 / 2, g being the elastic normal gap, (n,), [J/m^2]."""
         slip = np.einsum("ij,ij->i", state.elastic_slip, state.elastic_slip)
         normal = self._elastic_gap(state)
         return 0.5 * self.normal_stiffness * normal**2 + 0.5 * self.shear_stiffness * slip
 
     def loop_start(self, rule: Rule, state: JointState) -> Start:
-        """Elastic slip and internal variables at the start."""
+        """Return elastic slip, internal variables and parameters at the start of the step."""
         parameters = (
             self.normal_stiffness,
             self.shear_stiffness,
@@ -250,60 +251,60 @@ class MohrCoulombJoint(ElasticContact, CompiledLaw):
         return Start(state.gap, history, np.array(parameters))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
-        """Return the answer with the work of friction and dilatancy, and of bonds that break.
+        """Return the response; its dissipation is that of friction, dilatancy and breaking bonds.
 
-        An intact point counts as sticking, without shear stiffness as frictionless.
+        The status of an intact point is STICK, or FRICTIONLESS without shear stiffness.
         """
         slip, internal = answer.history[:, :2], answer.history[:, 2:]
-        found = response_of(answer, elastic_slip=slip, internal=internal)
-        mean = 0.5 * (self._tractions(state) + self._tractions(found.state))
-        lost = work(mean, self._way(state, found.state).plastic)
-        return replace(found, dissipation=answer.dissipation + lost)
+        response = response_of(answer, elastic_slip=slip, internal=internal)
+        mean = 0.5 * (self._tractions(state) + self._tractions(response.state))
+        lost = work(mean, self._gap_change(state, response.state).plastic)
+        return replace(response, dissipation=answer.dissipation + lost)
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
-        """Losses of an end-point step (30); what breaking bonds set free counts as friction."""
-        way = self._way(before, answer.state)
+        """Return the losses (30) of a backward Euler step; energy of broken bonds is friction."""
+        change = self._gap_change(before, answer.state)
         breaks = _breaks(before, answer.state)
-        way.plastic[breaks] += way.elastic[breaks]
-        way.elastic[breaks] = 0.0
+        change.plastic[breaks] += change.elastic[breaks]
+        change.elastic[breaks] = 0.0
         mean = 0.5 * (self._tractions(before) + self._tractions(answer.state))
-        return losses_on(way, traction, mean, answer.dissipation)
+        return losses_on(change, traction, mean, answer.dissipation)
 
-    def _way(self, before: JointState, after: JointState) -> Way:
-        """The way of a step; where a bond breaks in it, all that is not elastic is plastic."""
+    def _gap_change(self, before: JointState, after: JointState) -> GapChange:
+        """Return the parts of the gap change; if a bond breaks, all but the elastic is plastic."""
         broken, breaks = before.internal[:, 0] == BROKEN, _breaks(before, after)
-        dilation, moved = before.internal[:, 1], after.gap - before.gap
+        dilation, change = before.internal[:, 1], after.gap - before.gap
         elastic = self._elastic(after) - self._elastic(before)
-        # Slip in flight, before a point touches, meets no friction.
+        # Slip while the point is open meets no friction.
         fraction = contact_fraction(
             np.where(broken, _start_gap(before, after.gap), 0.0),
             np.minimum(after.gap[:, 0] - dilation, 0.0),
         )
-        plastic, flight = np.zeros_like(moved), np.zeros_like(moved)
+        plastic, flight = np.zeros_like(change), np.zeros_like(change)
         plastic[:, 0] = after.internal[:, 1] - dilation
-        plastic[:, 1:] = fraction[:, None] * moved[:, 1:] - elastic[:, 1:]
+        plastic[:, 1:] = fraction[:, None] * change[:, 1:] - elastic[:, 1:]
         flight[:, 0] = self._opening(after) - self._opening(before)
-        flight[:, 1:] = (1.0 - fraction)[:, None] * moved[:, 1:]
+        flight[:, 1:] = (1.0 - fraction)[:, None] * change[:, 1:]
         plastic[breaks] += flight[breaks]
         flight[breaks] = 0.0
-        return Way(elastic, plastic, flight)
+        return GapChange(elastic, plastic, flight)
 
     def _opening(self, state: JointState) -> Floats:
-        """How far points without a bond are open, shape (n,), [m]."""
+        """Return the opening of broken points, zero for others, shape (n,), [m]."""
         opening = np.maximum(state.gap[:, 0] - state.internal[:, 1], 0.0)
         return np.where(state.internal[:, 0] == BROKEN, opening, 0.0)
 
     def _elastic(self, state: JointState) -> Floats:
-        """Elastic normal gap and slip, shape (n, 3), [m]."""
+        """Return elastic normal gap and slip, shape (n, 3), [m]."""
         return np.column_stack([self._elastic_gap(state), state.elastic_slip])
 
     def _tractions(self, state: JointState) -> Floats:
-        """Tractions that a state holds, shape (n, 3), [Pa]."""
+        """Return the tractions of a state, shape (n, 3), [Pa]."""
         k_n, k_s = self.normal_stiffness, self.shear_stiffness
         return np.array([k_n, k_s, k_s]) * self._elastic(state)
 
     def _elastic_gap(self, state: JointState) -> Floats:
-        """Elastic part of the normal gap, t_n / k_n, shape (n,), [m]."""
+        """Return the elastic part of the normal gap, t_n / k_n, shape (n,), [m]."""
         bonded = state.internal[:, 0] < BROKEN
         return np.where(
             bonded, state.gap[:, 0], np.minimum(state.gap[:, 0] - state.internal[:, 1], 0.0)
@@ -311,9 +312,9 @@ class MohrCoulombJoint(ElasticContact, CompiledLaw):
 
 
 def _start_gap(state: JointState, gap: Floats) -> Floats:
-    """Return the normal gap less dilation at the start of a step, shape (n,), [m].
+    """Return normal gap minus dilation at the start of a step, shape (n,), [m].
 
-    An opening below `TOUCHING` of the slip of the step is zero.
+    Openings below `TOUCHING` times the slip of the step are set to zero.
 
     Args:
         state: State at the start.
@@ -325,6 +326,6 @@ def _start_gap(state: JointState, gap: Floats) -> Floats:
 
 
 def _breaks(before: JointState, after: JointState) -> NDArray[np.bool_]:
-    """Bonds that break in a step, shape (n,)."""
+    """Return True for bonds that break in a step, shape (n,)."""
     broken: NDArray[np.bool_] = after.internal[:, 0] == BROKEN
     return broken & (before.internal[:, 0] < BROKEN)

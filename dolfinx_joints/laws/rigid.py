@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A joint without compliance: no overlap, no elastic slip."""
+"""Joint without compliance: no overlap, no elastic slip."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dolfinx_joints.common.declared import checked
 from dolfinx_joints.laws.angle import coefficient_of, set_friction
 from dolfinx_joints.laws.friction import LOOPS
 from dolfinx_joints.laws.law import BACKWARD_EULER, Floats, JointState, Losses, Response, Rule
-from dolfinx_joints.laws.losses import losses_on, way_with_friction
+from dolfinx_joints.laws.losses import friction_gap_change, losses_on
 from dolfinx_joints.laws.points.compiled_law import CompiledEnergyConsistentLaw
 from dolfinx_joints.laws.points.discrete_gradient import whole_step_from
 from dolfinx_joints.laws.points.return_mapping import Answer, Coulomb, Start, response_of
@@ -25,28 +25,27 @@ from dolfinx_joints.laws.points.return_mapping import Answer, Coulomb, Start, re
 @dataclass(frozen=True, kw_only=True)
 @checked
 class RigidJoint(CompiledEnergyConsistentLaw):
-    """`FrictionNoTension` with k_n and k_s infinite, their ratio given.
+    """`FrictionNoTension` with infinite k_n and k_s of a given ratio.
 
-    Its tractions follow from the structure alone, so it is a `CondensedLaw` only. With the
-    energy-consistent scheme, what a point brings into contact in a step is stored and given back
-    when it leaves (restitution 1), or the point stops and its kinetic energy is lost (restitution
-    0). In statics and with schemes that take the law at the end of a step it stores nothing.
+    Its tractions follow from the structure, not from the gap, so it is only a `CondensedLaw`. In
+    the energy-consistent scheme with restitution 1, a striking point stores its impact energy and
+    releases it on opening. With restitution 0 it stops and loses its kinetic energy. In statics and
+    in backward Euler schemes the joint stores no energy.
 
-    Nodes with mass that rebound do so over and over in an order that no step is short enough to
-    settle: friction work is uncertain by some per cent. It converges with restitution 0, or without
-    mass at the joint nodes (`Body(redistribute_mass=True)`).
+    With restitution 1, joint nodes with mass rebound repeatedly, in a sequence that does not
+    converge with the time step. The friction work is then uncertain by some per cent. It converges
+    with restitution 0, or without mass at the joint nodes (`Body(redistribute_mass=True)`).
 
-    Internal variables: the energy stored in normal contact [J/m^2] and the root of that in shear,
-    two components [(J/m^2)^(1/2)]; with restitution 0 whether the point was pressed in the last
-    step, 0 or 1.
+    Internal variables: the energy stored in normal contact [J/m^2] and the square root of the shear
+    energy, two components [(J/m^2)^(1/2)]. With restitution 0 it is a single one: 1 if the point
+    was under pressure in the last step, else 0.
 
     Attributes:
-        friction_angle_deg: alpha; exactly one of this and the next is given.
+        friction_angle_deg: alpha; give either this or `friction_coefficient`.
         friction_coefficient: Mu = tan(alpha).
-        stiffness_ratio: k_n / k_s, which sets how much of the shear energy of a point that loses
-            pressure can stay.
-        restitution: Speed of a point after an impact over that before, 0 or 1; with 0 a point that
-            strikes overlaps by at most half the way of a step.
+        stiffness_ratio: k_n / k_s. It limits the stored shear energy while the pressure decreases.
+        restitution: Ratio of the speeds after and before an impact, 0 or 1. With 0 a striking point
+            overlaps by at most half the displacement of a step.
 
     Raises:
         ValueError: Angle and coefficient are both given, or both missing.
@@ -60,7 +59,7 @@ class RigidJoint(CompiledEnergyConsistentLaw):
     restitution: Literal[0, 1] = 1
 
     def __post_init__(self) -> None:
-        """Take the friction."""
+        """Set friction angle and coefficient."""
         set_friction(self)
 
     @property
@@ -71,42 +70,42 @@ class RigidJoint(CompiledEnergyConsistentLaw):
         return ("pressed",)
 
     def initial_variables(self, gap: Floats) -> Floats:
-        """No energy and no pressure at rest, shape (n, variables)."""
+        """Return zeros, the values at rest, shape (n, variables)."""
         return np.zeros((len(gap), len(self.internal_variables)))
 
     def closed_stiffness(self) -> tuple[float, float]:
-        """Infinite, both."""
+        """Return infinite stiffnesses."""
         return math.inf, math.inf
 
     def stored_energy(self, state: JointState) -> Floats:
-        """Energy of each point, shape (n,), [J/m^2]."""
+        """Return the stored energy, shape (n,), [J/m^2]."""
         if not self.restitution:
             return np.zeros(len(state.gap))
         return state.internal[:, 0] + 0.5 * np.sum(state.internal[:, 1:] ** 2, axis=1)
 
     def impact(self, before: JointState, answer: Response) -> Floats:
-        """Loss of a whole step without rebound, all its normal work: nothing is stored [J/m^2]."""
+        """Return the impact loss of a step without rebound: its normal work, (n,), [J/m^2]."""
         lost: Floats = answer.traction[:, 0] * (answer.state.gap - before.gap)[:, 0]
         return lost
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
-        """Losses of an end-point step (30); what was stored before it is let go."""
-        way = way_with_friction(before, answer.state)
-        lost = losses_on(way, traction, answer.traction, answer.dissipation)
+        """Return the losses (30) of a backward Euler step, plus the energy stored before it."""
+        change = friction_gap_change(before, answer.state)
+        lost = losses_on(change, traction, answer.traction, answer.dissipation)
         return lost._replace(numerical=lost.numerical + self.stored_energy(before))
 
     def loop_start(self, rule: Rule, state: JointState) -> Start:
-        """No energy stored at the end of a step (21); over a whole one (17) the variables."""
+        """Return the start of a step: (21) at its end has no stored energies, (17) has."""
         law = Coulomb(0.0, 0.0, self.stiffness_ratio, coefficient_of(self), self.restitution == 1)
         if rule.name == BACKWARD_EULER.name:
             return Start(state.gap, state.elastic_slip, np.array(law, dtype=np.float64))
         if self.restitution:
             return whole_step_from(state, state.internal, law)
-        way = state.approach if len(state.approach) else np.zeros(len(state.gap))
-        return whole_step_from(state, None, law, np.column_stack([way, state.internal[:, 0]]))
+        approach = state.approach if len(state.approach) else np.zeros(len(state.gap))
+        return whole_step_from(state, None, law, np.column_stack([approach, state.internal[:, 0]]))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
-        """Return the answer with the variables at the end."""
+        """Return the response with the internal variables at the end."""
         if rule.name == BACKWARD_EULER.name:
             internal = np.zeros((len(answer.traction), len(self.internal_variables)))
             if not self.restitution:

@@ -1,14 +1,14 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-r"""A joint with shear keys: teeth that block slip across them, are ridden over, and shear off.
+r"""Joint with shear keys: their teeth block slip, let the joint ride up on them, and shear off.
 
     crest                ______
                         /      \          flanks at the angle alpha, depth d
     base   ____________/        \________
             play | play                   across the keys ->
 
-A point is in contact with the base, and of the tooth on either side with its flank or its crest:
-`key_faces` has their sum (9a).
+A point is in contact with the base and, on each side, with the flank or crest of a tooth.
+`key_faces` computes the sum of their tractions (9a).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from dolfinx_joints.laws.law import (
     Response,
     Rule,
 )
-from dolfinx_joints.laws.losses import losses_on, overlap_and_slip, way_with_friction, work
+from dolfinx_joints.laws.losses import friction_gap_change, losses_on, overlap_and_slip, work
 from dolfinx_joints.laws.points.compiled_law import EnergyConsistentContact
 from dolfinx_joints.laws.points.key_faces import (
     COLUMNS,
@@ -46,7 +46,7 @@ from dolfinx_joints.laws.points.key_faces import (
     Teeth,
     choose_all,
     keyed_loop,
-    turned,
+    rotated,
 )
 from dolfinx_joints.laws.points.return_mapping import Answer, Coulomb, Start, response_of
 
@@ -56,41 +56,41 @@ from dolfinx_joints.laws.points.return_mapping import Answer, Coulomb, Start, re
 class ShearKeyJoint(EnergyConsistentContact):
     """Friction joint with shear keys, teeth of trapezoidal or triangular section.
 
-    Slip along the keys, and across them within the play, meets the friction of the base. Beyond the
-    play a flank closes: slip across rides up, with an opening of slip times tan(alpha) and, under a
-    pressure p, a shear of p tan(alpha + phi), phi being the angle of friction. At the depth of the
-    teeth the point slides on their crests. A tooth that bears the shear T and the pressure P shears
-    off, and all of the point's teeth with it, where
+    Slip along the keys, and across them within the play, is resisted by friction on the base.
+    Beyond the play a flank closes and the joint rides up on it. It then opens by slip times
+    tan(alpha), and its shear is p tan(alpha + phi) under a pressure p, phi being the friction
+    angle. At the depth of the teeth the point slides on their crests. All teeth of a point shear
+    off if one of them carries a shear T and a pressure P with
 
         T > a c + P tan(phi_t),                                                            (9b)
 
-    a being the share of the area at the teeth's bases. From that step on there is friction only, at
-    the opening that was reached. Stiffness is per area of the joint on every face. A play below
-    overlap / tan(alpha) lets flanks share the pressure of a closed joint: friction along the keys
-    then is that of a wedge.
+    a being the area ratio of the tooth bases. From then on only friction acts, at the opening
+    reached so far. On every face the stiffness is per area of the joint. If the play is below
+    overlap / tan(alpha), the flanks share the pressure of a closed joint; friction along the keys
+    is then that of a wedge.
 
-    A face that a point is in contact with is its face for the whole of a step, so that slips of a
-    step must be short against the depth. Slip of more than half a spacing meets no next tooth.
+    The faces in contact do not change within a step, so the slip of a step must be small compared
+    with the depth. After a slip of more than half a spacing the next tooth is not modelled.
 
-    Internal variables: ``broken`` (0 or 1), ``lift`` [m] of the base of teeth sheared off, and the
-    elastic slips on the faces of the teeth, up and along, [m].
+    Internal variables: ``broken`` (0 or 1), ``lift`` [m] of the base after the teeth sheared off,
+    and the elastic slips on the faces of the teeth, up and along, [m].
 
     Attributes:
         normal_stiffness: k_n.
         shear_stiffness: k_s.
-        friction_angle_deg: phi; exactly one of this and the next is given.
+        friction_angle_deg: phi; give either this or `friction_coefficient`.
         friction_coefficient: Mu = tan(phi).
         depth: d.
         flank_angle_deg: alpha, between flanks and joint, 90 degrees for rectangular keys.
-        spacing: Of the teeth of one side, from middle to middle.
-        tooth_width: At the base; as wide as the recesses unless given. a = tooth_width / spacing.
-        tooth_cohesion: c of what the teeth are made of.
-        tooth_friction_angle_deg: phi_t of the same, phi unless given.
+        spacing: Distance of the tooth axes on one side.
+        tooth_width: Width at the base (default: that of the recesses). a = tooth_width / spacing.
+        tooth_cohesion: c, cohesion of the tooth material.
+        tooth_friction_angle_deg: phi_t of the tooth material (default: phi).
         forward_play: Slip of the + side along (axis_2, -axis_1) before a flank closes; None for no
             flank in this direction.
-        backward_play: The same the other way.
-        key_axis: Direction of the keys in the joint's axes (s1, s2), of any length; steepest upward
-            in joints that are not level, out of the plane in 2-D.
+        backward_play: Slip in the opposite direction before a flank closes, or None.
+        key_axis: Direction of the keys in the joint's axes (s1, s2), of any length. The default is
+            steepest upward in joints that are not level; in 2-D it is out of the plane.
 
     Raises:
         ValueError: Parameters contradict each other.
@@ -124,21 +124,21 @@ class ShearKeyJoint(EnergyConsistentContact):
     key_axis: tuple[float, float] = (0.0, 1.0)
 
     def __post_init__(self) -> None:
-        """Take the friction; check the shape of the teeth."""
+        """Set friction angle and coefficient; check the shape of the teeth."""
         set_friction(self)
         if not math.hypot(*self.key_axis) > 0.0:
             raise ValueError("ShearKeyJoint: key_axis is (0, 0); it must be a direction (s1, s2).")
         flanks = 2.0 * self.depth / math.tan(math.radians(self.flank_angle_deg))
         if flanks + (self.forward_play or 0.0) + (self.backward_play or 0.0) > self.spacing:
             raise ValueError(
-                f"ShearKeyJoint: spacing is {self.spacing:g} m; it must be at least two flanks of "
-                f"depth / tan(flank_angle_deg) and the plays, {flanks:g} m and more."
+                f"ShearKeyJoint: spacing is {self.spacing:g} m; it must be at least the width "
+                f"of two flanks, 2 depth / tan(flank_angle_deg) = {flanks:g} m, plus the plays."
             )
         width = self.tooth_width
         if width is not None and not flanks <= width <= self.spacing:
             raise ValueError(
-                f"ShearKeyJoint: tooth_width is {width:g} m; it must be from two flanks, "
-                f"{flanks:g} m, to spacing, {self.spacing:g} m."
+                f"ShearKeyJoint: tooth_width is {width:g} m; it must be between the width "
+                f"of two flanks, {flanks:g} m, and the spacing, {self.spacing:g} m."
             )
 
     @property
@@ -150,7 +150,7 @@ class ShearKeyJoint(EnergyConsistentContact):
         return self.tooth_cohesion * width / self.spacing
 
     def initial_variables(self, gap: Floats) -> Floats:
-        """Internal variables at rest, zeros: the teeth are there and hold no slip.
+        """Return zeros, the values at rest: intact teeth without elastic slip.
 
         Args:
             gap: Gap at rest, shape (n, 3), [m].
@@ -158,11 +158,11 @@ class ShearKeyJoint(EnergyConsistentContact):
         return np.zeros((len(gap), len(self.internal_variables)))
 
     def stored_energy(self, state: JointState) -> Floats:
-        """Elastic energy of the faces that are in contact, shape (n,), [J/m^2]."""
+        """Return the elastic energy of the faces in contact, shape (n,), [J/m^2]."""
         return self._faces(state, state.gap, np.zeros(len(state.gap), dtype=np.bool_))[2]
 
     def loop_start(self, rule: Rule, state: JointState) -> Start:
-        """Return elastic slip, internal variables and slips at the start."""
+        """Return elastic slip, internal variables, plastic slips and parameters at the start."""
         k_n, k_s = self.normal_stiffness, self.shear_stiffness
         friction = Coulomb(1.0 / k_n, 1.0 / k_s, k_n / k_s, coefficient_of(self))
         whole = float(rule.name == DISCRETE_GRADIENT.name)
@@ -174,37 +174,38 @@ class ShearKeyJoint(EnergyConsistentContact):
         return Start(state.gap, history, np.array(row))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
-        """Return the answer with elastic slip, internal variables and, over steps, the slips."""
+        """Return the response with elastic slip, internal variables and plastic slips."""
         slip, internal, slips = np.split(answer.history, [KEYS, SLIPS], axis=1)
         if rule.name == BACKWARD_EULER.name:
             slips = slips[:0]
         return response_of(answer, elastic_slip=slip, internal=internal, slips=slips)
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
-        """Losses of an end-point step (30), face by face; what faces let go counts as friction.
+        """Return the losses (30) of a backward Euler step, summed over the faces.
 
-        Of a traction that is neither that of the end nor the mean of both ends the faces take as
-        much as lies between these; the rest is numerical.
+        The energy of faces that lose contact counts as friction. Only the part of the traction
+        between that at the end and the mean of both ends is distributed to the faces. The work of
+        the remainder is numerical.
         """
         after = answer.state
         shears = (after.internal[:, 0] == BROKEN) & (before.internal[:, 0] < BROKEN)
         faces, end_gap, _ = self._faces(before, after.gap, shears)
-        held = JointState(gap=faces.gap.reshape(-1, 3), elastic_slip=faces.history.reshape(-1, 2))
-        single = self._friction.backward_euler(end_gap.reshape(-1, 3), held)
+        start = JointState(gap=faces.gap.reshape(-1, 3), elastic_slip=faces.history.reshape(-1, 2))
+        single = self._friction.backward_euler(end_gap.reshape(-1, 3), start)
         k = np.array([self.normal_stiffness, self.shear_stiffness, self.shear_stiffness])
-        mean = 0.5 * (k * overlap_and_slip(held) + single.traction)
+        mean = 0.5 * (k * overlap_and_slip(start) + single.traction)
         ends, middle = (self._sum(faces, local) for local in (single.traction, mean))
-        above, size = ends - middle, work(ends - middle, ends - middle)
-        share = work(traction - middle, above) / np.where(size > 0.0, size, 1.0)
+        span, size = ends - middle, work(ends - middle, ends - middle)
+        share = work(traction - middle, span) / np.where(size > 0.0, size, 1.0)
         share = np.clip(np.where(size > 0.0, share, 0.0), 0.0, 1.0)
         acting = mean + np.repeat(share, 3)[:, None] * (single.traction - mean)
-        way = way_with_friction(held, single.state)
-        lost = losses_on(way, acting, mean, np.zeros(len(mean)))
-        rest = traction - middle - share[:, None] * above
+        change = friction_gap_change(start, single.state)
+        lost = losses_on(change, acting, mean, np.zeros(len(mean)))
+        remainder = traction - middle - share[:, None] * span
         return Losses(
             friction=answer.dissipation + lost.friction.reshape(-1, 3).sum(axis=1),
             numerical=lost.numerical.reshape(-1, 3).sum(axis=1)
-            + work(rest, after.gap - before.gap),
+            + work(remainder, after.gap - before.gap),
         )
 
     @cached_property
@@ -237,7 +238,7 @@ class ShearKeyJoint(EnergyConsistentContact):
     def _faces(
         self, state: JointState, end: Floats, shears: NDArray[np.bool_]
     ) -> tuple[Faces, Floats, Floats]:
-        """Return the faces in a step, their gaps at its end and the energy; see `choose_all`."""
+        """Return the faces of a step, their gaps at its end and their energy; see `choose_all`."""
         kinds = np.zeros((len(end), 3), dtype=np.int64)
         plane, gap, end_gap = np.zeros((3, len(end), 3, 3), end.dtype)
         faces = Faces(kinds, plane, gap, np.zeros((len(end), 3, 2), end.dtype))
@@ -246,8 +247,8 @@ class ShearKeyJoint(EnergyConsistentContact):
         return faces, end_gap, energy
 
     def _sum(self, faces: Faces, local: Floats) -> Floats:
-        """Return the sum over the faces of vectors (3 n, 3) in their axes, shape (n, 3)."""
+        """Return the sum over the faces of vectors (3 n, 3) in face axes, shape (n, 3)."""
         normal, across, along = np.moveaxis(local.reshape(-1, 3, 3), 2, 0)
-        normal, across = turned(normal, across, faces.plane[:, :, 0], -faces.plane[:, :, 1])
-        teeth, sums = self._teeth, [each.sum(axis=1) for each in (normal, across, along)]
-        return np.column_stack([sums[0], *turned(*sums[1:], teeth.key_cosine, -teeth.key_sine)])
+        normal, across = rotated(normal, across, faces.plane[:, :, 0], -faces.plane[:, :, 1])
+        teeth, sums = self._teeth, [part.sum(axis=1) for part in (normal, across, along)]
+        return np.column_stack([sums[0], *rotated(*sums[1:], teeth.key_cosine, -teeth.key_sine)])

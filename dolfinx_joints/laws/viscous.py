@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Dashpots for any joint law."""
+"""Viscous dashpots in parallel with a joint law."""
 
 from __future__ import annotations
 
@@ -42,23 +42,23 @@ OPEN = int(Status.OPEN)
 @dataclass(frozen=True, kw_only=True)
 @checked
 class ViscousJoint:
-    """A joint law with dashpots that act while the joint is closed.
+    """Joint law with dashpots that act while the joint is closed.
 
-    To the tractions of ``law`` are added, over a step of length dt,
+    In a step of length dt the dashpots add to the tractions of ``law``
 
-        t_n = eta_n (<gap_n1> - <gap_n0>) / dt   with <g> = min(g, 0), and no tension in the sum,
-        t_s = eta_s gap_s' dt_c / dt,            dt_c the part of the step in contact,
+        t_n = eta_n (<gap_n1> - <gap_n0>) / dt   with <g> = min(g, 0), no tension in the sum,
+        t_s = eta_s gap_s' dt_c / dt,            dt_c being the time in contact.
 
-    and t_s is never larger than the pressure, else it would stop at once where the joint opens. In
-    statics the dashpots are at rest.
+    |t_s| is limited to the pressure, so that it does not jump to zero when the joint opens. In
+    statics the dashpots carry no traction.
 
     Attributes:
-        law: The law without dashpots, without dilatancy or shear keys.
+        law: Law of finite stiffness without dashpots, dilatancy or shear keys.
         normal_viscosity: eta_n.
         shear_viscosity: eta_s.
 
     Raises:
-        ValueError: ``law`` is no `Law`, or opens as it slips.
+        ValueError: ``law`` is not a `Law`, has dashpots, or dilates.
     """
 
     law: Law
@@ -73,40 +73,40 @@ class ViscousJoint:
                 "stiffness."
             )
         if isinstance(self.law, ViscousJoint):
-            raise ValueError("ViscousJoint: law has dashpots already; give it the sum of both.")
+            raise ValueError("ViscousJoint: law already has dashpots; change their viscosities.")
         dilates = isinstance(self.law, MohrCoulombJoint) and self.law.dilatancy_angle_deg
         if dilates or isinstance(self.law, ShearKeyJoint):
-            what = "a dilatancy angle" if dilates else "shear keys"
+            feature = "a dilatancy angle" if dilates else "shear keys"
             raise ValueError(
-                f"ViscousJoint: law has {what}; dashpots are for joints that close at a "
-                "gap of zero."
+                f"ViscousJoint: law has {feature}; dashpots need a law that closes at a gap "
+                "of zero."
             )
 
     @property
     def internal_variables(self) -> tuple[str, ...]:
-        """Those of the law."""
+        """Names of the internal variables of the law."""
         return variables_of(self.law)
 
     def initial_variables(self, gap: Floats) -> Floats:
-        """Those of the law."""
+        """Return the internal variables of the law at rest."""
         if isinstance(self.law, LawWithHistory):
             return self.law.initial_variables(gap)
         return np.zeros((len(gap), 0))
 
     def closed_stiffness(self) -> tuple[float, float]:
-        """k_n and k_s of the law, [Pa/m]."""
+        """Return k_n and k_s of the law, [Pa/m]."""
         return self.law.closed_stiffness()
 
     def stored_energy(self, state: JointState) -> Floats:
-        """Elastic energy of the law, shape (n,), [J/m^2]."""
+        """Return the elastic energy of the law, shape (n,), [J/m^2]."""
         return self.law.stored_energy(state)
 
     def backward_euler(self, gap: Floats, state: JointState) -> Response:
-        """The law's answer in statics."""
+        """Return the response of the law in statics."""
         return self.for_step(math.inf).backward_euler(gap, state)
 
     def for_step(self, dt: float) -> EnergyConsistentLaw:
-        """The law of a step of length dt [s], infinite in statics."""
+        """Return the law for a step of length dt [s], infinite in statics."""
         law, normal, shear = self.law, self.normal_viscosity / dt, self.shear_viscosity / dt
         if isinstance(law, CompiledLaw) and law.has_loops_alone():
             return CompiledDashpotStep(law=law, normal=normal, shear=shear)
@@ -115,32 +115,32 @@ class ViscousJoint:
 
 @dataclass(frozen=True, kw_only=True)
 class DashpotStep:
-    """A law with dashpots over a step of given length: their viscosities over dt [Pa/m]."""
+    """Joint law with dashpots for one step length; viscosities are divided by dt [Pa/m]."""
 
     law: Law
     normal: float
     shear: float
 
     def closed_stiffness(self) -> tuple[float, float]:
-        """k_n and k_s of the law, [Pa/m]."""
+        """Return k_n and k_s of the law, [Pa/m]."""
         return self.law.closed_stiffness()
 
     def stored_energy(self, state: JointState) -> Floats:
-        """Elastic energy of the law, shape (n,), [J/m^2]."""
+        """Return the elastic energy of the law, shape (n,), [J/m^2]."""
         return self.law.stored_energy(state)
 
     def backward_euler(self, gap: Floats, state: JointState) -> Response:
-        """The law's answer with the dashpots' tractions; their work counts as dissipation."""
+        """Return the response with dashpot tractions, whose work counts as dissipation."""
         return self._with_dashpots(self.law.backward_euler(gap, state), gap, state)
 
     def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
-        """The same for the law's answer over a whole step, or at its end if it has no other."""
+        """Return the response over a whole step; some laws only have that at its end."""
         if not isinstance(self.law, EnergyConsistentLaw):
             return self.backward_euler(gap, state)
         return self._with_dashpots(self.law.discrete_gradient(gap, state), gap, state)
 
     def losses(self, before: JointState, answer: Response, traction: Floats) -> Losses:
-        """Those of the law under what the dashpots leave of a traction, and all work on these."""
+        """Return the losses of the law without the dashpot traction, plus the dashpots' work."""
         start = before
         if has_bonds(self.law):
             breaks = answer.state.internal[:, 0] > before.internal[:, 0]
@@ -150,35 +150,35 @@ class DashpotStep:
         lost = losses_of(self.law, before, alone, traction - dash)
         return lost._replace(friction=lost.friction + work(dash, answer.state.gap - before.gap))
 
-    def _with_dashpots(self, found: Response, gap: Floats, state: JointState) -> Response:
-        """The answer of a law that is evaluated in Python, with the tractions of the dashpots."""
+    def _with_dashpots(self, response: Response, gap: Floats, state: JointState) -> Response:
+        """Return the response of a law evaluated in Python plus the dashpot tractions."""
         answer = empty_answer(gap, np.empty((len(gap), 0)))
-        arrays = {name: getattr(found, name).astype(gap.dtype) for name in _CHANGED}
-        answer = answer._replace(status=found.status.astype(np.int8), **arrays)
+        arrays = {name: getattr(response, name).astype(gap.dtype) for name in _CHANGED}
+        answer = answer._replace(status=response.status.astype(np.int8), **arrays)
         loop = dashpot_points if gap.dtype == np.float64 else dashpot_points.py_func
         loop(self.normal, self.shear, state.gap.astype(gap.dtype), answer)
-        return replace(found, **{name: getattr(answer, name) for name in _CHANGED})
+        return replace(response, **{name: getattr(answer, name) for name in _CHANGED})
 
 
 @dataclass(frozen=True, kw_only=True)
 class CompiledDashpotStep(DashpotStep, CompiledEnergyConsistentLaw):
-    """A `DashpotStep` whose law is compiled, so that its points are compiled as well."""
+    """`DashpotStep` of a compiled law: its points are compiled, too."""
 
     law: CompiledLaw  # type: ignore[assignment]
 
     @property
     def points(self) -> Mapping[str, Any]:  # type: ignore[override]
-        """Points of the law with the dashpots."""
+        """Compiled points of the law with dashpots."""
         return {name: with_dashpots(point) for name, point in self.law.points.items()}
 
     def loop_start(self, rule: Rule, state: JointState) -> Start:
-        """Return the start of the law, with stiffnesses and viscosities as its first parameters."""
+        """Return the start of the law, with stiffnesses and viscosities as first parameters."""
         inner = self.law.loop_start(rule, state)
         own = (*self.closed_stiffness(), self.normal, self.shear)
         return inner._replace(parameters=np.append(own, inner.parameters))
 
     def loop_response(self, rule: Rule, answer: Answer, state: JointState) -> Response:
-        """Return the answer as the law does."""
+        """Return the response of the law."""
         return self.law.loop_response(rule, answer, state)
 
 
@@ -187,39 +187,39 @@ _CHANGED = ("traction", "tangent", "dissipation")
 
 @functools.cache
 def with_dashpots(point: Any) -> Any:
-    """Return the compiled point of a law with dashpots, given that of the law without."""
+    """Return the compiled point with dashpots for the compiled point of a law."""
 
     @inline
     def both(i: int, start: Start, answer: Answer) -> None:
-        given = start.parameters
-        point(i, Start(start.gap, start.history, given[4:]), answer)
-        add_dashpots(i, given[2], given[3], start.gap[i], answer)
+        parameters = start.parameters
+        point(i, Start(start.gap, start.history, parameters[4:]), answer)
+        add_dashpots(i, parameters[2], parameters[3], start.gap[i], answer)
 
     return both
 
 
 @njit(cache=True, error_model="numpy")
 def dashpot_points(normal: float, shear: float, before: Floats, answer: Answer) -> None:
-    """Add dashpots to the answers of all points."""
+    """Add the dashpot tractions to the responses of all points."""
     for i in range(len(before)):
         add_dashpots(i, normal, shear, before[i], answer)
 
 
 @inline
 def add_dashpots(i: int, normal: float, shear: float, before: Floats, answer: Answer) -> None:
-    """Add the tractions of dashpots to the answer of a point.
+    """Add the dashpot tractions to the response of a point.
 
     Args:
         i: Number of the point.
         normal: eta_n / dt [Pa/m].
         shear: eta_s / dt [Pa/m].
         before: Gap at the start, shape (3,), [m].
-        answer: Of the law.
+        answer: Response of the law; modified.
     """
     gap, traction, tangent = answer.gap[i], answer.traction[i], answer.tangent[i]
     end = min(gap[0], 0.0)
     pressed = normal * (end - min(before[0], 0.0))
-    # The dashpot pulls at most as strongly as the joint is pressed: no tension in the sum.
+    # Limit the dashpot traction so that the total normal traction stays compressive.
     dash_n, acts = pressed, True
     if pressed > max(-traction[0], 0.0):
         dash_n, acts = max(-traction[0], 0.0), False
@@ -250,7 +250,7 @@ def add_dashpots(i: int, normal: float, shear: float, before: Floats, answer: An
         along = direction[0] * rates[0] + direction[1] * rates[1]
         falls = -tangent[0, b] if t_n < 0.0 else 0.0
         for a in range(2):
-            if bound:  # never larger than the pressure
+            if bound:  # limit the shear to the pressure
                 across = rates[a] - direction[a] * along
                 tangent[1 + a, b] += direction[a] * falls + share * across
             else:

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Parameters and laws of the bulk: from strain and state to stress, tangent and new state.
+"""Materials of the bulk: from strain and state to stress, tangent and new state.
 
-They know no mesh.
+They do not use the mesh.
 """

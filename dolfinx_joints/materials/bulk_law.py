@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Materials of the body, and the protocol of those with a plastic law: arrays in, arrays out.
+"""Materials of the body, and the protocol of plastic materials: arrays in, arrays out.
 
-Stresses and strains are vectors (xx, yy, zz, yz, xz, xy), tension positive, shear strains being the
-angles 2 eps_yz, ... A trial never changes the state it starts from; whoever accepts a step keeps
-the state that the trial returned.
+Stresses and strains are vectors (xx, yy, zz, yz, xz, xy), tension positive; shear strains are the
+angles 2 eps_yz, ... A law never changes the state that it receives; it returns the new state, which
+the caller keeps if the step is accepted.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from dolfinx_joints.materials.orthotropic import Orthotropic
 
 
 class BulkStatus(IntEnum):
-    """What a point of the bulk did in a step."""
+    """Status of a point of the bulk in a step."""
 
     ELASTIC = 0
     YIELD = 1
@@ -45,7 +45,7 @@ class BulkState:
 
     @classmethod
     def at_rest(cls, strain: Floats) -> BulkState:
-        """State without plastic strain at a given strain, shape (n, 6)."""
+        """Return the state without plastic strain at a given strain, shape (n, 6)."""
         return cls(
             strain=strain.copy(),
             plastic_strain=np.zeros_like(strain),
@@ -55,16 +55,16 @@ class BulkState:
 
 @dataclass(frozen=True, kw_only=True)
 class BulkResponse:
-    """Answer of a law to a trial strain of n points.
+    """Response of a material law to a strain at n points.
 
     Attributes:
-        stress: That acts in the step, shape (n, 6), [Pa].
-        plastic_strain: Plastic strain that belongs to this stress, shape (n, 6): that of the end of
-            the step, or the mean of the step where the law was asked for the whole of it.
+        stress: Stress that acts in the step, shape (n, 6), [Pa].
+        plastic_strain: Plastic strain of this stress, shape (n, 6): at the end of the step, or the
+            mean over the step for `BulkLaw.discrete_gradient`.
         tangent: d stress / d strain, the strain at the end of the step, shape (n, 6, 6), [Pa].
         state: State to keep if the step is accepted.
-        dissipation: Plastic work of the step per volume, shape (n,), [J/m^3]; at the end point the
-            mean stress times the plastic strain of the step, as for joints.
+        dissipation: Plastic work of the step per volume, shape (n,), [J/m^3]; for backward Euler
+            the mean stress of both ends times the plastic strain increment.
         status: `BulkStatus` of each point, shape (n,).
     """
 
@@ -78,27 +78,27 @@ class BulkResponse:
 
 @runtime_checkable
 class BulkLaw(Protocol):
-    """A plastic material; implement it for a user-defined one."""
+    """Plastic material; implement it for a user-defined one."""
 
     @property
     def elastic(self) -> Elastic:
-        """What the material is below its limit."""
+        """Elastic part of the material."""
 
     def backward_euler(self, strain: Floats, state: BulkState) -> BulkResponse:
-        """Stress and consistent tangent at the end of a step, strain of shape (n, 6)."""
+        """Return stress and consistent tangent at the end of a step, strain (n, 6)."""
 
     def discrete_gradient(self, strain: Floats, state: BulkState) -> BulkResponse:
-        """The same for a whole step: stress times change of strain is stored or dissipated."""
+        """Return a stress whose work over the step equals stored plus dissipated energy."""
 
 
 Material: TypeAlias = Elastic | Orthotropic | BulkLaw
 
 
 def is_plastic(material: Material) -> bool:
-    """Whether a material has a law beyond its elastic part."""
+    """Return True if a material is plastic."""
     return isinstance(material, BulkLaw)
 
 
 def elastic_part(material: Material) -> Elastic | Orthotropic:
-    """The material itself, or what a plastic one is below its limit."""
+    """Return an elastic material itself, or the elastic part of a plastic one."""
     return material.elastic if isinstance(material, BulkLaw) else material

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Drucker-Prager's law for rock and soil, with its return mapping."""
+"""Drucker-Prager plasticity for rock and soil, with its return mapping."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dolfinx_joints.materials.bulk_law import BulkResponse, BulkState, BulkStatu
 from dolfinx_joints.materials.elastic import Elastic
 
 _TRACE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-# Deviatoric stress of a unit shear modulus over 2 from strains with angles.
+# Half the deviatoric stress for a unit shear modulus, from strains with shear angles.
 _DEVIATOR = np.diag([1.0, 1.0, 1.0, 0.5, 0.5, 0.5]) - np.outer(_TRACE, _TRACE) / 3.0
 _DOUBLE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 
@@ -27,22 +27,22 @@ _DOUBLE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 @dataclass(frozen=True, kw_only=True)
 @checked
 class DruckerPrager:
-    """Elastic, perfectly plastic rock or soil: a cone in the space of stresses, own dilatancy.
+    """Elastic, perfectly plastic material with the Drucker-Prager cone and a dilatancy angle.
 
-    F = sqrt(J2) + alpha I1 - k <= 0, flow along the derivative of sqrt(J2) + beta I1, with alpha, k
-    from friction angle and cohesion of Mohr-Coulomb by ``fit``, beta from the dilatancy angle in
-    the same way. I1 is the trace of the stress, J2 half of its deviator's square.
+    Yield function F = sqrt(J2) + alpha I1 - k, plastic potential sqrt(J2) + beta I1. The fit gives
+    alpha and k for the Mohr-Coulomb friction angle and cohesion, and beta for the dilatancy angle.
+    I1 is the trace of the stress s, J2 = dev(s) : dev(s) / 2.
 
     Attributes:
-        elastic: Material below the limit.
-        cohesion: c, positive without friction.
+        elastic: Elastic part of the material.
+        cohesion: c, positive if phi is zero.
         friction_angle_deg: phi.
-        dilatancy_angle_deg: psi, at most phi; phi (associated flow) unless given.
-        fit: Where the strength is that of Mohr-Coulomb: ``compression`` or ``extension`` (triaxial
-            tests), ``plane strain`` (collapse at psi = phi).
+        dilatancy_angle_deg: psi, at most phi (default: phi, associated flow).
+        fit: Stress states with the strength of Mohr-Coulomb: ``compression`` or ``extension``
+            (triaxial tests), or ``plane strain`` (collapse at psi = phi).
 
     Raises:
-        ValueError: Two parameters contradict each other.
+        ValueError: Parameters contradict each other.
     """
 
     elastic: Elastic
@@ -52,7 +52,7 @@ class DruckerPrager:
     fit: Literal["compression", "extension", "plane strain"] = "compression"
 
     def __post_init__(self) -> None:
-        """Check the elastic part, and strengths and angles against each other."""
+        """Check the elastic part, strengths and angles."""
         if not isinstance(self.elastic, Elastic):
             raise ValueError(
                 f"DruckerPrager: elastic is {shown(self.elastic)}; it must be an Elastic."
@@ -60,7 +60,7 @@ class DruckerPrager:
         phi = self.friction_angle_deg
         if self.cohesion == 0.0 and phi == 0.0:
             raise ValueError(
-                "DruckerPrager: cohesion is 0 Pa; it must be positive where there is no friction."
+                "DruckerPrager: cohesion is 0 Pa; it must be positive if the friction angle is 0."
             )
         if self.dilatancy_angle_deg is not None and self.dilatancy_angle_deg > phi:
             raise ValueError(
@@ -70,12 +70,12 @@ class DruckerPrager:
 
     @property
     def slope(self) -> float:
-        """Alpha of the cone."""
+        """Slope alpha of the cone."""
         return self._slope(self.friction_angle_deg)
 
     @property
     def dilatancy(self) -> float:
-        """Beta of the flow."""
+        """Factor beta of the plastic potential."""
         angle = self.dilatancy_angle_deg
         return self.slope if angle is None else self._slope(angle)
 
@@ -96,12 +96,12 @@ class DruckerPrager:
         return 2.0 * math.sin(angle) / (math.sqrt(3.0) * (3.0 + side * math.sin(angle)))
 
     def yield_function(self, stress: Floats) -> Floats:
-        """F of stresses, shape (n, 6) to (n,), [Pa]; positive beyond the limit."""
+        """Return F of stresses (n, 6), shape (n,), [Pa]; positive outside the cone."""
         _, radius, trace = _invariants(stress)
         return radius + self.slope * trace - self.strength
 
     def backward_euler(self, strain: Floats, state: BulkState) -> BulkResponse:
-        """Return mapping at the end of a step (backward Euler, closed form).
+        """Compute the return mapping at the end of a step (backward Euler, closed form).
 
         Args:
             strain: Trial strain, shape (n, 6).
@@ -109,27 +109,29 @@ class DruckerPrager:
         """
         matrix = self.elastic.stiffness_matrix()
         before = (state.strain - state.plastic_strain) @ matrix
-        stress, grown, tangent, status = self._returned((strain - state.plastic_strain) @ matrix)
-        plastic = state.plastic_strain + grown
+        stress, increment, tangent, status = self._return_mapping(
+            (strain - state.plastic_strain) @ matrix
+        )
+        plastic = state.plastic_strain + increment
         after = BulkState(
             strain=strain.copy(),
             plastic_strain=plastic,
-            accumulated=state.accumulated + _amount(grown),
+            accumulated=state.accumulated + _amount(increment),
         )
         return BulkResponse(
             stress=stress,
             plastic_strain=plastic,
             tangent=tangent,
             state=after,
-            dissipation=0.5 * _product(before + stress, grown),
+            dissipation=0.5 * _product(before + stress, increment),
             status=status,
         )
 
     def discrete_gradient(self, strain: Floats, state: BulkState) -> BulkResponse:
-        """Return mapping at the middle of a step, which balances energy (docs/theory).
+        """Compute the return mapping at mid-step, with an energy balance (docs/theory).
 
-        The stress of the step is admissible; that at its end, twice it less the one at the start,
-        is returned to the cone as well, and what this releases is dissipated.
+        The stress at mid-step is admissible. The stress at the end is extrapolated from it and also
+        returned to the cone; the energy released by this is dissipated.
 
         Args:
             strain: Trial strain at the end of the step, shape (n, 6).
@@ -138,10 +140,10 @@ class DruckerPrager:
         matrix = self.elastic.stiffness_matrix()
         middle = 0.5 * (state.strain + strain)
         trial = (middle - state.plastic_strain) @ matrix
-        stress, half, tangent, status = self._returned(trial)
+        stress, half, tangent, status = self._return_mapping(trial)
         plastic = state.plastic_strain + 2.0 * half
         beyond = (strain - plastic) @ matrix
-        end, released, _, _ = self._returned(beyond)
+        end, released, _, _ = self._return_mapping(beyond)
         after = BulkState(
             strain=strain.copy(),
             plastic_strain=plastic + released,
@@ -156,39 +158,39 @@ class DruckerPrager:
             status=status,
         )
 
-    def _returned(self, trial: Floats) -> tuple[Floats, Floats, Floats, NDArray[np.int8]]:
-        """Admissible stress, plastic strain on the way, d stress / d strain and status."""
+    def _return_mapping(self, trial: Floats) -> tuple[Floats, Floats, Floats, NDArray[np.int8]]:
+        """Return admissible stress, plastic strain increment, d stress / d strain and status."""
         matrix = self.elastic.stiffness_matrix()
         status = np.zeros(len(trial), dtype=np.int8)
-        stress, grown = trial.copy(), np.zeros_like(trial)
+        stress, increment = trial.copy(), np.zeros_like(trial)
         tangent = np.broadcast_to(matrix, (len(trial), 6, 6)).copy()
         deviator, radius, trace = _invariants(trial)
         excess = radius + self.slope * trace - self.strength
         shear, bulk = self._moduli()
         flow = excess / (shear + 9.0 * bulk * self.slope * self.dilatancy)
-        # Not a number compares as false, and stays in the stress.
+        # NaN compares as false, so it stays in the stress and is reported later.
         yields = np.flatnonzero(excess > 0.0)
         if not len(yields):
-            return stress, grown, tangent, status
+            return stress, increment, tangent, status
         at_apex = (radius < shear * flow) & (excess > 0.0)
         apex, cone = np.flatnonzero(at_apex), yields[~at_apex[yields]]
         status[cone], status[apex] = BulkStatus.YIELD, BulkStatus.APEX
         part = flow[cone] / radius[cone]
-        grown[cone] = 0.5 * part[:, None] * _DOUBLE * deviator[cone]
-        grown[cone] += np.outer(self.dilatancy * flow[cone], _TRACE)
+        increment[cone] = 0.5 * part[:, None] * _DOUBLE * deviator[cone]
+        increment[cone] += np.outer(self.dilatancy * flow[cone], _TRACE)
         stress[cone] -= (shear * part)[:, None] * deviator[cone]
         stress[cone] -= np.outer(3.0 * bulk * self.dilatancy * flow[cone], _TRACE)
         tangent[cone] = self._cone_tangent(deviator[cone] / radius[cone, None], shear * part)
         if len(apex):
             stress[apex] = self.strength / (3.0 * self.slope) * _TRACE
-            grown[apex] = (trial[apex] - stress[apex]) @ np.linalg.inv(matrix)
+            increment[apex] = (trial[apex] - stress[apex]) @ np.linalg.inv(matrix)
             tangent[apex] = 0.0
-        return stress, grown, tangent, status
+        return stress, increment, tangent, status
 
     def _cone_tangent(self, direction: Floats, part: Floats) -> Floats:
-        """Derivative of the stress on the cone by the strain, shape (n, 6, 6), [Pa].
+        """Return the derivative of the stress on the cone by the strain, (n, 6, 6), [Pa].
 
-        The direction is the deviator over its sqrt(J2), the part what of the trial's was taken off.
+        ``direction`` is deviator / sqrt(J2), ``part`` the fraction subtracted from the trial one.
         """
         shear, bulk = self._moduli()
         side = np.einsum("ni,nj->nij", direction, direction)
@@ -201,7 +203,7 @@ class DruckerPrager:
         return tangent
 
     def _moduli(self) -> tuple[float, float]:
-        """Shear and bulk modulus [Pa]."""
+        """Return shear and bulk modulus [Pa]."""
         shear = float(self.elastic.shear_modulus)
         return shear, float(self.elastic.first_lame("strain")) + 2.0 * shear / 3.0
 
@@ -217,5 +219,5 @@ def _product(stress: Floats, strain: Floats) -> Floats:
 
 
 def _amount(strain: Floats) -> Floats:
-    """sqrt(2/3) times the norm of the strain tensors."""
+    """Return sqrt(2/3) times the norm of the strain tensors."""
     return np.sqrt(2.0 / 3.0 * (strain**2 @ (1.0 / _DOUBLE)))

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Isotropic linear elasticity: its two constants and the density."""
+"""Isotropic linear elasticity."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ class Elastic:
         return self.young / (2.0 * (1.0 + self.poisson))
 
     def first_lame(self, plane: str) -> float:
-        """Lambda [Pa], in plane stress the value that makes the through-thickness stress vanish."""
+        """Return lambda [Pa]; in plane stress its value for zero through-thickness stress."""
         nu = self.poisson
         if plane == "stress":
             return self.young * nu / (1.0 - nu**2)
         return self.young * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
 
     def stiffness_matrix(self) -> Floats:
-        """C with stress = C strain, shape (6, 6), [Pa].
+        """Return C of stress = C strain, shape (6, 6), [Pa].
 
-        The order is xx, yy, zz, yz, xz, xy, shear strains are the angles 2 eps_yz, ...
+        The order is xx, yy, zz, yz, xz, xy; shear strains are the angles 2 eps_yz, ...
         """
         matrix = np.zeros((6, 6))
         matrix[:3, :3] = self.first_lame("strain")

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Orthotropic linear elasticity: nine constants along three axes, as of concrete with its lifts."""
+"""Orthotropic linear elasticity with nine constants, for example of concrete with lift joints."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ class Orthotropic:
         poisson: nu_12, nu_13, nu_23.
         shear: G_12, G_13, G_23.
         density: Mass density rho.
-        axes: The material's axes 1, 2, 3 in x, y, z: three orthogonal vectors of any length, those
-            of the model unless given.
+        axes: Material axes 1, 2, 3 in x, y, z: three orthogonal vectors of any length (default:
+            the axes of the model).
 
     Raises:
-        ValueError: Some strain would cost no energy, or the axes are not orthogonal.
+        ValueError: The stiffness is not positive definite, or the axes are not orthogonal.
     """
 
     young: Annotated[Triple, at.Gt(0), at.Unit("Pa")]
@@ -50,7 +50,7 @@ class Orthotropic:
     axes: ArrayLike = GLOBAL_AXES
 
     def __post_init__(self) -> None:
-        """Check the axes, and that every strain costs energy."""
+        """Check that the axes are orthogonal and the stiffness is positive definite."""
         self._frame()
         scale = np.sqrt(np.asarray(self.young, float))
         smallest = np.linalg.eigvalsh(self._compliance()[:3, :3] * np.outer(scale, scale))[0]
@@ -62,17 +62,17 @@ class Orthotropic:
             )
 
     def stiffness_matrix(self) -> Floats:
-        """C with stress = C strain in x, y, z, shape (6, 6), [Pa].
+        """Return C of stress = C strain in x, y, z, shape (6, 6), [Pa].
 
-        The order is xx, yy, zz, yz, xz, xy, shear strains are the angles 2 eps_yz, ...
+        The order is xx, yy, zz, yz, xz, xy; shear strains are the angles 2 eps_yz, ...
         """
         local = np.linalg.inv(self._compliance())
-        turn = _strain_turn(self._frame())
-        matrix: Floats = turn.T @ local @ turn
+        rotation = _strain_rotation(self._frame())
+        matrix: Floats = rotation.T @ local @ rotation
         return 0.5 * (matrix + matrix.T)
 
     def _compliance(self) -> Floats:
-        """Strain = S stress in the material's own axes, shape (6, 6), [1/Pa]."""
+        """Return S of strain = S stress in the material axes, shape (6, 6), [1/Pa]."""
         e1, e2, e3 = (1.0 / float(young) for young in self.young)
         nu12, nu13, nu23 = (float(nu) for nu in self.poisson)
         g12, g13, g23 = (1.0 / float(shear) for shear in self.shear)
@@ -82,14 +82,14 @@ class Orthotropic:
         return compliance
 
     def _frame(self) -> Floats:
-        """Unit vectors of the axes as rows, shape (3, 3).
+        """Return the unit vectors of the axes as rows, shape (3, 3).
 
         Raises:
-            ValueError: They are no three orthogonal vectors.
+            ValueError: ``axes`` is not three orthogonal vectors.
         """
         rows = numbers_of(self.axes)
-        good = rows is not None and rows.shape == (3, 3) and bool(np.isfinite(rows).all())
-        lengths = np.linalg.norm(rows, axis=1) if good and rows is not None else np.zeros(3)
+        valid = rows is not None and rows.shape == (3, 3) and bool(np.isfinite(rows).all())
+        lengths = np.linalg.norm(rows, axis=1) if valid and rows is not None else np.zeros(3)
         if rows is not None and np.all(lengths > 0.0) and np.all(np.isfinite(lengths)):
             frame: Floats = rows / lengths[:, None]
             if np.allclose(frame @ frame.T, np.eye(3), atol=1e-6):
@@ -101,9 +101,9 @@ class Orthotropic:
         )
 
 
-def _strain_turn(frame: Floats) -> Floats:
-    """Strain in the axes of a frame (rows) from that in x, y, z, shape (6, 6)."""
-    turn = np.empty((6, 6))
+def _strain_rotation(frame: Floats) -> Floats:
+    """Return the matrix that rotates strains from x, y, z to a frame (rows), shape (6, 6)."""
+    rotation = np.empty((6, 6))
     for column in range(6):
         tensor = np.zeros((3, 3))
         if column < 3:
@@ -111,7 +111,7 @@ def _strain_turn(frame: Floats) -> Floats:
         else:
             i, j = _SHEARS[column - 3]
             tensor[i, j] = tensor[j, i] = 0.5
-        turned = frame @ tensor @ frame.T
-        turn[:3, column] = np.diag(turned)
-        turn[3:, column] = [2.0 * turned[i, j] for i, j in _SHEARS]
-    return turn
+        rotated = frame @ tensor @ frame.T
+        rotation[:3, column] = np.diag(rotated)
+        rotation[3:, column] = [2.0 * rotated[i, j] for i, j in _SHEARS]
+    return rotation

@@ -244,7 +244,7 @@ class Model(Summarised):
     def _matrix(self, *forms: Any) -> PETSc.Mat:
         """Assembled matrix of the sum of some forms."""
         form = self.jointed.form(sum(forms[1:], forms[0]))
-        return matrices.kept(fem_petsc.assemble_matrix(form), self.gdim)
+        return matrices.on_lasting_comm(fem_petsc.assemble_matrix(form), self.gdim)
 
     def assemble(self, form: Any) -> PETSc.Vec:
         """Nodal forces of a linear form, [N] (collective)."""

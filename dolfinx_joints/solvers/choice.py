@@ -134,7 +134,7 @@ def _suits_multigrid(system: MatrixSystem, contact: Contact, options: SolverOpti
 
 def _by_forms(system: MatrixSystem, contact: Contact) -> MatrixSystem:
     """Return the system with joints by interior-facet integrals (collective)."""
-    bulk = None if system.bulk is None else system.bulk.beside(contact.by_forms)
+    bulk = None if system.bulk is None else system.bulk.with_joints(contact.by_forms)
     return replace(system, contact=contact.by_forms, bulk=bulk)
 
 

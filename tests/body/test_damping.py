@@ -44,8 +44,8 @@ def test_one_factor_alone_at_the_bounds():
 @pytest.mark.parametrize(
     ("ratio", "frequencies", "words"),
     [
-        ((0.06, 0.01), (4.0, 12.0), r"negative factor of K; .* from 0.3333 to 3 for these"),
-        ((0.01, 0.04), (4.0, 12.0), r"negative factor of M; .* from 0.3333 to 3 for these"),
+        ((0.06, 0.01), (4.0, 12.0), r"negative factor of K; .* between 0.3333 and 3 for these"),
+        ((0.01, 0.04), (4.0, 12.0), r"negative factor of M; .* between 0.3333 and 3 for these"),
         (0.05, (4.0, 4.0), "Both frequencies are 4.0 Hz; they must differ"),
     ],
 )

@@ -81,9 +81,12 @@ def test_a_linear_displacement_of_the_boundary_is_that_of_the_body(two_rectangle
         (lambda: dj.Fixed(), "Fixed: group and point are both None; give one"),
         (
             lambda: dj.Fixed(point=(0.1, 0.0)),
-            r"point \(0.1 0\) is at no node; the nearest is \(0, 0",
+            r"point \(0.1 0\) has no node there; the nearest is \(0, 0",
         ),
-        (lambda: dj.Fixed(point=(0.0, 1.0)), "2 nodes, which a joint divides; name a side as well"),
+        (
+            lambda: dj.Fixed(point=(0.0, 1.0)),
+            "2 nodes there, on both sides of a joint; name a side as well",
+        ),
         (
             lambda: dj.Prescribed(group="sides", component="y", value=float),
             "displacement y on 'sides' is both Fixed and Prescribed; give one of them",

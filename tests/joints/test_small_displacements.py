@@ -83,7 +83,7 @@ def test_dynamics_say_when(sheared, comm):
     """The upper block moves off at 1 m/s and has gone 0.1 m, 20 %, in ten steps of 0.01 s."""
     simulation = Simulation(sheared("x", gap=1e-9))
     (text,) = messages(comm, lambda: simulation.dynamics(dt=0.01, steps=12))
-    assert "of the element size by t = 0.1 s. Points keep their partners and axes" in text
+    assert "of the element size by t = 0.1 s. Joint points keep their initial partners" in text
 
 
 def test_sizes_are_the_shortest_edges(sheared, comm):

@@ -141,8 +141,11 @@ def test_the_shear_dashpot_is_bounded_by_the_pressure():
     ("make", "text"),
     [
         (lambda: ViscousJoint(law=1.0), "law is 1.0; it must be a joint law of"),
-        (lambda: ViscousJoint(law=DILATANT), "law has a dilatancy angle; dashpots are for joints"),
-        (lambda: ViscousJoint(law=ViscousJoint(law=FRICTION)), "law has dashpots already; give"),
+        (
+            lambda: ViscousJoint(law=DILATANT),
+            "law has a dilatancy angle; dashpots need a law that closes",
+        ),
+        (lambda: ViscousJoint(law=ViscousJoint(law=FRICTION)), "law already has dashpots; change"),
     ],
 )
 def test_laws_without_dashpots(make, text):
@@ -161,7 +164,7 @@ def test_a_stiffness_that_is_not_two_numbers(given):
             return given
 
     law = Own(normal_stiffness=K_N, shear_stiffness=K_S, friction_angle_deg=30.0)
-    with pytest.raises(ValueError, match="Own.closed_stiffness returned .*; it must give normal"):
+    with pytest.raises(ValueError, match="Own.closed_stiffness returned .*; it must return normal"):
         MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=[[1.0], [0.0], [0.0]], law=law)
 
 

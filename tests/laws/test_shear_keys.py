@@ -303,11 +303,14 @@ def test_open_or_without_teeth_it_is_the_friction_joint():
 
 def test_parameters_that_contradict_each_other():
     for changes, text in (
-        ({"spacing": 0.2}, "spacing is 0.2 m; it must be at least two flanks"),
-        ({"tooth_width": 0.1}, "tooth_width is 0.1 m; it must be from two flanks, 0.238351 m"),
+        ({"spacing": 0.2}, "spacing is 0.2 m; it must be at least the width of two flanks"),
+        (
+            {"tooth_width": 0.1},
+            "tooth_width is 0.1 m; it must be between the width of two flanks, 0.238351 m",
+        ),
         ({"key_axis": (0.0, 0.0)}, "key_axis is .0, 0.; it must be a direction"),
     ):
         with pytest.raises(ValueError, match=text):
             keys(**changes)
-    with pytest.raises(ValueError, match="dashpots are for joints that close at a gap of zero"):
+    with pytest.raises(ValueError, match="dashpots need a law that closes at a gap of zero"):
         ViscousJoint(law=keys())

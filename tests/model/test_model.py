@@ -400,7 +400,7 @@ def test_missing_and_unknown_joints(comm, blocks_file, wall_file, read):
 
 def test_materials_must_cover_the_mesh_once(comm, bar):
     text = error_on_all_ranks(comm, ValueError, lambda: dj.Model(bar, material={"lower": BAR}))
-    assert "cells have no material or several" in text
+    assert "cells have no material or more than one" in text
     assert "the groups lower must cover the mesh without overlap." in text
     # Half of the cells of 2 x 2 x 4 are in the upper block.
     assert text.startswith("8 cells ")
@@ -409,7 +409,7 @@ def test_materials_must_cover_the_mesh_once(comm, bar):
 def test_options_out_of_range(comm, bar, blocks):
     base = {"material": BAR, "supports": [BASE]}
     text = error_on_all_ranks(comm, ValueError, lambda: dj.Model(bar, material={}))
-    assert text == "material names no cell group; give a material, or one per group."
+    assert text == "material is an empty mapping; give one material per cell group."
     short = dj.Model(bar, **base, loads=[dj.Traction(group="top", value=(0.0, 1.0))])
     text = error_on_all_ranks(comm, ValueError, short.system)
     assert text.startswith("Traction on 'top': value is (0.0, 1.0); it must be 3 finite numbers")

@@ -1,23 +1,22 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Friction without tension over a whole step, so that energy balances: the discrete gradient.
+"""Friction without tension over a whole step with an exact energy balance: discrete gradient.
 
-A step goes on a straight path from the gap g0 to g1. With psi the elastic energy of normal contact,
-the normal traction is (psi1 - psi0) / (g1 - g0), and shear acts during the fraction theta of the
-step in contact:
+The gap moves on a straight path from g0 to g1. With psi the elastic energy of normal contact, the
+normal traction is (psi1 - psi0) / (g1 - g0). Shear acts during the fraction theta of the step in
+contact:
 
     t_n = k_n (a + b) / 2 theta,           a = min(g0, 0), b = min(g1, 0),                 (15)
     s   = k_s (e0 + theta ds / 2),         scaled onto |s| <= mu |t_n| / theta,   t_s = theta s,
     z   = 2 s / k_s - e0,                  e1 = z scaled onto |e1| <= mu k_n <-g1> / k_s.  (16)
 
-Where slip that was braked may stop or turn within the step, s is that of `turning`. Then
-t . (change of the gap) is the change of the elastic energy plus what friction dissipates, to
-rounding, for any length of step.
+If decelerating slip may stop or reverse within the step, s is given by `turning`. For any step
+length t . (g1 - g0) equals the change of the elastic energy plus the friction work, to rounding.
 
-All of it is solved in tractions on a compliance c of the structure at the point, g1 - g0 = h - c t:
-h is the change of the gap that the point would see without its own traction. Energies per area
-stand for gaps of closed points: psi = k_n g^2 / 2 and q = sqrt(k_s) e, [J/m^2] and its root, so
-that rigid joints (1/k_n = 1/k_s = 0) have them too.
+The traction is solved for on the structural compliance c of the point: g1 - g0 = h - c t, h being
+the gap change without the point's own traction. The variables of closed points are
+psi = k_n g^2 / 2 [J/m^2] and q = sqrt(k_s) e [(J/m^2)^(1/2)] instead of gap and elastic slip. They
+remain finite in rigid joints (1/k_n = 1/k_s = 0).
 """
 
 from __future__ import annotations
@@ -42,22 +41,22 @@ from dolfinx_joints.laws.points.return_mapping import (
 )
 from dolfinx_joints.laws.points.turning import Limit, friction_with_turns
 
-# Of the energy h^2 / c that presses a rigid point: what it stores is nothing.
+# Stored energy of a rigid point relative to h^2 / c below which the point does not rebound.
 NO_BOUNCE = 1e-30
 
-# Of the way h of a point set free: what a pressed point without rebound moves by rounding.
+# Gap change relative to h below which a point under pressure without rebound is at rest (rounding).
 AT_REST = 1e-9
 
 
 class Normal(NamedTuple):
-    """Normal part of a point.
+    """Normal response of a point.
 
     Attributes:
         traction: t_n [Pa].
         stiffness: d t_n / d h_n [Pa/m].
         gap: g1 [m].
         energy: psi1 [J/m^2].
-        zeta: sqrt(1/k_s) / theta, infinite where the point carries nothing.
+        zeta: sqrt(1/k_s) / theta, infinite without traction.
         zeta_slope: d zeta / d h_n.
     """
 
@@ -71,14 +70,14 @@ class Normal(NamedTuple):
 
 @inline
 def normal_traction(h: float, c: float, gap: float, energy: float, law: Coulomb) -> Normal:
-    """(15) on a compliance; of its four cases exactly one holds (table below (16))."""
+    """Solve (15) on a compliance; exactly one of four cases applies (table below (16))."""
     d, ahead = law.normal_compliance, gap + h
     if gap > 0.0:
         if ahead < 0.0:
             return _closes(c, gap, ahead, law)
         return Normal(0.0, 0.0, ahead, 0.0, np.inf, 0.0)  # stays open
     pressure = np.sqrt(2.0 * energy / d) if d > 0.0 else 0.0
-    # Bounces of a pressed rigid point far below rounding would go on, down to underflow.
+    # Otherwise a rigid point would rebound with ever smaller energies, down to underflow.
     if ahead <= -0.5 * c * pressure and (d > 0.0 or c * energy <= NO_BOUNCE * h * h):
         return _stays_closed(h, c, pressure, law)
     if energy > 0.0:
@@ -87,23 +86,23 @@ def normal_traction(h: float, c: float, gap: float, energy: float, law: Coulomb)
 
 
 @inline
-def _stops(h: float, c: float, gap: float, way: float, pressed: bool) -> Normal:
-    """A rigid point without rebound: v1 >= 0 where it is pressed or touches by mid-step (15a).
+def _stops(h: float, c: float, gap: float, approach: float, pressed: bool) -> Normal:
+    """Solve a rigid point without rebound: v1 >= 0 if pressed or in contact by mid-step (15a).
 
-    The state at the start decides whether it is pressed, so that the step has one solution.
+    Whether the point is pressed depends on the initial state only, so the solution is unique.
 
     Args:
-        h: See `normal_traction`.
+        h: Gap change without the point's own traction [m].
         c: Normal compliance of the structure [m/Pa].
         gap: g0 [m].
-        way: dt v0 [m].
-        pressed: Whether it carried pressure in the last step: then v0 is zero to rounding.
+        approach: dt v0 [m].
+        pressed: Whether the point carried pressure in the last step; then v0 is rounding error.
     """
-    stopped = 0.5 * way
-    touches = pressed or (way <= 0.0 and gap + stopped <= 0.0)
+    stopped = 0.5 * approach
+    touches = pressed or (approach <= 0.0 and gap + stopped <= 0.0)
     if not touches or h >= stopped or c == 0.0:
         return Normal(0.0, 0.0, gap + h, 0.0, np.inf, 0.0)
-    # A gap that has been zero stays so: its rounding would be an opening.
+    # Keep a zero gap exactly zero: rounding error would be an opening.
     rests = pressed and abs(stopped) <= AT_REST * abs(h)
     end = gap if rests else gap + stopped
     return Normal((h - stopped) / c, 1.0 / c, end, 0.0, 0.0, 0.0)
@@ -111,7 +110,7 @@ def _stops(h: float, c: float, gap: float, way: float, pressed: bool) -> Normal:
 
 @inline
 def _stays_closed(h: float, c: float, pressure: float, law: Coulomb) -> Normal:
-    """t_n = (h - 2 d p0) / (c + 2 d), theta = 1."""
+    """Solve t_n = (h - 2 d p0) / (c + 2 d), theta = 1."""
     d, zeta = law.normal_compliance, math.sqrt(law.shear_compliance)
     total = c + 2.0 * d
     if total == 0.0:  # both sides of a rigid point are constrained
@@ -123,7 +122,7 @@ def _stays_closed(h: float, c: float, pressure: float, law: Coulomb) -> Normal:
 
 @inline
 def _opens(h: float, c: float, gap: float, energy: float, law: Coulomb) -> Normal:
-    """t_n = -psi0 / y, y = g1 - g0 = (h + sqrt(h^2 + 4 c psi0)) / 2."""
+    """Solve t_n = -psi0 / y, y = g1 - g0 = (h + sqrt(h^2 + 4 c psi0)) / 2."""
     root = np.sqrt(h * h + 4.0 * c * energy)
     y = 0.5 * (h + root) if h >= 0.0 else 2.0 * c * energy / (root - h)
     scale = np.sqrt(0.5 * law.ratio / energy)
@@ -133,7 +132,7 @@ def _opens(h: float, c: float, gap: float, energy: float, law: Coulomb) -> Norma
 
 @inline
 def _closes(c: float, gap: float, ahead: float, law: Coulomb) -> Normal:
-    """Y = -g1 from (2d + c) y^2 + 2d (g0 + gh) y + 2d gh g0 = 0, t_n = -psi1 / (y + g0)."""
+    """Solve (2d + c) y^2 + 2d (g0 + gh) y + 2d gh g0 = 0 for y = -g1; t_n = -psi1 / (y + g0)."""
     d = law.normal_compliance
     if c + d == 0.0:  # both sides of a rigid point are constrained
         return Normal(0.0, 0.0, 0.0, 0.0, np.inf, 0.0)
@@ -149,26 +148,26 @@ def _closes(c: float, gap: float, ahead: float, law: Coulomb) -> Normal:
         energy = 0.5 * y * y / d
         traction = -energy / (y + gap)
         stiffness = weight / (2.0 * d + c * weight)
-    way = y + gap
-    zeta = np.sqrt(0.5 * law.ratio * way / -traction)
-    zeta_slope = 0.5 * zeta * (stiffness / -traction - (1.0 - c * stiffness) / way)
+    approach = y + gap
+    zeta = np.sqrt(0.5 * law.ratio * approach / -traction)
+    zeta_slope = 0.5 * zeta * (stiffness / -traction - (1.0 - c * stiffness) / approach)
     return Normal(traction, stiffness, -y, energy, zeta, zeta_slope)
 
 
 @inline
 def trial_traction(normal: Normal, q: Vector, h: Vector, c_s: float) -> Shear:
-    """t_tr = (zeta q0 + h_s / 2) / (zeta^2 + c_s / 2) of (17), q0 = sqrt(k_s) e0."""
+    """Return t_tr = (zeta q0 + h_s / 2) / (zeta^2 + c_s / 2), q0 = sqrt(k_s) e0, see (17)."""
     zeta, slope = normal.zeta, normal.zeta_slope
     k = 1.0 / (zeta * zeta + 0.5 * c_s)
     t_1, t_2 = k * (zeta * q[0] + 0.5 * h[0]), k * (zeta * q[1] + 0.5 * h[1])
-    # By h_n through zeta alone.
+    # The traction depends on h_n through zeta only.
     by_normal = k * slope * (q[0] - 2.0 * zeta * t_1), k * slope * (q[1] - 2.0 * zeta * t_2)
     return Shear((t_1, t_2), by_normal, (0.5 * k, 0.5 * k, 0.0))
 
 
 @inline
 def discrete_gradient_on(i: int, c_n: float, c_s: float, start: Start, answer: Answer) -> None:
-    """Answer of a point over a whole step; its gap in the answer is the trial gap at first."""
+    """Compute the response over a whole step; on entry ``answer.gap`` is the trial gap."""
     traction, tangent, end_gap, end_stored, dissipation, status = answer
     gap, stored, trial_gap = start.gap, start.history, answer.gap
     put_nothing(i, answer)
@@ -183,13 +182,13 @@ def discrete_gradient_on(i: int, c_n: float, c_s: float, start: Start, answer: A
         stays = closed and g_n <= 0.0
     else:
         normal = _stops(h_n, c_n, g_n, stored[i, 8], stored[i, 9] > 0.0)
-        # Its gap stays as the impact left it.
+        # Its gap keeps the value of the impact, so it does not show whether the point is closed.
         closed = normal.traction < 0.0
         stays = closed and stored[i, 9] > 0.0
         end_stored[i, 9] = 1.0 if closed else 0.0
     t_n, slides, lost = normal.traction, False, 0.0
     shear, end_1, end_2 = Shear((0.0, 0.0), (0.0, 0.0), (0.0, 0.0, 0.0)), q_1, q_2
-    # A rigid point that nothing can move tangentially has no shear to be found.
+    # The shear of a rigid point without tangential compliance is undetermined.
     if np.isfinite(normal.zeta) and t_n < 0.0 and normal.zeta + c_s > 0.0:
         trial = trial_traction(normal, (q_1, q_2), (h_1, h_2), c_s)  # (17)
         row = stored[i]
@@ -227,17 +226,16 @@ def discrete_gradient_on(i: int, c_n: float, c_s: float, start: Start, answer: A
 def whole_step_from(
     state: JointState, stored: Floats | None, law: Coulomb, struck: Floats | None = None
 ) -> Start:
-    """Return the start of a step as `discrete_gradient_on` takes it.
+    """Return the start of a step for `discrete_gradient_on`.
 
     Args:
         state: State at the start of the step.
         stored: psi [J/m^2] and q [(J/m^2)^(1/2)] at the start, shape (n, 3); None for zeros.
         law: Parameters of the joint.
-        struck: Of points that do not rebound dt v0 [m] and whether they were pressed, shape (n, 2).
+        struck: dt v0 [m] and pressed (0 or 1) of points without rebound, shape (n, 2).
 
     Returns:
-        The start; its history is psi and q, the slips of `JointState`, and ``struck``, shape
-        (n, 10).
+        The start. Its history is psi, q, the slips of `JointState` and ``struck``, (n, 10).
     """
     history = np.zeros((len(state.gap), 10), state.gap.dtype)
     if stored is not None:
@@ -250,7 +248,7 @@ def whole_step_from(
 
 
 def stored_by(state: JointState, normal_stiffness: float, shear_stiffness: float) -> Floats:
-    """Stored psi and q of elastic points, shape (n, 3); see `whole_step_from`."""
+    """Return psi and q of elastic points, shape (n, 3); see `whole_step_from`."""
     stored = np.empty_like(state.gap)
     overlap = np.minimum(state.gap[:, 0], 0.0)
     stored[:, 0] = 0.5 * normal_stiffness * overlap * overlap

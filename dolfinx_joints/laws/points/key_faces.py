@@ -1,18 +1,18 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-r"""A point of a joint with shear keys: three faces with friction, and teeth that shear off.
+r"""Point of a joint with shear keys: three faces with friction, and teeth that shear off.
 
-Contact of the point is contact with three flat faces: the base, and of the tooth on either side the
-flank or the crest. With the rows of R_i a face's normal and its two directions,
+A point has three flat contact faces: the base and, for the tooth on each side, its flank or crest.
+The rows of R_i are the normal and the two tangents of face i, and o_i is its offset:
 
     g_i = R_i g + o_i,      t = sum R_i^T t_i(g_i).                                        (9a)
 
 t_i is the traction of `friction` at the gap of the face. The faces are chosen at the start of a
-step and do not change in it. The work of the faces is then the work of the joint, so that whole
-steps balance the energy as those of `FrictionNoTension` do.
+step and do not change within it. The work of the faces then equals that of the joint, so whole
+steps balance the energy as with `FrictionNoTension`.
 
-The axes of the keys are the normal, across the keys and along the keys. The axes of a flank are
-these, turned about the third.
+The key axes are: normal to the joint, across the keys, along the keys. The axes of a flank are the
+key axes, rotated about the third one.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from dolfinx_joints.laws.points.return_mapping import (
     put_nothing,
 )
 
-# Columns of the history of a point: elastic slip on the base, internal variables (bond, lift and
-# elastic slips on the teeth), `slips` of `JointState`.
+# First columns of a point's history: elastic slip on the base (0), bond, lift, elastic slips on the
+# teeth, `slips` of `JointState`; and number of columns.
 KEYS, LIFT, TEETH, SLIPS, COLUMNS = 2, 3, 4, 8, 13
 # Kinds of faces; the base and crests are flat.
 ABSENT, FLANK, FLAT = 0, 1, 2
 
 
 class Teeth(NamedTuple):
-    """Parameters of the points. The angle of the keys is that between s2 and their direction."""
+    """Parameters of the law. The key angle is measured from s2 to the direction of the keys."""
 
     normal_stiffness: float  # k_n [Pa/m]
     shear_stiffness: float  # k_s [Pa/m]
@@ -52,22 +52,22 @@ class Teeth(NamedTuple):
     key_cosine: float
     key_sine: float
     depth: float  # d [m]
-    forward: float  # o of the flanks [m], negative if there is none
+    forward: float  # offset o of the flank [m], negative without flank
     backward: float
     cohesion: float  # a c [Pa]
     friction: float  # tan(phi_t)
-    whole: float  # 1 over whole steps, 0 at the end of steps
+    whole: float  # 1 for the rule over whole steps, 0 for backward Euler
 
 
 class Faces(NamedTuple):
-    """The three faces of a point, or of n points in arrays with one more axis.
+    """Three faces of a point; for n points the arrays have one more axis.
 
     Attributes:
         kind: Kind of each face, shape (3,).
         plane: Cosine and sine of R_i, and o_i [m], shape (3, 3).
         gap: Gap in the axes of each face at the start of the step, shape (3, 3), [m].
-        history: History of each face as its friction takes it, shape (3, 2 or 10): at the end of
-            steps the elastic slip [m].
+        history: History of each face for its friction rule, shape (3, 2 or 10); for backward
+            Euler the elastic slip [m].
     """
 
     kind: NDArray[np.int64]
@@ -77,7 +77,7 @@ class Faces(NamedTuple):
 
 
 class KeyStart(NamedTuple):
-    """A `Start` with the faces of the point that is being solved, and with their answer."""
+    """`Start` with the faces of the current point and their response."""
 
     gap: Floats
     history: Floats
@@ -87,51 +87,51 @@ class KeyStart(NamedTuple):
 
 
 @inline
-def _teeth_of(given: Floats) -> Teeth:
-    """Return the parameters of all points; columns 2 to 6 are those of the friction of faces."""
-    r, k_n, k_s = given[7:], given[0], given[1]
+def _teeth_of(row: Floats) -> Teeth:
+    """Return the parameters in an array as `Teeth`; numbers 2 to 6 are those of `Coulomb`."""
+    r, k_n, k_s = row[7:], row[0], row[1]
     return Teeth(k_n, k_s, r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9])
 
 
 @inline
 def _slip_columns(teeth: Teeth) -> tuple[int, float]:
-    """Return the first column of the slip in the history of a face, and the factor of the slip."""
+    """Return the first slip column in the history of a face, and the scale of the slip."""
     return (1, np.sqrt(teeth.shear_stiffness)) if teeth.whole == 1.0 else (0, 1.0)
 
 
 @inline
-def turned(first: Any, second: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
-    """Return two components of a vector in axes turned about the third, or back by -sine."""
+def rotated(first: Any, second: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
+    """Return two components of a vector in rotated axes; pass -sine to rotate back."""
     return cosine * first - sine * second, sine * first + cosine * second
 
 
 @inline
-def _turn_back(a: int, b: int, turn: Any, traction: Floats, tangent: Floats) -> None:
-    """Write a traction and its tangent in the axes before a `turned`, in place."""
+def _rotate_back(a: int, b: int, turn: Any, traction: Floats, tangent: Floats) -> None:
+    """Rotate a traction and its tangent back, in place; the inverse of `rotated`."""
     c, s = turn[0], turn[1]
-    traction[a], traction[b] = turned(traction[a], traction[b], c, -s)
+    traction[a], traction[b] = rotated(traction[a], traction[b], c, -s)
     for k in range(3):
-        tangent[k, a], tangent[k, b] = turned(tangent[k, a], tangent[k, b], c, -s)
+        tangent[k, a], tangent[k, b] = rotated(tangent[k, a], tangent[k, b], c, -s)
     for k in range(3):
-        tangent[a, k], tangent[b, k] = turned(tangent[a, k], tangent[b, k], c, -s)
+        tangent[a, k], tangent[b, k] = rotated(tangent[a, k], tangent[b, k], c, -s)
 
 
 @inline
 def _put_gaps(gap: Floats, plane: Floats, teeth: Teeth, local: Floats) -> None:
-    """Write the gap of a point in the axes of its faces, shape (3, 3), [m]."""
-    across, along = turned(gap[1], gap[2], teeth.key_cosine, teeth.key_sine)
+    """Write the gap of a point in the axes of its faces to ``local``, shape (3, 3), [m]."""
+    across, along = rotated(gap[1], gap[2], teeth.key_cosine, teeth.key_sine)
     for f in range(3):
-        normal, local[f, 1] = turned(gap[0], across, plane[f, 0], plane[f, 1])
+        normal, local[f, 1] = rotated(gap[0], across, plane[f, 0], plane[f, 1])
         local[f, 0], local[f, 2] = normal + plane[f, 2], along
 
 
 @inline
 def _nearest(f: int, gap: Floats, teeth: Teeth) -> tuple[int, bool]:
-    """Return the kind of the face of a tooth that a gap is nearest to, and whether it is met."""
+    """Return the kind of the nearest face of a tooth, and True if it is in contact."""
     if f == 0:
         return FLAT, True
     sine, offset = (teeth.sine, teeth.forward) if f == 1 else (-teeth.sine, teeth.backward)
-    across, _ = turned(gap[1], gap[2], teeth.key_cosine, teeth.key_sine)
+    across, _ = rotated(gap[1], gap[2], teeth.key_cosine, teeth.key_sine)
     flank = teeth.cosine * gap[0] - sine * across + offset
     crest = gap[0] - teeth.depth
     return FLAT if crest > flank else FLANK, max(flank, crest) <= 0.0
@@ -139,13 +139,13 @@ def _nearest(f: int, gap: Floats, teeth: Teeth) -> tuple[int, bool]:
 
 @inline
 def _choose(gap: Floats, history: Floats, teeth: Teeth, faces: Faces) -> float:
-    """Write the faces of a point at the start of a step; return their elastic energy [J/m^2]."""
+    """Set the faces of a point at the start of a step; return their elastic energy [J/m^2]."""
     plane, energy, (first, root) = faces.plane, 0.0, _slip_columns(teeth)
     for f in range(3):
         kind, meets = _nearest(f, gap, teeth)
         sine, offset = (teeth.sine, teeth.forward) if f == 1 else (-teeth.sine, teeth.backward)
         if f > 0 and (offset < 0.0 or history[KEYS] >= BROKEN):
-            # The gap of a missing tooth is its depth wherever the point is.
+            # The gap to a missing tooth is its depth, regardless of the position of the point.
             kind, meets = ABSENT, False
             plane[f, 0], plane[f, 1], plane[f, 2] = 0.0, 0.0, teeth.depth
         elif kind == FLANK:
@@ -173,13 +173,13 @@ def _choose(gap: Floats, history: Floats, teeth: Teeth, faces: Faces) -> float:
 
 @inline
 def _shear_off(gap: Floats, history: Floats, teeth: Teeth, faces: Faces, sheared: Floats) -> None:
-    """Write the history of a point without its teeth; its base bears the largest pressure."""
+    """Write the history after the teeth shear off; the base takes the largest face pressure."""
     k_n, pressed, (first, root) = teeth.normal_stiffness, 0.0, _slip_columns(teeth)
     for f in range(3):
         normal = k_n * min(faces.gap[f, 0], 0.0)
         shear = teeth.shear_stiffness * faces.history[f, first] / root
-        t_n, _ = turned(normal, shear, faces.plane[f, 0], -faces.plane[f, 1])
-        # Not more than the overlap of the face itself: energy may be lost only.
+        t_n, _ = rotated(normal, shear, faces.plane[f, 0], -faces.plane[f, 1])
+        # Limit the pressure to that of the face, so that no energy is generated.
         pressed = max(pressed, min(-t_n, -normal))
     for k in range(COLUMNS):
         sheared[k] = 0.0 if KEYS <= k < SLIPS else history[k]
@@ -190,22 +190,22 @@ def _shear_off(gap: Floats, history: Floats, teeth: Teeth, faces: Faces, sheared
 
 @inline
 def _finish(i: int, history: Floats, teeth: Teeth, start: KeyStart, answer: Answer) -> None:
-    """Write the history of a point at the end of a step; dissipate the energy of faces it leaves.
+    """Write the history at the end of a step; faces that lose contact dissipate their energy.
 
-    ``history`` is that at the start; the faces at the start are overwritten.
+    ``history`` is that at the start; the faces in ``start`` are overwritten.
     """
     end, ends, (first, root) = answer.history[i], start.ends, _slip_columns(teeth)
     stored, leaves = 0.0, False
     for f in range(3):
         kind, meets = _nearest(f, answer.gap[i], teeth)
-        kept, overlap = meets and kind == start.faces.kind[f], min(ends.gap[f, 0], 0.0)
+        stays, overlap = meets and kind == start.faces.kind[f], min(ends.gap[f, 0], 0.0)
         energy = 0.5 * teeth.normal_stiffness * overlap * overlap
         for a in range(2):
             slip = ends.history[f, first + a] / root
-            end[(2 * f + 2 if f > 0 else 0) + a] = slip if kept else 0.0
+            end[(2 * f + 2 if f > 0 else 0) + a] = slip if stays else 0.0
             energy += 0.5 * teeth.shear_stiffness * slip * slip
         stored += energy
-        leaves = leaves or (not kept and energy > 0.0)
+        leaves = leaves or (not stays and energy > 0.0)
     end[KEYS], end[LIFT] = history[KEYS], history[LIFT]
     if teeth.whole == 1.0:
         for k in range(5):
@@ -215,11 +215,11 @@ def _finish(i: int, history: Floats, teeth: Teeth, start: KeyStart, answer: Answ
 
 
 def keyed_loop(face_point: Callable[..., None]) -> Any:
-    """Return the compiled loop of shear keys whose faces have this friction; see `CompiledLaw`."""
+    """Return the compiled loop of shear keys with a friction rule for the faces."""
 
     @inline
     def point(i: int, start: KeyStart, answer: Answer) -> None:
-        """Write the sum over the faces (9a); the load of the teeth (9b) is in the history."""
+        """Sum the tractions of the faces (9a); write load / strength of the teeth (9b)."""
         teeth, faces, ends = _teeth_of(start.parameters), start.faces, start.ends
         traction, tangent = answer.traction[i], answer.tangent[i]
         put_nothing(i, answer)
@@ -229,7 +229,7 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
         for f in range(3):
             face_point(f, friction, ends)
             if faces.kind[f] == FLANK:
-                _turn_back(0, 1, faces.plane[f], ends.traction[f], ends.tangent[f])
+                _rotate_back(0, 1, faces.plane[f], ends.traction[f], ends.tangent[f])
             for a in range(3):
                 traction[a] += ends.traction[f, a]
                 for b in range(3):
@@ -240,7 +240,7 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
             answer.dissipation[i] += ends.dissipation[f]
             answer.status[i] = max(answer.status[i], ends.status[f])
             sticks = sticks or ends.status[f] == STICK
-        _turn_back(1, 2, (teeth.key_cosine, teeth.key_sine), traction, tangent)
+        _rotate_back(1, 2, (teeth.key_cosine, teeth.key_sine), traction, tangent)
         answer.history[i, KEYS] = ratio
         if sticks:
             answer.status[i] = STICK
@@ -249,7 +249,7 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
 
     @njit(cache=True, error_model="numpy")
     def loop(compliance: Floats, start: Start, answer: Answer) -> None:
-        """Solve the points with their teeth, and without them if these are overloaded."""
+        """Solve the points; if the teeth are overloaded, solve again without them."""
         kind, teeth = answer.gap.dtype, _teeth_of(start.parameters)
         before = np.zeros((3, 10 if teeth.whole == 1.0 else 2), kind)
         gaps, planes, tractions, end_gaps = np.zeros((4, 3, 3), kind)
@@ -258,7 +258,7 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
             np.zeros(3, kind), np.zeros(3, np.int8),
         )  # fmt: skip
         faces = Faces(np.zeros(3, np.int64), planes, gaps, before)
-        begun = KeyStart(start.gap, start.history, start.parameters, faces, ends)
+        key_start = KeyStart(start.gap, start.history, start.parameters, faces, ends)
         search, sheared = search_of(1, kind), np.zeros(COLUMNS, kind)
         for i in range(len(answer.gap)):
             c = compliance[i if len(compliance) > 1 else 0]
@@ -266,14 +266,14 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
             trial_gap = (end[0], end[1], end[2])
             energy = first_energy = _choose(gap, history, teeth, faces)
             while True:
-                solve(i, c[0], c[1], begun, answer, search)
+                solve(i, c[0], c[1], key_start, answer, search)
                 bond, ratio = history[KEYS], answer.history[i, KEYS]
                 if bond != RELEASED and not (bond == INTACT and ratio > 1.0 + BORNE):
                     break
                 _shear_off(gap, history, teeth, faces, sheared)
                 history, (end[0], end[1], end[2]) = sheared, trial_gap
                 energy = _choose(gap, history, teeth, faces)
-            _finish(i, history, teeth, begun, answer)
+            _finish(i, history, teeth, key_start, answer)
             answer.dissipation[i] += first_energy - energy
             if bond < BROKEN:
                 answer.history[i, KEYS] = bond_under(bond, ratio)
@@ -285,14 +285,14 @@ def keyed_loop(face_point: Callable[..., None]) -> Any:
 def choose_all(
     start: Start, end: Floats, shears: NDArray[np.bool_], faces: Faces, end_gap: Floats
 ) -> Floats:
-    """Write the faces of all points in a step; return their elastic energy at its start [J/m^2].
+    """Set the faces of all points; return their elastic energy at the start, (n,), [J/m^2].
 
     Args:
-        start: `Start` of the rule for the end of steps.
+        start: Start of a backward Euler step.
         end: Gap at the end of the step, shape (n, 3), [m].
-        shears: Points whose teeth shear off in the step, shape (n,).
-        faces: Faces, without these teeth; written.
-        end_gap: Gap at the end in the axes of the faces, shape (n, 3, 3), [m]; written.
+        shears: True for points whose teeth shear off in the step, shape (n,).
+        faces: Faces of the points, without sheared teeth; output.
+        end_gap: Gap at the end in the axes of the faces, shape (n, 3, 3), [m]; output.
     """
     teeth, energy = _teeth_of(start.parameters), np.zeros(len(end), end.dtype)
     sheared = np.zeros(COLUMNS, end.dtype)

@@ -1,17 +1,17 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Points on the compliance of the structure, for laws without a closed form there.
+"""Solution of points on the structural compliance, for laws without a closed form there.
 
-A law gives the answer of a point at its gap. The gap on a compliance c solves g + c t(g) = h for
-each point by itself, by Newton's method. The residual is smooth in pieces, between kinks at which a
-face opens or starts to slip. A correction is halved until it makes the residual smaller. Two rules
-keep the method from stalling at a kink, which it would leave or not by the last bit of its numbers:
+A law returns the traction t at a gap g. Newton's method solves g + c t(g) = h for each point
+separately; c is the compliance of the structure, h the trial gap. The residual is piecewise smooth:
+it has kinks at which a face opens or starts to slip. The line search halves a correction until the
+residual decreases. Two rules avoid stalling at a kink, which would depend on rounding error:
 
-- If no part of a correction makes the residual smaller, half of it is taken. It ends beyond the
-  kink, where Newton's direction is another.
-- If the determinant of the Jacobian is negative, half of the correction is taken backwards.
-  Friction is not associated, which makes such pieces. The path along which the residual falls to
-  zero runs backwards in them (Smale 1976), towards a piece with a positive determinant.
+- If no fraction of a correction reduces the residual, apply half of it. The iterate then lies
+  beyond the kink, where Newton's direction differs.
+- If the determinant of the Jacobian is negative, apply half of the correction with opposite sign.
+  Such pieces exist because friction is not associated. In them the path of decreasing residual
+  runs backwards (Smale 1976), towards a piece with a positive determinant.
 """
 
 from __future__ import annotations
@@ -30,30 +30,30 @@ from dolfinx_joints.common.kernels import inline, njit
 from dolfinx_joints.laws.law import Floats, Response
 from dolfinx_joints.laws.points.return_mapping import Answer, Start
 
-# Limits of Newton's method on a compliance, and its tolerance in rounding errors of a point.
-# Measured on random steps of shear keys, with a compliance of the structure of 0.1 to 10 000 times
-# that of the joint: of 450 400 points 4 are not found. With 12 halvings, and without the two rules
-# above, 512 of 345 600 were not. Joints that dilate by the angle of friction need the iterations:
-# on structures 1000 times as soft 3 of 100 000 points are not found, with 100 iterations 315.
+# Limits of Newton's method, and its tolerance as a multiple of the rounding error of a point.
+# Measured on random steps of shear keys, structural compliance 0.1 to 10 000 times that of the
+# joint: 4 of 450 400 points fail. With 12 halvings and without the two rules above, 512 of 345 600
+# fail. Dilatancy equal to the friction angle needs many iterations: on structures 1000 times as
+# soft as the joint 3 of 100 000 points fail, with at most 100 iterations 315.
 MOST_ITERATIONS, MOST_CUTS, ROUNDING = 1_000, 16, 16.0
-# Part of a correction that is taken where its length is not found by the residual.
+# Fraction of a correction that is applied by the two rules above.
 BEYOND_KINKS = 0.5
 
-# What `advance` says of a point.
-GOES_ON, FOUND, LOST = 0, 1, 2
+# Results of `advance`.
+CONTINUE, CONVERGED, FAILED = 0, 1, 2
 
 
 class Search(NamedTuple):
-    """Where Newton's method of ``n`` points is.
+    """State of Newton's method at ``n`` points.
 
     Attributes:
-        base: Gap that the correction starts from, shape (n, 3), [m].
-        correction: The whole correction, shape (n, 3), [m].
+        base: Gap before the correction, shape (n, 3), [m].
+        correction: Full correction, shape (n, 3), [m].
         size: Largest residual at the base, shape (n,), [m].
-        counts: Corrections, halvings of this one, and whether it is taken without a comparison,
-            shape (n, 3).
-        matrix: Room for three equations, shape (3, 3).
-        right: Room for their right-hand sides, shape (3, 3).
+        counts: Number of corrections, number of halvings of the current one, and 1 if it is applied
+            without line search, shape (n, 3).
+        matrix: Work array for three equations, shape (3, 3).
+        rhs: Work array for their right-hand sides, shape (3, 3).
     """
 
     base: Floats
@@ -61,12 +61,12 @@ class Search(NamedTuple):
     size: Floats
     counts: NDArray[np.int64]
     matrix: Floats
-    right: Floats
+    rhs: Floats
 
 
 @register_jitable
 def search_of(count: int, kind: Any) -> Search:
-    """Begin the search of so many points."""
+    """Return the initial state of the search at ``count`` points."""
     return Search(
         np.zeros((count, 3), kind),
         np.zeros((count, 3), kind),
@@ -82,36 +82,36 @@ def advance(
     at: int,
     trial_gap: Any,
     compliance: Any,
-    known: float,
+    scale: float,
     gap: Floats,
     traction: Floats,
     tangent: Floats,
     search: Search,
 ) -> int:
-    """Judge the answer of a point at its gap, and write the next gap if it is not the solution.
+    """Check the residual of a point; if it has not converged, write the next gap.
 
     Args:
-        at: Number of the point in the search.
+        at: Index of the point in the search.
         trial_gap: h, three numbers [m].
         compliance: Normal and tangential c [m/Pa], k_n and k_s of the law [Pa/m].
-        known: Largest number that the gap follows from [m].
-        gap: That of the answer, shape (3,), [m].
-        traction: Shape (3,), [Pa].
+        scale: Largest gap or trial gap, which sets the rounding error [m].
+        gap: Current gap, shape (3,), [m]; modified.
+        traction: Traction at this gap, shape (3,), [Pa].
         tangent: d traction / d gap, shape (3, 3), [Pa/m].
-        search: Of all points.
+        search: State of the search at all points; modified.
 
     Returns:
-        `GOES_ON`, `FOUND` or `LOST`.
+        `CONTINUE`, `CONVERGED` or `FAILED`.
     """
     base, correction, counts = search.base[at], search.correction[at], search.counts[at]
-    size, rounding, largest = 0.0 * known, 0.0 * known, known
+    size, rounding, largest = 0.0 * scale, 0.0 * scale, scale
     tolerance = ROUNDING * np.finfo(gap.dtype).eps
     for a in range(3):
         largest = max(largest, abs(gap[a]))
     for a in range(3):
         c, k = (compliance[0], compliance[2]) if a == 0 else (compliance[1], compliance[3])
-        wrong = abs(gap[a] + c * traction[a] - trial_gap[a])
-        size = max(size, wrong / (1.0 + c * k))
+        error = abs(gap[a] + c * traction[a] - trial_gap[a])
+        size = max(size, error / (1.0 + c * k))
         stiff = max(abs(tangent[a, 0]), abs(tangent[a, 1]), abs(tangent[a, 2]))
         rounding = max(rounding, (1.0 + c * stiff) * largest + abs(c * traction[a]))
     compared = counts[0] > 0 and counts[2] == 0
@@ -120,33 +120,33 @@ def advance(
         share = 0.5 ** counts[1] if counts[1] < MOST_CUTS else BEYOND_KINKS
         for a in range(3):
             gap[a] = base[a] - share * correction[a]
-        return GOES_ON
+        return CONTINUE
     is_far = False
-    jacobian, right = search.matrix, search.right
+    jacobian, rhs = search.matrix, search.rhs
     for a in range(3):
         c = compliance[0] if a == 0 else compliance[1]
-        right[a, 0] = gap[a] + c * traction[a] - trial_gap[a]
-        is_far = is_far or not abs(right[a, 0]) <= tolerance * rounding
+        rhs[a, 0] = gap[a] + c * traction[a] - trial_gap[a]
+        is_far = is_far or not abs(rhs[a, 0]) <= tolerance * rounding
         for b in range(3):
             jacobian[a, b] = c * tangent[a, b]
         jacobian[a, a] += 1.0
     if not is_far:
-        return FOUND
-    if counts[0] == MOST_ITERATIONS or not np.isfinite(right[:, 0].sum() + jacobian.sum()):
-        return LOST
-    determinant = _solve(jacobian, right, 1)
+        return CONVERGED
+    if counts[0] == MOST_ITERATIONS or not np.isfinite(rhs[:, 0].sum() + jacobian.sum()):
+        return FAILED
+    determinant = _solve(jacobian, rhs, 1)
     counts[0], counts[1], counts[2] = counts[0] + 1, 0, 1 if determinant < 0.0 else 0
     search.size[at] = size
     share = -BEYOND_KINKS if determinant < 0.0 else 1.0
     for a in range(3):
-        base[a], correction[a] = gap[a], right[a, 0]
+        base[a], correction[a] = gap[a], rhs[a, 0]
         gap[a] -= share * correction[a]
-    return GOES_ON
+    return CONTINUE
 
 
 @inline
-def _solve(matrix: Floats, right: Floats, columns: int) -> float:
-    """Solve three equations for some columns, in place, with pivots; return the determinant."""
+def _solve(matrix: Floats, rhs: Floats, columns: int) -> float:
+    """Solve three equations in place with pivoting, ``columns`` sides; return the determinant."""
     determinant = 1.0
     for a in range(3):
         pivot = a
@@ -158,70 +158,68 @@ def _solve(matrix: Floats, right: Floats, columns: int) -> float:
             for b in range(3):
                 matrix[a, b], matrix[pivot, b] = matrix[pivot, b], matrix[a, b]
             for b in range(columns):
-                right[a, b], right[pivot, b] = right[pivot, b], right[a, b]
+                rhs[a, b], rhs[pivot, b] = rhs[pivot, b], rhs[a, b]
         determinant *= matrix[a, a]
         for b in range(a + 1, 3):
             factor = matrix[b, a] / matrix[a, a]
             for k in range(a, 3):
                 matrix[b, k] -= factor * matrix[a, k]
             for k in range(columns):
-                right[b, k] -= factor * right[a, k]
+                rhs[b, k] -= factor * rhs[a, k]
     for k in range(columns):
         for a in range(2, -1, -1):
             for b in range(a + 1, 3):
-                right[a, k] -= matrix[a, b] * right[b, k]
-            right[a, k] /= matrix[a, a]
+                rhs[a, k] -= matrix[a, b] * rhs[b, k]
+            rhs[a, k] /= matrix[a, a]
     return determinant
 
 
 @inline
 def by_trial_gap(compliance: Any, tangent: Floats, search: Search) -> None:
-    """Replace d t / d g = K of a point by d t / d h = K (I + C K)^-1; rows of zeros stay so."""
-    matrix, right = search.matrix, search.right
+    """Replace d t / d g = K of a point by d t / d h = K (I + C K)^-1; zero rows stay zero."""
+    matrix, rhs = search.matrix, search.rhs
     for a in range(3):
         for b in range(3):
             matrix[b, a] = tangent[a, b] * (compliance[0] if a == 0 else compliance[1])
-            right[b, a] = tangent[a, b]
+            rhs[b, a] = tangent[a, b]
         matrix[a, a] += 1.0
-    _solve(matrix, right, 3)
+    _solve(matrix, rhs, 3)
     for a in range(3):
         for b in range(3):
-            tangent[a, b] = right[b, a]
+            tangent[a, b] = rhs[b, a]
 
 
 @functools.cache
 def solver_of(point: Callable[..., None]) -> Callable[..., None]:
-    """Return the function that solves a point on its compliance, of one that answers at its gap.
+    """Return the function that solves a point on a compliance.
 
     Args:
-        point: ``point(i, start, answer)`` writes the answer of the point ``i`` at the gap
-            ``answer.gap[i]``, with its derivative by the gap, `Answer.history` included. The first
-            two parameters in ``start.parameters`` are k_n and k_s. The function is decorated as
-            `CompiledLaw` says.
+        point: ``point(i, start, answer)`` as in `CompiledLaw`: computes response, history and
+            derivative by the gap at ``answer.gap[i]``. The first two numbers in
+            ``start.parameters`` are k_n and k_s.
 
     Returns:
-        ``solve(i, c_n, c_s, start, answer, search)``, which begins with the trial gap in
-        ``answer.gap[i]`` and takes room for one point. Numbers of a point that is not found are
-        NaN.
+        ``solve(i, c_n, c_s, start, answer, search)``. On entry ``answer.gap[i]`` is the trial gap;
+        ``search`` has room for one point. The normal traction is NaN if the iteration fails.
     """
 
     @inline
     def solve(i: int, c_n: float, c_s: float, start: Start, answer: Answer, search: Search) -> None:
         alone = c_n == 0.0 and c_s == 0.0
         compliance = c_n, c_s, start.parameters[0], start.parameters[1]
-        gap, known = answer.gap[i], 0.0 * c_n
+        gap, scale = answer.gap[i], 0.0 * c_n
         trial_gap = (gap[0], gap[1], gap[2])
         for a in range(3):
-            known = max(known, max(abs(gap[a]), abs(start.gap[i, a])))
+            scale = max(scale, max(abs(gap[a]), abs(start.gap[i, a])))
             gap[a] = trial_gap[a] if alone else start.gap[i, a]
             search.counts[0, a] = 0
-        traction, tangent, judged = answer.traction[i], answer.tangent[i], GOES_ON
-        while judged == GOES_ON:
+        traction, tangent, status = answer.traction[i], answer.tangent[i], CONTINUE
+        while status == CONTINUE:
             point(i, start, answer)
-            judged = FOUND
+            status = CONVERGED
             if not alone:
-                judged = advance(0, trial_gap, compliance, known, gap, traction, tangent, search)
-        if judged == LOST:
+                status = advance(0, trial_gap, compliance, scale, gap, traction, tangent, search)
+        if status == FAILED:
             traction[0] = np.nan
         by_trial_gap(compliance, tangent, search)
 
@@ -230,7 +228,7 @@ def solver_of(point: Callable[..., None]) -> Callable[..., None]:
 
 @functools.cache
 def loop_of(point: Callable[..., None]) -> Any:
-    """Return the compiled loop of a law, as `CompiledLaw` has it; ``point`` as in `solver_of`."""
+    """Return the compiled loop of a law; ``point`` as in `CompiledLaw`."""
     solve = solver_of(point)
 
     @njit(cache=True, error_model="numpy")
@@ -253,16 +251,16 @@ def _advance_all(
     traction: Floats,
     tangent: Floats,
     search: Search,
-    judged: NDArray[np.int64],
+    status: NDArray[np.int64],
 ) -> None:
-    """Advance the points that are not found."""
+    """Advance the points that have not converged."""
     for i in range(len(gap)):
-        if judged[i] == GOES_ON:
+        if status[i] == CONTINUE:
             j = i if len(compliance) > 1 else 0
-            given = (compliance[j, 0], compliance[j, 1], stiffness[0], stiffness[1])
-            known = max(np.abs(at_start[i]).max(), np.abs(trial_gap[i]).max())
-            judged[i] = advance(
-                i, trial_gap[i], given, known, gap[i], traction[i], tangent[i], search
+            values = (compliance[j, 0], compliance[j, 1], stiffness[0], stiffness[1])
+            scale = max(np.abs(at_start[i]).max(), np.abs(trial_gap[i]).max())
+            status[i] = advance(
+                i, trial_gap[i], values, scale, gap[i], traction[i], tangent[i], search
             )
 
 
@@ -273,43 +271,45 @@ def on_compliance(
     compliance: Floats,
     stiffness: tuple[float, float],
 ) -> Response:
-    """Return the answer at gap = trial_gap - compliance * t of a law that is evaluated in Python.
+    """Return the response at gap = trial_gap - compliance * t of a law evaluated in Python.
 
     Args:
-        answer: Gives the answer of all points at a gap of shape (n, 3), [m].
-        gap: That at the start of the step, where few points slide.
-        trial_gap: Gap if the point carried no traction, shape (n, 3), [m].
+        answer: Function of a gap (n, 3), [m], that returns the response of all points.
+        gap: Initial guess: gap at the start of the step, where few points slide, (n, 3), [m].
+        trial_gap: Gap without traction, shape (n, 3), [m].
         compliance: Normal and tangential compliance, shape (n or 1, 2), [m/Pa].
-        stiffness: k_n and k_s of a sticking point, for a measure of residuals.
+        stiffness: k_n and k_s of a sticking point, which scale the residuals [Pa/m].
 
     Raises:
-        ConvergenceError: A point was not found.
+        ConvergenceError: Newton's method failed at a point.
     """
     start, end, kind = gap, gap.astype(trial_gap.dtype), trial_gap.dtype
     work = _advance_all if kind == np.float64 else _advance_all.py_func
-    search, judged = search_of(len(end), kind), np.zeros(len(end), dtype=np.int64)
+    search, status = search_of(len(end), kind), np.zeros(len(end), dtype=np.int64)
     while True:
-        found = answer(end.copy())
+        response = answer(end.copy())
         work(
             compliance,
             stiffness,
             start,
             trial_gap,
             end,
-            found.traction,
-            found.tangent,
+            response.traction,
+            response.tangent,
             search,
-            judged,
+            status,
         )
-        if not (judged == GOES_ON).any():
+        if not (status == CONTINUE).any():
             break
-    lost = judged == LOST
-    if not all(np.isfinite(values[lost]).all() for values in (found.traction, found.tangent)):
-        return found  # what a law cannot answer is named where the step fails
-    if lost.any():
+    failed = status == FAILED
+    if not all(
+        np.isfinite(values[failed]).all() for values in (response.traction, response.tangent)
+    ):
+        return response  # the caller reports values that are not finite
+    if failed.any():
         raise ConvergenceError(iteration=MOST_ITERATIONS, residual=float(search.size.max()))
     wide = np.repeat(compliance, (1, 2), axis=1)
-    matrix = np.eye(3) + wide[:, :, None] * found.tangent
-    right = found.tangent.transpose(0, 2, 1).astype(np.float64)
-    tangent = np.linalg.solve(matrix.transpose(0, 2, 1).astype(np.float64), right)
-    return replace(found, tangent=np.ascontiguousarray(tangent.transpose(0, 2, 1), np.float64))
+    matrix = np.eye(3) + wide[:, :, None] * response.tangent
+    rhs = response.tangent.transpose(0, 2, 1).astype(np.float64)
+    tangent = np.linalg.solve(matrix.transpose(0, 2, 1).astype(np.float64), rhs)
+    return replace(response, tangent=np.ascontiguousarray(tangent.transpose(0, 2, 1), np.float64))

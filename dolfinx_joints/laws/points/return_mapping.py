@@ -1,15 +1,13 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Coulomb's limit and the return onto it, of one point: what all rules of friction share.
+"""Coulomb friction at one point: yield function and return mapping, shared by all friction rules.
 
-Plain functions of numbers in the order of the theory (docs/theory), numbers of its equations beside
-the lines; loops over points, compiled by numba, take them as they stand. `friction` has the loop
-for the end of a step, `discrete_gradient` that for a whole one, each with a `normal_traction` and a
-`trial_traction`; `points.on_compliance` is for laws that have no closed form there.
+The functions take scalars and follow docs/theory, whose equation numbers are in the comments. They
+are compiled by numba into loops over points: in `friction` for the end of a step, and in
+`discrete_gradient` for a whole step. Laws without a closed form use `points.on_compliance`.
 
-A point sits on the compliance c of the structure, gap = trial_gap - c t; c = 0 gives the law by
-itself. In tractions the law's own compliances d = 1/k add to c, so that a rigid joint (d = 0) is a
-case like any other.
+The structure has the compliance c at a point, gap = trial_gap - c t; c = 0 gives the law alone. The
+tractions depend on c plus the joint compliance d = 1/k, so that d may be zero (rigid joint).
 """
 
 from __future__ import annotations
@@ -38,14 +36,14 @@ STICK, SLIP, FRICTIONLESS = 1, 2, 3
 
 
 class Coulomb(NamedTuple):
-    """Parameters of the points of one law.
+    """Parameters of a friction law.
 
     Attributes:
         normal_compliance: d_n = 1 / k_n [m/Pa], zero if rigid.
         shear_compliance: d_s = 1 / k_s [m/Pa], zero if rigid, infinite without shear stiffness.
         ratio: kappa = k_n / k_s.
         friction: mu.
-        rebounds: Whether a rigid point gives back what it brings into contact.
+        rebounds: True if a rigid point returns its impact energy on opening.
     """
 
     normal_compliance: float
@@ -56,12 +54,12 @@ class Coulomb(NamedTuple):
 
 
 class Start(NamedTuple):
-    """What a loop is told of the start of a step of ``n`` points.
+    """State and parameters of ``n`` points at the start of a step, as passed to a compiled loop.
 
     Attributes:
         gap: Gap, shape (n, 3), [m].
-        history: What else the points know, shape (n, m).
-        parameters: Those of the law, as those of a `Coulomb`, shape (k,).
+        history: History variables, shape (n, m).
+        parameters: Parameters of the law, for example those of `Coulomb`, shape (k,).
     """
 
     gap: Floats
@@ -70,7 +68,7 @@ class Start(NamedTuple):
 
 
 class Shear(NamedTuple):
-    """Shear traction of a point with its derivatives by the trial gap h.
+    """Shear traction of a point and its derivatives by the trial gap h.
 
     Attributes:
         traction: t_s [Pa].
@@ -84,13 +82,13 @@ class Shear(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """The answer of ``n`` points.
+    """Response of ``n`` points, written by a compiled loop.
 
     Attributes:
         traction: (n, s1, s2) components, shape (n, 3), [Pa].
         tangent: d traction / d trial_gap, shape (n, 3, 3), [Pa/m].
         gap: Gap at the end of the step, shape (n, 3), [m].
-        history: The same variables at the end of the step as the loop was given for its start.
+        history: History variables of `Start` at the end of the step, shape (n, m).
         dissipation: Friction work of the step, shape (n,), [J/m^2].
         status: `Status` at the end of the step, shape (n,).
     """
@@ -105,16 +103,16 @@ class Answer(NamedTuple):
 
 @inline
 def yield_function(t_n: float, t_s: Vector, mu: float) -> float:
-    """Phi = |t_s| + mu t_n, positive beyond the limit (5), [Pa]."""
+    """Return Phi = |t_s| + mu t_n (5), positive outside the friction cone, [Pa]."""
     return np.sqrt(t_s[0] * t_s[0] + t_s[1] * t_s[1]) + mu * t_n
 
 
 @inline
 def return_to_limit(trial: Shear, t_n: float, stiffness: float, mu: float) -> Shear:
-    """Shear traction on the limit, along the trial one (7), with the tangent of slip (10).
+    """Return the shear traction on the limit, along the trial traction (7), and its tangent (10).
 
     Args:
-        trial: Trial traction with its derivatives.
+        trial: Trial traction and its derivatives.
         t_n: Normal traction [Pa].
         stiffness: d t_n / d h_n [Pa/m].
         mu: Friction coefficient.
@@ -126,7 +124,7 @@ def return_to_limit(trial: Shear, t_n: float, stiffness: float, mu: float) -> Sh
     m_1, m_2 = t_1 / size, t_2 / size
     limit = -mu * t_n
     ratio = limit / size
-    # m (m . derivative) changes the size of the trial traction alone, which does not matter here.
+    # Subtract m (m . derivative): the size of the trial traction does not affect the result.
     n_m, s_1m, s_2m = m_1 * n_1 + m_2 * n_2, m_1 * s_11 + m_2 * s_12, m_1 * s_12 + m_2 * s_22
     return Shear(
         (limit * m_1, limit * m_2),
@@ -142,7 +140,7 @@ def return_to_limit(trial: Shear, t_n: float, stiffness: float, mu: float) -> Sh
 def put_traction(
     i: int, t_n: float, stiffness: float, shear: Shear, traction: Floats, tangent: Floats
 ) -> None:
-    """Write traction and tangent of the point ``i`` into the arrays of all points."""
+    """Write traction and tangent of point ``i`` to the arrays of all points."""
     traction[i, 0], tangent[i, 0, 0] = t_n, stiffness
     traction[i, 1], traction[i, 2] = shear.traction
     tangent[i, 1, 0], tangent[i, 2, 0] = shear.by_normal
@@ -152,21 +150,21 @@ def put_traction(
 
 @inline
 def closed_status(slides: bool, law: Coulomb) -> int:
-    """Return the `Status` of a closed point; without friction it neither sticks nor slides."""
+    """Return the `Status` of a closed point, FRICTIONLESS if it has no shear resistance."""
     if law.friction == 0.0 or law.shear_compliance == np.inf:
         return FRICTIONLESS
     return SLIP if slides else STICK
 
 
 @inline
-def law_of(given: Floats) -> Coulomb:
-    """Return the parameters of a point with friction."""
-    return Coulomb(given[0], given[1], given[2], given[3], given[4] != 0.0)
+def law_of(row: Floats) -> Coulomb:
+    """Return the parameters in an array as `Coulomb`."""
+    return Coulomb(row[0], row[1], row[2], row[3], row[4] != 0.0)
 
 
 @inline
 def overload(load: float, strength: float) -> float:
-    """Return a load over its strength, `LARGEST_OVERLOAD` if there is no strength."""
+    """Return load / strength, `LARGEST_OVERLOAD` without strength, 0 without load."""
     if not load > 0.0:
         return 0.0
     return min(load / strength, LARGEST_OVERLOAD) if strength > 0.0 else LARGEST_OVERLOAD
@@ -174,13 +172,13 @@ def overload(load: float, strength: float) -> float:
 
 @inline
 def bond_under(bond: float, ratio: float) -> float:
-    """Return what a bond is that has not broken under a ratio of load to strength."""
+    """Return the new bond variable of an unbroken bond for a ratio of load to strength."""
     return -ratio if bond == HELD and ratio > 1.0 + BORNE else INTACT
 
 
 @inline
 def put_nothing(i: int, answer: Answer) -> None:
-    """Begin the answer of the point ``i``: it carries nothing."""
+    """Set the response of point ``i`` to zero (open)."""
     for a in range(3):
         answer.traction[i, a] = 0.0
         for b in range(3):
@@ -191,7 +189,7 @@ def put_nothing(i: int, answer: Answer) -> None:
 
 
 def empty_answer(trial_gap: Floats, history: Floats) -> Answer:
-    """Arrays for the answer, the gap being the trial gap."""
+    """Return arrays for the response, with the trial gap as gap."""
     count, kind = len(trial_gap), trial_gap.dtype
     return Answer(
         np.zeros((count, 3), kind),
@@ -204,11 +202,11 @@ def empty_answer(trial_gap: Floats, history: Floats) -> Answer:
 
 
 def closed_form_loop(point: Callable[..., None]) -> Any:
-    """Return the compiled loop of a law that has a closed form on the compliance of the structure.
+    """Return the compiled loop of a law with a closed form on the structural compliance.
 
     Args:
-        point: ``point(i, c_n, c_s, start, answer)`` writes the answer of the point ``i``, whose gap
-            in the answer is the trial gap at first.
+        point: ``point(i, c_n, c_s, start, answer)`` computes the response of point ``i``; on entry
+            ``answer.gap[i]`` is the trial gap.
     """
 
     @njit(cache=True, error_model="numpy")
@@ -221,7 +219,7 @@ def closed_form_loop(point: Callable[..., None]) -> Any:
 
 
 def at_gap(point: Callable[..., None]) -> Callable[..., None]:
-    """Return the answer of a point at its gap; ``point`` as in `closed_form_loop`."""
+    """Return the function of a point at a given gap; ``point`` as in `closed_form_loop`."""
 
     @inline
     def alone(i: int, start: Start, answer: Answer) -> None:
@@ -231,13 +229,13 @@ def at_gap(point: Callable[..., None]) -> Callable[..., None]:
 
 
 def solve_points(loop: Any, trial_gap: Floats, compliance: Floats, start: Start) -> Answer:
-    """Tractions of points, each on its own compliance, in closed form.
+    """Return the response of points on a diagonal compliance.
 
-    Compiled for double precision; arrays of any other type are worked on by the interpreter.
+    The loop is compiled for double precision; other array types use the Python interpreter.
 
     Args:
         loop: The compiled loop.
-        trial_gap: Gap at the end if the point carried no traction, shape (n, 3), [m].
+        trial_gap: Gap at the end without traction, shape (n, 3), [m].
         compliance: c, normal and tangential, shape (n or 1, 2), [m/Pa].
         start: State of the points and parameters of their laws.
     """
@@ -248,7 +246,7 @@ def solve_points(loop: Any, trial_gap: Floats, compliance: Floats, start: Start)
 
 
 def response_of(answer: Answer, **history: NDArray[Any]) -> Response:
-    """The answer of a law whose state has a history, ``elastic_slip`` and ``internal``."""
+    """Return an `Answer` as a `Response`; ``history`` are fields of its `JointState`."""
     return Response(
         traction=answer.traction,
         tangent=answer.tangent,
@@ -259,9 +257,9 @@ def response_of(answer: Answer, **history: NDArray[Any]) -> Response:
 
 
 def contact_fraction(before: Floats, after: Floats) -> Floats:
-    """Fraction theta of a step that points spend in contact before its end (8), on a straight path.
+    """Return the fraction theta of a step in which points are in contact (8), on a straight path.
 
-    1 where it was closed at the start, after / (after - before) where it closes within the step.
+    It is 1 if the point is closed at the start, after / (after - before) if it closes in the step.
 
     Args:
         before: Normal gap at the start, shape (n,), [m].

@@ -128,7 +128,8 @@ def _texts(source: str) -> Iterator[tuple[int, str]]:
                 yield start, "\n".join(comment)
             comment, start = [token.string], token.start[0]
         elif token.type in (tokenize.STRING, getattr(tokenize, "FSTRING_MIDDLE", -1)):
-            yield token.start[0], token.string
+            if " " in token.string:  # others are values, not texts
+                yield token.start[0], token.string
     if comment:
         yield start, "\n".join(comment)
 

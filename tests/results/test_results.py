@@ -193,7 +193,7 @@ def test_an_existing_file_is_kept_by_default(tmp_path: Path) -> None:
     path.write_text("precious")
     with pytest.raises(ResultsError, match="exists; pass overwrite=True"):
         ResultsWriter(path, {})
-    with pytest.raises(ResultsError, match="metadata must be what JSON can hold"):
+    with pytest.raises(ResultsError, match="JSON cannot represent the metadata"):
         ResultsWriter(path, {"model": object()}, overwrite=True)
     assert path.read_text() == "precious"
     writer_of(path, overwrite=True).close()
@@ -221,7 +221,7 @@ def test_names_times_and_summaries_are_checked(tmp_path: Path) -> None:
     row = {"u": np.zeros((2, 3)), "count": 0}
     with (
         ResultsWriter(tmp_path / "r.h5", {}) as writer,
-        pytest.raises(ResultsError, match="Names are visible"),
+        pytest.raises(ResultsError, match="Names must be visible"),
     ):
         writer.static("joint 1/../points", [0.0], "m", "points")
     with writer_of(tmp_path / "s.h5") as writer:
@@ -269,7 +269,7 @@ def test_foreign_files_are_errors(tmp_path: Path) -> None:
     writer_of(tmp_path / "newer.h5").close()
     with h5py.File(tmp_path / "newer.h5", "r+") as file:
         file.attrs["version"] = VERSION + 1
-    with pytest.raises(ResultsError, match="has version 2 of the layout.*reads up to 1"):
+    with pytest.raises(ResultsError, match="has version 2 of the layout.*reads up to version 1"):
         Results(tmp_path / "newer.h5")
     for number, version in enumerate((VERSION - 1, "1")):  # h5py writes texts of variable length
         writer_of(tmp_path / f"older{number}.h5").close()

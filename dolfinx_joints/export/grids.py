@@ -152,11 +152,7 @@ def _motion_of_points(results: Statics, joint: str, points: Floats) -> csr_matri
 
 
 def _mean_of_faces(results: Statics, weights: NDArray[Any], numbers: NDArray[Any]) -> csr_matrix:
-    """Return `Grid.motion` as the mean of both sides.
-
-    The weights of the corners have shape (points, corners[, sides]), their node numbers
-    (points, corners, sides).
-    """
+    """Return `Grid.motion` from weights of corners, (points, corners[, sides]), and their nodes."""
     weights = np.broadcast_to(weights.reshape(*weights.shape[:2], -1) / 2.0, numbers.shape)
     rows = np.repeat(np.arange(len(weights)), weights[0].size)
     shape = (len(weights), len(results.static("mesh/nodes")))

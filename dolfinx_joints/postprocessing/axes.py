@@ -113,10 +113,7 @@ def runs(
 
 
 def _names_of(results: Results, reference: Results | None) -> tuple[str, str]:
-    """Return names of a run and its reference.
-
-    They are "with joints" and "linear" if only one run has joints, otherwise the file names.
-    """
+    """Return labels of a run and its reference: file names, unless only one of them has joints."""
     kind = "with joints" if results.joints else "linear"
     if reference is None:
         return kind, ""

@@ -30,10 +30,10 @@ def energy_lines(results: Results) -> dict[str, Floats]:
     lines = {term: results.series("energy", term) for term in terms if term != "absorbed"}
     through = through_boundaries(results)
     if through is not None:
-        incoming, outgoing = through
-        lines["input"] = lines["input"] - incoming
-        lines["viscous"] = lines["viscous"] - outgoing
-        lines = {WAVES: incoming - outgoing, **lines}
+        inflow, outflow = through
+        lines["input"] = lines["input"] - inflow
+        lines["viscous"] = lines["viscous"] - outflow
+        lines = {WAVES: inflow - outflow, **lines}
     return lines
 
 
@@ -46,27 +46,21 @@ def through_boundaries(results: Results) -> tuple[Floats, Floats] | None:
     names = results.streams["energy"]
     if "absorbed" not in names:
         return None
-    outgoing = results.series("energy", "absorbed")
+    outflow = results.series("energy", "absorbed")
     fields = r"loads/((Oblique)?FreeField(_\d+)?|FarField_reservoir)"
     waves = [name for name in names if re.fullmatch(fields, name)]
-    incoming = sum((results.series("energy", name) for name in waves), np.zeros_like(outgoing))
-    return incoming, outgoing
+    inflow = sum((results.series("energy", name) for name in waves), np.zeros_like(outflow))
+    return inflow, outflow
 
 
 def waves_at_end(results: Results) -> tuple[float, float] | None:
-    """Return the energies that waves brought in and out by the end of a run [J].
-
-    Values at the level of rounding errors are set to zero. None if no boundary absorbs waves.
-    """
+    """Return the energies `through_boundaries` at the end [J], rounding errors set to zero."""
     through = through_boundaries(results)
     if through is None or not results.rows("energy"):
         return None
-    incoming, outgoing = (float(energy[-1]) for energy in through)
-    least = _ROUNDING * max(abs(incoming), abs(outgoing))
-    return (
-        (incoming if abs(incoming) > least else 0.0),
-        (outgoing if abs(outgoing) > least else 0.0),
-    )
+    inflow, outflow = (float(energy[-1]) for energy in through)
+    least = _ROUNDING * max(abs(inflow), abs(outflow))
+    return (inflow if abs(inflow) > least else 0.0), (outflow if abs(outflow) > least else 0.0)
 
 
 def joint_losses(results: Results) -> dict[str, tuple[float, float]]:

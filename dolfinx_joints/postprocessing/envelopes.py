@@ -39,10 +39,7 @@ def principal_extremes(stress: ArrayLike) -> Floats:
 
 
 def stress_along(stress: ArrayLike, direction: ArrayLike) -> Floats:
-    """Return the normal stress along unit vectors (n, 3) of stresses (n, 6) [Pa].
-
-    The result is NaN if the vector is NaN.
-    """
+    """Return the normal stress along unit vectors (n, 3) or NaN, of stresses (n, 6) [Pa]."""
     x, y, z = np.asarray(direction, dtype=np.float64).T
     factors = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * y * z, 2 * x * z], axis=1)
     return np.einsum("ij,ij->i", np.asarray(stress, dtype=np.float64), factors)
@@ -59,11 +56,9 @@ def face_directions(nodes: ArrayLike, facets: ArrayLike) -> tuple[Floats, Floats
 
     n is the area-weighted mean normal of the facets around a node, z points upwards. The arch
     direction z x n is horizontal in the surface. The cantilever direction n x (z x n) is the
-    steepest upward direction in the surface.
-
-    Facets within 26 degrees of the horizontal, such as a crest, are ignored. The directions are NaN
-    if no facet remains, or if the facets form an edge at the node. The arch direction points to
-    positive y, or to positive x if it is normal to y.
+    steepest upward direction in the surface. Facets within 26 degrees of the horizontal, such as a
+    crest, are ignored. The directions are NaN if no facet remains, or if the facets form an edge at
+    the node. The arch direction points to positive y, or to positive x if it is normal to y.
 
     Args:
         nodes: Shape (n, 3), [m].

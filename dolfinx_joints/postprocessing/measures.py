@@ -166,10 +166,7 @@ def band_name(band: float | None, *runs: Results) -> str:
 
 
 def _equal_means(time: Floats, means: Floats) -> tuple[float, Floats]:
-    """Return equal steps [s] and the signal's means over them, given its means over all steps.
-
-    The equal step is the shortest step, adjusted to the duration.
-    """
+    """Return an equal step [s], near the shortest, and the means over it, from means over steps."""
     steps = np.diff(time)
     count = round((time[-1] - time[0]) / steps.min())
     dt = float((time[-1] - time[0]) / count)

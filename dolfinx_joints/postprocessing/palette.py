@@ -39,9 +39,7 @@ def colours(*, dark_is_low: bool = False) -> ListedColormap:
 
 
 def signed_colours(limits: tuple[float, float]) -> ListedColormap:
-    """Return colours that are blue below zero, nearly white at zero and red above.
-
-    Values of equal magnitude are equally dark.
+    """Return colours blue below zero, nearly white at zero, red above, as dark at -a as at a.
 
     Args:
         limits: Smallest and largest value, with zero between them.

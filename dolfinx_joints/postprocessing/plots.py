@@ -278,8 +278,8 @@ def energies(results: Results, *, ax: Axes | None = None) -> Axes:
         label, through = term, waves_at_end(results)
         if term == WAVES and through is not None:
             joule, fitting = energy_unit(max(map(abs, through)))
-            incoming, outgoing = (f"{energy / joule:.4g} {fitting}" for energy in through)
-            label = f"waves, {incoming} in less {outgoing} out"
+            inflow, outflow = (f"{energy / joule:.4g} {fitting}" for energy in through)
+            label = f"waves, {inflow} in less {outflow} out"
         if term == "error" and largest > 0.0:
             label = f"error, within {np.abs(values).max() / largest:.1e} of the largest"
         ax.plot(time, values / factor, linestyle=style, color=colour, linewidth=1.2, label=label)

@@ -26,18 +26,13 @@ def check_results(results: Any) -> None:
 
 
 def record_number(results: Results, time: float | None, index: int) -> int:
-    """Return the number, from 0, of the record of ``states`` nearest to a time [s] or at an index.
-
-    The index counts only if the time is None.
-    """
+    """Return the number of the record of ``states`` nearest to a time [s], else at an index."""
     check_results(results)
     if time is not None:
         return results.nearest("states", time)
     rows = results.rows("states")
     if not -rows <= index < rows:
-        raise ValueError(
-            f"index must be from {-rows} to {rows - 1} ({rows} states were recorded), got {index}."
-        )
+        raise ValueError(f"index must be from {-rows} to {rows - 1} ({rows} states), got {index}.")
     return index % rows
 
 

@@ -25,11 +25,7 @@ class Room:
         self._handle = os.open(path, os.O_RDWR)
 
     def reserve(self, path: Path, nbytes: int) -> None:
-        """Reserve space for ``nbytes`` bytes of values and for the data that HDF5 adds.
-
-        Raises:
-            ResultsError: The disk is full.
-        """
+        """Reserve space for ``nbytes`` bytes of values and for the data that HDF5 adds."""
         size = os.fstat(self._handle).st_size
         end = self._file.id.get_filesize() + nbytes + _METADATA_BYTES
         if end <= size:

@@ -168,13 +168,11 @@ def _points(results: Results) -> list[str]:
     for name, actual in zip(names, points, strict=False):
         probe = requested.get(name, {})
         place, sides = probe.get("place", ()), probe.get("sides", ())
-        distance = float(np.linalg.norm(actual[: len(place)] - np.array(place)))
+        dist = float(np.linalg.norm(actual[: len(place)] - np.array(place)))
         rounded = [0.0 if abs(x) < 1e-9 * scale else x for x in actual]
         text = f"{name} at ({' '.join(f'{x:.4g}' for x in rounded)}) m"
         text += f" on {' and '.join(sides)}" if sides else ""
-        texts.append(
-            text + (f" {distance:.3g} m from the place given" if distance > 1e-6 * scale else "")
-        )
+        texts.append(text + (f" {dist:.3g} m from the place given" if dist > 1e-6 * scale else ""))
     return texts
 
 

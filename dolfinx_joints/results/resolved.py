@@ -57,10 +57,7 @@ def of_step(dt: float) -> float:
 
 
 def beyond(band: float | None, resolved: Resolved) -> str:
-    """Return a warning if a band [Hz] ends above a resolved frequency, else an empty text.
-
-    A band of None, raw accelerations, gives an empty text.
-    """
+    """Return a warning if ``band`` [Hz] exceeds a resolved frequency, else (or for None) ""."""
     if band is None:
         return ""
     by_frequency = sorted(zip(resolved, resolved._fields, strict=True))

@@ -243,9 +243,7 @@ class ResultsWriter:
         self._file.swmr_mode = True
 
     def order(self, stream: str, names: Sequence[str]) -> None:
-        """Announce that each record is one array, which is faster for many quantities.
-
-        Call this before the first record.
+        """Announce, before the first record, that each record is one array, which is faster.
 
         Args:
             stream: Name of a stream whose quantities are all floating-point numbers.

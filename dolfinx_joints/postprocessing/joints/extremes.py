@@ -85,9 +85,7 @@ def joint_extremes(
     else:
         rows = slice(results.rows("states"))
         time = results.time("states")[rows]
-        series = _from_points(
-            results, state_points(results, "states", joint, cohesion, rows), joint
-        )
+        series = _derived(results, state_points(results, "states", joint, cohesion, rows), joint)
     forces = (series[name] for name in ("compression", "shear_sum", "bond"))
     series["safety"] = safety_against_sliding(friction, *forces)
     return JointExtremes(time=time, values=series)
@@ -177,7 +175,7 @@ def _series(results: Results, joint: str, rows: slice) -> dict[str, Floats]:
     return {"bond": np.zeros_like(series["compression"]), **series}
 
 
-def _from_points(results: Results, points: JointPoints, joint: str) -> dict[str, Floats]:
+def _derived(results: Results, points: JointPoints, joint: str) -> dict[str, Floats]:
     """Return the series of a joint by name, computed from the states of its points."""
     areas, tied = free_areas(results, joint), tied_points(results, joint)
     places, series = results.static(f"joints/{joint}/points"), {}

@@ -39,9 +39,7 @@ def joint_panels(results: Results, quantity: JointQuantity = "opening") -> Figur
     every = {joint: joint_extremes(results, joint) for joint in results.joints}
     series = next((row for row in drawn_series(every.values()) if row.key == quantity), None)
     if series is None:
-        raise ResultsError(
-            f"{results.path} does not contain the {quantity} of all joints; repeat the run."
-        )
+        raise ResultsError(f"{results.path} lacks the {quantity} of joints; repeat the run.")
     rows = -(-len(results.joints) // _COLUMNS)
     columns = min(_COLUMNS, len(results.joints))
     figure = new_figure(figsize=(1.9 * columns + 0.5, 1.25 * rows + 0.5), layout="compressed")

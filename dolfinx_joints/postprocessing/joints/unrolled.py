@@ -98,10 +98,7 @@ def _parts(triangles: Ints, count: int) -> int:
 
 
 def _conformal(triangles: Ints, flat: Floats, points: Floats) -> Floats:
-    """Return the places of the points in the plane, shape (n, 2).
-
-    Two distant points are fixed at their distance in space.
-    """
+    """Return the places of the points in the plane, (n, 2); two distant points are fixed."""
     from scipy.sparse import bmat, coo_array
     from scipy.sparse.linalg import spsolve
 

@@ -28,11 +28,11 @@ def write_vtk(
     ``NAME.vtkhdf`` contains the body, with cells of the same degree as the displacement, with
     ``displacement [m]`` and ``in GROUP [-]``, 1 in the cells of a group.
 
-    ``NAME_joints.vtkhdf`` contains the joints, one polygon per joint point, with ``displacement
-    [m]`` (mean of both faces), ``gap [m]`` and ``traction [Pa]`` in local axes (n, s1, s2),
-    ``opening [m]``, ``tangential gap [m]``, ``status [-]`` (0 open, 1 sticking, 2 sliding, 3 closed
-    without friction, 4 tied), ``tied [-]``, ``mean pressure [Pa]`` of each joint and all other
-    recorded quantities. Static stages are in ``NAME_stages.vtkhdf`` and
+    ``NAME_joints.vtkhdf`` contains the joints, one polygon per joint point. Its data are
+    ``displacement [m]`` (mean of both faces), ``gap [m]`` and ``traction [Pa]`` in local axes
+    (n, s1, s2), ``opening [m]``, ``tangential gap [m]``, ``mean pressure [Pa]`` of each joint,
+    ``tied [-]``, ``status [-]`` (0 open, 1 sticking, 2 sliding, 3 closed without friction, 4 tied)
+    and all other recorded quantities. Static stages are in ``NAME_stages.vtkhdf`` and
     ``NAME_stages_joints.vtkhdf``, with the number of the stage as time.
 
     Args:

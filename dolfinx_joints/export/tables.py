@@ -74,13 +74,13 @@ def _columns(columns: Iterable[tuple[str, str, Any]]) -> Table:
     return Table(header, [list(row) for row in zip(*values, strict=True)])
 
 
-def _parts(name: str, unit: str, values: Floats) -> list[tuple[str, str, Floats]]:
+def _vector(name: str, unit: str, values: Floats) -> list[tuple[str, str, Floats]]:
     """Return columns x, y, z of vectors, shape (rows, 2 or 3)."""
     axes = COMPONENTS[: values.shape[1]]
     return [(f"{name} {axis}", unit, values[:, i]) for i, axis in enumerate(axes)]
 
 
-def _plain(results: Results, stream: str, without: Sequence[str] = ()) -> Table:
+def _all_series(results: Results, stream: str, without: Sequence[str] = ()) -> Table:
     """Return a table of all series of a stream: numbers, or components of vectors."""
     rows = results.rows(stream)  # fixed here, as a run in progress adds rows
     columns: list[tuple[str, str, Any]] = [("time", "s", results.time(stream)[:rows])]
@@ -88,7 +88,7 @@ def _plain(results: Results, stream: str, without: Sequence[str] = ()) -> Table:
         if name not in without:
             values = results.series(stream, name, slice(rows))
             unit = results.unit(stream, name)
-            columns += [(name, unit, values)] if values.ndim == 1 else _parts(name, unit, values)
+            columns += [(name, unit, values)] if values.ndim == 1 else _vector(name, unit, values)
     return _columns(columns)
 
 
@@ -98,10 +98,10 @@ def _stages(results: Results) -> Table:
     columns: list[tuple[str, str, Any]] = [("load time", "s", [s.load_time for s in stages])]
     for point in results.point_names:
         values = np.array([s.displacement[point] for s in stages])
-        columns += _parts(f"displacement of {point}", "m", values)
+        columns += _vector(f"displacement of {point}", "m", values)
     for group in stages[0].reaction:
         values = np.array([s.reaction[group] for s in stages])
-        columns += _parts(f"reaction of {group}", "N", values)
+        columns += _vector(f"reaction of {group}", "N", values)
     for name in ENVELOPE_NAMES:
         values = np.array([s.stresses[name] for s in stages])
         if not np.isnan(values).all():
@@ -143,7 +143,7 @@ def _histories(results: Results) -> Table:
     """Return the table of the steps: motions point by point, then the other series."""
     streams = results.streams["histories"]
     of_points = [n for n in streams if results.series("histories", n, slice(0)).ndim == 3]
-    others = _plain(results, "histories", of_points)
+    others = _all_series(results, "histories", of_points)
     columns: list[tuple[str, str, Any]] = []
     for name in of_points:
         values = results.series("histories", name, slice(len(others.rows)))
@@ -151,7 +151,7 @@ def _histories(results: Results) -> Table:
         motion = name if results.relative else f"absolute {name}"
         motion = f"raw {motion}" if name == "acceleration" else motion
         for i, point in enumerate(results.point_names):
-            columns += _parts(f"{motion} of {point}", unit, values[:, i])
+            columns += _vector(f"{motion} of {point}", unit, values[:, i])
     motions = _columns(columns)
     header = [others.header[0], *motions.header, *others.header[1:]]
     both = zip(others.rows, motions.rows, strict=True)
@@ -195,7 +195,7 @@ def _over_time(rows: Iterable[Quantity], values: Mapping[str, Any], time: Floats
     for row in rows:
         if row.label and row.key in values:
             one = row.label, row.unit, values[row.key]
-            columns += _parts(*one) if one[2].ndim > 1 else [one]
+            columns += _vector(*one) if one[2].ndim > 1 else [one]
     return _columns(columns)
 
 
@@ -235,7 +235,7 @@ def _stacked(kind: str, parts: Mapping[Any, Table]) -> Table:
 def _envelopes(results: Results) -> Table:
     numbers = results.static("envelopes/nodes")
     columns: list[tuple[str, str, Any]] = [("node", "-", numbers)]
-    columns += _parts("position", "m", results.static("mesh/nodes")[numbers])
+    columns += _vector("position", "m", results.static("mesh/nodes")[numbers])
     for name in ENVELOPE_NAMES:
         columns.append((name, "Pa", results.series("envelopes", name, -1)))
     return _columns(columns)
@@ -249,7 +249,7 @@ def _modes(results: Results) -> Table:
     ]
     for name in ("participation", "effective_mass", "effective_share"):
         where = f"modes/{name}"
-        columns += _parts(name.replace("_", " "), results.unit(where), results.static(where))
+        columns += _vector(name.replace("_", " "), results.unit(where), results.static(where))
     return _columns(columns)
 
 
@@ -259,7 +259,7 @@ TABLES: dict[str, tuple[str, bool, Callable[[Results], Table]]] = {
     "stage_joints": ("statics", True, _stage_joints),
     "histories": ("histories", False, _histories),
     "peaks": ("histories", False, _peaks),
-    "energy": ("energy", False, partial(_plain, stream="energy")),
+    "energy": ("energy", False, partial(_all_series, stream="energy")),
     "joints": ("states", True, _joints),
     "joint_extremes": ("states", True, _joint_extremes),
     "resultants": ("states", True, _resultants),

@@ -4,8 +4,8 @@
 
 HDF5 changes a file at many places in turn, so a kill in between leaves an unreadable file. Here
 new bytes are written behind the end of the file, where no reference points yet. The changes of
-existing bytes, a few kilobytes, are buffered in memory and saved in ``NAME.redo`` before they are
-written, so that `repair` can repeat them after a kill.
+existing bytes, a few kilobytes, are buffered in memory. They are saved in ``NAME.redo`` before they
+are written, so that `repair` can repeat them after a kill.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ STAGE_STRESSES = {
 }
 
 _STEEP = 0.9  # limit of |n_z|: facets within 26 degrees of the horizontal have no arch direction
-_SMOOTH = 0.8  # least share of the main normal: facets at more than about 53 degrees form an edge
+_SMOOTH = 0.8  # least share of the largest eigenvalue: facets at over 53 degrees form an edge
 
 
 def principal_extremes(stress: ArrayLike) -> Floats:

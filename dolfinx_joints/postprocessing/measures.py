@@ -225,8 +225,8 @@ def fourier_peaks(
 ) -> FourierPeaks:
     """Return the highest peak of the Fourier amplitude of a point's displacement.
 
-    The amplitude is that of `plots.fourier`. A peak exceeds both its neighbours; therefore the mean
-    value, to which a residual displacement contributes, is not a peak. ``below`` requests a second
+    The amplitude is that of `plots.fourier`. A peak exceeds both its neighbours. The mean value, to
+    which a residual displacement contributes, is therefore not a peak. ``below`` requests a second
     peak, below this frequency.
     """
     dt, values = equally_spaced(*displacement_history(results, point, component, relative_to))
@@ -266,9 +266,9 @@ def joint_measures(results: Results, *, tail: NotNegative = 1.0) -> dict[str, di
     By joint, over the records of ``states``, with opening and slip as in :func:`joint_history`:
 
     - ``opening_static`` [m]: the largest opening in the static state;
-    - ``opening_residual`` and ``slip_residual`` [m]: the change since the static state, averaged at
-      each point over the last ``tail`` seconds, the slip as a vector; the largest of all points.
-      The average filters out remaining vibrations;
+    - ``opening_residual`` and ``slip_residual`` [m]: the largest residual change since the static
+      state. It is averaged at each point over the last ``tail`` seconds, the slip as a vector, to
+      filter out remaining vibrations;
     - ``share_open``, ``share_sliding`` and ``share_frictionless`` (closed without friction): the
       share of the joint area with this ``status``, averaged over the records. In a file without
       ``status``, points without traction are open and the other two shares are NaN;

@@ -55,10 +55,10 @@ class StageEnergy:
         loads: Work of each load.
         supports: Work of supports and prescribed displacements.
         plastic: Plastic work of the bulk.
-        joints: Energies of each joint by name. ``elastic``; ``friction``: work against friction;
-            ``numerical``: loss because the path is straight within a load increment, negative for
-            a gain; ``bonds``: loss at broken bonds; ``released``: energy released by jumps and
-            close to them, a part of ``friction`` and ``numerical``.
+        joints: Energies of each joint by name: ``elastic``; ``friction``, work against friction;
+            ``numerical``, loss because paths are straight within load increments, negative for a
+            gain; ``bonds``, loss at broken bonds; ``released`` in load increments, including
+            jumps, a part of ``friction`` and ``numerical``.
         water_released: Energy released in increments in which water entered or left joint points.
         error: Sum of all terms, zero except for rounding errors and the tolerance of the solver.
         scale: Largest of stored energy, input and losses so far.

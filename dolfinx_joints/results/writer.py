@@ -338,7 +338,7 @@ def check_storable(name: str, value: Any) -> None:
 
 def _encode_json(values: Mapping[str, Any], name: str) -> NDArray[np.uint8]:
     try:
-        text = json.dumps(dict(values), default=_plain, ensure_ascii=False)
+        text = json.dumps(dict(values), default=_json_value, ensure_ascii=False)
     except (TypeError, ValueError, RecursionError) as error:
         reason = shown(error, str)
         raise ResultsError(f"JSON cannot represent the {name}: {reason}.") from error
@@ -346,7 +346,7 @@ def _encode_json(values: Mapping[str, Any], name: str) -> NDArray[np.uint8]:
     return np.frombuffer(text.encode(errors="replace"), dtype=np.uint8)
 
 
-def _plain(value: Any) -> Any:
+def _json_value(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Path):

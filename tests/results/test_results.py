@@ -206,7 +206,7 @@ def test_an_existing_file_is_kept_by_default(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"u": np.zeros((2, 3))}, "holds u, count, got u"),
+        ({"u": np.zeros((2, 3))}, "must contain u, count, got u"),
         ({"u": np.zeros((3, 2)), "count": 1}, r"declared with shape \(2, 3\), got \(3, 2\)"),
     ],
 )

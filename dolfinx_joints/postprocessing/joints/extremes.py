@@ -41,11 +41,11 @@ ALIKE = 1.0 - 1e-9
 class JointExtremes:
     """Extremes over the points of a joint, its mean pressure and its safety, over time.
 
-    All ``values`` are also attributes. Of shape (records,) are the largest ``opening`` and ``slip``
-    (tangential displacement of the two sides since the first record) [m], the largest ``pressure``
-    and the ``mean_pressure`` over the area, effective in joints with water [Pa], and ``safety``
-    (`safety_against_sliding`). ``opening_at`` and ``slip_at`` are the places of the largest values,
-    shape (records, 3), [m], NaN if all values are zero.
+    All ``values`` are also attributes. ``opening`` and ``slip`` are the largest values of all
+    points [m]; the slip is the tangential displacement of the two sides since the first record.
+    ``opening_at`` and ``slip_at`` are their places, shape (records, 3), [m], NaN if all values are
+    zero. ``pressure`` is the largest and ``mean_pressure`` the mean pressure [Pa], effective in
+    joints with water. ``safety`` is that of `safety_against_sliding`. Shapes are (records,).
 
     Attributes:
         time: Times, shape (records,), [s].

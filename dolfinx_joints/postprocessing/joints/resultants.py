@@ -186,7 +186,7 @@ class JointResultants(_Resultants):
 
 @dataclass(frozen=True, kw_only=True)
 class BlockResultants(_Resultants):
-    """Forces of the joints on each block; a block is a set of cells connected across no joint.
+    """Forces of the joints on each block, a set of cells connected without crossing a joint.
 
     Attributes:
         time: Times, shape (records,), [s].
@@ -285,9 +285,9 @@ def resultant_measures(results: Results) -> dict[str, dict[str, float]]:
     """Return extremes of the forces of each joint, by joint.
 
     ``safety_min`` is the smallest sliding safety of `joint_extremes`, and ``safety_time`` its time
-    [s]; both are NaN without a friction angle. Extremes over the records of `joint_resultants` are
-    ``normal_force_max`` and ``normal_force_min`` along the mean normal, ``shear_force_max`` [N] and
-    ``contact_min``, the smallest share of the area under pressure. ``flatness`` is constant.
+    [s]; both are NaN without a friction angle. ``normal_force_max``, ``normal_force_min`` (along
+    the mean normal), ``shear_force_max`` [N] and ``contact_min`` (share of the area under pressure)
+    are extremes over the records of `joint_resultants`. ``flatness`` is constant.
     """
     check_results(results)
     return {joint: _measures_of(results, joint) for joint in results.joints}

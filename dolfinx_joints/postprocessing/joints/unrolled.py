@@ -41,14 +41,14 @@ def unrolled(corners: Floats, normals: Floats) -> Unrolled | None:
     """
     points, number = _vertices(corners)
     triangles, flat = _triangles(corners, number, normals)
-    if _parts(triangles, len(points)) > 1:
+    if _count_parts(triangles, len(points)) > 1:
         return None
     laid = _conformal(triangles, flat, points)
     areas, laid_areas = _doubled_areas(flat), _doubled_areas(laid[triangles])
     if np.any(areas * laid_areas <= 0.0):
         return None
     laid *= np.sqrt(np.abs(areas).sum() / np.abs(laid_areas).sum())
-    placed, upright = _placed(laid, points)
+    placed, upright = _oriented(laid, points)
     return Unrolled(placed[number], upright)
 
 
@@ -88,7 +88,7 @@ def _triangles(corners: Floats, number: Ints, normals: Floats) -> tuple[Ints, Fl
     return vertices, flat
 
 
-def _parts(triangles: Ints, count: int) -> int:
+def _count_parts(triangles: Ints, count: int) -> int:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -123,12 +123,12 @@ def _conformal(triangles: Ints, flat: Floats, points: Floats) -> Floats:
     return places.reshape(2, count).T
 
 
-def _placed(laid: Floats, points: Floats) -> tuple[Floats, bool]:
-    """Rotate or mirror the plane points, shift them to (0, 0), and return ``upright`` as well.
+def _oriented(laid: Floats, points: Floats) -> tuple[Floats, bool]:
+    """Return the points rotated or mirrored in the plane, from (0, 0) on, and ``upright``.
 
-    The ordinate points upwards if the elevation is more nearly linear in the plane than the stream
-    coordinate; the abscissa then points downstream. Otherwise the ordinate points upstream, the
-    abscissa to the left bank.
+    The ordinate points upwards if a linear function in the plane fits the elevation better than the
+    stream coordinate; the abscissa then points downstream. Otherwise the ordinate points upstream,
+    the abscissa to the left bank.
     """
     centred, places = laid - laid.mean(axis=0), points - points.mean(axis=0)
     slope, *_ = np.linalg.lstsq(centred, places, rcond=None)  # (2, 3), by x, y, z

@@ -28,8 +28,7 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
     - ``stage_joints.csv``: one row per static stage and joint: `measures.StageJoint`, and energies
       of `measures.StageEnergy`;
     - ``histories.csv``: one row per step: displacements and raw accelerations of the points
-      (relative to the ground unless called "absolute"), ground motion, shares of joint points,
-      reactions;
+      (relative to the ground unless called "absolute"), ground motion, joint shares, reactions;
     - ``peaks.csv``: largest displacement and acceleration of each point, largest opening and slip
       and smallest safety of each joint, with times and places;
     - ``energy.csv``: one row per step: the terms of the energy ledger;

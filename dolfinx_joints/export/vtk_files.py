@@ -108,7 +108,7 @@ class DamagedFileError(ResultsError):
 
 
 def vtk_path(path: str | PathLike[str]) -> Path:
-    """Return the path ``NAME.vtkhdf``, given it or ``NAME``; NAME may contain dots.
+    """Return ``NAME.vtkhdf`` for the path ``NAME.vtkhdf`` or ``NAME``, which may contain dots.
 
     Raises:
         ResultsError: The path is a folder.
@@ -125,11 +125,9 @@ def check_free(paths: Iterable[Path], *, overwrite: bool) -> None:
     Raises:
         ResultsError: A file exists.
     """
-    existing = [str(path) for path in paths if path.exists()]
-    if existing and not overwrite:
-        raise ResultsError(
-            f"{listing(existing)}: file exists; --force (overwrite=True) replaces it."
-        )
+    files = [str(path) for path in paths if path.exists()]
+    if files and not overwrite:
+        raise ResultsError(f"{listing(files)}: file exists; --force (overwrite=True) replaces it.")
 
 
 def _has_grid(root: h5py.Group, grid: Grid) -> bool:

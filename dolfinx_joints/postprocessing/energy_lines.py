@@ -22,8 +22,7 @@ def energy_lines(results: Results) -> dict[str, Floats]:
 
     With viscous boundaries or waves in a reservoir, the term ``waves`` is the energy that has come
     in through them minus the energy that has gone out (`through_boundaries`). ``input`` and
-    ``viscous`` then exclude these parts, which may be a thousand times larger than the energies in
-    the body.
+    ``viscous`` then exclude these parts, which may be a thousand times larger than all others.
     """
     check_results(results)
     terms = [row.name for row in rows_below("energy") if row.name in results.streams["energy"]]
@@ -54,7 +53,7 @@ def through_boundaries(results: Results) -> tuple[Floats, Floats] | None:
 
 
 def waves_at_end(results: Results) -> tuple[float, float] | None:
-    """Return the energies `through_boundaries` at the end [J], rounding errors set to zero."""
+    """Return both energies of `through_boundaries` at the end [J], rounding errors set to zero."""
     through = through_boundaries(results)
     if through is None or not results.rows("energy"):
         return None

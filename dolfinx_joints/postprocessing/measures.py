@@ -5,8 +5,8 @@
 Displacements start from the static state, the first record of a file. They are relative to the
 ground or, if the ground moves within the model, absolute (``results.relative``). ``relative_to``
 subtracts the displacement of a monitor point or of the ``"ground"`` (`frames`). Points are given by
-name or number. Components are x (stream), y (cross-valley) and z (up). :class:`ResultsError` names
-missing data.
+name or number. Components are x (stream), y (cross-valley) and z (up). Missing data raise a
+:class:`ResultsError`.
 """
 
 from __future__ import annotations
@@ -225,9 +225,8 @@ def fourier_peaks(
 ) -> FourierPeaks:
     """Return the highest peak of the Fourier amplitude of a point's displacement.
 
-    The amplitude is that of `plots.fourier`. A peak exceeds both its neighbours. The mean value, to
-    which a residual displacement contributes, is therefore not a peak. ``below`` requests a second
-    peak, below this frequency.
+    The amplitude is that of `plots.fourier`. A peak exceeds both its neighbours, so the mean value
+    (with any residual displacement) is not a peak. A second peak is sought ``below`` a frequency.
     """
     dt, values = equally_spaced(*displacement_history(results, point, component, relative_to))
     frequency, amplitude = fourier_amplitude(values, dt)
@@ -240,8 +239,7 @@ def joint_history(results: Results, joint: str) -> tuple[Floats, Floats, Floats]
     """Return opening and slip of the points of a joint at the stored states.
 
     The opening is the positive part of the normal gap. The slip is the relative tangential
-    displacement of the two sides since the static state, including the elastic part, in contact or
-    open. See also `joint_extremes`.
+    displacement of the sides since the static state, including the elastic part, closed or open.
 
     Returns:
         Times of the stream ``states``, shape (records,), [s]; opening and slip, both of shape

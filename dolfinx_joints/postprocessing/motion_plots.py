@@ -90,8 +90,7 @@ def response_spectra(
 ) -> Axes:
     """Draw the pseudo-acceleration response spectra [g] of a ground motion.
 
-    Periods are 0.03 to 3 s unless given. ``target`` is a pair of periods [s] and
-    pseudo-accelerations [m/s^2].
+    Default periods are 0.03 to 3 s; ``target`` is periods [s] and pseudo-accelerations [m/s^2].
     """
     columns = component_numbers(components)
     natural = np.geomspace(0.03, 3.0, 120) if periods is None else np.asarray(periods)

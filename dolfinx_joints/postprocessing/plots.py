@@ -11,8 +11,8 @@ is not used.
 - ``labels``: names of both runs; by default "with joints" and "linear" if only one run has joints,
   otherwise the file names;
 - ``time`` [s]: the nearest recorded state is drawn; without it the state number ``index``;
-- ``relative_to``: monitor point or ``"ground"`` (`frames`) whose displacement is subtracted. Titles
-  name the reference of the displacements.
+- ``relative_to``: monitor point or ``"ground"`` (`frames`) whose displacement is subtracted, as the
+  titles state.
 
 Tractions keep the sign of the files: compression is negative.
 """
@@ -189,9 +189,8 @@ def response_spectra(
 
     The spectrum of the point is that of its absolute acceleration. The ground of a free field is
     the free surface without the body. Periods are 0.03 to 3 s unless given. All motions are
-    low-passed in the same ``band`` [Hz], at most `measures.common_band`, which the title names;
-    None for raw accelerations. Periods that the runs do not resolve
-    (`measures.resolved_frequencies`) are shaded.
+    low-passed in the same ``band`` [Hz], at most `measures.common_band`; None for raw ones. Periods
+    that the runs do not resolve (`measures.resolved_frequencies`) are shaded.
     """
     natural = np.geomspace(0.03, 3.0, 120) if periods is None else np.asarray(periods)
     ax = ax or new_axes(height=3.6)
@@ -242,10 +241,9 @@ def joint_traction(
 ) -> Axes:
     """Draw a map of the traction on a joint, one patch per joint point.
 
-    Open points are black, tied points hatched. A joint is drawn in its mean plane, with the
-    horizontal distance (growing downstream) and the elevation as axes. A curved joint is unrolled.
-    The ratio is -|t_s|/|t_n|; at sliding points it is -tan(friction angle). `joint_maps` draws all
-    joints.
+    Open points are black, tied points hatched. Axes are the horizontal distance (growing
+    downstream) and the elevation in the joint's mean plane; a curved joint is unrolled. The ratio
+    is -|t_s|/|t_n|, at sliding points -tan(friction angle). `joint_maps` draws all joints.
     """
     results, number, moment = chosen_state(results, time, index, stage)
     surface = JointSurface(results, joint)

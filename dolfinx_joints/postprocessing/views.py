@@ -7,9 +7,9 @@ projection and needs no screen. The viewpoint is given by its elevation above th
 azimuth from downstream (x) towards y (left bank); several azimuths give several pictures. Arrows in
 a corner show the coordinate axes at the scale of the picture.
 
-The recorded state nearest to ``time`` [s] is drawn; without a time, the state number ``index`` or
-the static ``stage`` with a name or number. Tractions and stresses are positive in tension (red) and
-negative in compression (blue).
+The state nearest to ``time`` [s] is drawn; without a time, the state number ``index`` or the static
+``stage`` of this name or number. Tractions and stresses are positive in tension (red), negative in
+compression (blue).
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def mesh(
     """Draw the finite-element mesh with outlines and names of the joints.
 
     The common beginning of the joint names is omitted. Cell ``groups`` such as ``["dam"]`` are
-    drawn opaque and fill the picture; the other cells are translucent.
+    opaque and fill the picture; others are translucent.
     """
     body = Body(results, groups)
     nodes = body.nodes
@@ -139,8 +139,7 @@ def deformed(
     mean of the lowest nodes is subtracted. ``relative_to`` subtracts the displacement of a monitor
     point or of the ``"ground"`` instead (`frames`). The colour bar names the reference.
 
-    Cell ``groups`` such as ``["dam"]`` are drawn opaque and fill the picture; the other cells, such
-    as rock, are translucent.
+    Cell ``groups`` such as ``["dam"]`` are opaque and fill the picture; others are translucent.
     """
     results, number, moment = chosen_state(results, time, index, stage)
     cameras = [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]

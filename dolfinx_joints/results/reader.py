@@ -190,10 +190,9 @@ class Results(Summarised):
 
     @checked
     def stage_index(self, stage: int | str) -> int:
-        """Return the record number, in the stream ``statics``, of a static stage.
+        """Return the record in the stream ``statics`` of a stage given by its name or number.
 
-        The stage is given by its name or number; negative numbers count from the end. If several
-        stages have the same name, the last is returned.
+        Negative numbers count from the end. Of several stages of one name the last is returned.
         """
         names = self.stage_names
         if isinstance(stage, str) and stage in names:
@@ -258,8 +257,7 @@ class Results(Summarised):
         Args:
             stream: Name of the stream.
             name: Name of the quantity.
-            index: Number of a record (negative from the end) or a slice of records. Only these
-                records are read.
+            index: Number of a record (negative from the end) or a slice; only these are read.
 
         Returns:
             Shape (rows, ...), or the shape of one record if ``index`` is a number.
@@ -272,7 +270,7 @@ class Results(Summarised):
         else:
             start, stop, step = index.indices(rows)
             if step < 1:
-                raise ResultsError(f"A slice of records must go forward, got step {step}.")
+                raise ResultsError(f"A slice of records must have a positive step, got {step}.")
             index = slice(start, max(start, stop), step)
         with self._reading():
             return np.asarray(dataset[index])
@@ -354,8 +352,7 @@ def _check(file: h5py.File, path: Path) -> None:
     check_version(version, VERSION)
     if version > VERSION:
         raise ResultsError(
-            f"{path} has version {version} of the layout, this program reads up to version "
-            f"{VERSION}."
+            f"{path} has version {version} of the layout, this program reads up to {VERSION}."
         )
     if not all(key in file for key in ("metadata", "status", "summary", "static", "streams")):
         raise ResultsError(f"{path} was left incomplete before its run started.")
@@ -370,5 +367,5 @@ def _decode_json(dataset: h5py.Dataset) -> dict[str, Any]:
     text = bytes(dataset[:]).rstrip(b"\0").decode()
     decoded = json.loads(text) if text else {}
     if not isinstance(decoded, dict):
-        raise ValueError(f"{dataset.name!r} is no JSON object")
+        raise ValueError(f"{dataset.name!r} is not a JSON object")
     return decoded

@@ -57,7 +57,7 @@ def of_step(dt: float) -> float:
 
 
 def beyond(band: float | None, resolved: Resolved) -> str:
-    """Return a warning if ``band`` [Hz] exceeds a resolved frequency, else (or for None) ""."""
+    """Return a warning if ``band`` [Hz] exceeds a resolved frequency; empty if not, or if None."""
     if band is None:
         return ""
     by_frequency = sorted(zip(resolved, resolved._fields, strict=True))

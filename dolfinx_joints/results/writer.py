@@ -195,7 +195,7 @@ class ResultsWriter:
     def static_rows(
         self, name: str, rows: Sequence[NDArray[Any] | Dealt], unit: str, description: str
     ) -> None:
-        """Write an array once that is given as a sequence of rows, at least one."""
+        """Write an array once, given as a sequence of at least one row."""
         shape = (len(rows), *rows[0].shape)
         dataset = self._new_dataset(name, shape, rows[0].dtype, unit, description)
         for number, row in enumerate(rows):
@@ -321,9 +321,7 @@ class ResultsWriter:
 
     def _check_declaration(self, name: str) -> None:
         if not all(map(is_plain_name, name.split("/"))):
-            raise ResultsError(
-                f"Names must be {PLAIN_NAMES}, with '/' between parts, got {name!r}."
-            )
+            raise ResultsError(f"Names must be {PLAIN_NAMES}, '/' between parts, got {name!r}.")
 
 
 def _record_counts(rows: Mapping[str, int]) -> str:

@@ -55,9 +55,9 @@ def joint_maps(
     Vertical plane joints are side by side at the same scale, upstream to the left, and share the
     elevation axis. Other joints are below, curved ones unrolled.
 
-    The recorded state nearest to ``time`` [s] is drawn; without a time, the state number ``index``
-    or the static ``stage`` with a name or number. In maps of tractions open points are black. The
-    slip is the tangential gap. Tied points, at the end of a joint inside a body, are hatched.
+    The state nearest to ``time`` [s] is drawn; without a time, the state number ``index`` or the
+    static ``stage`` of this name or number. In maps of tractions open points are black. The slip is
+    the tangential gap. Tied points, at the end of a joint inside a body, are hatched.
     """
     results, number, moment = chosen_state(results, time, index, stage)
     names = results.joints if joints is None else list(joints)

@@ -228,7 +228,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("sliding_safety", "-", "safety against sliding"),
         Q("contact", "-", "area under pressure", "%"),
         Q("pressure_max", "Pa", "largest pressure", "MPa"),
-        Q("water_force", "N", "force of water in it", "MN"),
+        Q("water_force", "N", "force of the joint's water", "MN"),
     ),
     # From `joint_measures`, not in files; the last lines of this module add rows from "joints".
     "measures": (

@@ -202,7 +202,7 @@ def _means(values: Floats, areas: Floats, facet_of_point: Ints) -> Floats:
 
 
 class _Bilinear:
-    """Map x = a + u b + v c + u v d of the unit square (or triangle, d = 0) onto each facet.
+    """Bilinear maps x = a + u b + v c + u v d of the unit square (or triangle, d = 0) onto facets.
 
     Args:
         corners: Corners of the facets in cyclic order, shape (facets, 3 or 4, any).

@@ -11,8 +11,7 @@ is not used.
 - ``labels``: names of both runs; by default "with joints" and "linear" if only one run has joints,
   otherwise the file names;
 - ``time`` [s]: the nearest recorded state is drawn; without it the state number ``index``;
-- ``relative_to``: monitor point or ``"ground"`` (`frames`) whose displacement is subtracted, as the
-  titles state.
+- ``relative_to``: monitor point or ``"ground"`` (`frames`) whose displacement is subtracted.
 
 Tractions keep the sign of the files: compression is negative.
 """

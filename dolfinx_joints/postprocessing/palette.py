@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 BLUE, ORANGE, GREEN, RED, GREY = "#08519c", "#e69f00", "#238b45", "#b2182b", "#8c8c8c"
 
-# Reference run, run, further runs; they also differ in lightness for print and colour-blind readers.
+# Reference run, run, further runs; lightness differs too, for print and colour-blind readers.
 RUNS = (ORANGE, BLUE, GREEN, RED, "#7b3294", "#56b4e9", "#8c6d00", "#444444")
 
 CONCRETE, OPEN, TIED = "#d9d5cc", "black", "#bdb8ac"

@@ -50,7 +50,7 @@ def test_a_warning_is_one_line_unless_it_is_to_be_quiet(tmp_path, capsys):
     path, out = write_run(tmp_path / "run.h5", seconds=0.1), str(tmp_path / "tables")
     assert cli.main(["csv", str(path), "--out", out]) == 0
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"dolfinx-joints: {path}: accelerations are given up to 25 Hz, but ")
+    assert line.startswith(f"dolfinx-joints: {path}: accelerations are shown up to 25 Hz, but ")
     assert cli.main(["--quiet", "csv", str(path), "--out", out, "--force"]) == 0
     assert capsys.readouterr().err == ""
 

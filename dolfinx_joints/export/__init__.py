@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Results in the forms of other programs: CSV, pandas, xarray, PyVista, ParaView.
+"""Export of results to CSV, pandas, xarray, PyVista and ParaView.
 
-It reads results files and knows no DOLFINx; monitors write ParaView's files through it as well.
-pandas, xarray and PyVista are imported when they are asked for.
+This package reads results files and does not need DOLFINx. Monitors use it to write ParaView files.
+pandas, xarray and PyVista are imported on first use.
 """
 
 import lazy_loader

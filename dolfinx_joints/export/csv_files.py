@@ -1,8 +1,8 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Tables as CSV files, units in the headers.
+"""Export of tables to CSV files, with units in the headers.
 
-Numbers are written with all their digits: read back, they are the same.
+Numbers are written with all digits, so reading them gives the same values.
 """
 
 from __future__ import annotations
@@ -21,41 +21,40 @@ from dolfinx_joints.results.reader import Results
 
 @checked
 def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) -> list[Path]:
-    """Write what a results file holds as CSV files.
+    """Write the tables of a results file as CSV files.
 
-    - ``stages.csv``: a row per static stage, displacements of the points from the unloaded body,
-      reactions, extremes of the stresses where they were recorded, energies and jumps;
-    - ``stage_joints.csv``: a row per static stage and joint, `measures.StageJoint`, and energies
+    - ``stages.csv``: one row per static stage: displacements of the points relative to the
+      unloaded body, reactions, recorded extreme stresses, energies and jumps;
+    - ``stage_joints.csv``: one row per static stage and joint: `measures.StageJoint`, and energies
       of `measures.StageEnergy`;
-    - ``histories.csv``: every step, displacements and raw accelerations of the points, relative to
-      the ground unless they are called absolute, the ground's motion, shares of joint points,
-      reactions;
-    - ``peaks.csv``: the largest displacement and acceleration of each point, opening and slip of
-      each joint, the smallest safety, with times and places;
-    - ``energy.csv``: every step, the lines of the ledger;
-    - ``joints.csv``: one row per joint, `measures.joint_measures` and
+    - ``histories.csv``: one row per step: displacements and raw accelerations of the points
+      (relative to the ground unless called "absolute"), ground motion, joint shares, reactions;
+    - ``peaks.csv``: largest displacement and acceleration of each point, largest opening and slip
+      and smallest safety of each joint, with times and places;
+    - ``energy.csv``: one row per step: the terms of the energy ledger;
+    - ``joints.csv``: one row per joint: `measures.joint_measures` and
       `resultants.resultant_measures`;
-    - ``joint_extremes.csv``: a row per joint and record of `measures.joint_extremes`: every step;
-    - ``resultants.csv``: a row per joint and record of `resultants.joint_resultants`;
-    - ``blocks.csv``: a row per block and record, where the run recorded them;
-    - ``envelopes.csv``: a row per vertex, where the run recorded them;
-    - ``modes.csv``: a row per mode, of a file of modes.
+    - ``joint_extremes.csv``: one row per joint and step: `measures.joint_extremes`;
+    - ``resultants.csv``: one row per joint and record: `resultants.joint_resultants`;
+    - ``blocks.csv``: one row per block and record, if recorded;
+    - ``envelopes.csv``: one row per vertex, if recorded;
+    - ``modes.csv``: one row per mode, for a file of modes.
 
-    The normal force of a joint is positive where it presses, other forces are global components
-    on its + side. Where the flatness of a joint is below 0.95 its mean normal, and with it its
-    normal and its shear force, say little.
+    The normal force of a joint is positive in compression. Other forces are global components on
+    its + side. If the flatness of a joint is below 0.95, its normal and shear force are not
+    meaningful, as the joint has no distinct normal.
 
     Args:
         results: The run.
-        folder: Where to; made if it is missing.
-        overwrite: Replace files of these names.
+        folder: Folder of the files; created if it is missing.
+        overwrite: True to replace existing files.
 
     Returns:
-        The files written.
+        Paths of the files.
     """
     folder, tables = Path(folder), tables_of(results)
     if not tables:
-        raise ResultsError(f"{results.path} holds no records, so there are no tables to write.")
+        raise ResultsError(f"{results.path} has no records, so there are no tables to write.")
     paths = {name: folder / f"{name}.csv" for name in tables}
     check_free(paths.values(), overwrite=overwrite)
     try:
@@ -68,7 +67,7 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
 
 
 def _write(table: Table, path: Path) -> None:
-    """Write a table whole or not at all."""
+    """Write a table; if this fails, no incomplete file remains."""
     with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerows(map(cell, row) for row in (table.header, *table.rows))

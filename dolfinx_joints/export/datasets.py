@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Results files as datasets of xarray, with coordinates and units."""
+"""Export of results files to xarray datasets, with coordinates and units."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ _AXES = ("n", "s1", "s2")  # local axes of a joint
 
 @checked
 def to_xarray(results: Results, stream: StreamName = "histories") -> Dataset:
-    """A stream of a results file.
+    """Return a stream of a results file as a dataset.
 
     Variables are the series of the file with the attributes ``units`` and ``long_name``.
 
     - ``histories``: dimensions ``time``, ``point`` (names; coordinates ``x``, ``y``, ``z``) and
-      ``component`` (x, y, z; of plane forces the last is NaN);
-    - ``energy``, ``joints``: ``time``, and ``component`` where a series has it;
-    - ``states``: ``displacement`` over ``time``, ``node``, ``component``; of all joints together
-      ``gap``, ``traction``, ``status`` over ``time``, ``joint_point`` (coordinates ``joint``,
-      ``area``, ``tied``, true where both sides share their nodes, and the place ``joint_x``,
-      ``joint_y``, ``joint_z``) and ``axis`` (n, s1, s2).
+      ``component`` (x, y, z; forces in a plane model have NaN in z);
+    - ``energy``, ``joints``: ``time``, and ``component`` for vectors;
+    - ``states``: ``displacement`` over ``time``, ``node``, ``component``. The points of all joints
+      are in one dimension: ``gap``, ``traction``, ``status`` over ``time``, ``joint_point`` and
+      ``axis`` (n, s1, s2). Coordinates of ``joint_point`` are ``joint``, ``area``, ``tied`` (True
+      if both sides share their nodes), ``joint_x``, ``joint_y`` and ``joint_z``.
 
     Args:
         results: The run.
         stream: Name of the stream.
 
     Raises:
-        ResultsError: The file has no such stream.
+        ResultsError: The file does not contain the stream.
         ImportError: xarray is missing.
     """
     xarray = imported("xarray")
     check_results(results)
     if stream not in results.streams:
-        known = listing(results.streams)
-        raise ResultsError(f"{results.path} has no stream {stream!r}; it has {known}.")
+        available = listing(results.streams)
+        raise ResultsError(f"{results.path} has no stream {stream!r}; it has {available}.")
     rows = results.rows(stream)
     builder = _Builder(results, stream, rows)
     names = results.streams[stream]
@@ -62,7 +62,7 @@ def to_xarray(results: Results, stream: StreamName = "histories") -> Dataset:
 
 
 class _Builder:
-    """Variables and coordinates of a stream as xarray takes them."""
+    """Variables and coordinates of a stream, in the form of xarray's arguments."""
 
     def __init__(self, results: Results, stream: str, rows: int) -> None:
         self._results, self._stream, self._rows = results, stream, rows
@@ -71,7 +71,7 @@ class _Builder:
         self.coordinates: dict[str, Any] = {"time": ("time", times, {"units": "s"})}
 
     def add(self, name: str) -> None:
-        """Add a series by the shape of its records."""
+        """Add a series; the shape of its records determines its dimensions."""
         values = self._results.series(self._stream, name, slice(self._rows))
         if values.ndim == 3:
             many, places = "node", "mesh/nodes"
@@ -86,16 +86,16 @@ class _Builder:
             self.coordinates["component"] = list(COMPONENTS)
             missing = len(COMPONENTS) - values.shape[-1]  # a plane force has no z
             if missing:
-                unknown = np.full((*values.shape[:-1], missing), np.nan)
-                values = np.concatenate([values, unknown], axis=-1)
+                padding = np.full((*values.shape[:-1], missing), np.nan)
+                values = np.concatenate([values, padding], axis=-1)
         self.variables[name] = (dims, values, self._attributes(name))
 
     def add_joint_points(self, names: set[str]) -> None:
-        """Add series of joint points, of all joints one after the other; NaN where one has none."""
+        """Add series of the points of all joints in turn, NaN for joints without the series."""
         results, joints = self._results, self._results.joints
         static = {
-            what: [results.static(f"joints/{joint}/{what}") for joint in joints]
-            for what in ("points", "areas")
+            name: [results.static(f"joints/{joint}/{name}") for joint in joints]
+            for name in ("points", "areas")
         }
         counts = [len(points) for points in static["points"]]
         self.coordinates["joint"] = ("joint_point", np.repeat(joints, counts))

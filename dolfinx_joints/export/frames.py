@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Results files as data frames of pandas."""
+"""Export of results files to pandas data frames."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ else:
 
 @checked
 def to_pandas(results: Results, table: TableName = "histories") -> DataFrame:
-    """A table of a results file, those of `csv_files.write_csv`.
+    """Return a table of a results file, one of those that `csv_files.write_csv` writes.
 
-    Columns are named with their units, ``displacement of crest x [m]``; a table of one row per time
-    is indexed by it. ``frame.attrs`` holds the ``file``.
+    Column names include the unit: ``displacement of crest x [m]``. A table with one row per time is
+    indexed by the time. ``frame.attrs["file"]`` is the path of the results file.
 
     Args:
         results: The run.
         table: Name of the table.
 
     Raises:
-        ResultsError: The file holds nothing for that table.
+        ResultsError: The file has no data for the table.
         ImportError: pandas is missing.
     """
     pandas = imported("pandas")
-    found = tables_of(results, table)[table]
-    frame = pandas.DataFrame(found.rows, columns=found.header)
-    if found.header[0] == "time [s]":
+    columns = tables_of(results, table)[table]
+    frame = pandas.DataFrame(columns.rows, columns=columns.header)
+    if columns.header[0] == "time [s]":
         frame = frame.set_index("time [s]")
     frame.attrs["file"] = str(results.path)
     return frame

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Body and joints of a results file as unstructured grids: points, cells and values on them."""
+"""Body and joints of a results file as unstructured grids with values."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from dolfinx_joints.results.joint_points import Statics, tied_points
 from dolfinx_joints.results.quantities import JointPoints, at_points, rows_below, rows_by
 from dolfinx_joints.results.reader import Results
 
-Array = Any  # NumPy's, or `Dealt`
+Array = Any  # NumPy array or `Dealt`
 
-POLYGON, VERTEX = 7, 1  # VTK's numbers
+POLYGON, VERTEX = 7, 1  # VTK cell types
 
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """An unstructured grid, or the part of a rank; all arrays of the whole may be dealt.
+    """Unstructured grid, whole or a rank's part; arrays of a whole one may be dealt over the ranks.
 
     Attributes:
         points: Shape (num_points, 3), [m].
-        connectivity: Points of the cells, one cell after the other.
-        offsets: Where each cell begins in ``connectivity``, and its length, (num_cells + 1,).
-        kinds: VTK's number of each cell's shape, (num_cells,).
-        cell_data: Values of cells that do not change, by name with unit.
-        motion: Gives the displacements of the points from those of the nodes of the body, shape
-            (num_points, num_nodes); None for a body, whose points are the nodes.
+        connectivity: Point numbers of all cells in turn.
+        offsets: First entry of each cell in ``connectivity``, then its length, (num_cells + 1,).
+        kinds: VTK type of each cell, (num_cells,).
+        cell_data: Constant values of the cells, by name with unit.
+        motion: Matrix from displacements of the nodes of the body to displacements of the points,
+            shape (num_points, num_nodes); None for a body, whose points are the nodes.
     """
 
     points: Array
@@ -48,34 +48,34 @@ class Grid:
 
 
 def body_grid(results: Results, groups: Collection[str] | None = None) -> Grid:
-    """Grid of the body, all nodes of the file, and its cells.
+    """Return the grid of the body: all nodes of the file, and its cells.
 
     Args:
         results: The run.
-        groups: Names of the cell groups that are wanted; all cells unless given.
+        groups: Names of cell groups; all cells unless given.
 
     Raises:
-        ResultsError: The file has no cells (of a version before them), or not these groups.
+        ResultsError: The file has no cells (earlier versions), or not these groups.
     """
     if "mesh/cells" not in results.statics:
         raise ResultsError(
-            f"{results.path} holds the boundary of the body but not its cells, as it was written "
-            "by an earlier version; run again."
+            f"{results.path} was written by an earlier version and has the boundary of the body "
+            "but not its cells; repeat the run."
         )
     cells = results.static("mesh/cells")
     chosen = np.arange(len(cells)) if groups is None else rows_of_groups(results, groups)
     start = "mesh/groups/"
-    known = [name for name in results.statics if name.startswith(start)]
-    rows = {name.removeprefix(start): results.static(name) for name in known}
+    paths = [name for name in results.statics if name.startswith(start)]
+    rows = {name.removeprefix(start): results.static(name) for name in paths}
     inside = {name: np.flatnonzero(np.isin(chosen, own)) for name, own in rows.items()}
     kind = int(results.static("mesh/cell_kind")[0])
     return uniform_grid(results.static("mesh/nodes"), cells[chosen], kind, inside)
 
 
 def uniform_grid(points: Floats, cells: Ints, kind: int, groups: Mapping[str, Ints]) -> Grid:
-    """Grid of cells of one kind, shape (num_cells, nodes per cell), with the rows of each group.
+    """Return a grid of cells of one type, given their nodes, shape (num_cells, nodes per cell).
 
-    ``in NAME [-]`` is 1 in the cells of a group, 0 in others.
+    ``groups`` are rows of ``cells`` by name; ``in NAME [-]`` is 1 in the cells of a group, else 0.
     """
     count, nodes = cells.shape
     marks = {f"in {name} [-]": np.zeros(count, dtype=np.int8) for name in groups}
@@ -91,7 +91,7 @@ def uniform_grid(points: Floats, cells: Ints, kind: int, groups: Mapping[str, In
 
 
 class StaticArrays(dict[str, NDArray[Any]]):
-    """Arrays of mesh and joints by the names that a results file has for them."""
+    """Arrays of mesh and joints in memory, by their names in a results file."""
 
     @property
     def statics(self) -> Collection[str]:
@@ -99,14 +99,14 @@ class StaticArrays(dict[str, NDArray[Any]]):
         return self.keys()
 
     def static(self, name: str) -> NDArray[Any]:
-        """Return an array."""
+        """Return the array with this name."""
         return self[name]
 
 
 def joint_grid(results: Statics, joint: str) -> Grid:
-    """Grid of a joint: a polygon for each joint point, the part of its facet nearest to it.
+    """Return the grid of a joint: one polygon per joint point, the part of the facet nearest to it.
 
-    In a plane model each point is a vertex. The joint moves as the mean of its faces.
+    In a plane model each point is a vertex. The displacement is the mean of both faces.
     """
     static = {
         name: results.static(f"joints/{joint}/{name}") for name in ("points", "areas", "frames")
@@ -141,7 +141,7 @@ def joint_grid(results: Statics, joint: str) -> Grid:
 
 
 def _motion_of_points(results: Statics, joint: str, points: Floats) -> csr_matrix:
-    """`Grid.motion` of points on the joint of a plane body."""
+    """Return `Grid.motion` for the points of a joint in a plane body."""
     nodes, surface = results.static("mesh/nodes"), results.static("mesh/surface")
     facet_of_point, both = facets_of_joint(results, joint)
     ends = surface[both[facet_of_point]]  # (points, sides, ends)
@@ -152,7 +152,7 @@ def _motion_of_points(results: Statics, joint: str, points: Floats) -> csr_matri
 
 
 def _mean_of_faces(results: Statics, weights: NDArray[Any], numbers: NDArray[Any]) -> csr_matrix:
-    """`Grid.motion` from shares of corners, (points, corners[, sides]), and nodes with sides."""
+    """Return `Grid.motion` from weights of corners, (points, corners[, sides]), and their nodes."""
     weights = np.broadcast_to(weights.reshape(*weights.shape[:2], -1) / 2.0, numbers.shape)
     rows = np.repeat(np.arange(len(weights)), weights[0].size)
     shape = (len(weights), len(results.static("mesh/nodes")))
@@ -160,9 +160,9 @@ def _mean_of_faces(results: Statics, weights: NDArray[Any], numbers: NDArray[Any
 
 
 def joined(grids: Mapping[str, Grid]) -> Grid:
-    """Several grids as one, with ``in NAME [-]``, 1 in the cells of a grid, and ``joint [-]``.
+    """Return several grids as one.
 
-    The latter is the number of the grid, from 0.
+    Cell data ``in NAME [-]`` is 1 in the cells of a grid, and ``joint [-]`` is its number, from 0.
     """
     every = list(grids.values())
     points = np.cumsum([0, *(len(grid.points) for grid in every)])
@@ -194,28 +194,27 @@ def joint_values(
     count: int = 1,
     added: Callable[[Floats], Floats] = np.asarray,
 ) -> dict[str, Any]:
-    """Values of joint points under the names that files and grids show, with units.
+    """Return values of joint points by their names with units in exported files.
 
-    The gap is also shown as what people look for, opening and tangential gap. Means over a joint
-    are the same at all its points.
+    The opening and the tangential gap are added. Means over a joint are repeated at all its points.
 
     Args:
-        values: By the names of the stream ``states``, such as ``gap``, shape (n, ...).
-        cell_data: Data of the grid of these points.
+        values: Values by name in the stream ``states``, such as ``gap``, shape (n, ...).
+        cell_data: Cell data of the grid of these points.
         count: Number of joints in the grid.
-        added: Adds up sums over the parts of the grid.
+        added: Function that sums values over the parts of the grid.
     """
     units = {row.key: row.unit for row in rows_below("states", "joints/*/")}
-    found: dict[str, Any] = {f"{name} [{units[name]}]": each for name, each in values.items()}
+    named: dict[str, Any] = {f"{name} [{units[name]}]": data for name, data in values.items()}
     gap, rows = values["gap"], rows_by("mean")
     joint = cell_data.get("joint [-]", np.zeros(len(gap), dtype=np.int64))
     areas = np.where(cell_data["tied [-]"] == 0, cell_data["area [m^2]"], 0.0)
     points = JointPoints(gap, gap[:, 1:], values["traction"], np.zeros(len(gap)))
-    columns = [areas, *(areas * each for each in at_points(rows, points).T)]
-    total, *sums = added(np.stack([np.bincount(joint, each, count) for each in columns]))
+    columns = [areas, *(areas * column for column in at_points(rows, points).T)]
+    total, *sums = added(np.stack([np.bincount(joint, column, count) for column in columns]))
     means = zip(rows, sums, strict=True)
-    found |= {f"{row.label} [{row.unit}]": (each / total)[joint] for row, each in means}
-    return found | {
+    named |= {f"{row.label} [{row.unit}]": (integral / total)[joint] for row, integral in means}
+    return named | {
         "opening [m]": np.maximum(gap[:, 0], 0.0),
         "tangential gap [m]": np.hypot(gap[:, 1], gap[:, 2]),
     }

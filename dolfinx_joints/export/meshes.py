@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Results files as grids of PyVista."""
+"""Export of results files to PyVista grids."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def to_pyvista(
     stage: int | str | None = None,
     groups: Collection[str] | None = None,
 ) -> MultiBlock:
-    """Body and joints in a recorded state.
+    """Return body and joints in a recorded state.
 
-    The block ``"body"`` has the displacement of the nodes, the block ``"joints"`` a block for each
-    joint, with a polygon for each joint point and its gap, traction and status; names and units are
-    those of `paraview.write_vtk`.
+    The block ``"body"`` has the displacement of the nodes. The block ``"joints"`` has one block per
+    joint, with one polygon per joint point and its gap, traction and status. Names and units are
+    the same as in `paraview.write_vtk`.
 
         blocks = export.to_pyvista(dj.Results("dam.h5"), time=0.5)
         body, joints = blocks["body"], blocks["joints"].combine()
@@ -44,13 +44,13 @@ def to_pyvista(
 
     Args:
         results: The run.
-        time: The state nearest to it [s].
-        index: Number of the state where no time is given, negative from the end.
-        stage: A static stage instead, by name or number.
-        groups: Names of cell groups of the body that are wanted; all cells unless given.
+        time: Time [s]; the nearest state is used.
+        index: Number of the state if no time is given, negative from the end.
+        stage: Name or number of a static stage, instead of a time.
+        groups: Names of cell groups of the body; all cells unless given.
 
     Raises:
-        ResultsError: The file holds no cells, or not these groups.
+        ResultsError: The file has no cells, or not these groups.
         ImportError: PyVista is missing.
     """
     pyvista = imported("pyvista")
@@ -74,7 +74,7 @@ def to_pyvista(
 def _grid(pyvista: Any, grid: Grid) -> Any:
     lengths = np.diff(grid.offsets)
     cells = np.insert(grid.connectivity, grid.offsets[:-1], lengths)
-    made = pyvista.UnstructuredGrid(cells, grid.kinds, grid.points)
+    result = pyvista.UnstructuredGrid(cells, grid.kinds, grid.points)
     for name, values in grid.cell_data.items():
-        made.cell_data[name] = values
-    return made
+        result.cell_data[name] = values
+    return result

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Packages that only some exports need."""
+"""Import of packages that only some exports need."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def imported(package: str) -> Any:
     """Import an optional package.
 
     Raises:
-        ImportError: It is missing.
+        ImportError: The package is missing.
     """
     try:
         return importlib.import_module(package)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Results files as files for ParaView."""
+"""Export of results files to ParaView."""
 
 from __future__ import annotations
 
@@ -25,39 +25,39 @@ def write_vtk(
 ) -> list[Path]:
     """Write the recorded states of a results file for ParaView, PyVista and VTK.
 
-    ``NAME.vtkhdf`` holds the cells of the body, of the degree of the displacement, with
-    ``displacement [m]`` and ``in GROUP [-]``, 1 in the cells of a group; ``NAME_joints.vtkhdf`` the
-    joints, a polygon for each joint point, with ``displacement [m]``, the mean of both faces,
-    ``gap [m]`` and ``traction [Pa]`` in local axes (n, s1, s2), ``opening [m]``, ``tangential gap
-    [m]``, ``status [-]`` (0 open, 1 sticking, 2 sliding, 3 closed without friction, 4 tied),
-    ``tied [-]``, ``mean pressure [Pa]`` of each joint and what else was recorded. Both have all
-    times. Static stages are in ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the
-    stage's number as time.
+    ``NAME.vtkhdf`` contains the body, with cells of the same degree as the displacement, with
+    ``displacement [m]`` and ``in GROUP [-]``, 1 in the cells of a group.
+
+    ``NAME_joints.vtkhdf`` contains the joints, one polygon per joint point. Its data are
+    ``displacement [m]`` (mean of both faces), ``gap [m]`` and ``traction [Pa]`` in local axes
+    (n, s1, s2), ``opening [m]``, ``tangential gap [m]``, ``mean pressure [Pa]`` of each joint,
+    ``tied [-]``, ``status [-]`` (0 open, 1 sticking, 2 sliding, 3 closed without friction, 4 tied)
+    and all other recorded quantities. Static stages are in ``NAME_stages.vtkhdf`` and
+    ``NAME_stages_joints.vtkhdf``, with the number of the stage as time.
 
     Args:
         results: The run.
         path: ``NAME.vtkhdf``, or ``NAME``.
-        overwrite: Replace files of these names.
+        overwrite: True to replace existing files.
 
     Returns:
-        The files written.
+        Paths of the files.
 
     Raises:
-        ResultsError: The file holds neither states nor stages, or no cells, or files are there
-            already.
+        ResultsError: The file has neither states nor stages, or no cells, or an output file exists.
     """
-    found = {
+    sources = {
         first.with_name(f"{first.stem}{ending}{first.suffix}"): part
         for first in [vtk_path(path)]
         for ending, part in (("", results), ("_stages", StageStates(results)))
         if part.streams.get("states") and part.rows("states")
     }
-    if not found:
-        raise ResultsError(f"{results.path} holds no states and no static stages for ParaView.")
+    if not sources:
+        raise ResultsError(f"{results.path} has neither states nor static stages to export.")
     count = 2 if results.joints else 1
-    paths = [place for first in found for place in (first, joints_path(first))[:count]]
+    paths = [place for first in sources for place in (first, joints_path(first))[:count]]
     check_free(paths, overwrite=overwrite)
-    for first, part in found.items():
+    for first, part in sources.items():
         _write(part, first)
     return paths
 
@@ -78,23 +78,23 @@ def _write(results: Results, path: Path) -> None:
 
 
 def joints_path(path: Path) -> Path:
-    """The file of the joints beside that of the body."""
+    """Return the path of the file of the joints, given the path of the file of the body."""
     return path.with_name(f"{path.stem}_joints{path.suffix}")
 
 
 def values_of(results: Results, joints: Sequence[str], number: int, grid: Grid) -> dict[str, Any]:
-    """Values of the points of joints by name with unit, one joint after the other, at a record.
+    """Return the values of a record at the points of joints, in turn, by name with unit.
 
-    What only some of the joints have is NaN in the others.
+    Quantities that a joint does not have are NaN.
     """
     starts = tuple(f"joints/{joint}/" for joint in joints)
     names = [name for name in results.streams["states"] if name.startswith(starts)]
     record = {name: results.series("states", name, number) for name in names}
     values = {}
-    for what in dict.fromkeys(name.split("/", 2)[2] for name in names):
+    for quantity in dict.fromkeys(name.split("/", 2)[2] for name in names):
         parts = []
         for start in starts:
             missing = np.full(len(record[f"{start}gap"]), np.nan)
-            parts.append(record.get(start + what, missing))
-        values[what] = np.concatenate(parts)
+            parts.append(record.get(start + quantity, missing))
+        values[quantity] = np.concatenate(parts)
     return joint_values(values, grid.cell_data, len(joints))

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Results files as tables: one row per record or joint, units in the headers."""
+"""Tables of a results file: one row per record or joint, with units in the headers."""
 
 from __future__ import annotations
 
@@ -36,21 +36,21 @@ Floats = NDArray[Any]
 
 @dataclass(frozen=True)
 class Table:
-    """Names of columns with their units, and rows of as many values."""
+    """Column names with units, and rows of values."""
 
     header: list[str]
     rows: list[list[Any]]
 
 
 def tables_of(results: Results, only: str | None = None) -> dict[str, Table]:
-    """The tables of `csv_files.write_csv` by name, those for which the file holds something.
+    """Return the tables of `csv_files.write_csv` by name, except tables without data in the file.
 
     Args:
         results: The run.
-        only: The one to make; all unless given.
+        only: Name of the only table to make; all unless given.
 
     Raises:
-        ResultsError: The file holds nothing for that table.
+        ResultsError: The file has no data for the table ``only``.
     """
     check_results(results)
     streams = {name for name in results.streams if results.rows(name)}
@@ -66,7 +66,7 @@ def tables_of(results: Results, only: str | None = None) -> dict[str, Table]:
 
 
 def _columns(columns: Iterable[tuple[str, str, Any]]) -> Table:
-    """A table of (name, unit, values)."""
+    """Return a table of columns given as (name, unit, values)."""
     header, values = [], []
     for name, unit, column in columns:
         header.append(f"{name} [{unit}]")
@@ -74,46 +74,46 @@ def _columns(columns: Iterable[tuple[str, str, Any]]) -> Table:
     return Table(header, [list(row) for row in zip(*values, strict=True)])
 
 
-def _parts(name: str, unit: str, values: Floats) -> list[tuple[str, str, Floats]]:
-    """Columns x, y, z of vectors, shape (rows, 2 or 3)."""
+def _vector(name: str, unit: str, values: Floats) -> list[tuple[str, str, Floats]]:
+    """Return columns x, y, z of vectors, shape (rows, 2 or 3)."""
     axes = COMPONENTS[: values.shape[1]]
     return [(f"{name} {axis}", unit, values[:, i]) for i, axis in enumerate(axes)]
 
 
-def _plain(results: Results, stream: str, without: Sequence[str] = ()) -> Table:
-    """All series of a stream: numbers, or vectors by component."""
-    rows = results.rows(stream)  # a run that is still writing adds more
+def _all_series(results: Results, stream: str, without: Sequence[str] = ()) -> Table:
+    """Return a table of all series of a stream: numbers, or components of vectors."""
+    rows = results.rows(stream)  # fixed here, as a run in progress adds rows
     columns: list[tuple[str, str, Any]] = [("time", "s", results.time(stream)[:rows])]
     for name in results.streams[stream]:
         if name not in without:
             values = results.series(stream, name, slice(rows))
             unit = results.unit(stream, name)
-            columns += [(name, unit, values)] if values.ndim == 1 else _parts(name, unit, values)
+            columns += [(name, unit, values)] if values.ndim == 1 else _vector(name, unit, values)
     return _columns(columns)
 
 
 def _stages(results: Results) -> Table:
-    """Displacements, reactions and stresses by static stage."""
+    """Return the table of displacements, reactions, stresses and energies by static stage."""
     stages = static_stages(results)
     columns: list[tuple[str, str, Any]] = [("load time", "s", [s.load_time for s in stages])]
     for point in results.point_names:
         values = np.array([s.displacement[point] for s in stages])
-        columns += _parts(f"displacement of {point}", "m", values)
+        columns += _vector(f"displacement of {point}", "m", values)
     for group in stages[0].reaction:
         values = np.array([s.reaction[group] for s in stages])
-        columns += _parts(f"reaction of {group}", "N", values)
+        columns += _vector(f"reaction of {group}", "N", values)
     for name in ENVELOPE_NAMES:
         values = np.array([s.stresses[name] for s in stages])
         if not np.isnan(values).all():
             columns.append((name, "Pa", values))
     columns += _stage_energies([s.energy for s in stages if s.energy is not None])
-    rest = _columns(columns)
-    rows = [[stage.name, *row] for stage, row in zip(stages, rest.rows, strict=True)]
-    return Table(["stage", *rest.header], rows)
+    numbers = _columns(columns)
+    rows = [[stage.name, *row] for stage, row in zip(stages, numbers.rows, strict=True)]
+    return Table(["stage", *numbers.header], rows)
 
 
 def _stage_energies(energies: Sequence[StageEnergy]) -> list[tuple[str, str, Any]]:
-    """Columns of energies and jumps by static stage; without energies no columns."""
+    """Return columns of energies and jumps by static stage, an empty list without energies."""
     names = energies[0].loads if energies else ()
     columns: list[tuple[str, str, Any]] = [
         (f"work of {name}", "J", [energy.loads[name] for energy in energies]) for name in names
@@ -140,41 +140,41 @@ def _stage_joints(results: Results) -> Table:
 
 
 def _histories(results: Results) -> Table:
-    """Motions point by point, then what is one per step."""
+    """Return the table of the steps: motions point by point, then the other series."""
     streams = results.streams["histories"]
     of_points = [n for n in streams if results.series("histories", n, slice(0)).ndim == 3]
-    rest = _plain(results, "histories", of_points)
+    others = _all_series(results, "histories", of_points)
     columns: list[tuple[str, str, Any]] = []
     for name in of_points:
-        values = results.series("histories", name, slice(len(rest.rows)))
+        values = results.series("histories", name, slice(len(others.rows)))
         unit = results.unit("histories", name)
         motion = name if results.relative else f"absolute {name}"
         motion = f"raw {motion}" if name == "acceleration" else motion
         for i, point in enumerate(results.point_names):
-            columns += _parts(f"{motion} of {point}", unit, values[:, i])
+            columns += _vector(f"{motion} of {point}", unit, values[:, i])
     motions = _columns(columns)
-    header = [rest.header[0], *motions.header, *rest.header[1:]]
-    both = zip(rest.rows, motions.rows, strict=True)
-    return Table(header, [[row[0], *more, *row[1:]] for row, more in both])
+    header = [others.header[0], *motions.header, *others.header[1:]]
+    both = zip(others.rows, motions.rows, strict=True)
+    return Table(header, [[row[0], *motion_row, *row[1:]] for row, motion_row in both])
 
 
 def _peaks(results: Results) -> Table:
-    """Largest values with their times and places, a row each."""
-    found: list[tuple[str, str, Peak]] = []
+    """Return the table of largest values, one per row, with times and places."""
+    peaks: list[tuple[str, str, Peak]] = []
     moved = "displacement" if results.relative else "absolute displacement"
     for point in results.point_names:
-        what = f"{moved} of {point} from the static state"
-        found.append((what, "m", displacement_peak(results, [point])))
+        label = f"{moved} of {point} from the static state"
+        peaks.append((label, "m", displacement_peak(results, [point])))
         if "acceleration" in results.streams["histories"]:
-            what = f"absolute acceleration of {point} up to {common_band(results):.3g} Hz"
-            found.append((what, "m/s^2", acceleration_peak(results, [point])))
+            label = f"absolute acceleration of {point} up to {common_band(results):.3g} Hz"
+            peaks.append((label, "m/s^2", acceleration_peak(results, [point])))
     for joint in results.joints if "states" in results.streams else ():
         for name, peak in joint_peaks(results, joint).items():
-            found.append((f"{name} of {joint}", row_of("joints", f"{joint}/{name}")[0].unit, peak))
+            peaks.append((f"{name} of {joint}", row_of("joints", f"{joint}/{name}")[0].unit, peak))
     header = ["peak", "value", "unit", "time [s]", "component", "x [m]", "y [m]", "z [m]"]
     rows = [
-        [what, peak.value, unit, peak.time, peak.name[-1:], *map(float, peak.place)]
-        for what, unit, peak in found
+        [label, peak.value, unit, peak.time, peak.name[-1:], *map(float, peak.place)]
+        for label, unit, peak in peaks
     ]
     return Table(header, rows)
 
@@ -189,13 +189,13 @@ def _joints(results: Results) -> Table:
     return Table(header, rows)
 
 
-def _of_rows(rows: Iterable[Quantity], values: Mapping[str, Any], time: Floats) -> Table:
-    """A table over time of the rows with a label."""
+def _over_time(rows: Iterable[Quantity], values: Mapping[str, Any], time: Floats) -> Table:
+    """Return a table over time of the quantities that have a label."""
     columns: list[tuple[str, str, Any]] = [("time", "s", time)]
     for row in rows:
         if row.label and row.key in values:
             one = row.label, row.unit, values[row.key]
-            columns += _parts(*one) if one[2].ndim > 1 else [one]
+            columns += _vector(*one) if one[2].ndim > 1 else [one]
     return _columns(columns)
 
 
@@ -206,36 +206,36 @@ def _resultants(results: Results) -> Table:
         assert one.time is not None
         values = {row.key: getattr(one, row.key) for row in rows if row.key != "flatness"}
         values["flatness"] = np.full(len(one.time), one.geometry.flatness)
-        parts[joint] = _of_rows(rows, values, one.time)
-    return _by("joint", parts)
+        parts[joint] = _over_time(rows, values, one.time)
+    return _stacked("joint", parts)
 
 
 def _joint_extremes(results: Results) -> Table:
     extremes = {joint: joint_extremes(results, joint) for joint in results.joints}
     rows = rows_below("joints", "*/")
-    return _by("joint", {n: _of_rows(rows, one.values, one.time) for n, one in extremes.items()})
+    return _stacked("joint", {n: _over_time(rows, e.values, e.time) for n, e in extremes.items()})
 
 
 def _blocks(results: Results) -> Table:
-    found, parts, rows = block_resultants(results), {}, rows_below("resultants", "blocks/")
-    for i in range(len(found.mass)):
-        each = {row.key: getattr(found, row.key) for row in rows if row.label}
+    blocks, parts, rows = block_resultants(results), {}, rows_below("resultants", "blocks/")
+    for i in range(len(blocks.mass)):
+        values = {row.key: getattr(blocks, row.key) for row in rows if row.label}
         for name in ("mass", "centre"):
-            each[name] = np.repeat(each[name][None], len(found.time), axis=0)
-        parts[i] = _of_rows(rows, {key: value[:, i] for key, value in each.items()}, found.time)
-    return _by("block", parts)
+            values[name] = np.repeat(values[name][None], len(blocks.time), axis=0)
+        parts[i] = _over_time(rows, {k: value[:, i] for k, value in values.items()}, blocks.time)
+    return _stacked("block", parts)
 
 
-def _by(what: str, parts: Mapping[Any, Table]) -> Table:
-    """Tables of joints or blocks, alike, as one whose first column names them."""
-    header = [what, *next(iter(parts.values())).header]
+def _stacked(kind: str, parts: Mapping[Any, Table]) -> Table:
+    """Return tables with equal columns as one; the new first column names the joint or block."""
+    header = [kind, *next(iter(parts.values())).header]
     return Table(header, [[name, *row] for name, part in parts.items() for row in part.rows])
 
 
 def _envelopes(results: Results) -> Table:
     numbers = results.static("envelopes/nodes")
     columns: list[tuple[str, str, Any]] = [("node", "-", numbers)]
-    columns += _parts("position", "m", results.static("mesh/nodes")[numbers])
+    columns += _vector("position", "m", results.static("mesh/nodes")[numbers])
     for name in ENVELOPE_NAMES:
         columns.append((name, "Pa", results.series("envelopes", name, -1)))
     return _columns(columns)
@@ -249,17 +249,17 @@ def _modes(results: Results) -> Table:
     ]
     for name in ("participation", "effective_mass", "effective_share"):
         where = f"modes/{name}"
-        columns += _parts(name.replace("_", " "), results.unit(where), results.static(where))
+        columns += _vector(name.replace("_", " "), results.unit(where), results.static(where))
     return _columns(columns)
 
 
-# Stream of which each table is made, whether it needs joints, and what makes it.
+# For each table: the stream it needs, whether it needs joints, and the function that makes it.
 TABLES: dict[str, tuple[str, bool, Callable[[Results], Table]]] = {
     "stages": ("statics", False, _stages),
     "stage_joints": ("statics", True, _stage_joints),
     "histories": ("histories", False, _histories),
     "peaks": ("histories", False, _peaks),
-    "energy": ("energy", False, partial(_plain, stream="energy")),
+    "energy": ("energy", False, partial(_all_series, stream="energy")),
     "joints": ("states", True, _joints),
     "joint_extremes": ("states", True, _joint_extremes),
     "resultants": ("states", True, _resultants),

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Files for ParaView: an unstructured grid whose values change in time (VTKHDF 2.2)."""
+"""Files for ParaView (VTKHDF 2.2): an unstructured grid with values that change in time."""
 
 from __future__ import annotations
 
@@ -16,31 +16,30 @@ from numpy.typing import ArrayLike
 from dolfinx_joints.common.arrays import Dealt, blocks_in
 from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.export.grids import Array, Grid
-from dolfinx_joints.export.whole_files import begun, changed, finished, forgotten
+from dolfinx_joints.export.whole_files import changing, creating, discard_redo, repair
 from dolfinx_joints.results.reader import listing
 from dolfinx_joints.results.stream import add_rows, write_whole
 
 SUFFIX = ".vtkhdf"
 _VERSION = (2, 2)
-_CHUNK = 1 << 16  # numbers of a chunk of values
-_MORE_BYTES = 1 << 16  # of HDF5 for a file with its grid
-# Where the part of each time begins; the grid, written once, is that of every time.
+_CHUNK = 1 << 16  # numbers in a chunk of values
+_MORE_BYTES = 1 << 16  # HDF5's own data in a file with a grid
+# Offsets that are zero at every time, because the grid is written once.
 _FIXED_OFFSETS = ("PartOffsets", "PointOffsets", "CellOffsets", "ConnectivityIdOffsets")
 
 Values = Mapping[str, ArrayLike | Dealt]
 
 
 class VtkFile:
-    """A file that grows by one time after the other and is whole between them.
+    """VTKHDF file to which times are appended; it can be read between them.
 
-    A kill loses no more than the time that is being written. Only if it comes while the last few
-    kilobytes are written, less than a millisecond, the file may be unreadable until it is
-    continued, which repairs it from ``NAME.vtkhdf.redo`` beside it. Against a loss of power there
-    is no guarantee.
+    If the process is killed, at most the time being written is lost. Writing ends with a few
+    kilobytes, in less than a millisecond. A kill during that write can leave the file unreadable;
+    `resume` then repairs it from ``NAME.vtkhdf.redo``. A power failure may damage the file.
 
     Args:
-        path: The file, usually ``NAME.vtkhdf``; replaced if it is there.
-        grid: The grid; its ``cell_data`` are stored once, with the first time.
+        path: The file, usually ``NAME.vtkhdf``; an existing file is replaced.
+        grid: The grid. Its ``cell_data`` are stored once, at the first time.
 
     Raises:
         ResultsError: The file cannot be written.
@@ -50,46 +49,46 @@ class VtkFile:
         self.path, self._fixed = path, dict(grid.cell_data)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            forgotten(path)
+            discard_redo(path)
             arrays = grid.points, grid.connectivity, grid.offsets, grid.kinds
-            size = sum(int(np.prod(each.shape)) * each.dtype.itemsize for each in arrays)
-            with begun(path, size + _MORE_BYTES) as file:
+            size = sum(int(np.prod(array.shape)) * array.dtype.itemsize for array in arrays)
+            with creating(path, size + _MORE_BYTES) as file:
                 _write_grid(file, grid)
         except OSError as error:
             raise ResultsError(f"{path} cannot be written: {error}.") from None
 
     @classmethod
     def resume(cls, path: Path, grid: Grid, last: float) -> VtkFile:
-        """Go on with a file after the time ``last`` [s]; what was later is cut off.
+        """Continue a file after the time ``last`` [s]; later times are removed.
 
         Raises:
             DamagedFileError: The file cannot be read.
-            ResultsError: It is of another grid.
+            ResultsError: The file has a different grid.
         """
         file = cls.__new__(cls)
         file.path, file._fixed = path, dict(grid.cell_data)
         try:
-            finished(path)
-            with changed(path) as opened:
-                same = _is_of(opened["VTKHDF"], grid)
+            repair(path)
+            with changing(path) as opened:
+                same = _has_grid(opened["VTKHDF"], grid)
                 if same:
-                    _cut(opened["VTKHDF"], last)
+                    _truncate(opened["VTKHDF"], last)
         except (OSError, KeyError, RuntimeError) as error:
             raise DamagedFileError(f"{path} cannot be continued: {error}.") from None
         if not same:
-            raise ResultsError(f"{path} cannot be continued: it is of another mesh.")
+            raise ResultsError(f"{path} cannot be continued: its mesh differs from this model's.")
         return file
 
     def append(self, time: float, point_data: Values, cell_data: Values) -> None:
-        """Add a time [s] with values by name, shape (points or cells, ...).
+        """Append a time [s] with values by name, shape (points or cells, ...).
 
-        Every time has the same names.
+        All times must have the same names.
 
         Raises:
-            ResultsError: The file cannot be written, or has no room to grow.
+            ResultsError: The file cannot be written, or the disk is full.
         """
         try:
-            with changed(self.path) as file:
+            with changing(self.path) as file:
                 root, steps = file["VTKHDF"], file["VTKHDF/Steps"]
                 for kind, data in (("PointData", point_data), ("CellData", cell_data)):
                     group, offsets = root[kind], steps[f"{kind}Offsets"]
@@ -105,14 +104,14 @@ class VtkFile:
 
 
 class DamagedFileError(ResultsError):
-    """A file that cannot be read any more, such as after a loss of power."""
+    """A file that cannot be read, for example after a power failure."""
 
 
 def vtk_path(path: str | PathLike[str]) -> Path:
-    """``NAME.vtkhdf`` of that or of ``NAME``, which may hold dots.
+    """Return ``NAME.vtkhdf`` for the path ``NAME.vtkhdf`` or ``NAME``, which may contain dots.
 
     Raises:
-        ResultsError: It is a folder.
+        ResultsError: The path is a folder.
     """
     given = Path(path)
     if given.is_dir():
@@ -121,29 +120,29 @@ def vtk_path(path: str | PathLike[str]) -> Path:
 
 
 def check_free(paths: Iterable[Path], *, overwrite: bool) -> None:
-    """Check that no file would be lost.
+    """Check that no existing file would be replaced, unless ``overwrite`` is set.
 
     Raises:
-        ResultsError: There is one.
+        ResultsError: A file exists.
     """
-    there = [str(path) for path in paths if path.exists()]
-    if there and not overwrite:
-        raise ResultsError(f"{listing(there)}: there already; --force replaces (overwrite=True).")
+    files = [str(path) for path in paths if path.exists()]
+    if files and not overwrite:
+        raise ResultsError(f"{listing(files)}: file exists; --force (overwrite=True) replaces it.")
 
 
-def _is_of(root: h5py.Group, grid: Grid) -> bool:
-    size = max(np.abs(each).max(initial=0.0) for each in blocks_in(grid.points))
-    wanted = {"Points": grid.points, "Connectivity": grid.connectivity, "Offsets": grid.offsets}
-    return all(_alike(root[name], each, 1e-9 * size) for name, each in wanted.items())
+def _has_grid(root: h5py.Group, grid: Grid) -> bool:
+    size = max(np.abs(block).max(initial=0.0) for block in blocks_in(grid.points))
+    arrays = {"Points": grid.points, "Connectivity": grid.connectivity, "Offsets": grid.offsets}
+    return all(_agrees(root[name], array, 1e-9 * size) for name, array in arrays.items())
 
 
-def _alike(dataset: h5py.Dataset, wanted: Array, tolerance: float) -> bool:
-    if dataset.shape != wanted.shape:
+def _agrees(dataset: h5py.Dataset, expected: Array, tolerance: float) -> bool:
+    if dataset.shape != expected.shape:
         return False
     first, same = 0, True
-    for block in blocks_in(wanted):
-        here = dataset[first : first + len(block)]
-        same &= bool(np.allclose(here, block, rtol=0.0, atol=tolerance))
+    for block in blocks_in(expected):
+        stored = dataset[first : first + len(block)]
+        same &= bool(np.allclose(stored, block, rtol=0.0, atol=tolerance))
         first += len(block)
     return same
 
@@ -166,10 +165,10 @@ def _write_grid(file: h5py.File, grid: Grid) -> None:
         write_whole(root.create_dataset(name, values.shape, dtype), values)
     steps = root.create_group("Steps")
     steps.attrs["NSteps"] = 0
-    _growing(steps, "Values", (), np.float64)
-    _growing(steps, "NumberOfParts", (), np.int64)
+    _new_growing(steps, "Values", (), np.float64)
+    _new_growing(steps, "NumberOfParts", (), np.int64)
     for name in _FIXED_OFFSETS:
-        _growing(steps, name, () if name == "PartOffsets" else (1,), np.int64)
+        _new_growing(steps, name, () if name == "PartOffsets" else (1,), np.int64)
     for name in ("PointData", "CellData"):
         root.create_group(name)
         steps.create_group(f"{name}Offsets")
@@ -183,21 +182,21 @@ def _append_values(
     *,
     once: bool = False,
 ) -> None:
-    """Append values of all points or cells, and where they begin; ``once`` for all times."""
+    """Append values of all points or cells and their offset; ``once`` stores them for all times."""
     values = given if isinstance(given, Dealt) else np.asarray(given)
-    key = name.replace("/", " per ")  # HDF5 takes it for a group
-    if (known := data.get(key)) is None:
+    key = name.replace("/", " per ")  # a slash would create a group in HDF5
+    if (dataset := data.get(key)) is None:
         rows = min(len(values), _CHUNK // max(1, int(np.prod(values.shape[1:]))))
-        known = _growing(data, key, values.shape[1:], values.dtype, max(1, rows))
-        _growing(offsets, key, (), np.int64)
-    begin = len(known)
+        dataset = _new_growing(data, key, values.shape[1:], values.dtype, max(1, rows))
+        _new_growing(offsets, key, (), np.int64)
+    begin = len(dataset)
     if not (once and begin):
-        _extend(known, values)
+        _extend(dataset, values)
     _extend(offsets[key], [0 if once else begin])
 
 
 def _append_time(steps: h5py.Group, time: float) -> None:
-    """Count one more time; readers see it last of all."""
+    """Append a time; the number of steps is increased last, so that readers see complete data."""
     for name in _FIXED_OFFSETS:
         _extend(steps[name], [0] if name == "PartOffsets" else [[0]])
     _extend(steps["NumberOfParts"], [1])
@@ -206,10 +205,10 @@ def _append_time(steps: h5py.Group, time: float) -> None:
     steps.attrs["NSteps"] = len(times)
 
 
-def _growing(
+def _new_growing(
     group: h5py.Group, name: str, shape: tuple[int, ...], dtype: Any, rows: int = 64
 ) -> h5py.Dataset:
-    """An empty dataset that grows by its first axis, in chunks of so many rows."""
+    """Create an empty dataset whose first axis can grow, with ``rows`` rows per chunk."""
     shapes = {"maxshape": (None, *shape), "chunks": (rows, *shape)}
     return group.create_dataset(name, (0, *shape), dtype, **shapes)
 
@@ -219,8 +218,8 @@ def _extend(dataset: h5py.Dataset, rows: Any) -> None:
         add_rows(dataset, block)
 
 
-def _cut(root: h5py.Group, last: float) -> None:
-    """Keep the times up to one."""
+def _truncate(root: h5py.Group, last: float) -> None:
+    """Remove the times after ``last`` [s]."""
     steps = root["Steps"]
     kept = int(np.searchsorted(steps["Values"][:], last, side="right"))
     for kind in ("PointData", "CellData"):

@@ -1,11 +1,11 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Changes of HDF5 files that are made whole or not at all, also where the process is killed.
+"""Atomic changes of HDF5 files: complete or absent, even if the process is killed.
 
-HDF5 changes a file in many places one after the other, so a process that is killed between them
-leaves a file that cannot be read. Here new bytes go behind the end of the file, where nothing
-refers to them yet; the few kilobytes inside it wait in memory, and are kept in ``NAME.redo``
-before they are made, so that `finished` makes them after a kill.
+HDF5 changes a file at many places in turn, so a kill in between leaves an unreadable file. Here
+new bytes are written behind the end of the file, where no reference points yet. The changes of
+existing bytes, a few kilobytes, are buffered in memory. They are saved in ``NAME.redo`` before they
+are written, so that `repair` can repeat them after a kill.
 """
 
 from __future__ import annotations
@@ -22,38 +22,38 @@ import numpy as np
 from dolfinx_joints.common.files import replacing
 from dolfinx_joints.common.hdf5 import new_file
 
-Piece = tuple[int, bytes | memoryview]  # place in the file [bytes], what is written there
+Piece = tuple[int, bytes | memoryview]  # position in the file [bytes], content
 
 
 @contextmanager
-def begun(path: Path, size: int) -> Iterator[h5py.File]:
-    """An HDF5 file of so many bytes, to be written whole or not at all."""
+def creating(path: Path, size: int) -> Iterator[h5py.File]:
+    """Create an HDF5 file of ``size`` bytes; after an error no incomplete file remains."""
     with replacing(path) as part, new_file(part, size) as file:
         yield file
 
 
 @contextmanager
-def changed(path: Path) -> Iterator[h5py.File]:
-    """An HDF5 file to be changed, once the block ends without an error.
+def changing(path: Path) -> Iterator[h5py.File]:
+    """Open an HDF5 file for changes, which are applied if the block ends without an error.
 
     Raises:
-        OSError: The disk is full; the file is as it was.
+        OSError: The disk is full; the file is unchanged.
     """
     with path.open("r+b", buffering=0) as disk:
-        waiting = _Waiting(disk)
+        buffered = _BufferedFile(disk)
         try:
-            with h5py.File(waiting, "r+") as file:
+            with h5py.File(buffered, "r+") as file:
                 yield file
-            if waiting.refused is not None:
-                raise waiting.refused
+            if buffered.error is not None:
+                raise buffered.error
         except Exception:
-            disk.truncate(waiting.before)
+            disk.truncate(buffered.before)
             raise
-        _make(path, disk, waiting)
+        _apply(path, disk, buffered)
 
 
-def finished(path: Path) -> None:
-    """Make what a killed process had begun to change."""
+def repair(path: Path) -> None:
+    """Repeat the changes that a killed process had begun to apply."""
     redo = _redo(path)
     if redo.exists():
         with path.open("r+b", buffering=0) as disk, np.load(redo) as kept:
@@ -68,8 +68,8 @@ def finished(path: Path) -> None:
         redo.unlink()
 
 
-def forgotten(path: Path) -> None:
-    """Remove what a killed process had begun, as its file is replaced."""
+def discard_redo(path: Path) -> None:
+    """Delete the saved changes of a file, if there are any."""
     _redo(path).unlink(missing_ok=True)
 
 
@@ -77,9 +77,9 @@ def _redo(path: Path) -> Path:
     return path.with_name(f"{path.name}.redo")
 
 
-def _make(path: Path, disk: io.FileIO, waiting: _Waiting) -> None:
-    """Write what waits, in HDF5's order."""
-    before, size, inside = waiting.before, waiting.size, waiting.pieces
+def _apply(path: Path, disk: io.FileIO, buffered: _BufferedFile) -> None:
+    """Write the buffered changes to the disk, in the order in which HDF5 made them."""
+    before, size, inside = buffered.before, buffered.size, buffered.pieces
     try:
         if size > before:
             os.posix_fallocate(disk.fileno(), before, size - before)
@@ -98,40 +98,40 @@ def _make(path: Path, disk: io.FileIO, waiting: _Waiting) -> None:
         raise
     _write(disk, inside)
     disk.truncate(size)
-    forgotten(path)
+    discard_redo(path)
 
 
 def _write(disk: io.FileIO, pieces: list[Piece]) -> None:
     for place, content in pieces:
-        rest = memoryview(content)
-        while rest:
-            count = os.pwrite(disk.fileno(), rest, place)
-            place, rest = place + count, rest[count:]
+        remaining = memoryview(content)
+        while remaining:
+            count = os.pwrite(disk.fileno(), remaining, place)
+            place, remaining = place + count, remaining[count:]
 
 
-class _Waiting:
-    """A file as HDF5 sees it, whose changes inside wait in memory.
+class _BufferedFile:
+    """File object for HDF5 that buffers the changes of existing bytes in memory.
 
     Attributes:
         before: Size of the file before the changes [bytes].
-        size: Size with them [bytes].
-        pieces: The changes inside, the earliest first.
-        refused: What kept the disk from taking more; HDF5 itself must not see an error.
+        size: Size of the file with the changes [bytes].
+        pieces: Changes of existing bytes, the earliest first.
+        error: First error of a write to the disk, stored because HDF5 must not see an exception.
     """
 
     def __init__(self, disk: io.FileIO) -> None:
         self._disk, self._place = disk, 0
         self.before = self.size = os.fstat(disk.fileno()).st_size
         self.pieces: list[Piece] = []
-        self.refused: BaseException | None = None
+        self.error: BaseException | None = None
 
     def read(self, size: int = -1) -> bytes:
-        """Return what follows; h5py knows a file by this method."""
-        found = bytearray(size if size >= 0 else self.size - self._place)
-        return bytes(found[: self.readinto(found)])
+        """Return the next bytes; h5py recognises a file object by this method."""
+        content = bytearray(size if size >= 0 else self.size - self._place)
+        return bytes(content[: self.readinto(content)])
 
     def readinto(self, buffer: bytearray | memoryview) -> int:
-        """Read what the disk has and what was changed there."""
+        """Read from the disk, with the buffered changes."""
         target = memoryview(buffer).cast("B")
         begin, end = self._place, self._place + len(target)
         target[:] = os.pread(self._disk.fileno(), len(target), begin).ljust(len(target), b"\0")
@@ -143,22 +143,22 @@ class _Waiting:
         return len(target)
 
     def write(self, content: bytes | memoryview) -> int:
-        """Let a change wait, or write it behind the end."""
+        """Buffer a change of existing bytes, or append new bytes to the disk."""
         count = memoryview(content).nbytes
-        if self._place < self.before or not self._written(content):
+        if self._place < self.before or not self._appended(content):
             self.pieces.append((self._place, bytes(content)))
         self._place += count
         self.size = max(self.size, self._place)
         return count
 
-    def _written(self, content: bytes | memoryview) -> bool:
-        """Write behind the end, unless the disk is full or the run was interrupted."""
-        if self.refused is None:
+    def _appended(self, content: bytes | memoryview) -> bool:
+        """Append new bytes to the disk; return False after an error or an interrupt."""
+        if self.error is None:
             try:
                 _write(self._disk, [(self._place, content)])
             except BaseException as error:
-                self.refused = error
-        return self.refused is None
+                self.error = error
+        return self.error is None
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
         self._place = offset + (0, self._place, self.size)[whence]
@@ -172,4 +172,4 @@ class _Waiting:
         return size
 
     def flush(self) -> None:
-        """Do nothing: changes are made at once."""
+        """Do nothing: `changing` applies the changes."""

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""From results to numbers, tables and figures, without DOLFINx."""
+"""Numbers, tables and figures from results files, without DOLFINx."""
 
 import lazy_loader
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The deformed body through an earthquake as a film."""
+"""Film of the deformed body during an earthquake."""
 
 from __future__ import annotations
 
@@ -44,38 +44,37 @@ def animate(
     azimuth_deg: float = DOWNSTREAM,
     elevation_deg: Elevation = 24.0,
 ) -> Path:
-    """Write the deformed body at recorded states as a GIF, or as MP4 where ffmpeg is there.
+    """Write a film of the deformed body as a GIF, or as MP4 if ffmpeg is installed.
 
-    All pictures have the same colours, scale and place.
+    All pictures have the same range of colours, scale and frame.
 
     Args:
         results: The run.
         path: File ending in ``.gif`` or ``.mp4``.
         start: Time of the first state.
-        end: Time of the last state; all to the end of the run unless given.
-        frames: Largest number of pictures; states are left out evenly if there are more.
-        per_second: Pictures in a second of the film.
-        scale: Displacements are multiplied by it, a round number that suits the largest of them
-            unless given.
-        relative_to: As in `views.deformed`.
-        groups: Likewise.
-        azimuth_deg: Of the eye.
-        elevation_deg: Of the eye.
+        end: Time of the last state; the end of the run unless given.
+        frames: Largest number of pictures; if more states were recorded, some are skipped evenly.
+        per_second: Pictures per second of the film.
+        scale: Factor of the displacements; unless given, a round number that suits the largest.
+        relative_to: Reference of the displacements, as in `views.deformed`.
+        groups: Cell groups that are drawn opaque, as in `views.deformed`.
+        azimuth_deg: Azimuth of the viewpoint.
+        elevation_deg: Elevation of the viewpoint.
 
     Raises:
-        JointsError: No state was recorded in that time, or there is nothing to write MP4 with.
+        JointsError: Fewer than two states were recorded in that time, or ffmpeg is missing.
     """
     check_results(results)
     place = Path(path)
     writer = _writer(place, per_second)
     times = results.time("states")
     end = times[-1] if end is None else end
-    known = np.flatnonzero((times >= start) & (times <= end))
-    if len(known) < 2:
+    rows = np.flatnonzero((times >= start) & (times <= end))
+    if len(rows) < 2:
         raise JointsError(
-            f"{results.path} has {len(known)} states from {start:g} to {end:g} s; a film needs two."
+            f"{results.path} has {len(rows)} states from {start:g} to {end:g} s; a film needs two."
         )
-    chosen = known[np.unique(np.linspace(0, len(known) - 1, min(frames, len(known))).astype(int))]
+    chosen = rows[np.unique(np.linspace(0, len(rows) - 1, min(frames, len(rows))).astype(int))]
     moved = {k: nodal_displacement(results, int(k), relative_to) for k in chosen}
     body = Body(results, groups)
     largest = max(float(np.linalg.norm(u[body.seen], axis=1).max()) for u, _ in moved.values())
@@ -100,14 +99,14 @@ def _writer(place: Path, per_second: int) -> Any:
     if place.suffix.lower() == ".gif":
         return PillowWriter(fps=per_second)
     if place.suffix.lower() != ".mp4":
-        raise JointsError(f"A film is written to a file ending in .gif or .mp4, got {place}.")
+        raise JointsError(f"The file of a film must end in .gif or .mp4, got {place}.")
     if shutil.which("ffmpeg") is None:
         raise JointsError("MP4 needs the program ffmpeg; install it, or write a .gif.")
     return FFMpegWriter(fps=per_second)
 
 
 def _pixels(figure: Any) -> Pixels:
-    """Red, green, blue of a figure, shape (height, width, 3)."""
+    """Return red, green and blue of a figure, shape (height, width, 3)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure.set_dpi(_DPI)

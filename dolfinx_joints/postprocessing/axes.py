@@ -1,9 +1,8 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Axes of figures: made where none are given, labelled, with legends, in the look of all figures.
+"""Axes of figures: creation, labels, legends and the style that all figures share.
 
-Matplotlib's global state is not used. Figures show themselves in notebooks, and so do axes that
-have a figure of their own.
+Matplotlib's global state is not used. Notebooks display the figures and new axes.
 """
 
 from __future__ import annotations
@@ -27,25 +26,25 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Inches = Annotated[float, at.Interval(ge=0.5, le=100.0), at.Unit("inch")]
-_BELOW = 0.45  # from the axes to a legend below them, past ticks and label [inch]
+_BELOW = 0.45  # distance from the axes to a legend below ticks and label [inch]
 Periods = Annotated[Sequence[float], at.MinLen(1), at.Gt(0.0), at.Unit("s")]
 
 
 @checked
 def new_axes(*, width: Inches = 6.3, height: Inches = 3.2) -> Axes:
-    """Axes of a new figure of their own."""
+    """Return the axes of a new figure."""
     figure = new_figure(figsize=(width, height), layout="compressed")
     return figure.add_subplot(axes_class=_shown_classes()[1])
 
 
 def new_figure(**options: Any) -> Figure:
-    """A figure that shows itself in a notebook, from the options of matplotlib's."""
+    """Return a figure that notebooks display; the options are those of matplotlib's ``Figure``."""
     return _shown_classes()[0](**options)
 
 
 @cache
 def _shown_classes() -> tuple[type, type]:
-    """Figure and axes with the picture that notebooks ask an object for."""
+    """Return the classes of figures and axes that notebooks display as pictures."""
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -63,7 +62,7 @@ def _shown_classes() -> tuple[type, type]:
 
 
 def decorate(ax: Axes, xlabel: str, ylabel: str, *, grid: bool = True) -> None:
-    """Label the axes and give them the look of all figures here."""
+    """Label the axes and apply the common style."""
     ax.set(xlabel=xlabel, ylabel=ylabel)
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
@@ -73,12 +72,12 @@ def decorate(ax: Axes, xlabel: str, ylabel: str, *, grid: bool = True) -> None:
 
 
 def entitle(ax: Axes, text: str, *, over_legend: bool = False) -> None:
-    """A title at the left, in a line of its own over a legend that is ``above``."""
+    """Write a title at the left, in a line above the legend if that is ``above`` the axes."""
     ax.set_title(text, loc="left", fontsize="medium", pad=20.0 if over_legend else None)
 
 
 def legend(ax: Axes, where: str = "inside") -> None:
-    """A legend ``inside``, ``above`` (right) or ``below`` the axes."""
+    """Draw a legend ``inside``, ``above`` (right) or ``below`` the axes."""
     from matplotlib.transforms import ScaledTranslation
 
     places: dict[str, dict[str, Any]] = {
@@ -86,7 +85,7 @@ def legend(ax: Axes, where: str = "inside") -> None:
         "above": {"frameon": False, "ncols": 2, "loc": "lower right", "bbox_to_anchor": (1, 1)},
         "below": {"frameon": False, "ncols": 2, "loc": "upper left", "bbox_to_anchor": (0, 0)},
     }
-    if where == "below":  # ticks and label take as much however high the axes are
+    if where == "below":  # the height of ticks and label does not depend on that of the axes
         down = ScaledTranslation(0.0, -_BELOW, ax.figure.figure.dpi_scale_trans)
         places[where]["bbox_transform"] = ax.transAxes + down
     ax.legend(fontsize="small", **places[where])
@@ -104,7 +103,7 @@ def plain_periods(ax: Axes) -> None:
 def runs(
     results: Results, reference: Results | None, labels: tuple[str, str] | None = None
 ) -> list[tuple[Results, dict[str, Any]]]:
-    """Runs in drawing order, each with the style of its line."""
+    """Return the runs in drawing order, each with the style of its line."""
     check_results(results)
     labels = labels or _names_of(results, reference)
     own = (results, {"color": BLUE, "linewidth": 0.9, "label": labels[0]})
@@ -114,11 +113,11 @@ def runs(
 
 
 def _names_of(results: Results, reference: Results | None) -> tuple[str, str]:
-    """Names of a run and its reference: by their joints where these tell them apart, or files."""
-    known = "with joints" if results.joints else "linear"
+    """Return labels of a run and its reference: file names, unless only one of them has joints."""
+    kind = "with joints" if results.joints else "linear"
     if reference is None:
-        return known, ""
+        return kind, ""
     if bool(results.joints) != bool(reference.joints):
-        return known, "with joints" if reference.joints else "linear"
+        return kind, "with joints" if reference.joints else "linear"
     own, other = Path(results.path).stem, Path(reference.path).stem
     return own, other if other != own else f"{other}, reference"

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The boundary of a body as pictures in space show it, at rest and deformed."""
+"""Boundary of a body for pictures in space, undeformed and deformed."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ OUTLINE: dict[str, Any] = {"color": "#737373", "line_width": 3.0}
 
 
 class Body:
-    """The boundary of a body: what fills a picture, and the rest of it, which is translucent.
+    """Boundary of a body: an opaque part that fills the picture, and a translucent part.
 
     Args:
-        results: The run, of a body in space.
-        groups: Cell groups that fill the picture; all of the body unless given.
+        results: A run of a body in space.
+        groups: Cell groups that are opaque; the whole body unless given.
 
     Attributes:
-        nodes: Places of all nodes, shape (n, 3), [m].
-        shown: Vertices of the facets that fill the picture, without joints.
-        rest: Vertices of the other facets of no joint.
+        nodes: Positions of all nodes, shape (n, 3), [m].
+        shown: Vertices of the opaque facets, without joints.
+        translucent: Vertices of the translucent facets, without joints.
         joints: Vertices of the facets on both sides of all joints.
-        seen: Numbers of the nodes of the cells that fill the picture.
+        seen: Node numbers of the opaque cells.
     """
 
     def __init__(self, results: Results, groups: Collection[str] | None = None) -> None:
@@ -52,7 +52,7 @@ class Body:
         surface = results.static("mesh/surface")
         if surface.shape[1] < 3:
             raise ValueError(
-                f"Pictures in space need a body in space; that of {results.path} is plane."
+                f"Pictures in space need a body in space; the body of {results.path} is plane."
             )
         sides = [facets_of_joint(results, joint)[1].ravel() for joint in results.joints]
         every = np.unique(np.concatenate(sides)) if sides else np.empty(0, dtype=np.int64)
@@ -65,26 +65,26 @@ class Body:
             self.seen = np.unique(results.static("mesh/cells")[rows])
             inside = np.flatnonzero(np.isin(outer, self.seen).all(axis=1))
         self.shown: Ints = outer[inside]
-        self.rest: Ints = np.delete(outer, inside, axis=0)
+        self.translucent: Ints = np.delete(outer, inside, axis=0)
         self._corners = {
             name: surface[own].reshape(-1)
             for name, own in zip(short_names(results.joints).values(), sides, strict=True)
         }
 
-    def draw_rest(self, scene: Scene, nodes: Floats) -> None:
-        """Add what does not fill the picture, with its nodes at (n, 3) [m]."""
-        if len(self.rest):
-            scene.surface(nodes, self.rest, color=CONCRETE, opacity=0.25, framed=False)
+    def draw_translucent(self, scene: Scene, nodes: Floats) -> None:
+        """Add the translucent facets to a scene, with all nodes at positions (n, 3) [m]."""
+        if len(self.translucent):
+            scene.surface(nodes, self.translucent, color=CONCRETE, opacity=0.25, framed=False)
 
     def tops(self, nodes: Floats, camera: Camera) -> dict[str, Floats]:
-        """Where the names of the joints go in a picture, nodes at (n, 3) [m]."""
+        """Return the places of the joint names in a picture, with nodes at (n, 3) [m]."""
         return {name: top(nodes[corners], camera) for name, corners in self._corners.items()}
 
 
 class Deformed:
-    """A body whose nodes have moved by a factor times their displacements.
+    """Body whose nodes have moved by a factor times their displacements.
 
-    ``places`` are those of the nodes of the faces that fill the picture, shape (n, 3), [m].
+    ``places`` are the positions of the nodes of the opaque facets, shape (n, 3), [m].
     """
 
     def __init__(self, body: Body, displacement: Floats, factor: float) -> None:
@@ -102,14 +102,14 @@ class Deformed:
         limits: tuple[float, float] | None = None,
         room: Floats | None = None,
     ) -> Figure:
-        """A picture from each camera.
+        """Draw a figure with one picture per camera.
 
         Args:
-            cameras: Where the eye is.
-            frame: What displacements are relative to.
-            title: Of the figure.
-            limits: Range of the colours [mm], that of the state unless given.
-            room: Points, shape (n, 3), [m], that the pictures have room for besides the body.
+            cameras: Viewpoints.
+            frame: Reference of the displacements, in words.
+            title: Title of the figure.
+            limits: Range of the colours [mm]; the range of this state unless given.
+            room: Additional points, shape (n, 3), [m], that must be within the picture.
         """
         body, moved = self._body, self._moved
         limits = limits or data_limits(self._size[body.shown])
@@ -120,7 +120,7 @@ class Deformed:
         if body.joints.size:
             scene.surface(moved, body.joints, color=RED, lighting=False)
         scene.edges(body.nodes, body.shown, **OUTLINE)
-        body.draw_rest(scene, moved)
+        body.draw_translucent(scene, moved)
         figure, axes = draw(scene, cameras)
         for ax, camera in zip(axes, cameras, strict=True):
             write_names(ax, body.tops(moved, camera), RED)
@@ -131,45 +131,45 @@ class Deformed:
 
 
 def jointed_groups(results: Results) -> list[str] | None:
-    """Cell groups that a joint cuts, both of its faces in the group; None where there are none.
+    """Return the cell groups with both faces of a joint in the group; None without such a group.
 
-    Those of a dam on its rock are the dam, unless the rock has joints of its own.
+    For a dam on rock this is the dam, unless there are joints in the rock.
     """
     start = "mesh/groups/"
     names = [n.removeprefix(start) for n in results.statics if n.startswith(start)]
     surface = results.static("mesh/surface")
     faces = [surface[facets_of_joint(results, joint)[1]] for joint in results.joints]
-    found = []
+    jointed = []
     for name in names:
         seen = np.unique(results.static("mesh/cells")[results.static(start + name)])
         if any(np.isin(face, seen).all() for face in faces):
-            found.append(name)
-    return found or None
+            jointed.append(name)
+    return jointed or None
 
 
 def top(points: Floats, camera: Camera) -> Floats:
-    """The rightmost of the highest points, in the picture."""
+    """Return the picture coordinates of the rightmost of the highest points."""
     size = size_of(points)
     highest = camera.project(points[points[:, 2] >= points[:, 2].max() - 0.01 * size])
     return highest[np.argmax(highest[:, 0])]
 
 
 def size_of(nodes: Floats) -> float:
-    """Diagonal of the box around the body [m]."""
+    """Return the diagonal of the bounding box of nodes [m]."""
     return float(np.linalg.norm(np.ptp(nodes, axis=0)))
 
 
 def data_limits(values: Floats) -> tuple[float, float]:
-    """Range of the values that are not NaN, widened where it is a point."""
-    known = values[np.isfinite(values)]
-    if not known.size:
+    """Return the range of the finite values; a range of zero width is widened."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
         raise ValueError("There is nothing to draw: all values are missing.")
-    low, high = float(known.min()), float(known.max())
+    low, high = float(finite.min()), float(finite.max())
     return (low, high) if high > low else (low, low + 1.0)
 
 
 def short_names(joints: Sequence[str]) -> dict[str, str]:
-    """Names without what all of them begin with."""
+    """Return the names without their common beginning, by name."""
     if len(joints) < 2:
         return {joint: joint for joint in joints}
     start = 0

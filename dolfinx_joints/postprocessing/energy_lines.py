@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Lines of the energy ledger, with what waves bring and take apart from what stays."""
+"""Terms of the energy ledger, with the energy of waves in and out as a separate term."""
 
 from __future__ import annotations
 
@@ -14,63 +14,62 @@ from dolfinx_joints.results.quantities import rows_below
 from dolfinx_joints.results.reader import Results
 
 WAVES = "waves"
-_ROUNDING = 1e-12  # of the larger of what waves bring and take
+_ROUNDING = 1e-12  # relative to the larger of the energies that waves bring in and out
 
 
 def energy_lines(results: Results) -> dict[str, Floats]:
-    """Lines of the ledger at every step, by name, each of shape (records,), [J].
+    """Return the terms of the ledger of the whole model by name, shape (records,), [J].
 
-    Those of the whole model that the run has. With viscous boundaries or waves in a reservoir
-    there is ``waves`` as well, what has come in through them less what has gone out
-    (`through_boundaries`), and ``input`` and ``viscous`` are those of all else: the two parts of
-    ``waves`` may be a thousand times larger than anything that deforms the body.
+    With viscous boundaries or waves in a reservoir, the term ``waves`` is the energy that has come
+    in through them minus the energy that has gone out (`through_boundaries`). ``input`` and
+    ``viscous`` then exclude these parts, which may be a thousand times larger than all others.
     """
     check_results(results)
-    known = [row.name for row in rows_below("energy") if row.name in results.streams["energy"]]
-    lines = {term: results.series("energy", term) for term in known if term != "absorbed"}
+    terms = [row.name for row in rows_below("energy") if row.name in results.streams["energy"]]
+    lines = {term: results.series("energy", term) for term in terms if term != "absorbed"}
     through = through_boundaries(results)
     if through is not None:
-        brought, taken = through
-        lines["input"] = lines["input"] - brought
-        lines["viscous"] = lines["viscous"] - taken
-        lines = {WAVES: brought - taken, **lines}
+        inflow, outflow = through
+        lines["input"] = lines["input"] - inflow
+        lines["viscous"] = lines["viscous"] - outflow
+        lines = {WAVES: inflow - outflow, **lines}
     return lines
 
 
 def through_boundaries(results: Results) -> tuple[Floats, Floats] | None:
-    """Energy that free fields have put in and that the dashpots of viscous boundaries have taken.
+    """Return the energy put in by free fields and the energy absorbed by viscous boundaries.
 
-    Both of shape (records,), [J], with what bottom and far end of a reservoir have taken; None for
-    a run without either.
+    Both have shape (records,), [J]. The absorbed energy includes that of the bottom and the far end
+    of a reservoir. None if the run has no absorbing boundary.
     """
     names = results.streams["energy"]
     if "absorbed" not in names:
         return None
-    taken = results.series("energy", "absorbed")
+    outflow = results.series("energy", "absorbed")
     fields = r"loads/((Oblique)?FreeField(_\d+)?|FarField_reservoir)"
     waves = [name for name in names if re.fullmatch(fields, name)]
-    brought = sum((results.series("energy", name) for name in waves), np.zeros_like(taken))
-    return brought, taken
+    inflow = sum((results.series("energy", name) for name in waves), np.zeros_like(outflow))
+    return inflow, outflow
 
 
 def waves_at_end(results: Results) -> tuple[float, float] | None:
-    """What waves have brought and taken by the end of a run, zero where it is rounding, [J]."""
+    """Return both energies of `through_boundaries` at the end [J], rounding errors set to zero."""
     through = through_boundaries(results)
     if through is None or not results.rows("energy"):
         return None
-    brought, taken = (float(each[-1]) for each in through)
-    least = _ROUNDING * max(abs(brought), abs(taken))
-    return (brought if abs(brought) > least else 0.0), (taken if abs(taken) > least else 0.0)
+    inflow, outflow = (float(energy[-1]) for energy in through)
+    least = _ROUNDING * max(abs(inflow), abs(outflow))
+    return (inflow if abs(inflow) > least else 0.0), (outflow if abs(outflow) > least else 0.0)
 
 
 def joint_losses(results: Results) -> dict[str, tuple[float, float]]:
-    """Friction work and numerical loss of each joint at the end of a run, by joint, [J]."""
+    """Return friction work and numerical loss of each joint at the end of a run, by joint, [J]."""
     check_results(results)
     terms = ("friction", "numerical")
-    found = {}
+    losses = {}
     for joint in results.joints:
         names = [f"joints/{joint}/{term}" for term in terms]
         if set(names) <= set(results.streams["energy"]) and results.rows("energy"):
             friction, lost = (float(results.series("energy", name, -1)) for name in names)
-            found[joint] = friction, lost
-    return found
+            losses[joint] = friction, lost
+    return losses

@@ -21,44 +21,44 @@ EnvelopeName = Literal[
 ]
 ENVELOPE_NAMES: tuple[str, ...] = get_args(EnvelopeName)
 
-# Series of the stream ``statics`` in which the extremes of a static stage are found.
+# Series of the stream ``statics`` with the extreme stresses of a static stage, by envelope name.
 STAGE_STRESSES = {
     name: f"stress/{name if name.startswith('principal') else name.split('_')[0]}"
     for name in ENVELOPE_NAMES
 }
 
-_STEEP = 0.9  # of |n_z|: facets within 26 degrees of the horizontal have no arch direction
-_SMOOTH = 0.8  # share of the mean normal: faces that meet at more than about 53 degrees are an edge
+_STEEP = 0.9  # limit of |n_z|: facets within 26 degrees of the horizontal have no arch direction
+_SMOOTH = 0.8  # least share of the largest eigenvalue: facets at over 53 degrees form an edge
 
 
 def principal_extremes(stress: ArrayLike) -> Floats:
-    """Largest and smallest principal stress, shape (2, n), of stresses (n, 6) [Pa]."""
+    """Return the largest and smallest principal stress, shape (2, n), of stresses (n, 6) [Pa]."""
     rows = np.asarray(stress, dtype=np.float64)
     tensors = rows[:, [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(-1, 3, 3)
     return np.asarray(np.linalg.eigvalsh(tensors)[:, [2, 0]].T)
 
 
 def stress_along(stress: ArrayLike, direction: ArrayLike) -> Floats:
-    """Normal stress along unit vectors (n, 3) of stresses (n, 6) [Pa], NaN where a vector is."""
+    """Return the normal stress along unit vectors (n, 3) or NaN, of stresses (n, 6) [Pa]."""
     x, y, z = np.asarray(direction, dtype=np.float64).T
     factors = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * y * z, 2 * x * z], axis=1)
     return np.einsum("ij,ij->i", np.asarray(stress, dtype=np.float64), factors)
 
 
 def extreme_of(name: str, values: Floats) -> float:
-    """Largest of the values of an envelope, smallest of one of compression, NaN without any."""
-    known = values[~np.isnan(values)]
-    return float(known.max() if name.endswith("max") else known.min()) if known.size else np.nan
+    """Return the largest value of an envelope ``.._max``, the smallest of ``.._min``, or NaN."""
+    valid = values[~np.isnan(values)]
+    return float(valid.max() if name.endswith("max") else valid.min()) if valid.size else np.nan
 
 
 def face_directions(nodes: ArrayLike, facets: ArrayLike) -> tuple[Floats, Floats]:
-    """Arch and cantilever directions at the nodes of a surface.
+    """Return arch and cantilever directions at the nodes of a surface.
 
-    With n the mean normal of the facets around a node, weighted by their areas, and z upwards, the
-    arch direction is z x n, horizontal in the surface, and the cantilever direction n x (z x n),
-    the steepest upwards in it. Facets within 26 degrees of the horizontal, such as a crest, do not
-    count. A node has no directions (NaN) if none is left, or if the facets meet at an edge there.
-    The arch direction points to positive y, or to positive x where it is normal to y.
+    n is the area-weighted mean normal of the facets around a node, z points upwards. The arch
+    direction z x n is horizontal in the surface. The cantilever direction n x (z x n) is the
+    steepest upward direction in the surface. Facets within 26 degrees of the horizontal, such as a
+    crest, are ignored. The directions are NaN if no facet remains, or if the facets form an edge at
+    the node. The arch direction points to positive y, or to positive x if it is normal to y.
 
     Args:
         nodes: Shape (n, 3), [m].
@@ -72,7 +72,7 @@ def face_directions(nodes: ArrayLike, facets: ArrayLike) -> tuple[Floats, Floats
     area = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
     size = np.linalg.norm(area, axis=1)
     steep = np.abs(area[:, 2]) <= _STEEP * size
-    # n n^T does not care which side of a facet its vertices were listed from.
+    # Average n n^T, which does not depend on the orientation of the facets.
     tensors = np.einsum("fi,fj->fij", area[steep], area[steep]) / size[steep, None, None]
     mean = np.zeros((len(positions), 3, 3))
     for column in vertices[steep].T:
@@ -103,7 +103,7 @@ class Envelopes:
         self._smallest: Floats = np.full((3, len(arch)), np.inf)
 
     def see(self, stress: Floats) -> None:
-        """Take in the stresses of a time, shape (n, 6), [Pa]."""
+        """Update the envelopes with the stresses at one time, shape (n, 6), [Pa]."""
         largest, smallest = principal_extremes(stress)
         along = [stress_along(stress, d) for d in (self._arch, self._cantilever)]
         np.maximum(self._largest, [largest, *along], out=self._largest)
@@ -116,19 +116,19 @@ class Envelopes:
         return both.reshape(6, -1).T
 
     def load_state_dict(self, columns: Floats) -> None:
-        """Go on from what ``columns`` gave."""
+        """Restore the envelopes from ``columns``."""
         both = columns.T.reshape(3, 2, -1)
         self._largest, self._smallest = both[:, 0].copy(), both[:, 1].copy()
 
 
 def declare_directions(writer: ResultsWriter, nodes: Array, arch: Array, cantilever: Array) -> None:
-    """Write nodes of envelopes, numbers in ``mesh/nodes``, (n,), and directions, (n, 3), or NaN."""
+    """Write the nodes of envelopes, rows of ``mesh/nodes`` (n,), and directions (n, 3) or NaN."""
     writer.static("envelopes/nodes", nodes, "-", "nodes at which stresses are recorded")
     writer.static("envelopes/arch", arch, "-", "horizontal direction in the surface")
     writer.static("envelopes/cantilever", cantilever, "-", "steepest direction in the surface")
 
 
 def stage_stresses(stress: Floats, arch: Floats, cantilever: Floats) -> Floats:
-    """Columns in the order of the series of ``STAGE_STRESSES``, shape (n, 4), [Pa]."""
+    """Return stresses in the order of the series in ``STAGE_STRESSES``, shape (n, 4), [Pa]."""
     along = [stress_along(stress, direction) for direction in (arch, cantilever)]
     return np.column_stack([*principal_extremes(stress), *along])

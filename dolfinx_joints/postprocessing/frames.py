@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What the displacements of a run are relative to, and the motion of its ground.
+"""Reference of the displacements of a run, and the motion of its ground.
 
-With a ground motion they are relative to the ground. Under waves that rise (`FreeField`) and on
-supports that move they are absolute. The ground of waves is the level free surface as they alone
-would move it, such as an outcrop far from the dam.
+With a ground motion, displacements are relative to the ground. With incoming waves (`FreeField`) or
+moving supports they are absolute. The ground motion of incoming waves is that of the level free
+surface without the body, for example at an outcrop far from the dam.
 """
 
 from __future__ import annotations
@@ -18,29 +18,29 @@ from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing.joints.surface import is_plane
 from dolfinx_joints.results.reader import ABSOLUTE, RELATIVE, Results
 
-GROUND = "ground"  # what a displacement may be relative to, besides monitor points
+GROUND = "ground"  # allowed value of relative_to, like the names of monitor points
 BASE = "mean of the base"
 
 _SURFACE = "free_surface_velocity"
 
 
 def has_free_surface(results: Results) -> bool:
-    """Whether the ground is moved by waves, and the file holds what they alone do."""
+    """Return True if the file has the motion of a free surface under incoming waves."""
     return _SURFACE in results.streams.get("histories", ())
 
 
 def ground_name(results: Results) -> str:
-    """What `ground_motion` is the motion of."""
+    """Return the name of the ground whose motion is `ground_motion`."""
     return "free surface" if has_free_surface(results) else GROUND
 
 
 def usual_reference(results: Results) -> str | None:
-    """What a run that is compared with others is shown relative to: the ground, where known."""
+    """Return the reference for comparing runs: "ground" with a free surface, otherwise None."""
     return GROUND if has_free_surface(results) else None
 
 
 def frame_name(results: Results, relative_to: str | None = None) -> str:
-    """What displacements are relative to, in words."""
+    """Return the reference of displacements, in words."""
     if relative_to is None:
         return RELATIVE if results.relative else ABSOLUTE
     if _is_ground(results, relative_to):
@@ -49,18 +49,18 @@ def frame_name(results: Results, relative_to: str | None = None) -> str:
 
 
 def common_frame(frames: Mapping[str, str]) -> str:
-    """What the displacements of several runs are relative to, named by run where they differ."""
+    """Return the reference of the displacements of several runs, by run if they differ."""
     if len(set(frames.values())) == 1:
         return next(iter(frames.values()))
     return ", ".join(f"{frame} in {label}" for label, frame in frames.items())
 
 
 def ground_motion(results: Results) -> tuple[Floats, Floats]:
-    """Acceleration of the ground: the motion given, or that of the free surface under the waves.
+    """Return the acceleration of the given ground motion or of the free surface under waves.
 
     Returns:
-        Times [s], shape (n,), and accelerations [m/s^2], shape (n, 3). Those of a free surface are
-        the means of the steps, at their middles, as `measures.acceleration_history` has them.
+        Times [s], shape (n,), and accelerations [m/s^2], shape (n, 3). For a free surface these are
+        mean values of the steps at their midpoints, as in `measures.acceleration_history`.
     """
     time = results.time("histories")
     if has_free_surface(results):
@@ -71,26 +71,27 @@ def ground_motion(results: Results) -> tuple[Floats, Floats]:
 
 
 def has_ground_motion(results: Results) -> bool:
-    """Whether the file holds a motion of the ground in which it does not rest throughout."""
-    known = {_SURFACE, "ground_acceleration"} & set(results.streams.get("histories", ()))
-    time, acceleration = ground_motion(results) if known else (np.zeros(0), np.zeros(0))
+    """Return True if the file contains a ground motion that is not zero throughout."""
+    series = {_SURFACE, "ground_acceleration"} & set(results.streams.get("histories", ()))
+    time, acceleration = ground_motion(results) if series else (np.zeros(0), np.zeros(0))
     return len(time) > 1 and bool(acceleration.any())
 
 
 def ground_in_steps(results: Results) -> Floats:
-    """Mean acceleration of the ground in each step, shape (records - 1, 3), [m/s^2]."""
+    """Return the mean ground acceleration of each step, shape (records - 1, 3), [m/s^2]."""
     _check_ground(results)
     _, ground = ground_motion(results)
     return ground if has_free_surface(results) else 0.5 * (ground[1:] + ground[:-1])
 
 
 def reference_displacement(results: Results, relative_to: str | None) -> Floats:
-    """Displacement of what others are relative to, shape (records, 3), [m].
+    """Return the displacement of a reference, shape (records, 3), [m].
 
     Args:
         results: The run.
-        relative_to: Name of a monitor point, or ``ground``: zero where displacements are relative
-            to it anyway, otherwise that of the free surface from the first record. None for zero.
+        relative_to: Name of a monitor point, or ``ground``. For ``ground`` the result is zero if
+            the displacements of the file are relative to the ground, otherwise the displacement of
+            the free surface since the first record. None gives zero.
     """
     time = results.time("histories")
     if relative_to is None or (_is_ground(results, relative_to) and results.relative):
@@ -108,17 +109,17 @@ def reference_displacement(results: Results, relative_to: str | None) -> Floats:
 def nodal_displacement(
     results: Results, number: int, relative_to: str | None = None
 ) -> tuple[Floats, str]:
-    """Displacement of all nodes at a record of the stream ``states``, and what it is relative to.
+    """Return the displacement of all nodes at a record of ``states``, and its reference.
 
     Args:
         results: The run.
         number: Number of the record, from 0.
-        relative_to: Name of a monitor point, ``ground`` as in `reference_displacement`. Unless
-            given absolute displacements are relative to the mean of the lowest nodes, so that what
-            deforms is seen, others as they are.
+        relative_to: Name of a monitor point, or ``ground`` as in `reference_displacement`. Unless
+            given, the mean of the lowest nodes is subtracted from absolute displacements, so that
+            the deformation is visible. Relative displacements are not changed.
 
     Returns:
-        Shape (nodes, 3), [m]; and in words what was taken off.
+        Displacement, shape (nodes, 3), [m]; and the reference in words.
     """
     u = results.series("states", "displacement", number)
     if relative_to is None and not results.relative:
@@ -132,14 +133,14 @@ def nodal_displacement(
 
 
 def _check_ground(results: Results) -> None:
-    """Raise a ResultsError for absolute motions without one of the ground."""
+    """Raise a ResultsError if motions are absolute and the file has no motion of the ground."""
     if not results.relative and not has_free_surface(results):
         raise ResultsError(
-            f"{results.path} holds absolute motions, but none of the ground that they could be "
-            "relative to; name a monitor point."
+            f"{results.path} has absolute motions and no motion of the ground; give the name of a "
+            "monitor point as reference."
         )
 
 
 def _is_ground(results: Results, relative_to: str) -> bool:
-    """Whether the ground is meant, and no monitor point of that name."""
+    """Return True if ``relative_to`` is the ground and not a monitor point named "ground"."""
     return relative_to == GROUND and GROUND not in results.point_names

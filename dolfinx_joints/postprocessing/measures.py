@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Response measures of a run, from its results file: histories, peaks, spectra, joints.
 
-Displacements are counted from the static state, the first record of a file. They are relative to
-the ground or, where the ground moves within the model, absolute (``results.relative``), and
-``relative_to`` takes off those of a monitor point, given by its name, or of the ``"ground"``
-(`frames`). Points are given by name or number, components are x (stream), y (cross-valley) and z
-(up). :class:`ResultsError` names what a file does not hold.
+Displacements start from the static state, the first record of a file. They are relative to the
+ground or, if the ground moves within the model, absolute (``results.relative``). ``relative_to``
+subtracts the displacement of a monitor point or of the ``"ground"`` (`frames`). Points are given by
+name or number. Components are x (stream), y (cross-valley) and z (up). Missing data raise a
+:class:`ResultsError`.
 """
 
 from __future__ import annotations
@@ -53,20 +53,19 @@ from dolfinx_joints.results.resolved import resolved_frequencies as resolved_fre
 NotNegative = Annotated[float, at.Ge(0.0), at.Unit("s")]
 
 JOINT_MEASURES = tuple(row.name for row in TABLE["measures"])
-OPEN, SLIDING, FRICTIONLESS = 0, 2, 3  # values of `laws.law.Status`, as files hold them
+OPEN, SLIDING, FRICTIONLESS = 0, 2, 3  # values of `laws.law.Status` in results files
 
 
 class FourierPeaks(NamedTuple):
-    """Peaks of a Fourier amplitude.
+    """Peaks of a Fourier amplitude; NaN without a peak.
 
     Attributes:
-        frequency: Of the highest peak, NaN if there is none [Hz].
-        amplitude: There, NaN if there is none [m s].
-        bin_width: Distance of two frequencies, one over the duration [Hz]; a frequency is not
-            known better than half of it.
-        frequency_below: Of the highest peak below the chosen frequency, NaN if there is none
-            [Hz].
-        amplitude_below: There, NaN if there is none [m s].
+        frequency: Frequency of the highest peak [Hz].
+        amplitude: Amplitude of the highest peak [m s].
+        bin_width: Distance of two frequencies, 1 / duration [Hz]. Frequencies have an uncertainty
+            of half of it.
+        frequency_below: Frequency of the highest peak below the chosen frequency [Hz].
+        amplitude_below: Amplitude of that peak [m s].
     """
 
     frequency: float
@@ -85,9 +84,9 @@ def displacement_history(
     *,
     from_static: bool = True,
 ) -> tuple[Floats, Floats]:
-    """Displacement of a point from the static state, as the file holds it unless ``relative_to``.
+    """Return the displacement of a point since the static state.
 
-    Without ``from_static`` that of the static state is included.
+    With ``from_static=False`` the displacement of the static state is included.
 
     Returns:
         Times [s] and displacements [m], both of shape (records,).
@@ -101,7 +100,7 @@ def displacement_history(
         return results.time("histories"), u
     start = u[:1]
     if "point_displacement" in results.streams.get("statics", ()) and len(results.stage_names):
-        # A run that goes on from another one does not begin in the static state.
+        # The first record of a continued run is not the static state.
         static = results.series("statics", "point_displacement", -1)
         start = static[index, column]
         if relative_to in results.point_names:
@@ -118,19 +117,20 @@ def acceleration_history(
     absolute: bool = True,
     band: Hertz | None = ACCELERATION_BAND,
 ) -> tuple[Floats, Floats]:
-    """Acceleration of a point, the mean of each step, at the middle of the step.
+    """Return the mean acceleration of a point in each step, at the middle of the step.
 
-    The other one is relative to the ground. Of the two a file holds that of its displacements; the
-    mean acceleration of the ground in the step (`frames.ground_motion`) leads to the other.
+    It is absolute, or relative to the ground with ``absolute=False``. A file contains one of the
+    two, with the same reference as its displacements. The other follows from the mean ground
+    acceleration of the step (`frames.ground_motion`).
 
-    Raw values do not converge under shorter steps where joints strike. ``band`` [Hz] takes off what
-    lies above it without a shift of phase (`processing.low_pass`), at most that of `common_band`;
-    None gives the values of the file. Compare runs in the same band. A band beyond what the run
-    resolves (`resolved_frequencies`) is warned of.
+    If joints close with impact, raw accelerations do not converge with shorter steps. A zero-phase
+    low-pass filter (`processing.low_pass`) removes frequencies above ``band`` [Hz], at most
+    `common_band`. None returns raw values. Compare runs in the same band. A warning is given if
+    the band exceeds the resolved frequencies (`resolved_frequencies`).
 
     Returns:
-        Times [s] and accelerations [m/s^2], both of shape (records - 1,); with a band at equal
-        steps, the shortest of the run.
+        Times [s] and accelerations [m/s^2], both of shape (records - 1,). With a band, the steps
+        are equal to the shortest step of the run.
     """
     check_results(results)
     column, time = COMPONENTS.index(component), results.time("histories")
@@ -144,29 +144,29 @@ def acceleration_history(
         return 0.5 * (time[1:] + time[:-1]), a
     dt, a = _equal_means(time, a)
     band = common_band(results, band=band)
-    if doubt := beyond(band, resolved_frequencies(results)):
-        warn(f"{results.path}: {doubt}", PlausibilityWarning)
+    if warning := beyond(band, resolved_frequencies(results)):
+        warn(f"{results.path}: {warning}", PlausibilityWarning)
     return time[0] + dt * (0.5 + np.arange(len(a))), low_pass(a, dt, band)
 
 
 def common_band(*runs: Results, band: float = ACCELERATION_BAND) -> float:
-    """Band in which accelerations of runs can be compared [Hz].
+    """Return the band in which accelerations of runs can be compared [Hz].
 
-    It is ``band``, or the Nyquist frequency of the longest step of all runs where that is lower.
+    This is the smaller of ``band`` and the Nyquist frequency of the longest step of all runs.
     """
     longest = [np.diff(results.time("histories")).max(initial=0.0) for results in runs]
     return float(min(band, *(0.5 / step for step in longest if step > 0.0), band))
 
 
 def band_name(band: float | None, *runs: Results) -> str:
-    """What accelerations are, in words: low-passed at a frequency, or raw; what runs resolve."""
+    """Return words for the filter of accelerations, and for the frequency that the runs resolve."""
     name = "raw" if band is None else f"low-passed at {band:.3g} Hz"
     frequency, by = resolved_frequencies(*runs).lowest if runs else (np.inf, "")
     return name + (f", resolved to {frequency:.3g} Hz by the {by}" if frequency < np.inf else "")
 
 
 def _equal_means(time: Floats, means: Floats) -> tuple[float, Floats]:
-    """Means over equal steps, the shortest [s], of a signal given by its means over steps."""
+    """Return an equal step [s], near the shortest, and the means over it, from means over steps."""
     steps = np.diff(time)
     count = round((time[-1] - time[0]) / steps.min())
     dt = float((time[-1] - time[0]) / count)
@@ -180,25 +180,25 @@ def _equal_means(time: Floats, means: Floats) -> tuple[float, Floats]:
 def peaks(
     results: Results, point: int | str, *, strong_until: float, relative_to: str | None = None
 ) -> dict[str, dict[str, float]]:
-    """Largest size of the displacement of a point from the static state [m].
+    """Return the largest absolute displacement of a point since the static state [m].
 
     Returns:
-        By component, ``"strong"``, up to ``strong_until`` [s], and ``"later"``; NaN without any.
+        By component: ``"strong"`` up to ``strong_until`` [s], and ``"later"``; NaN without records.
     """
-    found: dict[str, dict[str, float]] = {}
+    largest: dict[str, dict[str, float]] = {}
     for component in COMPONENTS:
         time, u = displacement_history(results, point, component, relative_to)
         strong = time <= strong_until
-        found[component] = {"strong": _largest(u[strong]), "later": _largest(u[~strong])}
-    return found
+        largest[component] = {"strong": _largest(u[strong]), "later": _largest(u[~strong])}
+    return largest
 
 
 def strong_motion_end(source: Motion | Results, share: float = 0.95) -> float:
-    """Time at which the Arias intensity of all components together reaches a share [s].
+    """Return the time at which the Arias intensity, summed over components, reaches a share [s].
 
     Args:
-        source: A ground motion, or a run whose file holds that of the ground (`ground_motion`).
-        share: Of the intensity at the end, above 0 and at most 1.
+        source: A ground motion, or a run whose file contains the ground motion (`ground_motion`).
+        share: Share of the final intensity, above 0 and at most 1.
     """
     if isinstance(source, Motion):
         return significant_duration(source.acceleration, source.dt, lower=0.0, upper=share)[1]
@@ -208,7 +208,7 @@ def strong_motion_end(source: Motion | Results, share: float = 0.95) -> float:
 
 
 def strong_phase_end(results: Results) -> float:
-    """`strong_motion_end`, or the end of a run that knows of no motion of the ground [s]."""
+    """Return `strong_motion_end`, or the end of the run if the file has no ground motion [s]."""
     if has_ground_motion(results):
         return strong_motion_end(results)
     return float(results.time("histories")[-1])
@@ -223,10 +223,10 @@ def fourier_peaks(
     below: Hertz | None = None,
     relative_to: str | None = None,
 ) -> FourierPeaks:
-    """Highest peak of the Fourier amplitude of a point's displacement.
+    """Return the highest peak of the Fourier amplitude of a point's displacement.
 
-    The amplitude is that of `plots.fourier`, a peak is what exceeds both its neighbours: the mean,
-    to which a residual displacement adds, is none. A second one is sought ``below`` a frequency.
+    The amplitude is that of `plots.fourier`. A peak exceeds both its neighbours, so the mean value
+    (with any residual displacement) is not a peak. A second peak is sought ``below`` a frequency.
     """
     dt, values = equally_spaced(*displacement_history(results, point, component, relative_to))
     frequency, amplitude = fourier_amplitude(values, dt)
@@ -236,11 +236,10 @@ def fourier_peaks(
 
 
 def joint_history(results: Results, joint: str) -> tuple[Floats, Floats, Floats]:
-    """Opening and slip of the points of a joint at the stored states; see `joint_extremes` too.
+    """Return opening and slip of the points of a joint at the stored states.
 
-    The opening is the positive part of the normal gap. The slip is the tangential displacement of
-    the two sides against each other from the static state, the elastic part included, whether they
-    touch or not.
+    The opening is the positive part of the normal gap. The slip is the relative tangential
+    displacement of the sides since the static state, including the elastic part, closed or open.
 
     Returns:
         Times of the stream ``states``, shape (records,), [s]; opening and slip, both of shape
@@ -255,28 +254,26 @@ def joint_history(results: Results, joint: str) -> tuple[Floats, Floats, Floats]
 
 @checked
 def joint_measures(results: Results, *, tail: NotNegative = 1.0) -> dict[str, dict[str, float]]:
-    """Extremes of the motion of each joint.
+    """Return extremes of the motion of each joint.
 
-    By joint, of every step as in :func:`joint_extremes`:
+    By joint, over all steps as in :func:`joint_extremes`:
 
-    - ``opening_max``, ``slip_max`` [m] and ``pressure_max`` [Pa], the largest of any point at any
-      time, and ``mean_pressure_max`` [Pa], with their times ``opening_time``, ... [s];
+    - ``opening_max``, ``slip_max`` [m] and ``pressure_max`` [Pa]: the largest value of all points
+      and times; and ``mean_pressure_max`` [Pa]; with their times ``opening_time``, ... [s];
 
-    and over the records of the stream ``states``, opening and slip as in :func:`joint_history`:
+    By joint, over the records of ``states``, with opening and slip as in :func:`joint_history`:
 
-    - ``opening_static`` [m], the largest of the static state;
-    - ``opening_residual`` and ``slip_residual`` [m]: the growth since the static state, the
-      mean over the last ``tail`` seconds at each point, of the slip as a vector, and then the
-      largest of the points. While the body still moves a mean is what it moves about;
-    - ``share_open``, ``share_sliding`` and ``share_frictionless`` (closed without friction), shares
-      of area and time: areas of the points that are so at the records (``status``) over the
-      joint's, averaged over the records. Where a file holds no ``status``, open are points without
-      traction and the other two are NaN;
-    - ``share_broken``, the share of the area whose bond was gone at the last record, zero for
-      joints that never had one.
+    - ``opening_static`` [m]: the largest opening in the static state;
+    - ``opening_residual`` and ``slip_residual`` [m]: the largest residual change since the static
+      state. It is averaged at each point over the last ``tail`` seconds, the slip as a vector, to
+      filter out remaining vibrations;
+    - ``share_open``, ``share_sliding`` and ``share_frictionless`` (closed without friction): the
+      share of the joint area with this ``status``, averaged over the records. In a file without
+      ``status``, points without traction are open and the other two shares are NaN;
+    - ``share_broken``: the share of the area with broken bonds at the last record, zero for joints
+      without bonds.
 
-    Tied points, at the end of a joint inside a body, count in none of these, and their area is no
-    part of the joint's.
+    Tied points, at the end of a joint inside a body, and their area are excluded.
     """
     check_results(results)
     return {joint: _measures_of(results, joint, tail) for joint in results.joints}
@@ -290,34 +287,34 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
     shares = areas / areas.sum()
     late = time >= time[-1] - tail
     drift = (gap[late, :, 1:] - gap[:1, :, 1:]).mean(axis=0)
-    found = {
+    measures = {
         "opening_static": float(opening[0].max()),
         "opening_residual": float((opening[late].mean(axis=0) - opening[0]).max()),
         "slip_residual": float(np.linalg.norm(drift, axis=-1).max()),
         "share_broken": 0.0,
     }
     if has_bonds(results, joint):
-        found["share_broken"] = float(
+        measures["share_broken"] = float(
             results.series("states", f"joints/{joint}/broken", -1) @ shares
         )
     extremes = joint_extremes(results, joint)
     for key in extremes.values.keys() & {row.key for row in JOINT_SERIES}:
         largest = extremes.values[key]
-        found[f"{key}_max"] = float(largest.max())
-        found[f"{key}_time"] = float(extremes.time[np.argmax(largest)])
+        measures[f"{key}_max"] = float(largest.max())
+        measures[f"{key}_time"] = float(extremes.time[np.argmax(largest)])
     if f"joints/{joint}/status" in results.streams["states"]:
         status = results.series("states", f"joints/{joint}/status")
         kinds = [status == kind for kind in (OPEN, SLIDING, FRICTIONLESS)]
     else:
         unknown = np.full(gap.shape[:-1], np.nan)
         kinds = [open_points(gap, traction), unknown, unknown]
-    for name, which in zip(("open", "sliding", "frictionless"), kinds, strict=True):
-        found[f"share_{name}"] = float((which @ shares).mean())
-    return {name: found.get(name, np.nan) for name in JOINT_MEASURES}  # older files hold fewer
+    for name, flags in zip(("open", "sliding", "frictionless"), kinds, strict=True):
+        measures[f"share_{name}"] = float((flags @ shares).mean())
+    return {name: measures.get(name, np.nan) for name in JOINT_MEASURES}  # NaN in older files
 
 
 def joint_shares(*runs: Results) -> list[Quantity]:
-    """Return the rows of shares of joint points, without frictionless ones if no run has any."""
+    """Return the rows of shares of joint points, without ``joint_frictionless`` if it is zero."""
     name, shares = "joint_frictionless", rows_below("histories", "joint_")
     having = (run for run in runs if name in run.streams.get("histories", []))
     free = any(run.series("histories", name).any() for run in having)
@@ -325,15 +322,15 @@ def joint_shares(*runs: Results) -> list[Quantity]:
 
 
 def has_bonds(results: Results, joint: str) -> bool:
-    """Whether the points of a joint had bonds that can break."""
+    """Return True if the points of a joint have bonds, intact or broken."""
     return f"joints/{joint}/broken" in results.streams["states"]
 
 
 def stress_extremes(results: Results) -> dict[str, float]:
-    """Largest of each envelope of tension and smallest of each of compression [Pa].
+    """Return the largest value of each envelope ``.._max`` and the smallest of ``.._min`` [Pa].
 
-    By the names of the stream ``envelopes``; NaN where the run recorded none, and where no point
-    has the direction.
+    Keys are the names of the stream ``envelopes``. A value is NaN if the envelope was not recorded,
+    or if no point has this direction.
     """
     check_results(results)
     if "envelopes" not in results.streams or not results.rows("envelopes"):

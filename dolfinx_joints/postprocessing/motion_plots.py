@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Figures of ground motions and of what answers to them: histories, spectra, responses.
+"""Figures of ground motions and responses: histories, spectra, frequency responses.
 
-Functions draw on the axes ``ax``, or on new ones, and return them. ``reference`` is another motion
-to draw behind; components are x (stream), y (cross-valley) and z (up).
+Functions draw on the axes ``ax`` or on new axes, and return them. ``reference`` is a second motion
+that is drawn behind. Components are x (stream), y (cross-valley) and z (up).
 """
 
 from __future__ import annotations
@@ -53,21 +53,21 @@ def history(
     reference: Motion | None = None,
     labels: tuple[str, str] = ("processed", "as recorded"),
 ) -> Axes:
-    """Acceleration [g], velocity [m/s] or displacement [m] of the ground against time.
+    """Draw acceleration [g], velocity [m/s] or displacement [m] of the ground against time.
 
-    Velocity and displacement are integrals from rest, which show how far a record drifts.
+    Velocity and displacement are integrated from rest and show the drift of a record.
     """
     ax = ax or new_axes()
-    for each, label, colour in ((reference, labels[1], GREY), (motion, labels[0], BLUE)):
-        if each is None:
+    for drawn, label, colour in ((reference, labels[1], GREY), (motion, labels[0], BLUE)):
+        if drawn is None:
             continue
-        velocity, displacement = each.integrated()
+        velocity, displacement = drawn.integrated()
         values = {
-            "acceleration": each.acceleration / STANDARD_GRAVITY,
+            "acceleration": drawn.acceleration / STANDARD_GRAVITY,
             "velocity": velocity,
             "displacement": displacement,
         }[quantity][:, COMPONENTS.index(component)]
-        ax.plot(each.time, values, color=colour, linewidth=0.8, label=label)
+        ax.plot(drawn.time, values, color=colour, linewidth=0.8, label=label)
     decorate(ax, "time [s]", f"{quantity} {component} [{_UNITS[quantity]}]")
     entitle(ax, f"{motion.name}: {quantity} {component}")
     ax.margins(x=0.0)
@@ -88,23 +88,23 @@ def response_spectra(
     reference: Motion | None = None,
     reference_label: str = "as recorded",
 ) -> Axes:
-    """Pseudo-acceleration of oscillators on the ground against their period [g].
+    """Draw the pseudo-acceleration response spectra [g] of a ground motion.
 
-    Periods are 0.03 to 3 s unless given; a target is periods [s] and pseudo-accelerations [m/s^2].
+    Default periods are 0.03 to 3 s; ``target`` is periods [s] and pseudo-accelerations [m/s^2].
     """
     columns = component_numbers(components)
     natural = np.geomspace(0.03, 3.0, 120) if periods is None else np.asarray(periods)
     ax = ax or new_axes(height=3.6)
-    for each, line in ((reference, "--"), (motion, "-")):
-        if each is None:
+    for drawn, line in ((reference, "--"), (motion, "-")):
+        if drawn is None:
             continue
-        found = response_spectrum(each.acceleration, each.dt, natural, damping_ratio)
+        spectra = response_spectrum(drawn.acceleration, drawn.dt, natural, damping_ratio)
         for component, column in zip(components, columns, strict=True):
             name = f"{component}, {_AXES[component]}"
-            label = f"{component}, {reference_label}" if each is reference else name
-            values = found.pseudo_acceleration[:, column] / STANDARD_GRAVITY
+            label = f"{component}, {reference_label}" if drawn is reference else name
+            values = spectra.pseudo_acceleration[:, column] / STANDARD_GRAVITY
             style = {"color": _COLOURS[component], "linestyle": line, "label": label}
-            ax.semilogx(natural, values, linewidth=0.9 if each is reference else 1.2, **style)
+            ax.semilogx(natural, values, linewidth=0.9 if drawn is reference else 1.2, **style)
     if target is not None:
         ax.plot(target[0], np.asarray(target[1]) / STANDARD_GRAVITY, color="black", label="target")
     decorate(ax, "period [s]", "pseudo-acceleration [g]")
@@ -117,7 +117,7 @@ def response_spectra(
 
 
 def spectrum_match(match: SpectrumMatch, *, ax: Axes | None = None) -> Axes:
-    """Response spectra of a motion before and after matching, and the target with its tolerance."""
+    """Draw response spectra before and after matching, and the target with its tolerance."""
     ax = response_spectra(
         match.with_rest(match.motion),
         components=match.components,
@@ -143,12 +143,12 @@ def frequency_response(
     first: Annotated[float, at.Gt(0), at.Unit("Hz")] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Size of accelerations over that of the ground against the frequency [Hz].
+    """Draw the magnitude of accelerations relative to the ground acceleration over frequency.
 
     Args:
-        frequencies: [Hz], shape (n,).
-        accelerations: Real or complex, shape (n,), by label.
-        first: A frequency to divide by, as that of the first mode of the empty dam [Hz].
+        frequencies: Frequencies [Hz], shape (n,).
+        accelerations: Ratios to the ground acceleration by label, real or complex, shape (n,).
+        first: Frequency that scales the axis, such as the first mode of the empty dam [Hz].
         ax: Axes to draw on.
     """
     ax = ax or new_axes()

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Colours of all pictures: of lines, of sizes (light to dark), of values with a sign (around 0)."""
+"""Colours of all figures: lines, magnitudes (light to dark) and signed values (around zero)."""
 
 from __future__ import annotations
 
@@ -16,19 +16,17 @@ if TYPE_CHECKING:
 
 BLUE, ORANGE, GREEN, RED, GREY = "#08519c", "#e69f00", "#238b45", "#b2182b", "#8c8c8c"
 
-# Of the run that is compared with, of the run that is shown, and of others. They differ in
-# darkness as well, for print and colour-blind readers.
+# Reference run, run, further runs; lightness differs too, for print and colour-blind readers.
 RUNS = (ORANGE, BLUE, GREEN, RED, "#7b3294", "#56b4e9", "#8c6d00", "#444444")
 
 CONCRETE, OPEN, TIED = "#d9d5cc", "black", "#bdb8ac"
 
 
 def colours(*, dark_is_low: bool = False) -> ListedColormap:
-    """Nearly white to dark blue, lighter to darker in grey too; black means open.
+    """Return colours from nearly white to dark blue, monotonic also in grey; black means open.
 
     Args:
-        dark_is_low: the small values are the dark ones, for what is largest where it is most
-            negative.
+        dark_is_low: True to draw the lowest values dark, for quantities that are negative.
     """
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
@@ -40,10 +38,10 @@ def colours(*, dark_is_low: bool = False) -> ListedColormap:
 
 
 def signed_colours(limits: tuple[float, float]) -> ListedColormap:
-    """Blue below zero, nearly white at zero, red above; as dark at -a as at a.
+    """Return colours blue below zero, nearly white at zero, red above, as dark at -a as at a.
 
     Args:
-        limits: smallest and largest value, zero between them.
+        limits: Smallest and largest value, with zero between them.
     """
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
@@ -57,7 +55,7 @@ def signed_colours(limits: tuple[float, float]) -> ListedColormap:
 
 
 def colour_limits(values: Floats) -> tuple[float, float]:
-    """Range of the values that are not NaN, zero included."""
+    """Return the range of the finite values and zero."""
     closed = values[np.isfinite(values)]
     low, high = float(closed.min(initial=0.0)), float(closed.max(initial=0.0))
     return (low, high) if high > low else (-1.0, 0.0)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Largest values of a run with their times and places, from its results file."""
+"""Largest values of a run, with their times and places, from its results file."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from dolfinx_joints.postprocessing.measures import acceleration_history, displac
 from dolfinx_joints.results.arguments import COMPONENTS
 from dolfinx_joints.results.reader import Results
 
-_AS_HIGH = 0.01  # of the height of all monitor points: lower points are not on the crest
+_CREST = 0.01  # crest points are this share of the height of all monitor points below the highest
 
 
 @dataclass(frozen=True, kw_only=True)
 class Peak:
-    """A largest value.
+    """Largest value of a quantity.
 
     Attributes:
-        value: In SI units, with its sign.
-        time: When, NaN where that is not known [s].
-        name: Of the monitor point and its component, such as ``crest x``; of others empty.
-        place: Coordinates, shape (3,), NaN where it belongs to no point [m].
+        value: Value in SI units, with its sign.
+        time: Time of the value, or NaN [s].
+        name: Monitor point and component, such as ``crest x``; empty for other quantities.
+        place: Coordinates, shape (3,), NaN if the value does not belong to a point [m].
     """
 
     value: float
@@ -39,22 +39,22 @@ class Peak:
 
 
 def crest_points(results: Results) -> list[str]:
-    """Names of the highest monitor points: within 1 % of the height from the lowest of them up."""
+    """Return the names of the highest monitor points, within 1 % of the height of all points."""
     if "histories/points" not in results.statics or not results.point_names:
         return []
     points = results.static("histories/points")
     nodes = results.static("mesh/nodes") if "mesh/nodes" in results.statics else points
-    up = 2 if np.ptp(nodes[:, 2]) > 0.0 else 1  # in a plane y
+    up = 2 if np.ptp(nodes[:, 2]) > 0.0 else 1  # y is upwards in plane models
     height = points[:, up]
-    # Points of one height differ by rounding.
-    high = height >= height.max() - max(_AS_HIGH * np.ptp(height), 1e-9 * np.ptp(nodes))
+    # The second tolerance allows for rounding errors of points at the same height.
+    high = height >= height.max() - max(_CREST * np.ptp(height), 1e-9 * np.ptp(nodes))
     return [name for name, is_high in zip(results.point_names, high, strict=True) if is_high]
 
 
 def displacement_peak(
     results: Results, points: Sequence[str], relative_to: str | None = None
 ) -> Peak:
-    """Largest component of the displacement of points, as `displacement_history` has it [m]."""
+    """Return the largest component of the displacement of points (`displacement_history`) [m]."""
     history = partial(displacement_history, relative_to=relative_to)
     return _largest(results, points, history)
 
@@ -62,34 +62,34 @@ def displacement_peak(
 def acceleration_peak(
     results: Results, points: Sequence[str], *, band: float | None = ACCELERATION_BAND
 ) -> Peak:
-    """Largest component of the absolute acceleration of points in a band [Hz], [m/s^2].
+    """Return the largest component of the absolute acceleration of points [m/s^2].
 
-    It is that of `acceleration_history`; None for raw values.
+    `acceleration_history` gives it, low-passed at ``band`` [Hz]; None for raw values.
     """
     return _largest(results, points, partial(acceleration_history, band=band))
 
 
 def joint_peaks(results: Results, joint: str) -> dict[str, Peak]:
-    """Largest ``opening`` and ``slip`` of a joint [m] and smallest ``safety`` of all steps.
+    """Return the largest ``opening`` and ``slip`` of a joint [m] and its smallest ``safety``.
 
-    They are those of `joint_extremes`; the safety is NaN where none is known.
+    The values cover all steps of `joint_extremes`. The safety is NaN if it is never defined.
     """
     extremes = joint_extremes(results, joint)
-    found = {}
+    peaks = {}
     for name in ("opening", "slip"):
         values, places = getattr(extremes, name), getattr(extremes, f"{name}_at")
         at = int(np.argmax(values))
-        found[name] = Peak(value=float(values[at]), time=float(extremes.time[at]), place=places[at])
+        peaks[name] = Peak(value=float(values[at]), time=float(extremes.time[at]), place=places[at])
     safety = np.where(np.isnan(extremes.safety), np.inf, extremes.safety)
     least = int(np.argmin(safety))
-    found["safety"] = Peak(value=np.nan)
+    peaks["safety"] = Peak(value=np.nan)
     if np.isfinite(safety[least]):
-        found["safety"] = Peak(value=float(safety[least]), time=float(extremes.time[least]))
-    return found
+        peaks["safety"] = Peak(value=float(safety[least]), time=float(extremes.time[least]))
+    return peaks
 
 
 def stress_peak(results: Results, name: EnvelopeName) -> Peak:
-    """Largest (``.._max``) or smallest of an envelope, at any time [Pa]; NaN without one."""
+    """Return the largest value of an envelope ``.._max``, the smallest of ``.._min``, or NaN."""
     if name not in results.streams.get("envelopes", []) or not results.rows("envelopes"):
         return Peak(value=np.nan)
     values = results.series("envelopes", name, -1)
@@ -103,7 +103,7 @@ def stress_peak(results: Results, name: EnvelopeName) -> Peak:
 def _largest(
     results: Results, points: Sequence[str], history: Callable[..., tuple[Floats, Floats]]
 ) -> Peak:
-    """The largest of all components of points."""
+    """Return the component of largest magnitude of all points."""
     best = Peak(value=np.nan)
     places = results.static("histories/points")
     for point in points:

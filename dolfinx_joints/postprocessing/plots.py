@@ -2,15 +2,18 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Figures from a results file: histories, Fourier amplitudes, joint tractions, energies.
 
-Every function draws on the axes ``ax``, or on new ones, and returns them; nothing here uses
-matplotlib's global state. ``point`` is the name or number of a monitor point, ``component`` is x
-(stream), y (cross-valley) or z (up), ``reference`` another run to draw behind, ``labels`` are the
-names of both: "with joints" and "linear" where one has joints and the other none, else those of the
-files. Of the states that is drawn which is nearest to ``time`` [s] or, without it, has the
-number ``index``. Tractions keep the sign of the files: compression is negative.
+Every function draws on the axes ``ax`` or on new axes, and returns them. Matplotlib's global state
+is not used.
 
-Displacements are as the file holds them, relative to the ground or absolute, or ``relative_to``
-another monitor point or the ``"ground"`` (`frames`); titles say which.
+- ``point``: name or number of a monitor point;
+- ``component``: x (stream), y (cross-valley) or z (up);
+- ``reference``: another run that is drawn behind;
+- ``labels``: names of both runs; by default "with joints" and "linear" if only one run has joints,
+  otherwise the file names;
+- ``time`` [s]: the nearest recorded state is drawn; without it the state number ``index``;
+- ``relative_to``: monitor point or ``"ground"`` (`frames`) whose displacement is subtracted.
+
+Tractions keep the sign of the files: compression is negative.
 """
 
 from __future__ import annotations
@@ -86,7 +89,7 @@ def save(
     *,
     dpi: Annotated[float, at.Interval(ge=10, le=2400)] = 200,
 ) -> Path:
-    """Write a figure to a file whose ending gives the format, whole or not at all.
+    """Write a figure to a file; the suffix of the file determines the format.
 
     Raises:
         JointsError: The file cannot be written.
@@ -112,9 +115,9 @@ def history(
     reference: Results | None = None,
     labels: tuple[str, str] | None = None,
 ) -> Axes:
-    """Displacement of a monitor point against time [mm].
+    """Draw the displacement of a monitor point against time [mm].
 
-    That of the static state is included unless it is to be ``from_static``.
+    The displacement of the static state is included unless ``from_static`` is set.
     """
     ax, drawn = ax or new_axes(), runs(results, reference, labels)
     for run, style in drawn:
@@ -143,11 +146,10 @@ def fourier(
     labels: tuple[str, str] | None = None,
     max_frequency: Hertz = 15.0,
 ) -> Axes:
-    """Fourier amplitude of a monitor point's displacement against frequency [mm s].
+    """Draw the Fourier amplitude of a monitor point's displacement against frequency [mm s].
 
-    The displacement at the first record, that of the static state, is taken off. Records at
-    unequal steps are first interpolated to the shortest step. The legend gives the frequency of
-    the highest peak.
+    The displacement of the static state is subtracted. Records at unequal steps are interpolated to
+    the shortest step. The legend gives the frequency of the highest peak.
     """
     ax = ax or new_axes()
     drawn = runs(results, reference, labels)
@@ -182,12 +184,12 @@ def response_spectra(
     reference: Results | None = None,
     labels: tuple[str, str] | None = None,
 ) -> Axes:
-    """Pseudo-acceleration of oscillators on a monitor point, and on the ground [g].
+    """Draw pseudo-acceleration response spectra of a monitor point and of the ground [g].
 
-    The point moves by its absolute acceleration; the ground of a free field is the free surface
-    under its waves alone. Periods are 0.03 to 3 s unless given. All motions are in the same
-    ``band`` [Hz], `measures.common_band`, which the title names; None for raw ones. Periods shorter
-    than the runs resolve (`measures.resolved_frequencies`) are shaded.
+    The spectrum of the point is that of its absolute acceleration. The ground of a free field is
+    the free surface without the body. Periods are 0.03 to 3 s unless given. All motions are
+    low-passed in the same ``band`` [Hz], at most `measures.common_band`; None for raw ones. Periods
+    that the runs do not resolve (`measures.resolved_frequencies`) are shaded.
     """
     natural = np.geomspace(0.03, 3.0, 120) if periods is None else np.asarray(periods)
     ax = ax or new_axes(height=3.6)
@@ -197,8 +199,8 @@ def response_spectra(
         band = common_band(*(run for run, _ in drawn), band=band)
 
     def draw(dt: float, values: Floats, style: dict[str, Any]) -> None:
-        found = response_spectrum(values, dt, natural, damping_ratio).pseudo_acceleration
-        ax.semilogx(natural, found / STANDARD_GRAVITY, **style)
+        spectrum = response_spectrum(values, dt, natural, damping_ratio).pseudo_acceleration
+        ax.semilogx(natural, spectrum / STANDARD_GRAVITY, **style)
 
     for run, style in drawn:
         moved = acceleration_history(run, point, component, band=band)
@@ -216,8 +218,8 @@ def response_spectra(
         ax.axvspan(*ends, color="0.93", zorder=0, label=name)
     decorate(ax, "period [s]", f"pseudo-acceleration {component} [g]")
     name = point_name(results, point)
-    said = f"{100 * damping_ratio:g}% damping, {band_name(band)}"
-    entitle(ax, f"{name}: response spectra in {component}, {said}")
+    settings = f"{100 * damping_ratio:g}% damping, {band_name(band)}"
+    entitle(ax, f"{name}: response spectra in {component}, {settings}")
     plain_periods(ax)
     ax.margins(x=0.0)
     ax.set_ylim(bottom=0.0)
@@ -236,18 +238,18 @@ def joint_traction(
     stage: int | str | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Map of the traction over a joint, a patch for each joint point, open black, tied hatched.
+    """Draw a map of the traction on a joint, one patch per joint point.
 
-    A joint is drawn in its mean plane, horizontal distance (growing downstream) against
-    elevation; one that bends is unrolled. The ratio is -|t_s|/|t_n|, which is
-    -tan(friction angle) where the joint slides. `joint_maps` draws all joints.
+    Open points are black, tied points hatched. Axes are the horizontal distance (growing
+    downstream) and the elevation in the joint's mean plane; a curved joint is unrolled. The ratio
+    is -|t_s|/|t_n|, at sliding points -tan(friction angle). `joint_maps` draws all joints.
     """
     results, number, moment = chosen_state(results, time, index, stage)
     surface = JointSurface(results, joint)
     ax = ax or new_axes(width=4.6, height=5.6)
     values = map_value(results, joint, quantity, number)
     patches = draw_map(ax, surface, values, quantity, colour_limits(values))
-    ax.set_aspect("equal", adjustable="datalim")  # narrow joints leave room for words
+    ax.set_aspect("equal", adjustable="datalim")  # keeps room for labels at narrow joints
     ax.set_title(f"{joint} {moment}", fontsize="medium")
     colour_bar = ax.figure.colorbar(patches, ax=ax, shrink=0.85)
     colour_bar.set_label(LABELS[quantity].replace(", ", "\n"))
@@ -258,10 +260,10 @@ def joint_traction(
 
 
 def energies(results: Results, *, ax: Axes | None = None) -> Axes:
-    """Energies of the ledger against time (`energy_lines`).
+    """Draw the energies of the ledger against time (`energy_lines`).
 
-    The legend has the largest error as a share of the largest energy, and what waves brought and
-    took through absorbing boundaries in all; their difference is drawn.
+    The legend gives the largest error relative to the largest energy, and the total energies that
+    waves brought in and out through absorbing boundaries. The difference of the latter is drawn.
     """
     terms = energy_lines(results)
     time = results.time("energy")
@@ -273,8 +275,8 @@ def energies(results: Results, *, ax: Axes | None = None) -> Axes:
         label, through = term, waves_at_end(results)
         if term == WAVES and through is not None:
             joule, fitting = energy_unit(max(map(abs, through)))
-            brought, taken = (f"{each / joule:.4g} {fitting}" for each in through)
-            label = f"waves, {brought} in less {taken} out"
+            inflow, outflow = (f"{energy / joule:.4g} {fitting}" for energy in through)
+            label = f"waves, {inflow} in less {outflow} out"
         if term == "error" and largest > 0.0:
             label = f"error, within {np.abs(values).max() / largest:.1e} of the largest"
         ax.plot(time, values / factor, linestyle=style, color=colour, linewidth=1.2, label=label)
@@ -286,15 +288,15 @@ def energies(results: Results, *, ax: Axes | None = None) -> Axes:
 
 
 def joint_states(results: Results, *, ax: Axes | None = None) -> Axes:
-    """Shares of the joint points that are open, slide and are closed without friction [%].
+    """Draw the shares of open, sliding and frictionless closed joint points against time [%].
 
-    Against time; the last is drawn where there is some. Tied points do not count.
+    The last share is drawn only if it is not zero. Tied points are excluded.
     """
     check_results(results)
     time = results.time("histories")
     ax = ax or new_axes()
     for row in joint_shares(results):
-        if row.name != "joint_stick":  # what is left
+        if row.name != "joint_stick":  # follows from the others: the sum is 100 %
             share = row.factor * results.series("histories", row.name)
             ax.plot(time, share, color=row.style[1], linewidth=1.0, label=row.label)
     decorate(ax, "time [s]", "share of joint points [%]")
@@ -306,18 +308,18 @@ def joint_states(results: Results, *, ax: Axes | None = None) -> Axes:
 
 
 def energy_unit(largest: float) -> tuple[float, str]:
-    """Joules of the unit in which an energy is at least one, and the name of the unit."""
+    """Return the largest unit in which an energy is at least 1: its size [J] and its name."""
     units = ((1e9, "GJ"), (1e6, "MJ"), (1e3, "kJ"))
     return next(((factor, unit) for factor, unit in units if largest >= factor), (1.0, "J"))
 
 
 def joint_histories(results: Results, *, figure: Figure | SubFigure | None = None) -> list[Axes]:
-    """Series of each joint against time: largest opening, slip and pressure, mean pressure, safety.
+    """Draw series of each joint against time, one panel per quantity.
 
-    One panel per quantity, on a new figure unless one is given. All joints are drawn, the one with
-    the largest value or the smallest safety in colour; the legend says when and how much. A joint
-    slides at a safety of 1, dashed; what is above 10, or 1.5 times the smallest if that is more, is
-    not shown.
+    The quantities are largest opening, slip and pressure, mean pressure and safety. All joints are
+    drawn. The joint with the largest value or the smallest safety is coloured, and the legend gives
+    its value and time. A dashed line marks a safety of 1, at which a joint slides. The axis of the
+    safety ends at 10, or at 1.5 times the smallest safety if that is larger.
     """
     check_results(results)
     if not results.joints:
@@ -329,14 +331,14 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
     for ax, row in zip(panels, rows, strict=True):
         worst: dict[float, tuple[str, Floats, Floats]] = {}
         least, lowest = row.key == "safety", 0.0
-        for joint, found in every.items():
-            values: Floats = row.factor * found.values[row.key]
-            ax.plot(found.time, values, color="0.75", linewidth=0.7)
-            known = values[np.isfinite(values)]
-            if known.size:
-                lowest = min(lowest, float(known.min()))
-                extreme = known.min() if least else known.max()
-                worst.setdefault(float(extreme), (joint, found.time, values))
+        for joint, extremes in every.items():
+            values: Floats = row.factor * extremes.values[row.key]
+            ax.plot(extremes.time, values, color="0.75", linewidth=0.7)
+            finite = values[np.isfinite(values)]
+            if finite.size:
+                lowest = min(lowest, float(finite.min()))
+                extreme = finite.min() if least else finite.max()
+                worst.setdefault(float(extreme), (joint, extremes.time, values))
         if worst:
             extreme = min(worst) if least else max(worst)
             joint, time, values = worst[extreme]
@@ -349,19 +351,19 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
         ax.margins(x=0.0)
         ax.set_ylim(bottom=lowest)
     panels[-1].axhline(1.0, color=RED, linewidth=0.8, linestyle="--")
-    highest = max(10.0, 1.5 * min(worst, default=0.0))  # ``worst`` is of the last, the safety
+    highest = max(10.0, 1.5 * min(worst, default=0.0))  # ``worst`` is that of the last row, safety
     panels[-1].set_ylim(0.0, min(highest, max(2.0, panels[-1].get_ylim()[1])))
     return panels
 
 
 def _frames(drawn: list[tuple[Results, dict[str, Any]]], relative_to: str | None) -> str:
-    """What the displacements drawn are relative to."""
+    """Return the reference of the displacements, in words."""
     frames = {style["label"]: frame_name(run, relative_to) for run, style in reversed(drawn)}
     return common_frame(frames)
 
 
 def point_name(results: Results, point: int | str) -> str:
-    """Name of a monitor point given by its name or number."""
+    """Return the name of a monitor point given by its name or number."""
     return results.point_names[results.point_index(point)]
 
 

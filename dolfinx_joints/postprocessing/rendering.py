@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Surfaces and lines in space, drawn off screen by VTK without perspective, as figures."""
+"""Pictures of surfaces and lines in space, rendered off screen by VTK in parallel projection."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ if TYPE_CHECKING:
 
 Faces = Sequence[Sequence[int]] | Sequence[Ints] | Ints
 
-_MARGIN = 0.02  # of the larger side of a picture
+_MARGIN = 0.02  # share of the larger side of a picture
 _DARK = "#262626"
 _CONTOUR: dict[str, Any] = {"color": _DARK, "line_width": 2.5, "lighting": False, "scalars": None}
-_RAISED = 4e-3  # of the larger side of a picture: lines towards the eye, out of their surface
-_HIGHEST = 1.4  # height of a figure over its width
-_LONGEST_LINE = 26  # of the text beside a colour bar [characters]
+_RAISED = 4e-3  # offset of lines from their surface towards the eye, share of the larger side
+_HIGHEST = 1.4  # largest ratio of height to width of a figure
+_LONGEST_LINE = 26  # longest line of the label of a colour bar [characters]
 
 
 class Camera:
-    """A direction to look from, infinitely far away.
+    """Direction of view, from an eye at infinite distance.
 
     Args:
-        azimuth_deg: Of the eye, from x (downstream) towards y.
-        elevation_deg: Of the eye above the horizon, from -90 to 90.
+        azimuth_deg: Azimuth of the eye, from x (downstream) towards y.
+        elevation_deg: Elevation of the eye above the horizon, from -90 to 90.
 
     Attributes:
-        towards: unit vector to the eye, shape (3,).
-        right: unit vector to the right in the picture, shape (3,).
-        up: unit vector upwards in the picture, shape (3,).
+        towards: Unit vector to the eye, shape (3,).
+        right: Unit vector to the right in the picture, shape (3,).
+        up: Unit vector upwards in the picture, shape (3,).
     """
 
     def __init__(self, azimuth_deg: float, elevation_deg: float) -> None:
@@ -54,12 +54,12 @@ class Camera:
         self.up: Floats = np.asarray(np.cross(self.towards, self.right))
 
     def project(self, points: ArrayLike) -> Floats:
-        """Coordinates in the picture of points (..., 3), shape (..., 2), [m]."""
+        """Return the picture coordinates of points (..., 3), shape (..., 2), [m]."""
         return np.asarray(points) @ np.stack([self.right, self.up], axis=1)
 
     @property
     def side(self) -> str:
-        """Where the eye is: x points downstream, y to the left bank."""
+        """Position of the eye in words; x points downstream, y to the left bank."""
         x, y, z = self.towards
         if abs(z) > 0.9:
             return "above" if z > 0.0 else "below"
@@ -69,14 +69,14 @@ class Camera:
 
 
 class Scene:
-    """Layers of surfaces and lines, rendered together.
+    """Layers of surfaces and lines that are rendered together.
 
     Args:
-        room: Points, shape (n, 3), [m], that pictures have room for although nothing may be there.
+        room: Additional points, shape (n, 3), [m], that must be within the picture.
 
     Attributes:
-        layers: the layers in the order in which they were added, pairs of a ``pyvista.PolyData``
-            and the options it is drawn with.
+        layers: Layers in the order in which they were added: a ``pyvista.PolyData`` and its drawing
+            options each.
     """
 
     def __init__(self, room: Floats | None = None) -> None:
@@ -93,10 +93,10 @@ class Scene:
         framed: bool = True,
         **style: Any,
     ) -> None:
-        """Add polygons: points (n, 3) [m], and their numbers in cyclic order.
+        """Add polygons, given by points (n, 3) [m] and point numbers in cyclic order.
 
         Values of points or of polygons are drawn in the colours ``cmap`` over the range ``clim``.
-        What is not ``framed`` may reach beyond the edges of the picture.
+        Polygons with ``framed=False`` may extend beyond the picture.
         """
         data = polygons(points, faces)
         if framed and len(faces):
@@ -106,14 +106,14 @@ class Scene:
         if of_faces is not None:
             data.cell_data["value"] = np.asarray(of_faces)
         if nodal is not None or of_faces is not None:
-            # Colours without light and shade are those of the colour bar.
+            # Without lighting the colours match the colour bar.
             style = {"scalars": "value", "lighting": False, "nan_color": "black"} | style
         self.layers.append((data, style))
 
     def contours(
         self, points: ArrayLike, faces: Ints, nodal: ArrayLike, levels: Sequence[float]
     ) -> None:
-        """Add lines of equal value at levels, from values of points; none where one is NaN."""
+        """Add contour lines of values of points; polygons with a NaN have no lines."""
         values = np.asarray(nodal)
         data = polygons(points, faces[np.isfinite(values[faces]).all(axis=1)]).triangulate()
         data.point_data["value"] = values
@@ -130,11 +130,11 @@ class Scene:
         radius: float | None = None,
         **style: Any,
     ) -> None:
-        """Add the outline of polygons, whose points count as one where they coincide.
+        """Add the outline of polygons; points within 1e-6 of the total size are merged.
 
-        They coincide within 1e-6 of the size of all. To the outline belong edges with one polygon
-        and, unless it is None, those sharper than an angle, whichever way round polygons are
-        given. Tubes of a radius [m] are drawn instead of lines.
+        The outline consists of edges with one polygon and of edges sharper than
+        ``sharper_than_deg``, unless this is None. The orientation of the polygons does not matter.
+        With a ``radius`` [m], tubes are drawn instead of lines.
         """
         if not len(faces):
             return
@@ -157,34 +157,34 @@ class Scene:
             self._framed.append(lines.points)
 
     def extent(self, camera: Camera) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of everything in the picture, with a margin [m]."""
+        """Return left, right, bottom and top of the picture, with a margin [m]."""
         corners = np.concatenate([camera.project(points) for points in self._framed])
         low, high = corners.min(axis=0), corners.max(axis=0)
         margin = _MARGIN * (float((high - low).max()) or 1.0)
         return (low[0] - margin, high[0] + margin, low[1] - margin, high[1] + margin)
 
     def render(self, camera: Camera, *, pixels: int = 1600) -> NDArray[np.uint8]:
-        """Draw the layers on white, the longer side of so many pixels, edges as `extent` says.
+        """Render the layers on white within `extent`; the longer side has ``pixels`` pixels.
 
         Returns:
             Red, green and blue, shape (height, width, 3), from the top left.
         """
         pyvista = load_pyvista()
-        left, right, bottom, top = self.extent(camera)
-        per_metre = pixels / max(right - left, top - bottom)
-        size = [max(2, round((b - a) * per_metre)) for a, b in ((left, right), (bottom, top))]
+        x_min, x_max, bottom, top = self.extent(camera)
+        per_metre = pixels / max(x_max - x_min, top - bottom)
+        size = [max(2, round((b - a) * per_metre)) for a, b in ((x_min, x_max), (bottom, top))]
         plotter = pyvista.Plotter(off_screen=True, window_size=size)
         try:
             plotter.set_background("white")
             plotter.enable_anti_aliasing("ssaa")
-            raised = _RAISED * max(right - left, top - bottom) * camera.towards
+            raised = _RAISED * max(x_max - x_min, top - bottom) * camera.towards
             for data, style in self.layers:
                 shown = data.translate(raised) if data.n_lines else data
                 plotter.add_mesh(shown, show_scalar_bar=False, **style)
             depth = np.concatenate([data.points @ camera.towards for data, _ in self.layers])
-            place = np.array([(left + right) / 2.0, (bottom + top) / 2.0])
+            place = np.array([(x_min + x_max) / 2.0, (bottom + top) / 2.0])
             focus = place @ np.stack([camera.right, camera.up]) + depth.mean() * camera.towards
-            distance = 2.0 * (float(np.ptp(depth)) + right - left + top - bottom)
+            distance = 2.0 * (float(np.ptp(depth)) + x_max - x_min + top - bottom)
             plotter.camera.focal_point = focus
             plotter.camera.position = focus + distance * camera.towards
             plotter.camera.up = camera.up
@@ -198,7 +198,7 @@ class Scene:
 
 
 def polygons(points: ArrayLike, faces: Faces) -> Any:
-    """Polygons as a ``pyvista.PolyData``; the points are copied."""
+    """Return polygons as a ``pyvista.PolyData``; the points are copied."""
     pyvista = load_pyvista()
     counted = [np.concatenate([[len(face)], face]) for face in faces]
     cells = np.concatenate(counted) if counted else np.empty(0, dtype=np.int64)
@@ -206,18 +206,18 @@ def polygons(points: ArrayLike, faces: Faces) -> Any:
 
 
 def load_pyvista() -> Any:
-    """Import pyvista and see to it that it can draw without a screen.
+    """Import pyvista, and set VTK up for rendering without a screen if necessary.
 
     Raises:
-        JointsError: pyvista or VTK is missing or too old, or nothing is there to draw with.
+        JointsError: pyvista or VTK is missing or too old, or there is no rendering library.
     """
     try:
         import pyvista
         import vtkmodules
     except ImportError as error:
         raise JointsError(
-            f"Pictures in space need pyvista and VTK 9.5 or later ({error}); install them with "
-            "pip or conda, as DOLFINx was, or set DOLFINX_JOINTS_PRIVATE=1 for ./with-dolfinx."
+            f"Pictures in space need pyvista and VTK 9.5 or later ({error}); install them in the "
+            "same way as DOLFINx (pip, conda), or set DOLFINX_JOINTS_PRIVATE=1 for ./with-dolfinx."
         ) from error
     if "DISPLAY" in os.environ or "VTK_DEFAULT_OPENGL_WINDOW" in os.environ:
         return pyvista
@@ -227,7 +227,7 @@ def load_pyvista() -> Any:
             f"Without a screen, pictures in space need VTK 9.5 or later, got {version[0]}."
             f"{version[1]}."
         )
-    # VTK would end the process where it finds none of them.
+    # Check for a library first: VTK would abort the process without one.
     windows = {"libEGL.so.1": "vtkEGLRenderWindow", "libOSMesa.so.8": "vtkOSOpenGLRenderWindow"}
     for library, window in windows.items():
         if _is_loadable(library):
@@ -248,15 +248,15 @@ def _is_loadable(library: str) -> bool:
 
 
 def draw(scene: Scene, cameras: Sequence[Camera]) -> tuple[Figure, list[Axes]]:
-    """Make a figure with a picture from each camera, side by side to the same scale.
+    """Draw a figure with one picture per camera, side by side at the same scale.
 
-    Slender bodies leave room beside them: the figure is at most 1.4 times as high as wide.
+    The height of the figure is at most 1.4 times its width.
 
     Returns:
-        The figure and the axes of its pictures, in metres across and up each picture.
+        The figure and the axes of its pictures, in metres to the right and upwards.
     """
     extents = [scene.extent(camera) for camera in cameras]
-    widths = [right - left for left, right, _, _ in extents]
+    widths = [x_max - x_min for x_min, x_max, _, _ in extents]
     height = max(top - bottom for _, _, bottom, top in extents)
     inches = 6.3 if len(cameras) == 1 else 3.6 * len(cameras)
     wanted = 0.7 + 0.85 * inches * height / sum(widths)
@@ -271,15 +271,15 @@ def draw(scene: Scene, cameras: Sequence[Camera]) -> tuple[Figure, list[Axes]]:
 
 
 def _triad(ax: Axes, camera: Camera, extent: tuple[float, float, float, float]) -> None:
-    """Draw the axes below the left corner of the picture, all of the same round length."""
-    left, right, bottom, top = extent
+    """Draw the coordinate axes below the left corner of the picture, with a round length."""
+    x_min, x_max, bottom, top = extent
     arrow = {"arrowstyle": "-|>", "facecolor": "black", "shrinkA": 0, "shrinkB": 0}
     small: dict[str, Any] = {"fontsize": "small"}
-    length = round_down(0.12 * max(right - left, top - bottom))
+    length = round_down(0.12 * max(x_max - x_min, top - bottom))
     ends = camera.project(length * np.eye(3))
-    start = np.array([left, bottom]) - np.minimum(ends.min(axis=0), 0.0)
+    start = np.array([x_min, bottom]) - np.minimum(ends.min(axis=0), 0.0)
     start[1] -= 0.5 * length
-    farthest = start[0] + 0.3 * length  # to the right, of arrows and letters
+    farthest = start[0] + 0.3 * length  # rightmost end of arrows and letters
     for name, end in zip("xyz", ends, strict=True):
         if np.linalg.norm(end) < 0.1 * length:
             continue
@@ -294,7 +294,7 @@ def _triad(ax: Axes, camera: Camera, extent: tuple[float, float, float, float]) 
 
 
 def write_names(ax: Axes, places: Mapping[str, Floats], colour: str) -> None:
-    """Write each name above its place in the picture, readable on anything, none upon another."""
+    """Write each name above its place in the picture, with a white outline and without overlaps."""
     from matplotlib.patheffects import withStroke
     from matplotlib.text import Annotation
 
@@ -317,7 +317,7 @@ def colour_bar(
     label: str,
     levels: Sequence[float] = (),
 ) -> None:
-    """Explain colours by a bar to the right of the pictures, contour lines with them."""
+    """Draw a colour bar to the right of the pictures, with lines at the contour levels."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -331,7 +331,7 @@ def colour_bar(
 
 
 def contour_levels(limits: tuple[float, float]) -> list[float]:
-    """Some round values between limits."""
+    """Return about eight round values between limits."""
     from matplotlib.ticker import MaxNLocator
 
     low, high = limits
@@ -339,7 +339,7 @@ def contour_levels(limits: tuple[float, float]) -> list[float]:
 
 
 def legend(ax: Axes, colours: Mapping[str, str]) -> None:
-    """Explain plain colours, given by what they mean, below the picture."""
+    """Draw a legend of plain colours, given by their labels, below the picture."""
     from matplotlib.patches import Patch
 
     handles = [Patch(color=colour, label=label) for label, colour in colours.items()]
@@ -352,12 +352,12 @@ def _pair(place: Floats) -> tuple[float, float]:
 
 
 def round_down(wanted: float) -> float:
-    """Largest of 1, 2 and 5 times powers of ten that is not above a number."""
+    """Return the largest number 1, 2 or 5 times a power of ten that does not exceed ``wanted``."""
     power = 10.0 ** np.floor(np.log10(wanted))
     return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted))
 
 
 def round_scale(nodes: Floats, largest: float) -> float:
-    """A round factor by which the largest displacement becomes some 6 % of the body's size."""
+    """Return a round factor that scales the largest displacement to about 6 % of the body size."""
     size = float(np.linalg.norm(np.ptp(nodes, axis=0)))
     return 1.0 if largest == 0.0 else round_down(0.06 * size / largest)

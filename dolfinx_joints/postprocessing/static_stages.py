@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Static stages of a run, from its results file: displacements, joints, stresses at their ends."""
+"""Displacements, joints and stresses at the end of each static stage, from a results file."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ class StageJoint:
     """A joint at the end of a static stage.
 
     Attributes:
-        normal_force: Along the mean normal, positive where it presses, effective [N].
-        shear_force: Size of the rest [N].
-        sliding_safety: As in `JointResultants`, NaN where nothing is transmitted.
+        normal_force: Effective force along the mean normal, positive in compression [N].
+        shear_force: Magnitude of the force in the mean plane [N].
+        sliding_safety: As in `JointResultants`; NaN if no force is transmitted.
         contact: Share of the area under pressure.
         opening_max: Largest opening [m].
-        slip_max: Largest tangential gap, the elastic part included [m].
-        pressure_max: Largest pressure of the faces on each other [Pa].
-        water_force: Of the water in the joint along the mean normal, positive where it pushes the
-            faces apart; zero without water [N].
+        slip_max: Largest tangential gap, including the elastic part [m].
+        pressure_max: Largest contact pressure [Pa].
+        water_force: Force of the water in the joint along the mean normal, positive if it pushes
+            the faces apart; zero without water [N].
     """
 
     normal_force: float
@@ -48,22 +48,22 @@ class StageJoint:
 
 @dataclass(frozen=True, kw_only=True)
 class StageEnergy:
-    """Energies at the end of a static stage, counted from the unloaded body [J].
+    """Energies at the end of a static stage, relative to the unloaded body [J].
 
     Attributes:
         strain: Elastic energy of the bulk and of springs.
         loads: Work of each load.
         supports: Work of supports and prescribed displacements.
         plastic: Plastic work of the bulk.
-        joints: By joint, its energies by name: ``elastic``; ``friction``, the work against it;
-            ``numerical``, the loss because increments of the loads are straight paths, negative for
-            a gain; ``bonds``, lost where bonds broke; ``released`` by jumps and short of them, a
-            part of ``friction`` and ``numerical``.
-        water_released: Released in increments in which water entered or left joint points.
-        error: Sum of all lines, zero but for rounding and the tolerance of the solver.
+        joints: Energies of each joint by name: ``elastic``; ``friction``, work against friction;
+            ``numerical``, loss because paths are straight within load increments, negative for a
+            gain; ``bonds``, loss at broken bonds; ``released`` in load increments, including
+            jumps, a part of ``friction`` and ``numerical``.
+        water_released: Energy released in increments in which water entered or left joint points.
+        error: Sum of all terms, zero except for rounding errors and the tolerance of the solver.
         scale: Largest of stored energy, input and losses so far.
         jump_count: Number of jumps in this stage.
-        jump_energy: Energy that they released.
+        jump_energy: Energy released by these jumps.
     """
 
     strain: float
@@ -79,7 +79,7 @@ class StageEnergy:
 
     @property
     def relative_error(self) -> float:
-        """Size of the error over the scale."""
+        """Absolute error divided by the scale."""
         return abs(self.error) / self.scale if self.scale else 0.0
 
 
@@ -89,12 +89,12 @@ class StaticStage:
 
     Attributes:
         name: Name of the stage.
-        load_time: Time at which its loads are taken [s]; zero but for `quasi_statics`.
-        displacement: By monitor point, from the unloaded body, shape (3,), [m].
-        reaction: By support, the force on the body, shape (gdim,), [N].
-        joints: By joint.
+        load_time: Time at which the loads are evaluated [s]; zero except in `quasi_statics`.
+        displacement: Displacement of each monitor point relative to the unloaded body, (3,), [m].
+        reaction: Force of each support on the body, shape (gdim,), [N].
+        joints: State of each joint.
         stresses: Extremes on the boundary by the names of the envelopes, tension positive [Pa];
-            NaN where the run recorded none.
+            NaN if not recorded.
         energy: Energies, None in files of earlier versions.
         jumps: Joints, energy and load factors of each jump in the stage, in words.
     """
@@ -110,7 +110,7 @@ class StaticStage:
 
 
 def static_stages(results: Results) -> list[StaticStage]:
-    """Static stages that a run wrote, in order; none in files of earlier versions."""
+    """Return the recorded static stages in order; empty for files of earlier versions."""
     check_results(results)
     names = results.stage_names
     if not names:
@@ -118,10 +118,10 @@ def static_stages(results: Results) -> list[StaticStage]:
     forces = [stage_resultants(results, joint) for joint in results.joints]
     reactions = [n for n in results.streams["statics"] if n.startswith("reaction/")]
     energies = _energies(results, len(names))
-    jumps, found = stage_jumps(results), []
+    jumps, stages = stage_jumps(results), []
     for i, name in enumerate(names):
         moved = results.series("statics", "point_displacement", i)
-        found.append(
+        stages.append(
             StaticStage(
                 name=name,
                 load_time=float(results.series("statics", "load_time", i)),
@@ -135,23 +135,23 @@ def static_stages(results: Results) -> list[StaticStage]:
                 jumps=jumps.get(name, ()),
             )
         )
-    return found
+    return stages
 
 
 def stage_jumps(results: Results) -> dict[str, tuple[str, ...]]:
-    """Return the jumps of each static stage that has any, in words as the manifest lists them."""
+    """Return the texts of the manifest on the jumps of each static stage with jumps."""
     texts = (results.metadata.get("manifest") or {}).get("static_stages", {})
-    found = {
+    of_stages = {
         name: tuple(p.removeprefix(JUMP) for p in text.split("; ") if p.startswith(JUMP))
         for name, text in texts.items()
     }
-    return {name: jumps for name, jumps in found.items() if jumps}
+    return {name: jumps for name, jumps in of_stages.items() if jumps}
 
 
 def joint_in_state(
     results: Results, stream: str, forces: JointResultants, number: int
 ) -> StageJoint:
-    """A joint in a record of a stream, with its resultants of that number, at the same time."""
+    """Return a joint at record ``number`` of a stream; ``forces`` must have the same records."""
     gap = gaps(results, stream, forces.joint, number)
     traction = results.series(stream, f"joints/{forces.joint}/traction", number)
     pressed = traction[~tied_points(results, forces.joint), 0]
@@ -171,16 +171,16 @@ def joint_in_state(
 
 
 def _stresses(results: Results, i: int) -> dict[str, float]:
-    """Extremes over the vertices that have a value."""
-    found = dict.fromkeys(STAGE_STRESSES, np.nan)
+    """Return extreme stresses of stage ``i`` over the vertices with a value, by envelope name."""
+    stresses = dict.fromkeys(STAGE_STRESSES, np.nan)
     for name, series in STAGE_STRESSES.items():
         if series in results.streams["statics"]:
-            found[name] = extreme_of(name, results.series("statics", series, i))
-    return found
+            stresses[name] = extreme_of(name, results.series("statics", series, i))
+    return stresses
 
 
 def _energies(results: Results, count: int) -> Sequence[StageEnergy | None]:
-    """Energies at the end of each of the stages."""
+    """Return the energies at the end of each stage."""
     names = results.streams["statics"]
     if "jump_energy" not in names:
         return [None] * count

@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Pictures in space from a results file: mesh, deformed shape, maps on joints, stress envelopes.
 
-Every function returns a figure of matplotlib, for ``plots.save``. Bodies are drawn off screen by
-VTK without perspective; no screen is needed. The eye stands at an azimuth from downstream (x)
-towards y (left bank), one for each picture, and an elevation above the horizon. The arrows in a
-corner are the axes, to the scale of the picture. Of the states that is drawn which is nearest to
-``time`` [s] or, without it, has the number ``index``, or the static ``stage`` of a name or number.
-Tractions and stresses are positive where they pull, and drawn in red there, in blue where they
-press.
+Every function returns a matplotlib figure, for ``plots.save``. VTK renders the bodies in parallel
+projection and needs no screen. The viewpoint is given by its elevation above the horizon and an
+azimuth from downstream (x) towards y (left bank); several azimuths give several pictures. Arrows in
+a corner show the coordinate axes at the scale of the picture.
+
+The state nearest to ``time`` [s] is drawn; without a time, the state number ``index`` or the static
+``stage`` of this name or number. Tractions and stresses are positive in tension (red), negative in
+compression (blue).
 """
 
 from __future__ import annotations
@@ -67,12 +68,12 @@ from dolfinx_joints.results.reader import Results
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Azimuths = Annotated[Sequence[float], at.Len(1, 8), at.Unit("degrees")]  # a picture each
+Azimuths = Annotated[Sequence[float], at.Len(1, 8), at.Unit("degrees")]  # one per picture
 Elevation = Annotated[float, at.Interval(ge=-90.0, le=90.0), at.Unit("degrees")]
 
 _LINE = "#4d4d4d"
-_UPRIGHT = 0.7  # height of a joint's second axis, a unit vector: it stands where it is above
-UPSTREAM, DOWNSTREAM = 160.0, -25.0  # azimuths of the eye
+_UPRIGHT = 0.7  # a joint is upright if the vertical component of its second axis exceeds this
+UPSTREAM, DOWNSTREAM = 160.0, -25.0  # azimuths of the viewpoint
 
 
 @checked
@@ -83,9 +84,10 @@ def mesh(
     azimuths_deg: Azimuths = (UPSTREAM, DOWNSTREAM),
     elevation_deg: Elevation = 24.0,
 ) -> Figure:
-    """Finite-element mesh with the outlines of its joints, named by their distinct parts.
+    """Draw the finite-element mesh with outlines and names of the joints.
 
-    Cell ``groups`` such as ``["dam"]`` fill the picture, and the rest of the body is translucent.
+    The common beginning of the joint names is omitted. Cell ``groups`` such as ``["dam"]`` are
+    opaque and fill the picture; others are translucent.
     """
     body = Body(results, groups)
     nodes = body.nodes
@@ -98,7 +100,7 @@ def mesh(
         "edge_color": _LINE,
     }
     scene.surface(nodes, body.shown, color=CONCRETE, line_width=2.0, **shade)
-    body.draw_rest(scene, nodes)
+    body.draw_translucent(scene, nodes)
     radius = 2.5e-3 * size_of(nodes[body.seen])
     for joint in results.joints:
         corners = _separate(JointSurface(results, joint).corners)
@@ -106,7 +108,7 @@ def mesh(
     figure, axes = draw(scene, cameras)
     for ax, camera in zip(axes, cameras, strict=True):
         write_names(ax, body.tops(nodes, camera), RED)
-    facets = sum(map(len, (body.shown, body.rest, body.joints)))
+    facets = sum(map(len, (body.shown, body.translucent, body.joints)))
     count = f"{facets} facets on the boundary, {len(nodes)} nodes"
     if "cells" in results.metadata:
         count = f"{results.metadata['cells']} cells, {len(nodes)} nodes"
@@ -128,16 +130,16 @@ def deformed(
     azimuths_deg: Azimuths = (DOWNSTREAM,),
     elevation_deg: Elevation = 24.0,
 ) -> Figure:
-    """Deformed surface coloured by the size of its displacement, faces and names of joints red.
+    """Draw the deformed body, coloured by the magnitude of the displacement, with red joints.
 
-    Thin lines are the outline of the undeformed body. Displacements are multiplied by ``scale``, or
-    by a round number by which the largest becomes about 6 % of the model's size. They are those
-    that the file holds, from the unloaded body, of absolute ones what is left without the mean of
-    the lowest nodes, or ``relative_to`` a monitor point or the ``"ground"`` (`frames`); the colour
-    bar says which.
+    Thin lines are the outline of the undeformed body. Displacements are multiplied by ``scale``;
+    unless given, it is a round number and the largest becomes about 6 % of the model's size.
 
-    Cell ``groups`` such as ``["dam"]`` fill the picture, and the rest of the body, its rock, is
-    translucent.
+    Displacements are measured from the unloaded body. If the file has absolute displacements, the
+    mean of the lowest nodes is subtracted. ``relative_to`` subtracts the displacement of a monitor
+    point or of the ``"ground"`` instead (`frames`). The colour bar names the reference.
+
+    Cell ``groups`` such as ``["dam"]`` are opaque and fill the picture; others are translucent.
     """
     results, number, moment = chosen_state(results, time, index, stage)
     cameras = [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
@@ -164,15 +166,15 @@ def joint_map(
     azimuth_deg: float = 0.0,
     elevation_deg: Elevation = 15.0,
 ) -> Figure:
-    """Values on the joints, a patch for each joint point, inside the outline of the body.
+    """Draw values on the joints, one patch per joint point, within the outline of the body.
 
-    The outline is that of cell ``groups`` such as ``["dam"]`` where they are given.
+    With cell ``groups`` such as ``["dam"]``, only their outline is drawn.
 
-    The joints of a dam are seen nearly from the edge wherever the eye is. So each upright joint is
-    rotated about the vertical through its middle until its face is seen, upstream edge to the
-    left; not with ``turned=False``. In maps of tractions and states, open points are black; tied
-    points, at the end of a joint inside a body, are grey in every map. The
-    ratio is -|t_s|/|t_n|, the slip the tangential gap. `plots.joint_maps` has a panel for each.
+    From any viewpoint most joints of a dam are seen nearly edge-on. Therefore each upright joint is
+    rotated about the vertical through its middle until it faces the viewer, upstream edge to the
+    left; ``turned=False`` disables this. In maps of tractions and states, open points are black.
+    Tied points, at the end of a joint inside a body, are grey in every map. The ratio is
+    -|t_s|/|t_n|, the slip is the tangential gap. `plots.joint_maps` draws one panel per joint.
     """
     camera = Camera(azimuth_deg, elevation_deg)
     results, number, moment = chosen_state(results, time, index, stage)
@@ -185,7 +187,7 @@ def joint_map(
     values = {name: map_value(results, name, quantity, number) for name in joints}
     together = np.concatenate(list(values.values()))
     tied = {name: tied_points(results, name) for name in joints}
-    some_tied = {"tied": TIED} if any(each.any() for each in tied.values()) else {}
+    some_tied = {"tied": TIED} if any(flags.any() for flags in tied.values()) else {}
     limits = map_limits(quantity, together)
     cmap = map_colours(quantity, limits)
     scene, tops, how = Scene(), {}, ""
@@ -215,9 +217,9 @@ def joint_map(
         if some_open or some_tied:
             legend(axes[0], ({"open": OPEN} if some_open else {}) | some_tied)
         colour_bar(figure, axes, cmap, limits, MAP_LABELS[quantity])
-    what = "joints" if joint is None else joint
+    subject = "joints" if joint is None else joint
     widest = _widest(results, number) if quantity == "opening" else ""
-    figure.suptitle(f"{what} {moment}{widest}{how}", fontsize="medium")
+    figure.suptitle(f"{subject} {moment}{widest}{how}", fontsize="medium")
     return figure
 
 
@@ -230,11 +232,11 @@ def envelope(
     azimuths_deg: Azimuths = (UPSTREAM, DOWNSTREAM),
     elevation_deg: Elevation = 24.0,
 ) -> Figure:
-    """Envelope of a stress over the run on the boundary, seen from upstream and downstream.
+    """Draw the envelope of a stress over the run on the boundary, from upstream and downstream.
 
     Nodes without a value, such as those of a crest for arch stresses, are grey. The run must have
-    recorded the stream ``envelopes``. Cell ``groups`` such as ``["dam"]`` fill the picture, colours
-    and title have their range, and the rest of the body is translucent.
+    recorded the stream ``envelopes``. Cell ``groups`` such as ``["dam"]`` are drawn opaque and fill
+    the picture; colours and title refer to their values. The other cells are translucent.
     """
     cameras = [Camera(azimuth, elevation_deg) for azimuth in azimuths_deg]
     body = Body(results, groups)
@@ -249,18 +251,18 @@ def envelope(
     levels = contour_levels(limits)
     scene.contours(nodes, body.shown, values, levels)
     scene.edges(nodes, body.shown, **OUTLINE)
-    body.draw_rest(scene, nodes)
+    body.draw_translucent(scene, nodes)
     figure, axes = draw(scene, cameras)
     colour_bar(figure, axes, cmap, limits, "stress [MPa], tension > 0", levels)
     stress, end = name.split("_")
     where = "" if groups is None else f" of {', '.join(groups)}"
-    what = f"{'largest' if end == 'max' else 'smallest'} {stress} stress{where}"
-    figure.suptitle(f"{what}: {low:.2f} to {high:.2f} MPa", fontsize="medium")
+    title = f"{'largest' if end == 'max' else 'smallest'} {stress} stress{where}"
+    figure.suptitle(f"{title}: {low:.2f} to {high:.2f} MPa", fontsize="medium")
     return figure
 
 
 def _turned(points: Floats, axes: Floats, camera: Camera) -> Floats:
-    """Points of a joint turned about the vertical through their middle until it faces the eye."""
+    """Return points of a joint, rotated about the vertical until the joint faces the viewer."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     old, new = axes[0, :2], camera.right[:2]
     cosine, sine = old @ new, old[0] * new[1] - old[1] * new[0]
@@ -269,7 +271,7 @@ def _turned(points: Floats, axes: Floats, camera: Camera) -> Floats:
 
 
 def _separate(polygons: Sequence[Floats] | Floats) -> tuple[Floats, list[Ints]]:
-    """Points of polygons one after the other, and the numbers of each polygon's points."""
+    """Return the points of all polygons in turn, and the point numbers of each polygon."""
     lengths = [len(polygon) for polygon in polygons]
     return np.concatenate(list(polygons)), np.split(
         np.arange(sum(lengths)), np.cumsum(lengths)[:-1]
@@ -277,7 +279,7 @@ def _separate(polygons: Sequence[Floats] | Floats) -> tuple[Floats, list[Ints]]:
 
 
 def _widest(results: Results, number: int) -> str:
-    """Which joint is open most at a record, to go on in a title."""
+    """Return a line for a title: the largest opening at a record and its joint."""
     widest = {
         joint: 1e3 * gaps(results, "states", joint, number)[:, 0].max(initial=0.0)
         for joint in results.joints

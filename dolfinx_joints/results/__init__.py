@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Results files: written step by step, read while they grow and after a run was killed.
+"""Results files: written step by step, readable while they grow and after a run was killed.
 
-They know HDF5, names, units and shapes, but neither a mesh nor a model, and work without DOLFINx.
+This package handles HDF5, names, units and shapes. It needs neither a model nor DOLFINx.
 """

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Arguments that say what to read of a results file, checked: components, results, records."""
+"""Checks of the arguments that select the part of a results file to read."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ COMPONENTS: tuple[Component, ...] = get_args(Component)
 
 
 def check_results(results: Any) -> None:
-    """Raise a ValueError for anything but an open results file."""
+    """Raise a ValueError if the argument is not a `Results`."""
     is_one = isinstance(results, Results)
     check_kind_of("results", results, is_one, "a Results, as Results(path) gives")
 
 
 def record_number(results: Results, time: float | None, index: int) -> int:
-    """Number of a record of ``states``, from 0: nearest to a time [s], else by an index."""
+    """Return the number of the record of ``states`` nearest to a time [s], else at an index."""
     check_results(results)
     if time is not None:
         return results.nearest("states", time)
     rows = results.rows("states")
     if not -rows <= index < rows:
-        raise ValueError(f"index must be that of one of {rows} recorded states, got {index}.")
+        raise ValueError(f"index must be from {-rows} to {rows - 1} ({rows} states), got {index}.")
     return index % rows
 
 
 class StageStates(Results):
-    """An open results file whose stream ``states`` is that of the static stages.
+    """View of an open results file whose stream ``states`` contains the static stages.
 
     Args:
-        results: The file, which closes this one too.
+        results: The file. Closing it closes this view as well.
     """
 
     def __init__(self, results: Results) -> None:
@@ -49,14 +49,14 @@ class StageStates(Results):
 
     @property
     def relative(self) -> bool:
-        """Whether displacements are relative to the ground, which rests in static stages."""
+        """True: the ground rests in static stages, so displacements are relative to it."""
         return True
 
     @property
     def streams(self) -> dict[str, list[str]]:
         """Names of the series of each stream."""
-        found = super().streams
-        return found | {"states": found.get("statics", [])}
+        streams = super().streams
+        return streams | {"states": streams.get("statics", [])}
 
     def _stream(self, stream: str) -> Group:
         return super()._stream("statics" if stream == "states" else stream)
@@ -65,14 +65,14 @@ class StageStates(Results):
 def chosen_state(
     results: Results, time: float | None, index: int, stage: int | str | None
 ) -> tuple[Results, int, str]:
-    """State to be drawn: where it is the record of ``states``, its number, and when it was.
+    """Return the results to read, the record number in ``states``, and words for its time.
 
     Args:
-        results: the run.
-        time: the record nearest to it [s].
-        index: number of the record where no time is given, negative from the end; in a file of
-            static stages alone that of the stage.
-        stage: a static stage instead, by its name or number.
+        results: The run.
+        time: Time [s]; the nearest record is chosen.
+        index: Record number if no time is given, negative from the end. In a file that has only
+            static stages it is the number of the stage.
+        stage: Name or number of a static stage, which replaces time and index.
     """
     check_results(results)
     if stage is None and time is None and "states" not in results.streams and results.stage_names:
@@ -85,19 +85,19 @@ def chosen_state(
 
 
 def rows_of_groups(results: Results, groups: Collection[str]) -> Ints:
-    """Rows of ``mesh/cells`` that make up cell groups.
+    """Return the rows of ``mesh/cells`` that belong to cell groups, shape (n,).
 
     Raises:
-        ValueError: A name alone is given.
-        ResultsError: There is no such group.
+        ValueError: ``groups`` is a string, not a list of names.
+        ResultsError: The file has no group of that name.
     """
     check_kind_of("groups", groups, not isinstance(groups, str), "a list of names of cell groups")
     start = "mesh/groups/"
-    known = [name.removeprefix(start) for name in results.statics if name.startswith(start)]
+    available = [name.removeprefix(start) for name in results.statics if name.startswith(start)]
     for name in groups:
-        if name not in known:
+        if name not in available:
             raise ResultsError(
-                f"No cell group {shown(name)} in {results.path}; it has {listing(known)}."
+                f"No cell group {shown(name)} in {results.path}; it has {listing(available)}."
             )
     rows = [results.static(f"{start}{name}") for name in groups]
     return np.unique(np.concatenate(rows)) if rows else np.empty(0, dtype=np.int64)

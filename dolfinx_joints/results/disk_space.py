@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Space on the disk for a results file, taken before HDF5 writes into it.
+"""Reservation of disk space for a results file before HDF5 writes into it.
 
-HDF5 cannot go back once a write has failed: its file then counts as truncated, and closing it fails
-as well. So the disk is asked first.
+HDF5 cannot recover from a failed write: it treats the file as truncated and cannot close it.
+Therefore the space is reserved first.
 """
 
 import os
@@ -13,33 +13,33 @@ import h5py
 
 from dolfinx_joints.common.errors import ResultsError
 
-_METADATA_BYTES = 1 << 20  # more than HDF5 writes besides the values between two flushes
+_METADATA_BYTES = 1 << 20  # upper bound of HDF5's own data between two flushes
 
 
 class Room:
-    """Keeps room behind the end of an HDF5 file that is being written."""
+    """Disk space reserved behind the end of an HDF5 file that is being written."""
 
     def __init__(self, path: Path, file: h5py.File) -> None:
-        """Open the file a second time; no space is reserved yet."""
+        """Open the file a second time, without reserving space."""
         self._file = file
         self._handle = os.open(path, os.O_RDWR)
 
     def reserve(self, path: Path, nbytes: int) -> None:
-        """Make sure that so many bytes of values, and what HDF5 adds to them, can be written."""
-        there = os.fstat(self._handle).st_size
+        """Reserve space for ``nbytes`` bytes of values and for the data that HDF5 adds."""
+        size = os.fstat(self._handle).st_size
         end = self._file.id.get_filesize() + nbytes + _METADATA_BYTES
-        if end <= there:
+        if end <= size:
             return
         try:
-            os.posix_fallocate(self._handle, there, end - there)
+            os.posix_fallocate(self._handle, size, end - size)
         except OSError as error:
             raise ResultsError(
-                f"{path} cannot grow by {nbytes / 1e6:.3g} MB: {error.strerror}; what it holds "
-                "so far is whole."
+                f"{path} cannot grow by {nbytes / 1e6:.3g} MB: {error.strerror}. The records "
+                "before this one are complete."
             ) from error
 
     def close(self) -> None:
-        """Give back what was not used, once the file is closed."""
+        """Release the unused space, after the file was closed."""
         os.lseek(self._handle, 0, os.SEEK_SET)
         superblock = os.read(self._handle, 36)
         end = int.from_bytes(superblock[28:36], "little")

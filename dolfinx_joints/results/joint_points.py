@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Areas and gaps of the joint points in a file, and which of the points are tied.
+"""Areas and gaps of the joint points in a file, and the points that are tied.
 
-At the end of a joint inside a body both sides share their nodes. A point there is tied: it can
-neither open nor slide and transmits nothing, and its area is no part of what shares refer to.
+Where a joint ends inside a body, both sides share their nodes. A point there is tied: it neither
+opens nor slides and transmits no traction. Shares of the joint area exclude tied points.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from dolfinx_joints.results.reader import Results
 
 
 class Statics(Protocol):
-    """Arrays of mesh and joints, as `Results` gives them."""
+    """Protocol of the arrays of mesh and joints, which `Results` implements."""
 
     @property
     def statics(self) -> Collection[str]:
         """Names of the arrays."""
 
     def static(self, name: str) -> NDArray[Any]:
-        """Return an array written once."""
+        """Return the array with this name."""
 
 
 def tied_points(results: Statics, joint: str) -> Flags:
-    """Return which points of a joint are tied, shape (n,); none in files of earlier versions."""
+    """Return flags of the tied points, shape (n,); all False in files of earlier versions."""
     where = f"joints/{joint}/tied"
     if where in results.statics:
         return np.asarray(results.static(where) != 0)
@@ -44,16 +44,16 @@ def free_areas(results: Statics, joint: str) -> Floats:
 
 
 def gaps(results: Results, stream: str, joint: str, index: int | slice = slice(None)) -> Floats:
-    """Return the gaps of the points of a joint, zero at tied ones, shape (..., n, 3), [m].
+    """Return the gaps of the points of a joint, zero at tied points, shape (..., n, 3), [m].
 
-    They are those of a record, or of a slice of records, of the stream ``states`` or ``statics``.
+    The stream is ``states`` or ``statics``, the index one record or a slice of records.
     """
     gap = results.series(stream, f"joints/{joint}/gap", index)
     return np.where(tied_points(results, joint)[:, None], 0.0, gap)
 
 
 def joint_area(results: Results) -> str:
-    """Return the area of all joints as text, with the share of it that is tied if some is."""
+    """Return the area of all joints as text, with the tied share if it is not zero."""
     area, free = 0.0, 0.0
     for joint in results.joints:
         area += float(results.static(f"joints/{joint}/areas").sum())

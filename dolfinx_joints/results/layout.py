@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Mesh and joints of a results file, and series declared from their values and the table."""
+"""Mesh and joints in a results file, and declaration of series from the table of quantities."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dolfinx_joints.results.writer import ResultsWriter
 
 Array = ArrayLike | Dealt
 
-# Start of the text on a jump among those on a static stage in the manifest.
+# Prefix that marks the text on a jump among the texts on a static stage in the manifest.
 JUMP = "jump: "
 
 
@@ -26,9 +26,9 @@ class Cells(NamedTuple):
     """Cells of the body.
 
     Attributes:
-        kind: VTK's number of the cell's shape, of Lagrange cells from the second degree on.
-        nodes: Nodes of each cell in VTK's order, shape (num_cells, nodes per cell).
-        groups: Rows of ``nodes`` that make up each named cell group.
+        kind: VTK cell type; from the second degree on, a Lagrange type.
+        nodes: Nodes of each cell in VTK order, shape (num_cells, nodes per cell).
+        groups: Rows of ``nodes`` in each cell group, by its name.
     """
 
     kind: int
@@ -41,11 +41,11 @@ def declare(
 ) -> None:
     """Declare series of a stream, with units and descriptions from `quantities`.
 
-    Values are those of a record, or arrays of their shapes; the frame is what displacements and
-    accelerations are relative to, in words.
+    The values are one record by name, or arrays of the same shapes. The frame names the reference
+    of displacements and accelerations.
 
     Raises:
-        ResultsError: The table has no row for one of the names.
+        ResultsError: A name is missing in the table.
     """
     for name, value in values.items():
         row, of = row_of(stream, name)
@@ -56,8 +56,8 @@ def declare(
 def declare_points(writer: ResultsWriter, points: ArrayLike) -> None:
     """Write the monitor points, shape (num_points, 3), [m].
 
-    Their names belong in the metadata as ``point_names``, and so does whether displacements are
-    ``relative to the ground`` or ``absolute``, as ``displacements``.
+    Put their names into the metadata as ``point_names``. Put ``relative to the ground`` or
+    ``absolute`` there as ``displacements``.
     """
     places = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     writer.static("histories/points", places, "m", "monitor points")
@@ -73,13 +73,13 @@ def declare_body(
     """Write mesh and joints.
 
     Args:
-        writer: A writer not started yet.
-        nodes: Shape (num_nodes, 3), [m]; the two sides of a joint have their own.
-        surface: Vertices of the boundary facets in cyclic order, shape (num_facets, 3 or 4); the
-            sides of the joints belong to them.
+        writer: A writer that was not started yet.
+        nodes: Shape (num_nodes, 3), [m]. The two sides of a joint have separate nodes.
+        surface: Vertices of the boundary facets in cyclic order, shape (num_facets, 3 or 4). The
+            facets on both sides of the joints are included.
         joints: By joint name, the arrays ``points`` (n, 3) [m], ``frames`` (n, 3, 3) with rows n,
-            s1, s2, ``areas`` (n,) [m^2] and ``facet`` (n,), the facet number of each point;
-            ``tied`` (n,), 1 at tied points and 0 at others, may be missing.
+            s1, s2, ``areas`` (n,) [m^2] and ``facet`` (n,), the facet number of each point.
+            Optional: ``tied`` (n,), 1 at tied points and 0 at others.
         cells: Cells of the body.
     """
     writer.static("mesh/nodes", nodes, "m", "nodes", dtype=np.float64)
@@ -104,11 +104,11 @@ def declare_body(
 
 
 def stage_bytes(name: str) -> NDArray[np.uint8]:
-    """Name of a static stage as the stream ``statics`` holds it, shape (STAGE_NAME_BYTES,)."""
+    """Return the name of a static stage as bytes padded with zeros, shape (STAGE_NAME_BYTES,)."""
     encoded = np.frombuffer(name.encode(), dtype=np.uint8)
     if not 0 < encoded.size <= STAGE_NAME_BYTES:
         raise ResultsError(
-            f"The name of a static stage takes 1 to {STAGE_NAME_BYTES} bytes as UTF-8, "
+            f"The name of a static stage must have 1 to {STAGE_NAME_BYTES} bytes in UTF-8, "
             f"got {name!r}."
         )
     return np.pad(encoded, (0, STAGE_NAME_BYTES - encoded.size))

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Contents of a results file as text: on one screen, or every array."""
+"""Contents of a results file as text: an overview, or a table of all arrays."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dolfinx_joints.results.resolved import resolved_frequencies
 _WIDTH = 100
 _LABEL = 13
 
-# Facts that have a line of their own, and are not repeated among the others.
+# Facts that are shown on separate lines and must not appear again under "settings".
 _SHOWN = (
     *("stage", "steps", "displacements", "point_names", "points", "dofs", "joint_points"),
     *("ranks", "units", "laws", "manifest"),
@@ -28,9 +28,9 @@ _COSTS = ("steps", "iterations", "solver", "energy_error", "imbalance", "local_e
 
 
 def overview(path: str | Path) -> str:
-    """One screen of text: the run, how good it is, what is stored.
+    """Return an overview of a results file: the run, its accuracy, the stored series.
 
-    Joints share a line: ``joints/*/gap`` stands for the gap of each. `describe` lists every array.
+    ``joints/*/gap`` stands for the gaps of all joints. `describe` lists every array.
     """
     with Results(path) as results:
         facts, summary = results.metadata, results.summary
@@ -46,24 +46,24 @@ def overview(path: str | Path) -> str:
         lines += _line("counts", _facts(others, others))
         settings = {k: v for k, v in facts.items() if k not in _SHOWN}
         lines += _line("settings", _facts(settings, settings))
-        lines += _made_by(facts.get("manifest"))
+        lines += _manifest_lines(facts.get("manifest"))
         limits = resolved_frequencies(results)._asdict().items()
-        known = [f"{f:.3g} Hz by the {name}" for name, f in limits if f < np.inf]
-        lines += _line("resolved to", known)
+        finite = [f"{f:.3g} Hz by the {name}" for name, f in limits if f < np.inf]
+        lines += _line("resolved to", finite)
         lines += _line("points", _points(results))
         for law, joints in _by_law(results).items():
             lines += _line("joints", [*joints[:-1], joints[-1] + law])
         lines += _line("joint area", [joint_area(results)] if results.joints else [])
         for stream, names in results.streams.items():
             lines.append(_records(results, stream))
-            lines += _line("", _together((n, results.unit(stream, n)) for n in names))
-        found = _together((name, results.unit(name)) for name in results.statics)
-        lines += _line("written once", found)
+            lines += _line("", _merged((n, results.unit(stream, n)) for n in names))
+        arrays = _merged((name, results.unit(name)) for name in results.statics)
+        lines += _line("written once", arrays)
     return "\n".join(lines)
 
 
 def describe(path: str | Path) -> str:
-    """A table of every array in a results file."""
+    """Return a table of all arrays in a results file."""
     with Results(path) as results:
         lines = [f"{results.path}: {results.status}, created {results.created}"]
         lines += _nested(results.metadata) + _nested(results.summary)
@@ -91,7 +91,7 @@ def _records(results: Results, stream: str) -> str:
 
 
 def _static_energies(results: Results) -> list[str]:
-    """Balance of the energies of static stages, and their jumps; nothing of older files."""
+    """Return the energy balance of the static stages and their jumps; empty for older files."""
     rows = results.rows("statics") if "jump_energy" in results.streams.get("statics", ()) else 0
     if not rows:
         return []
@@ -109,7 +109,7 @@ def _static_energies(results: Results) -> list[str]:
 
 
 def _nested(facts: Mapping[str, Any], indent: str = "  ") -> list[str]:
-    """Lines on facts, those that hold others with these below them."""
+    """Return lines on facts; the items of a dictionary are indented below its key."""
     lines = []
     for key, value in facts.items():
         inner = isinstance(value, dict) and len(indent) < 8
@@ -118,8 +118,8 @@ def _nested(facts: Mapping[str, Any], indent: str = "  ") -> list[str]:
     return lines
 
 
-def _made_by(manifest: Any) -> list[str]:
-    """Lines on the programs and laws that made the file; joints of equal laws share one."""
+def _manifest_lines(manifest: Any) -> list[str]:
+    """Return lines on the programs and laws of the run; joints with equal laws share a line."""
     lines: list[str] = []
     for label, value in manifest.items() if isinstance(manifest, dict) else ():
         if label == "resolved_hz":
@@ -138,7 +138,7 @@ def _made_by(manifest: Any) -> list[str]:
 
 
 def joints_by_law(laws: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    """Return the names of the joints that have equal laws, and the law."""
+    """Return pairs of the joints with equal laws, as text, and the law."""
     joints: dict[str, list[str]] = {}
     for joint, law in laws.items():
         joints.setdefault(str(law), []).append(joint)
@@ -146,58 +146,58 @@ def joints_by_law(laws: Mapping[str, Any]) -> list[tuple[str, Any]]:
 
 
 def _by_law(results: Results) -> dict[str, list[str]]:
-    found: dict[str, list[str]] = {}
+    joints: dict[str, list[str]] = {}
     for name in results.joints:
         law, text = results.law(name), ""
         if law:
             angle = law["friction_angle_deg"]
             text = f": {law['kind']}{'' if angle is None else f', {angle:g} degrees'}"
-        found.setdefault(text, []).append(name)
-    return found
+        joints.setdefault(text, []).append(name)
+    return joints
 
 
 def _points(results: Results) -> list[str]:
-    """Monitor points: where they are read, on which side of a joint, and how far from asked."""
-    asked, names = results.metadata.get("points"), results.metadata.get("point_names", [])
-    if not isinstance(asked, dict) or "histories/points" not in results.statics:
+    """Return texts on the monitor points: place, side of a joint, distance from the given place."""
+    requested, names = results.metadata.get("points"), results.metadata.get("point_names", [])
+    if not isinstance(requested, dict) or "histories/points" not in results.statics:
         return names
     texts, points = [], results.static("histories/points")
-    # Of the body, where one is kept: a point may lie at the origin.
-    kept = results.static("mesh/nodes") if "mesh/nodes" in results.statics else points
-    scale = float(np.abs(kept).max())
-    for name, there in zip(names, points, strict=False):
-        wanted = asked.get(name, {})
-        place, sides = wanted.get("place", ()), wanted.get("sides", ())
-        away = float(np.linalg.norm(there[: len(place)] - np.array(place)))
-        exact = [0.0 if abs(x) < 1e-9 * scale else x for x in there]
-        text = f"{name} at ({' '.join(f'{x:.4g}' for x in exact)}) m"
+    # Take the length scale from the body if it is stored: all points may be at the origin.
+    nodes = results.static("mesh/nodes") if "mesh/nodes" in results.statics else points
+    scale = float(np.abs(nodes).max())
+    for name, actual in zip(names, points, strict=False):
+        probe = requested.get(name, {})
+        place, sides = probe.get("place", ()), probe.get("sides", ())
+        dist = float(np.linalg.norm(actual[: len(place)] - np.array(place)))
+        rounded = [0.0 if abs(x) < 1e-9 * scale else x for x in actual]
+        text = f"{name} at ({' '.join(f'{x:.4g}' for x in rounded)}) m"
         text += f" on {' and '.join(sides)}" if sides else ""
-        texts.append(text + (f" {away:.3g} m from the place given" if away > 1e-6 * scale else ""))
+        texts.append(text + (f" {dist:.3g} m from the place given" if dist > 1e-6 * scale else ""))
     return texts
 
 
 def _facts(values: Mapping[str, Any], names: Iterable[str]) -> list[str]:
-    """Names with their values, those that are there."""
-    found = []
+    """Return texts ``name=value`` of the names that have a value."""
+    texts = []
     for name in names:
         if name in values:
             value = values[name]
             shown = f"{value:.4g}" if isinstance(value, float) else str(value)
-            found.append(f"{name}={shown}")
-    return found
+            texts.append(f"{name}={shown}")
+    return texts
 
 
-def _together(names: Iterable[tuple[str, str]]) -> list[str]:
-    """Names with units, those of all joints and of all loads as one."""
-    found = {}
+def _merged(names: Iterable[tuple[str, str]]) -> list[str]:
+    """Return names with units, with ``*`` for the name of a joint, without duplicates."""
+    units = {}
     for name, unit in names:
         short = re.sub(r"^((?:energy/)?joints/)[^/]+(/.*)$", r"\1*\2", name)
-        found[short] = "" if unit == "-" else f" [{unit}]"
-    return [name + unit for name, unit in found.items()]
+        units[short] = "" if unit == "-" else f" [{unit}]"
+    return [name + unit for name, unit in units.items()]
 
 
 def _line(label: str, parts: Iterable[str]) -> list[str]:
-    """A labelled line of parts, wrapped; none without parts."""
+    """Return a labelled line of parts, wrapped; an empty list without parts."""
     text = ", ".join(parts)
     if not text:
         return []

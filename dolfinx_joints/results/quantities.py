@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The table of all quantities of a run: name, unit, words, and how they are computed from points.
+"""Table of all quantities of a run: names, units, labels, and formulas at the joint points.
 
-Results files, CSV, pandas, reports, figures and ParaView take a quantity from its row. A row with
-``of`` is computed from the joint points; the values of the others come from monitors.
+Results files, CSV, pandas, reports, figures and ParaView use these rows. A row with ``of`` is
+computed from the joint points. The values of other rows come from monitors.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _FACTORS = {"mm": 1e3, "MPa": 1e-6, "MN": 1e-6, "%": 100.0}
 
 
 class JointPoints(NamedTuple):
-    """State of joint points, from which the rows with ``of`` are computed.
+    """State of joint points; rows with ``of`` are functions of it.
 
     Attributes:
         gap: Components (n, s1, s2), shape (..., points, 3), [m].
@@ -44,7 +44,7 @@ class JointPoints(NamedTuple):
 
     @property
     def compression(self) -> Floats:
-        """The pressure, tension only where a bond holds, whose strength it lowers, [Pa]."""
+        """Pressure [Pa], zero in tension except at intact bonds: tension lowers their strength."""
         return np.where(self.cohesion > 0.0, self.pressure, np.maximum(self.pressure, 0.0))
 
     @property
@@ -58,17 +58,17 @@ class Quantity:
     """Row of the table.
 
     Attributes:
-        name: Name in its stream or table; ``*`` stands for a joint, support or load.
+        name: Name in its stream or table; ``*`` is the name of a joint, support or load.
         unit: SI unit of files and tables.
-        label: Words in tables, figures and reports; empty if these do not show the quantity.
+        label: Label in tables, figures and reports; empty if these do not show the quantity.
         shown: Unit in figures and reports; ``unit`` if empty.
-        text: Description in the results file, ``{}`` for what ``*`` stands for, ``{frame}`` for
-            what displacements are relative to; ``label`` if empty.
+        text: Description in the results file; ``label`` if empty. ``{}`` is the name at ``*``,
+            ``{frame}`` the reference of displacements.
         style: Line style and colour in figures of several quantities.
         dtype: Type in the results file.
         rare: True if only some runs or joints have the quantity.
-        by: How the value of a joint comes from those of its points: the largest, zero if all are
-            negative; its place; the integral over the area, without tied points; or the mean.
+        by: How the values of the points are combined for a joint: the largest value, or zero if
+            all are negative; its place; the integral over the area without tied points; the mean.
         of: Values of the points, shape (..., points).
     """
 
@@ -101,28 +101,28 @@ class Quantity:
 
 Q = Quantity
 _FRAME = "of monitor points, {frame}"
-_STATIC_PART = Q("static_displacement", "m", text="displacement by the supports' motion alone")
+_STATIC_PART = Q("static_displacement", "m", text="quasi-static displacement by support motion")
 _REACTION = Q("reaction/*", "N", text="force of the support {} on the body")
 _STATUS = "0 open, 1 sticking, 2 sliding in the step ending here, 3 closed without friction, 4 tied"
-_PRESSED = "integral of the pressure, of tension too where a bond holds"
-_BOND = "cohesion times the area whose bond is intact"
+_PRESSED = "integral of the pressure, including tension at intact bonds"
+_BOND = "cohesion times the area with intact bonds"
 _STATES = (
     Q("displacement", "m", text="displacement of the nodes"),
     _STATIC_PART,
     Q("joints/*/gap", "m", text="gap (n, s1, s2), open if n > 0"),
     Q("joints/*/traction", "Pa", text="traction (n, s1, s2), compression if n < 0"),
     Q("joints/*/status", "-", text=_STATUS, dtype=np.int8),
-    Q("joints/*/pressure", "Pa", text="pressure of the water, positive where it opens"),
-    Q("joints/*/broken", "-", text="1 where the bond is gone", dtype=np.int8),
+    Q("joints/*/pressure", "Pa", text="water pressure, positive if it opens the joint"),
+    Q("joints/*/broken", "-", text="1 where the bond is broken", dtype=np.int8),
 )
 TABLE: dict[str, tuple[Quantity, ...]] = {
     "histories": (
         Q("displacement", "m", text=f"displacement {_FRAME}"),
         Q("acceleration", "m/s^2", text=f"mean acceleration of the step ending here {_FRAME}"),
         _STATIC_PART,
-        Q("free_surface_velocity", "m/s", text="velocity of the free surface by the waves alone"),
+        Q("free_surface_velocity", "m/s", text="velocity of the free surface without the body"),
         Q("ground_acceleration", "m/s^2", text="acceleration of the ground at this time"),
-        Q("reservoir_force", "N", text="force of the reservoir's waves on its face"),
+        Q("reservoir_force", "N", text="force of the reservoir waves on the wet face"),
         _REACTION,
         Q("iterations", "-", "iterations", text="iterations of the step", dtype=np.int64),
         Q("joint_open", "-", "open", "%", "share of open joint points", ("-", "black")),
@@ -131,7 +131,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("joint_frictionless", "-", "closed without friction", "%", style=("-", "#756bb1")),
     ),
     "energy": (
-        Q("waves", "J", style=("-", "#a65628"), rare=True),  # of `energy_lines` only
+        Q("waves", "J", style=("-", "#a65628"), rare=True),  # only from `energy_lines`
         Q("kinetic", "J", "kinetic energy", style=("-", "#56b4e9")),
         Q("strain", "J", "strain energy", style=("-", "#08519c")),
         Q("joint", "J", "elastic energy of the joints", style=("-", "#238b45")),
@@ -142,7 +142,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("water", "J", "energy of waves in the reservoir", style=("-", "#1b9e9e"), rare=True),
         Q("plastic", "J", "plastic work of the bulk", style=("--", "#a50f15"), rare=True),
         Q("impact", "J", "lost by points that do not rebound", style=("--", "#e7298a"), rare=True),
-        Q("absorbed", "J", text="part of viscous that boundaries take", rare=True),
+        Q("absorbed", "J", text="part of viscous at absorbing boundaries", rare=True),
         Q("error", "J", "residual", style=(":", "#8c8c8c")),
         Q("joints/*/elastic", "J", text="elastic energy of {}"),
         Q("joints/*/friction", "J", text="work against friction in {}"),
@@ -152,7 +152,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
     "states": _STATES,
     "statics": (
         Q("name", "-", text="name of the stage, UTF-8 padded with zeros", dtype=np.uint8),
-        Q("load_time", "s", text="time at which the loads are taken"),
+        Q("load_time", "s", text="time at which the loads are evaluated"),
         Q("point_displacement", "m", text="displacement of monitor points"),
         *_STATES,
         _REACTION,
@@ -185,7 +185,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("*/compression", "N", text=_PRESSED, by="integral", of=lambda p: p.compression),
         Q("*/shear_sum", "N", text="integral of the shear", by="integral", of=lambda p: p.shear),
         Q("*/bond", "N", text=_BOND, rare=True, by="integral", of=lambda p: p.cohesion),
-        Q("*/safety", "-", "sliding safety"),  # of `joint_extremes`, from the integrals
+        Q("*/safety", "-", "sliding safety"),  # from the integrals, by `joint_extremes`
     ),
     "resultants": (
         Q("joints/*/force", "N", "effective force", text="effective force on the + side of {}"),
@@ -219,7 +219,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("cantilever_max", "Pa", text="largest stress along the cantilever direction"),
         Q("cantilever_min", "Pa", text="smallest stress along the cantilever direction"),
     ),
-    # Of `StageJoint`, not in files.
+    # Attributes of `StageJoint`, not in files.
     "stage_joints": (
         Q("opening_max", "m", "largest opening", "mm"),
         Q("slip_max", "m", "largest tangential gap", "mm"),
@@ -228,9 +228,9 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("sliding_safety", "-", "safety against sliding"),
         Q("contact", "-", "area under pressure", "%"),
         Q("pressure_max", "Pa", "largest pressure", "MPa"),
-        Q("water_force", "N", "force of water in it", "MN"),
+        Q("water_force", "N", "force of the joint's water", "MN"),
     ),
-    # Of `joint_measures`, not in files; more follow from "joints".
+    # From `joint_measures`, not in files; the last lines of this module add rows from "joints".
     "measures": (
         Q("opening_static", "m", "static opening", "mm"),
         Q("opening_residual", "m", "residual opening", "mm"),
@@ -240,7 +240,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("share_frictionless", "-", "closed without friction", "%"),
         Q("share_broken", "-", "bonds broken at the end", "%"),
     ),
-    # Of `resultant_measures`, not in files.
+    # From `resultant_measures`, not in files.
     "resultant_measures": (
         Q("safety_min", "-"),
         Q("safety_time", "s"),
@@ -254,21 +254,21 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
 
 
 def _size(vectors: Floats) -> Floats:
-    """Length of vectors, shape (...)."""
+    """Return the length of vectors, shape (...)."""
     return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
 
 
 def rows_below(stream: str, start: str = "") -> tuple[Quantity, ...]:
-    """Return the rows of a stream whose names are a start and one more part."""
-    found = (row for row in TABLE[stream] if row.name.startswith(start))
-    return tuple(row for row in found if not set("/*") & set(row.name.removeprefix(start)))
+    """Return the rows of a stream whose name is ``start`` plus a part without ``/`` and ``*``."""
+    rows = (row for row in TABLE[stream] if row.name.startswith(start))
+    return tuple(row for row in rows if not set("/*") & set(row.name.removeprefix(start)))
 
 
 def row_of(stream: str, name: str) -> tuple[Quantity, str]:
-    """Return the row of a series, and what ``*`` stands for in its name.
+    """Return the row of a series, and the name of the joint, support or load at ``*``.
 
     Raises:
-        ResultsError: The table has no such row.
+        ResultsError: The table has no row for the series.
     """
     for row in TABLE.get(stream, ()):
         match = re.fullmatch(re.escape(row.name).replace(r"\*", "(.+)"), name)
@@ -278,7 +278,7 @@ def row_of(stream: str, name: str) -> tuple[Quantity, str]:
 
 
 def rows_by(*ways: str) -> tuple[Quantity, ...]:
-    """Return the rows of the stream ``joints`` that come from points in these ways, one by one."""
+    """Return the rows of the stream ``joints`` with these values of ``by``, in their order."""
     return tuple(row for way in ways for row in TABLE["joints"] if row.by == way)
 
 
@@ -288,7 +288,7 @@ def at_points(rows: Iterable[Quantity], points: JointPoints) -> Floats:
 
 
 ENERGY_TERMS = tuple(row.name for row in rows_below("energy") if not row.rare)
-# Series of a joint over time that are drawn, and the largest value of each with its time.
+# Series of a joint that figures show. The measures include their largest values and times.
 JOINT_SERIES = tuple(row for row in rows_by("largest", "mean") if row.label)
 for _row in reversed(JOINT_SERIES):
     _words = f"largest {_row.label.removeprefix('largest ')}"

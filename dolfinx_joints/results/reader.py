@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-r"""Results files read: HDF5, versioned, whole while they grow and after a run was killed.
+r"""Reader of results files: HDF5, versioned, readable during a run and after it was killed.
 
 Layout, version 1::
 
@@ -12,14 +12,14 @@ Layout, version 1::
     /streams/STREAM/time  one row per record; only increasing
     /streams/STREAM/NAME  first axis grows with ``time``; attributes ``unit``, ``description``
 
-A run declares all names first and then calls ``ResultsWriter.start``, from where on the file
-is in HDF5's single-writer-multiple-reader (SWMR) mode: nothing may be created any more, which is
-why status and summary are preallocated datasets. The values of a record reach the file before
-its ``time`` does, hence a row whose time can be read is a whole row.
+A run declares all names and then calls ``ResultsWriter.start``, which switches the file to HDF5's
+single-writer-multiple-reader (SWMR) mode. No dataset can be created in this mode, so status and
+summary are preallocated. The values of a record are written before its ``time``, so a row whose
+time can be read is complete.
 
-A file whose status is still "running" belongs to a live run or to one that was killed.
+The status "running" means that the run is in progress or was killed.
 
-Any name may be declared; those of a simulation are in `quantities` and `layout`.
+Any name may be declared; the names of a simulation are in `quantities` and `layout`.
 """
 
 import json
@@ -41,24 +41,24 @@ from dolfinx_joints.common.summary import Rows, Summarised, names, number
 
 FORMAT = "dolfinx_joints results"
 VERSION = 1
-STAGE_NAME_BYTES = 120  # of the name of a static stage
-RELATIVE, ABSOLUTE = "relative to the ground", "absolute"  # displacements, in the metadata
+STAGE_NAME_BYTES = 120  # longest name of a static stage
+RELATIVE, ABSOLUTE = "relative to the ground", "absolute"  # "displacements" in the metadata
 
 Index = int | slice
 
 
 class Results(Summarised):
-    """Reads a results file, also one that a run is still writing; arrays when asked for.
+    """Open results file, which a run may still be writing; arrays are read on request.
 
     Args:
-        path: the file to read.
+        path: The file to read.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self._opened = _open(self.path)
         self._names: dict[str, list[str]] = {}  # by group
-        self._rows: dict[str, int] = {}  # likewise, once the run has ended
+        self._rows: dict[str, int] = {}  # by group, only after the run has ended
 
     def __enter__(self) -> Self:
         return self
@@ -97,13 +97,13 @@ class Results(Summarised):
 
     @property
     def metadata(self) -> dict[str, Any]:
-        """Facts of the run, from its writer."""
+        """Facts of the run, as given to its writer."""
         with self._reading():
             return _decode_json(self._file["metadata"])
 
     @property
     def relative(self) -> bool:
-        """Whether displacements are relative to the ground, those of a `FreeField` are absolute."""
+        """True if displacements are relative to the ground; absolute with a `FreeField`."""
         return self.metadata.get("displacements") != ABSOLUTE
 
     @property
@@ -114,18 +114,18 @@ class Results(Summarised):
 
     @property
     def status(self) -> str:
-        """The run's status; "running" also when it was killed."""
+        """Status of the run; still "running" after it was killed."""
         with self._reading():
             return str(self._file["status"][0].decode())
 
     @property
     def complete(self) -> bool:
-        """Whether the run reached its end."""
+        """True if the run reached its end."""
         return self.status == "complete"
 
     @property
     def created(self) -> str:
-        """When the file was created, ISO 8601, UTC."""
+        """Time at which the file was created, ISO 8601, UTC."""
         with self._reading():
             return str(attribute(self._file, "created"))
 
@@ -136,36 +136,36 @@ class Results(Summarised):
 
     @property
     def streams(self) -> dict[str, list[str]]:
-        """Names of the series of each stream, ``time`` left out."""
+        """Names of the series of each stream, without ``time``."""
         groups = self._file["streams"]
         with self._reading():
             return {key: [n for n in self._names_in(groups[key]) if n != "time"] for key in groups}
 
     @property
     def joints(self) -> list[str]:
-        """Names of the joints of which points are stored."""
+        """Names of the joints whose points are stored."""
         names = (name.split("/") for name in self.statics)
-        found = [part[1] for part in names if part[0] == "joints" and part[2:] == ["points"]]
-        return sorted(found, key=lambda name: (len(name), name))
+        joints = [part[1] for part in names if part[0] == "joints" and part[2:] == ["points"]]
+        return sorted(joints, key=lambda name: (len(name), name))
 
     def check_joint(self, joint: str) -> None:
-        """Raise a ResultsError for a joint that the file does not hold."""
+        """Raise a ResultsError if the file has no joint of this name."""
         if joint not in self.joints:
             raise ResultsError(
                 f"No joint {shown(joint)} in {self.path}; it has {listing(self.joints)}."
             )
 
     def law(self, joint: str) -> dict[str, Any]:
-        """Facts on a joint's law: ``kind``, ``friction_angle_deg`` [degrees], ``cohesion`` [Pa].
+        """Return ``kind``, ``friction_angle_deg`` [degrees] and ``cohesion`` [Pa] of a joint law.
 
-        The angle is None where the law has none; all are missing in files that do not hold them.
+        The angle is None if the law has no friction angle. The result is empty for older files.
         """
         self.check_joint(joint)
         return dict(self.metadata.get("laws", {}).get(joint, {}))
 
     @property
     def point_names(self) -> list[str]:
-        """Names of the monitor points, from ``metadata["point_names"]`` or numbered."""
+        """Names of the monitor points in ``metadata["point_names"]``, otherwise numbered names."""
         given = self.metadata.get("point_names")
         if isinstance(given, list):
             return [str(name) for name in given]
@@ -173,7 +173,7 @@ class Results(Summarised):
 
     @checked
     def point_index(self, point: int | str) -> int:
-        """Row of a monitor point given by its name or number."""
+        """Return the row of a monitor point given by its name or number."""
         names = self.point_names
         if isinstance(point, str) and point in names:
             return names.index(point)
@@ -183,16 +183,16 @@ class Results(Summarised):
 
     @property
     def stage_names(self) -> list[str]:
-        """Names of the static stages, in order: the records of the stream ``statics``."""
+        """Names of the static stages, in the order of the records of the stream ``statics``."""
         if "statics" not in self.streams:
             return []
         return [bytes(n).rstrip(b"\0").decode() for n in self.series("statics", "name")]
 
     @checked
     def stage_index(self, stage: int | str) -> int:
-        """Record in the stream ``statics`` of a static stage given by its name or number.
+        """Return the record in the stream ``statics`` of a stage given by its name or number.
 
-        Of stages of the same name the last; a negative number counts from the end.
+        Negative numbers count from the end. Of several stages of one name the last is returned.
         """
         names = self.stage_names
         if isinstance(stage, str) and stage in names:
@@ -204,7 +204,7 @@ class Results(Summarised):
         )
 
     def static(self, name: str) -> NDArray[Any]:
-        """Return an array written once."""
+        """Return an array that was written once, by its name below ``/static``."""
         dataset = self._static(name)
         with self._reading():
             values: NDArray[Any] = dataset[()]
@@ -212,12 +212,12 @@ class Results(Summarised):
 
     @contextmanager
     def datasets(self) -> Iterator[tuple[h5py.Group, h5py.Group]]:
-        """The groups of arrays written once and of streams, to read parts of what they hold."""
+        """Return the HDF5 groups ``static`` and ``streams``, for reading parts of datasets."""
         with self._reading():
             yield self._file["static"], self._file["streams"]
 
     def time(self, stream: str) -> Floats:
-        """Times of the whole records of a stream, shape (rows,), [s]."""
+        """Return the times of the complete records of a stream, shape (rows,), [s]."""
         group, rows = self._stream(stream), self.rows(stream)
         with self._reading():
             times: Floats = group["time"][:rows]
@@ -228,11 +228,11 @@ class Results(Summarised):
         return times
 
     def rows(self, stream: str) -> int:
-        """Number of whole records of a stream: those that all its datasets and its time hold."""
+        """Return the number of complete records of a stream: all values and the time exist."""
         group = self._stream(stream)
         if group.name in self._rows:
             return self._rows[group.name]
-        ended = self.status != "running"  # read before the rows
+        ended = self.status != "running"  # read first: the run may end while rows are counted
         rows = self._count(group)
         if ended:
             self._rows[group.name] = rows
@@ -242,26 +242,25 @@ class Results(Summarised):
         block = 1
         with self._reading():
             rows = min(len(group[name]) for name in self._names_in(group))
-            while rows:  # the last may be extended and not filled yet
+            while rows:  # the last rows may exist without a time
                 first = max(0, rows - block)
-                known = np.flatnonzero(~np.isnan(group["time"][first:rows]))
-                if known.size:
-                    return first + int(known[-1]) + 1
+                complete = np.flatnonzero(~np.isnan(group["time"][first:rows]))
+                if complete.size:
+                    return first + int(complete[-1]) + 1
                 rows, block = first, 8 * block
         return 0
 
     @checked
     def series(self, stream: str, name: str, index: Index = slice(None)) -> NDArray[Any]:
-        """Values of one quantity of a stream.
+        """Return the values of one quantity of a stream.
 
         Args:
-            stream: name of the stream.
-            name: name of the quantity.
-            index: a record's number (negative from the end) or a slice of them; only these are
-                read.
+            stream: Name of the stream.
+            name: Name of the quantity.
+            index: Number of a record (negative from the end) or a slice; only these are read.
 
         Returns:
-            Shape (rows, ...), or that of one record if ``index`` is a number.
+            Shape (rows, ...), or the shape of one record if ``index`` is a number.
         """
         dataset, rows = self._series(stream, name), self.rows(stream)
         if not isinstance(index, slice):
@@ -271,35 +270,35 @@ class Results(Summarised):
         else:
             start, stop, step = index.indices(rows)
             if step < 1:
-                raise ResultsError(f"A slice of records must go forward, got step {step}.")
+                raise ResultsError(f"A slice of records must have a positive step, got {step}.")
             index = slice(start, max(start, stop), step)
         with self._reading():
             return np.asarray(dataset[index])
 
     @checked
     def nearest(self, stream: str, time: float) -> int:
-        """Number of the record whose time is nearest to ``time`` [s]."""
+        """Return the number of the record whose time is nearest to ``time`` [s]."""
         times = self.time(stream)
         if not times.size:
             raise ResultsError(f"The stream {stream!r} has no records.")
         return int(np.argmin(np.abs(times - time)))
 
     def unit(self, *where: str) -> str:
-        """Unit of an array given by its name, or of a series given by stream and name."""
+        """Return the unit of an array given by its name, or of a series by stream and name."""
         return self._text("unit", where)
 
     def description(self, *where: str) -> str:
-        """Description of an array given by its name, or of a series by stream and name."""
+        """Return the description of an array (name) or of a series (stream and name)."""
         return self._text("description", where)
 
     def _names_in(self, group: h5py.Group) -> list[str]:
-        """Names of the datasets in a group, which a started file keeps."""
+        """Return the names of the datasets in a group; they are fixed once the run has started."""
         if group.name not in self._names:
-            found: list[str] = []
+            paths: list[str] = []
             group.visititems(
-                lambda name, item: found.append(name) if isinstance(item, h5py.Dataset) else None
+                lambda name, item: paths.append(name) if isinstance(item, h5py.Dataset) else None
             )
-            self._names[group.name] = found
+            self._names[group.name] = paths
         return self._names[group.name]
 
     def _reading(self) -> AbstractContextManager[None]:
@@ -319,8 +318,8 @@ class Results(Summarised):
 
     def _stream(self, stream: str) -> h5py.Group:
         if stream not in list(self._file["streams"]):
-            known = listing(self._file["streams"])
-            raise ResultsError(f"No stream {shown(stream)} in {self.path}; it has {known}.")
+            streams = listing(self._file["streams"])
+            raise ResultsError(f"No stream {shown(stream)} in {self.path}; it has {streams}.")
         return self._file["streams"][stream]
 
     def _series(self, stream: str, name: str) -> h5py.Dataset:
@@ -346,9 +345,9 @@ def _open(path: Path) -> h5py.File:
 
 
 def _check(file: h5py.File, path: Path) -> None:
-    """Raise an error for anything but a results file that can be read safely."""
-    found, version = attribute(file, "format"), attribute(file, "version")
-    if found != FORMAT or not isinstance(version, int):
+    """Raise an error if the file is not a results file of a supported version, or incomplete."""
+    file_format, version = attribute(file, "format"), attribute(file, "version")
+    if file_format != FORMAT or not isinstance(version, int):
         raise ResultsError(f"{path} is HDF5 but not a file of {FORMAT!r}.")
     check_version(version, VERSION)
     if version > VERSION:
@@ -360,7 +359,7 @@ def _check(file: h5py.File, path: Path) -> None:
 
 
 def listing(every: Iterable[str]) -> str:
-    """Names in one line, for messages; of many the first."""
+    """Return names in one line for messages, at most the first ones of many."""
     return names(every) or "none"
 
 
@@ -368,5 +367,5 @@ def _decode_json(dataset: h5py.Dataset) -> dict[str, Any]:
     text = bytes(dataset[:]).rstrip(b"\0").decode()
     decoded = json.loads(text) if text else {}
     if not isinstance(decoded, dict):
-        raise ValueError(f"{dataset.name!r} is no JSON object")
+        raise ValueError(f"{dataset.name!r} is not a JSON object")
     return decoded

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Quantities of a results file that are recorded at the same times, row by row."""
+"""Streams of a results file: quantities recorded at the same times, with a buffer of rows."""
 
 import itertools
 import math
@@ -22,13 +22,13 @@ _BUFFER_BYTES = 1 << 24
 
 
 class Stream:
-    """Datasets of one stream and the rows that wait to be written.
+    """Datasets of one stream, and the buffer of rows not written yet.
 
     Attributes:
         name: Name of the stream.
-        waiting: Number of rows that wait to be written.
-        row_bytes: Size of one record, its time included.
-        chunks: Bytes of one chunk of each dataset.
+        waiting: Number of rows in the buffer.
+        row_bytes: Size of one record with its time.
+        chunks: Size of one chunk of all datasets together [bytes].
     """
 
     def __init__(self, parent: h5py.Group, name: str) -> None:
@@ -37,11 +37,11 @@ class Stream:
         self._group = parent.create_group(name)
         self._datasets: dict[str, h5py.Dataset] = {}
         self._shapes: dict[str, tuple[int, ...]] = {}  # of one record
-        # Waiting ones, shape (room, ...) each; the only one of an array that is dealt.
+        # Buffers by name, shape (capacity, ...), or the row itself if it is dealt over the ranks.
         self._rows: dict[str, Any] = {}
-        self._numbers: Floats | None = None  # the same, shape (room, numbers)
+        self._numbers: Floats | None = None  # all buffers as one, shape (capacity, numbers)
         self._times: list[float] = []
-        self._room = 0
+        self._capacity = 0
         self._time = extendable(self._group, "time", (), np.dtype(np.float64), fill=np.nan)
         unit, text = (
             ("-", "number of the stage, from 1")
@@ -53,13 +53,13 @@ class Stream:
 
     @property
     def full(self) -> bool:
-        """Whether no further row can wait."""
-        return self.waiting == self._room
+        """True if the buffer is full."""
+        return self.waiting == self._capacity
 
     def declare(
         self, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], unit: str, text: str
     ) -> None:
-        """Make the dataset of a quantity, ``shape`` being that of one record."""
+        """Create the dataset of a quantity; ``shape`` is the shape of one record."""
         dataset = extendable(self._group, name, shape, dtype)
         set_texts(dataset, unit=unit, description=text)
         self._datasets[name], self._shapes[name] = dataset, shape
@@ -67,41 +67,42 @@ class Stream:
         self.chunks += int(np.prod(dataset.chunks)) * dtype.itemsize
 
     def order(self, names: Sequence[str]) -> None:
-        """Take the numbers of a record in this order; see `ResultsWriter.order`."""
+        """Fix the order of the numbers in a record that is one array; see `ResultsWriter.order`."""
         shapes = self._shapes
         plain = all(dataset.dtype == np.float64 for dataset in self._datasets.values())
         if sorted(names) != sorted(shapes) or not plain:
             raise ResultsError(
-                f"Numbers of {self.name!r} cannot come as {listing(names)}: it holds "
-                f"{listing(shapes)}, and all must be floating-point numbers."
+                f"The order of the stream {self.name!r} must contain {listing(shapes)}, and all "
+                f"must be floating-point numbers, got {listing(names)}."
             )
-        self._make_room({})
+        self._allocate({})
         ends = np.cumsum([int(np.prod(shapes[name])) for name in names])
-        self._numbers = np.empty((self._room, ends[-1]))
+        self._numbers = np.empty((self._capacity, ends[-1]))
         for name, part in zip(names, np.split(self._numbers, ends[:-1], axis=1), strict=True):
-            self._rows[name] = part.reshape(self._room, *shapes[name])
+            self._rows[name] = part.reshape(self._capacity, *shapes[name])
 
     def append(self, time: float, values: Mapping[str, Any] | NDArray[Any]) -> None:
-        """Let a row wait to be written; see `ResultsWriter.append`."""
+        """Add a row to the buffer; see `ResultsWriter.append`."""
         if not (math.isfinite(time) and time > self._last):
             raise ResultsError(
                 f"Times of the stream {self.name!r} must be finite and increase, got {time} s "
                 f"after {self._last} s."
             )
         if not self._rows:
-            self._make_room({} if isinstance(values, np.ndarray) else values)
+            self._allocate({} if isinstance(values, np.ndarray) else values)
         if isinstance(values, np.ndarray):
-            self._take_numbers(values)
+            self._buffer_numbers(values)
         else:
-            self._take(values)
+            self._buffer_values(values)
         self._last = time
         self._times.append(time)
         self.waiting += 1
 
-    def _take(self, values: Mapping[str, Any]) -> None:
+    def _buffer_values(self, values: Mapping[str, Any]) -> None:
         if values.keys() != self._datasets.keys():
             raise ResultsError(
-                f"A record of {self.name!r} holds {listing(self._datasets)}, got {listing(values)}."
+                f"A record of the stream {self.name!r} must contain {listing(self._datasets)}, "
+                f"got {listing(values)}."
             )
         for name, shape in self._shapes.items():
             value = values[name]
@@ -114,45 +115,46 @@ class Stream:
             else:
                 self._rows[name][self.waiting] = value
 
-    def _take_numbers(self, values: NDArray[Any]) -> None:
+    def _buffer_numbers(self, values: NDArray[Any]) -> None:
         if self._numbers is None or values.shape != self._numbers.shape[1:]:
-            wanted = "values by name"
+            expected = "values by name"
             if self._numbers is not None:
-                wanted = f"{self._numbers.shape[1]} numbers"
+                expected = f"{self._numbers.shape[1]} numbers"
             raise ResultsError(
-                f"A record of {self.name!r} is {wanted}, got an array of shape {values.shape}."
+                f"A record of the stream {self.name!r} must be {expected}, got an array of shape "
+                f"{values.shape}."
             )
         self._numbers[self.waiting] = values
 
-    def _make_room(self, first: Mapping[str, Any]) -> None:
-        """Arrays for the rows that wait; memory is taken as they come.
+    def _allocate(self, first: Mapping[str, Any]) -> None:
+        """Allocate the buffers; the system provides the memory as rows are filled.
 
-        Records like the ``first`` with arrays that are dealt do not wait for each other.
+        The capacity is one record if the ``first`` has arrays that are dealt over the ranks.
         """
         dealt = {name for name, value in first.items() if isinstance(value, Dealt)}
-        room = 1 if dealt else max(1, _BUFFER_BYTES // self.row_bytes)
-        self._room = min(_BUFFER_ROWS, room)
+        capacity = 1 if dealt else max(1, _BUFFER_BYTES // self.row_bytes)
+        self._capacity = min(_BUFFER_ROWS, capacity)
         for name, dataset in self._datasets.items():
             if name not in dealt:
-                self._rows[name] = np.empty((self._room, *self._shapes[name]), dataset.dtype)
+                self._rows[name] = np.empty((self._capacity, *self._shapes[name]), dataset.dtype)
 
     @property
     def growth(self) -> int:
-        """Bytes that the file may need for the rows that wait, in whole chunks."""
+        """Upper bound of the bytes that the buffered rows add to the file, in whole chunks."""
         return self.waiting * self.row_bytes + self.chunks
 
     def drop(self) -> None:
-        """Forget the rows that wait."""
+        """Discard the buffered rows."""
         self._times = []
         self.waiting = 0
 
     @property
     def records(self) -> int:
-        """Rows in the file and waiting."""
+        """Number of rows in the file and in the buffer."""
         return len(self._time) + self.waiting
 
     def copy(self, times: Floats, values: Mapping[str, h5py.Dataset]) -> None:
-        """Take the first rows of datasets of another file, never more than some 16 MB at once."""
+        """Copy the first rows of datasets of another file, at most about 16 MB at once."""
         for name, dataset in self._datasets.items():
             dataset.resize(len(times), axis=0)
             copy_rows(values[name], dataset, len(times))
@@ -160,9 +162,9 @@ class Stream:
         self._last = float(times[-1]) if len(times) else self._last
 
     def write_values(self) -> list[float]:
-        """Write the waiting values and return their times, still to be written."""
+        """Write the buffered values, and return their times, which are not written yet."""
         times, waiting = self._times, self.waiting
-        self.drop()  # what fails is not tried again
+        self.drop()  # a failed write must not be repeated when the file is closed
         for name, dataset in self._datasets.items():
             rows = self._rows[name]
             if isinstance(rows, Dealt):
@@ -172,12 +174,12 @@ class Stream:
         return times
 
     def write_time(self, times: Sequence[float]) -> None:
-        """Write the times of rows whose values are in the file."""
+        """Write the times of rows after their values."""
         add_rows(self._time, times)
 
 
 def add_rows(dataset: h5py.Dataset, rows: NDArray[Any] | Sequence[float]) -> None:
-    """Write rows behind those that a dataset has; by h5py's lower level, twice as fast."""
+    """Append rows to a dataset; h5py's low-level interface is twice as fast."""
     values = np.ascontiguousarray(rows, dtype=dataset.dtype)
     start = dataset.id.shape[0]
     dataset.id.set_extent((start + len(values), *values.shape[1:]))
@@ -185,7 +187,7 @@ def add_rows(dataset: h5py.Dataset, rows: NDArray[Any] | Sequence[float]) -> Non
 
 
 def _add_dealt(dataset: h5py.Dataset, row: Dealt) -> None:
-    """Write a row block by block behind those that a dataset has."""
+    """Append one row to a dataset, block by block."""
     start, first = dataset.id.shape[0], 0
     dataset.id.set_extent((start + 1, *row.shape))
     for block in row:
@@ -202,7 +204,7 @@ def _write(dataset: h5py.Dataset, start: tuple[int, ...], values: NDArray[Any]) 
 
 
 def write_whole(dataset: h5py.Dataset, values: NDArray[Any] | Dealt, *row: int) -> None:
-    """Fill a dataset of the shape of an array, or a row of it."""
+    """Write an array to a whole dataset, or to one row of a dataset."""
     if not np.shape(values):
         dataset[()] = values
         return
@@ -213,7 +215,7 @@ def write_whole(dataset: h5py.Dataset, values: NDArray[Any] | Dealt, *row: int) 
 
 
 def copy_rows(source: h5py.Dataset, target: h5py.Dataset, count: int) -> None:
-    """Copy the first rows of a dataset into another, as many bytes at a time as may wait."""
+    """Copy the first rows of a dataset into another, at most ``_BUFFER_BYTES`` at a time."""
     row_bytes = max(1, int(np.prod(source.shape[1:])) * source.dtype.itemsize)
     many, parts = max(1, _BUFFER_BYTES // row_bytes), -(-row_bytes // _BUFFER_BYTES)
     ends = np.linspace(0, source.shape[1] if source.ndim > 1 else 0, parts + 1).astype(int)
@@ -229,10 +231,10 @@ def copy_rows(source: h5py.Dataset, target: h5py.Dataset, count: int) -> None:
 def extendable(
     group: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype[Any], *, fill: float = 0.0
 ) -> h5py.Dataset:
-    """A new dataset without rows that can grow; ``shape`` is that of one row."""
+    """Create an empty dataset that can grow; ``shape`` is the shape of one row."""
     row_bytes = max(1, int(np.prod(shape)) * dtype.itemsize)
     chunks = (min(1024, max(1, _CHUNK_BYTES // row_bytes)), *(max(1, length) for length in shape))
-    # A chunk that is to be filled first would be in memory as a whole.
+    # Do not fill large chunks: HDF5 would keep a filled chunk in memory.
     when = "never" if row_bytes > _CHUNK_BYTES else "ifset"
     return group.create_dataset(
         name,

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Results files written, on one process and from plain arrays; `reader` has the format."""
+"""Writer of results files, on one process and from plain arrays; `reader` describes the format."""
 
 import json
 import os
@@ -26,23 +26,22 @@ from dolfinx_joints.results.stream import Stream, write_whole
 
 Status = Literal["running", "complete", "stopped", "failed"]
 
-_SUMMARY_BYTES = 65536  # room preallocated for the summary, which SWMR does not let grow
+_SUMMARY_BYTES = 65536  # preallocated size of the summary, which cannot grow in SWMR mode
 
 
 class ResultsWriter:
-    """Writes one results file from plain arrays, on one process.
+    """Writer of one results file from plain arrays, on one process.
 
-    Use as a context manager: declare with :meth:`static` and :meth:`series`, :meth:`start`,
-    :meth:`append` as the run goes, :meth:`finish`. Leaving the block by an exception marks the
-    file "failed"; leaving it without :meth:`finish` marks it "stopped".
+    Use it as a context manager. Call :meth:`static` and :meth:`series` to declare, :meth:`start`,
+    :meth:`append` during the run, and :meth:`finish`. If the block ends with an exception, the
+    status is "failed"; if it ends without :meth:`finish`, the status is "stopped".
 
     Args:
-        path: the file to write.
-        metadata: facts of the run; anything JSON can hold, NumPy scalars and arrays included.
-        overwrite: replace an existing file.
-        aside: where to put a file that is replaced; it is deleted unless given.
-        flush_interval: longest time that appended rows stay in memory [s], counted when the
-            next row comes.
+        path: The file to write.
+        metadata: Facts of the run: values that JSON can represent, NumPy scalars and arrays.
+        overwrite: True to replace an existing file.
+        aside: New path of a file that is replaced; without it the file is deleted.
+        flush_interval: Longest time that appended rows stay in memory [s]; checked at each new row.
     """
 
     def __init__(
@@ -78,8 +77,8 @@ class ResultsWriter:
             if self.path.exists() and aside is not None:
                 self.path.replace(aside)
             elif self.path.exists():
-                self.path.unlink()  # not truncated: whoever reads the old file keeps it
-            # Rows are written once: HDF5 would keep the last MB of each series in memory.
+                self.path.unlink()  # do not truncate it: another process may be reading it
+            # Disable the chunk cache, which would keep the last MB of each series in memory.
             self._file = h5py.File(self.path, "x", libver="latest", rdcc_nbytes=0)
             self._room = Room(self.path, self._file)
         except OSError as error:
@@ -100,36 +99,36 @@ class ResultsWriter:
     def resume(
         cls, path: str | Path, rows: Mapping[str, int], metadata: Mapping[str, Any] | None = None
     ) -> Self:
-        """Go on with the file of a run that was interrupted, whatever its status.
+        """Continue the file of an interrupted run, whatever its status.
 
-        A copy takes the place of the file at once when it is whole: a killed run leaves a file that
-        HDF5 does not open for writing.
+        HDF5 does not open the file of a killed run for writing. Therefore the file is copied, and
+        the complete copy replaces it.
 
         Args:
-            path: the file.
-            rows: records to keep of each stream; what follows them is left out.
-            metadata: new facts of the run; those of the file unless given.
+            path: The file.
+            rows: Number of records to keep of each stream; later records are dropped.
+            metadata: New facts of the run; if not given, those of the file are kept.
         """
         path = Path(path)
         lock = FileLock(path, ResultsError)
         with released(lock, at_end=False):
-            writer = cls._copied(path, rows, metadata)
+            writer = cls._replace_by_copy(path, rows, metadata)
         writer._lock.release()
         writer.path, writer._lock = path, lock
         return writer
 
     @classmethod
-    def _copied(
+    def _replace_by_copy(
         cls, path: Path, rows: Mapping[str, int], metadata: Mapping[str, Any] | None
     ) -> Self:
-        """A writer of the copy that has taken the file's place."""
+        """Replace the file by a copy, and return the writer of the copy."""
         part = path.with_name(path.name + ".part")
         with Results(path) as old:
-            found = {stream: old.rows(stream) for stream in old.streams}
-            if found.keys() != rows.keys() or any(found[s] < rows[s] for s in rows):
+            counts = {stream: old.rows(stream) for stream in old.streams}
+            if counts.keys() != rows.keys() or any(counts[s] < rows[s] for s in rows):
                 raise ResultsError(
-                    f"{path} cannot be continued: it holds {_counted(found)}, needed are "
-                    f"{_counted(rows)}."
+                    f"{path} cannot be continued: it contains {_record_counts(counts)}, it must "
+                    f"contain at least {_record_counts(rows)}."
                 )
             writer = cls(part, metadata or old.metadata, overwrite=True)
             try:
@@ -142,7 +141,7 @@ class ResultsWriter:
         return writer
 
     def _copy(self, old: Results, rows: Mapping[str, int]) -> None:
-        """Declare what another file does, and take its first rows."""
+        """Make the declarations of another file, and copy its first rows."""
         set_texts(self._file, created=old.created)
         with old.datasets() as (statics, streams):
             for name in old.statics:
@@ -162,7 +161,7 @@ class ResultsWriter:
 
     @property
     def records(self) -> dict[str, int]:
-        """Records of each stream, those that wait in memory included."""
+        """Number of records of each stream, in the file and in memory."""
         return {name: stream.records for name, stream in self._streams.items()}
 
     def __enter__(self) -> Self:
@@ -171,7 +170,7 @@ class ResultsWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, _: object
     ) -> None:
-        """Write what is buffered, settle the status and close the file."""
+        """Write the buffered rows and the status, and close the file."""
         try:
             if kind is not None and not self._finished:
                 status: Status = "failed" if issubclass(kind, Exception) else "stopped"
@@ -188,24 +187,24 @@ class ResultsWriter:
         *,
         dtype: DTypeLike = None,
     ) -> None:
-        """Write an array once, ``name`` being its path below ``static``."""
+        """Write an array once; ``name`` is its path below ``static``."""
         values = array if isinstance(array, Dealt) else np.asarray(array)
         kind = values.dtype if dtype is None else dtype
-        write_whole(self._made(name, values.shape, kind, unit, description), values)
+        write_whole(self._new_dataset(name, values.shape, kind, unit, description), values)
 
     def static_rows(
         self, name: str, rows: Sequence[NDArray[Any] | Dealt], unit: str, description: str
     ) -> None:
-        """Write an array once that comes as its rows, one or more of them."""
+        """Write an array once, given as a sequence of at least one row."""
         shape = (len(rows), *rows[0].shape)
-        dataset = self._made(name, shape, rows[0].dtype, unit, description)
+        dataset = self._new_dataset(name, shape, rows[0].dtype, unit, description)
         for number, row in enumerate(rows):
             write_whole(dataset, row, number)
 
-    def _made(
+    def _new_dataset(
         self, name: str, shape: tuple[int, ...], dtype: DTypeLike, unit: str, description: str
     ) -> h5py.Dataset:
-        """An array that is to be written once."""
+        """Create the dataset of an array that is written once."""
         self._check_declaration(name)
         self._room.reserve(self.path, int(np.prod(shape)) * np.dtype(dtype).itemsize)
         dataset = self._file["static"].create_dataset(name, shape, dtype)
@@ -222,15 +221,15 @@ class ResultsWriter:
         *,
         dtype: DTypeLike = np.float64,
     ) -> None:
-        """Declare a quantity of which every record of a stream holds one array.
+        """Declare a quantity of a stream: one array per record.
 
         Args:
-            stream: the group of quantities recorded at the same times; made when first named.
-            name: path below the stream, for example ``"joints/joint_1/gap"``.
-            shape: shape of one record; ``()`` for a number.
-            unit: for example ``"m"``; ``"-"`` where there is none.
-            description: one line for a reader of the file.
-            dtype: of what is stored.
+            stream: Group of quantities recorded at the same times; created at its first use.
+            name: Path below the stream, for example ``"joints/joint_1/gap"``.
+            shape: Shape of one record; ``()`` for a number.
+            unit: For example ``"m"``; ``"-"`` without a unit.
+            description: One line that explains the quantity.
+            dtype: Type of the stored numbers.
         """
         self._check_declaration(name)
         if stream not in self._streams:
@@ -238,29 +237,29 @@ class ResultsWriter:
         self._streams[stream].declare(name, tuple(shape), np.dtype(dtype), unit, description)
 
     def start(self) -> None:
-        """End the declarations; from here on others may read the file while it grows."""
+        """End the declarations; from now on other processes can read the file while it grows."""
         self._room.reserve(self.path, 0)
         self._file.flush()
         self._file.swmr_mode = True
 
     def order(self, stream: str, names: Sequence[str]) -> None:
-        """Let records come as one array, which is quicker for many names; before the first.
+        """Announce, before the first record, that each record is one array, which is faster.
 
         Args:
-            stream: its name; all that it holds are floating-point numbers.
-            names: all its quantities, in the order in which their numbers will come.
+            stream: Name of a stream whose quantities are all floating-point numbers.
+            names: All quantities of the stream, in the order of their numbers in the array.
         """
         self._streams[stream].order(names)
 
     def append(
         self, stream: str, time: float, values: Mapping[str, ArrayLike | Dealt] | NDArray[Any]
     ) -> None:
-        """Add one record to a stream, later than the one before; at once if arrays are dealt.
+        """Add one record to a stream; it is written immediately if arrays are dealt over the ranks.
 
         Args:
-            stream: its name.
-            time: of the record [s].
-            values: by name, or the numbers of all in the `order` given; they are copied.
+            stream: Name of the stream.
+            time: Time of the record [s], later than the previous one.
+            values: Values by name, or one array in the declared `order`; they are copied.
         """
         self._streams[stream].append(float(time), values)
         if clock.monotonic() - self._flushed_at >= self._flush_interval:
@@ -269,22 +268,22 @@ class ResultsWriter:
             self._flush_streams([self._streams[stream]])
 
     def flush(self) -> None:
-        """Bring every appended row into the file."""
+        """Write all appended rows to the file."""
         self._flush_streams(self._streams.values())
         self._flushed_at = clock.monotonic()
 
     def to_disk(self) -> None:
-        """Bring every appended row into the file, and wait until the disk has it."""
+        """Write all appended rows to the file, and wait until they are on the disk."""
         self.flush()
         with self.path.open("rb") as file:
             os.fsync(file.fileno())
 
     def finish(self, status: Status, summary: Mapping[str, Any]) -> None:
-        """Write the buffered rows, the summary and, last, the status."""
+        """Write the buffered rows, then the summary, then the status."""
         encoded = _encode_json(summary, "summary")
         if encoded.size > _SUMMARY_BYTES:
             raise ResultsError(
-                f"The summary may take {_SUMMARY_BYTES} bytes as JSON, got {encoded.size}."
+                f"The summary must have at most {_SUMMARY_BYTES} bytes as JSON, got {encoded.size}."
             )
         self._finished = True
         self.flush()
@@ -294,7 +293,7 @@ class ResultsWriter:
         self._file.flush()
 
     def close(self) -> None:
-        """Close the file; a run that was not finished is marked "stopped"."""
+        """Close the file; without a call of `finish` the status becomes "stopped"."""
         if not self._file:
             return
         with ExitStack() as last:
@@ -322,30 +321,30 @@ class ResultsWriter:
 
     def _check_declaration(self, name: str) -> None:
         if not all(map(is_plain_name, name.split("/"))):
-            raise ResultsError(f"Names are {PLAIN_NAMES}, with '/' between parts, got {name!r}.")
+            raise ResultsError(f"Names must be {PLAIN_NAMES}, '/' between parts, got {name!r}.")
 
 
-def _counted(rows: Mapping[str, int]) -> str:
-    return ", ".join(f"{count} records of {name!r}" for name, count in rows.items()) or "nothing"
+def _record_counts(rows: Mapping[str, int]) -> str:
+    return ", ".join(f"{n} records of {name!r}" for name, n in rows.items()) or "nothing"
 
 
 def check_storable(name: str, value: Any) -> None:
-    """Raise an error for facts of a run that JSON cannot hold."""
+    """Raise an error if JSON cannot represent the facts of a run."""
     check_kind_of(name, value, isinstance(value, Mapping), "values by name")
     _encode_json(value, name)
 
 
-def _encode_json(values: Mapping[str, Any], what: str) -> NDArray[np.uint8]:
+def _encode_json(values: Mapping[str, Any], name: str) -> NDArray[np.uint8]:
     try:
-        text = json.dumps(dict(values), default=_plain, ensure_ascii=False)
+        text = json.dumps(dict(values), default=_json_value, ensure_ascii=False)
     except (TypeError, ValueError, RecursionError) as error:
         reason = shown(error, str)
-        raise ResultsError(f"The {what} must be what JSON can hold: {reason}.") from error
-    # Names of files on the command line need not be UTF-8.
+        raise ResultsError(f"JSON cannot represent the {name}: {reason}.") from error
+    # File names from the command line may not be valid UTF-8.
     return np.frombuffer(text.encode(errors="replace"), dtype=np.uint8)
 
 
-def _plain(value: Any) -> Any:
+def _json_value(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Path):
@@ -354,7 +353,7 @@ def _plain(value: Any) -> Any:
 
 
 def holds_statics_alone(path: Path) -> bool:
-    """Whether there is a file of static stages alone."""
+    """Return True if the file exists and contains only static stages."""
     try:
         with Results(path) as results:
             return list(results.streams) == ["statics"]

@@ -134,7 +134,7 @@ def test_tables_are_not_replaced_by_default(tmp_path, capsys):
     assert cli.main(arguments) == 2
     facts = capsys.readouterr()
     joints = out / "joints.csv"
-    expected = f"dolfinx-joints: {joints}: there already; --force replaces (overwrite=True).\n"
+    expected = f"dolfinx-joints: {joints}: file exists; --force (overwrite=True) replaces it.\n"
     assert facts.err.splitlines(keepends=True)[-1] == expected  # after a warning
     assert [path.name for path in out.iterdir()] == ["joints.csv"]
     assert joints.read_text() == "mine"
@@ -217,7 +217,7 @@ def test_a_file_without_records_has_no_tables(tmp_path):
         declare_histories(writer, [[0.0, 0.0, 1.0]])
     with (
         Results(tmp_path / "r.h5") as results,
-        pytest.raises(ResultsError, match="holds no records, so there are no tables to write"),
+        pytest.raises(ResultsError, match="has no records, so there are no tables to write"),
     ):
         write_csv(results, tmp_path)
 

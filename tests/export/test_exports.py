@@ -205,5 +205,5 @@ def test_vtk_and_pyvista(runs, shape, order, tmp_path):
         ((_, of_joints),) = read_vtk(stages.with_name(f"{stages.stem}_joints.vtkhdf"))
         held = [results.series("statics", f"joints/{j}/traction", 0) for j in results.joints]
         np.testing.assert_array_equal(of_joints.cell_data["traction [Pa]"], np.concatenate(held))
-    with pytest.raises(dj.ResultsError, match="there already; --force"):
+    with pytest.raises(dj.ResultsError, match="file exists; --force"):
         export.write_vtk(results, tmp_path / "later")

@@ -79,7 +79,7 @@ def test_files_of_other_grids_and_damaged_ones_are_not_continued(grid, tmp_path)
         replace(grid, points=grid.points + 1e-3),
         uniform_grid(TRIANGLE, np.array([[0, 1, 2]]), 5, {}),
     ):
-        with pytest.raises(ResultsError, match="cannot be continued: it is of another mesh"):
+        with pytest.raises(ResultsError, match="cannot be continued: its mesh differs"):
             VtkFile.resume(path, other, 0.0)
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(DamagedFileError, match="cannot be continued: "):

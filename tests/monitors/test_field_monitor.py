@@ -157,7 +157,7 @@ def test_names_keep_their_dots_and_files_their_content(comm, wall_file, read, ne
     path = new_path("dt0.005")
     simulation = dj.Simulation(wall(read(wall_file())), monitors=[dj.FieldMonitor(path)])
     simulation.dynamics(dt=DT, steps=1, motion=shaking)
-    with pytest.raises(dj.ResultsError, match=r"dt0\.005\.vtkhdf, .*_joints\.vtkhdf: there"):
+    with pytest.raises(dj.ResultsError, match=r"dt0\.005\.vtkhdf, .*_joints\.vtkhdf: file exists"):
         simulation.dynamics(dt=DT, steps=1, motion=shaking)
     with pytest.raises(dj.ResultsError, match="is a folder; give the name of a file"):
         dj.FieldMonitor(path.parent)

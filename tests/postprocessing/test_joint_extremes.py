@@ -140,5 +140,5 @@ def test_an_older_file_may_hold_fewer_series(tmp_path):
         header = tables_of(results, "joint_extremes")["joint_extremes"].header
         assert "largest pressure [Pa]" in header
         assert "mean pressure [Pa]" not in header
-        with pytest.raises(ResultsError, match="holds no mean_pressure of its joints"):
+        with pytest.raises(ResultsError, match="lacks the mean_pressure of joints"):
             plots.joint_panels(results, "mean_pressure")

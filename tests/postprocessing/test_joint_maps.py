@@ -115,5 +115,5 @@ def test_a_joint_that_is_a_line_has_no_map(tmp_path: Path) -> None:
     line["frames"] = np.tile([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]], (2, 1, 1))
     given = (nodes, sides, {"joint_base": line}, (0.0, {}))
     plane = Results(write_states(tmp_path / "plane.h5", *given, point_names=[]))
-    with plane, pytest.raises(ValueError, match="plane and 'joint_base' a line"):
+    with plane, pytest.raises(ValueError, match="'joint_base' is a line of a plane model"):
         plots.joint_maps(plane)

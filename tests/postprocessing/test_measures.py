@@ -162,7 +162,7 @@ def test_absolute_motions_without_a_ground_have_none_to_be_relative_to(tmp_path:
         lambda: measures.displacement_history(results, 1, "x", relative_to="ground"),
         lambda: measures.acceleration_history(results, 1, "x", absolute=False),
     ):
-        with pytest.raises(ResultsError, match="holds absolute motions, but none of the ground"):
+        with pytest.raises(ResultsError, match="has absolute motions and no motion of the ground"):
             ask()
 
 

@@ -58,7 +58,7 @@ def test_a_film_has_the_states_between_two_times(tmp_path):
         assert changed[0] == 0 < changed[1] < changed[2]
         with pytest.raises(JointsError, match="has 1 states from 0.9 to 1 s; a film needs two"):
             animate(results, tmp_path / "film.gif", start=0.9)
-        with pytest.raises(JointsError, match=r"ending in .gif or .mp4, got .*film.avi"):
+        with pytest.raises(JointsError, match=r"must end in .gif or .mp4, got .*film.avi"):
             animate(results, tmp_path / "film.avi")
 
 

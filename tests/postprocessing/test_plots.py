@@ -158,7 +158,7 @@ def test_axes_in_the_plane(
 
 
 def test_wrong_requests_have_a_message(results: Results) -> None:
-    with pytest.raises(ValueError, match="one of 3 recorded states, got 3"):
+    with pytest.raises(ValueError, match="index must be from -3 to 2 .* got 3"):
         plots.joint_traction(results, "joint_1", index=3)
     with pytest.raises(ResultsError, match="No joint 'joint_9' in .*; it has joint_1"):
         plots.joint_traction(results, "joint_9")

@@ -120,7 +120,10 @@ def test_curved_joints_are_named_below_their_forces(tmp_path, monkeypatch):
     )
     page = report.write([path], tmp_path / "out.html", with_3d=False)
     assert "there are gaps that are no openings" in page.read_text()
-    assert "joint_1 is curved (flatness 0.75): its mean normal says little" in page.read_text()
+    assert (
+        "joint_1 is curved (flatness 0.75): the mean normal does not represent it"
+        in page.read_text()
+    )
 
 
 def test_blocks_that_are_absent_are_told_by_the_pictures(tmp_path):

@@ -216,7 +216,7 @@ def test_what_is_resolved_is_told(tmp_path: Path) -> None:
     np.testing.assert_allclose([float(end) for end in ends], [0.03, 0.1])
     (doubt,) = re.findall("<li>(run: accelerations.*?)</li>", html)
     assert "up to 25 Hz, but" in doubt
-    assert "the step up to 10 Hz and the mesh up to 12 Hz; take" in doubt
+    assert "the step up to 10 Hz and the mesh up to 12 Hz; use" in doubt
 
 
 def test_curves_are_those_of_the_file(two: tuple[str, dict[str, Results]]) -> None:

@@ -46,9 +46,9 @@ def test_the_longest_step_and_the_manifest_say_what_is_resolved(tmp_path: Path) 
 def test_a_band_beyond_is_warned_of(tmp_path: Path) -> None:
     with Results(write(tmp_path / "run.h5", 12.0, 500.0)) as results:
         (text,) = told(results, 25.0)
-        assert text.startswith(f"{results.path}: accelerations are given up to 25 Hz")
+        assert text.startswith(f"{results.path}: accelerations are shown up to 25 Hz")
         assert "the step up to 10 Hz and the mesh up to 12 Hz;" in text
-        assert text.endswith("take a shorter step and a finer mesh, or a lower band.")
+        assert text.endswith("use a shorter step and a finer mesh, or a lower band.")
         (text,) = told(results, 11.0)
         assert "step up to 10 Hz" in text
         assert "mesh" not in text

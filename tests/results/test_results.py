@@ -78,7 +78,7 @@ def test_records_are_chosen_by_number_slice_and_time(tmp_path: Path) -> None:
         assert results.nearest("run", 0.0212) == 4
         with pytest.raises(ResultsError, match="has 10 records, got number 10"):
             results.series("run", "count", 10)
-        with pytest.raises(ResultsError, match="forward"):
+        with pytest.raises(ResultsError, match="positive step"):
             results.series("run", "count", slice(None, None, -1))
 
 
@@ -193,7 +193,7 @@ def test_an_existing_file_is_kept_by_default(tmp_path: Path) -> None:
     path.write_text("precious")
     with pytest.raises(ResultsError, match="exists; pass overwrite=True"):
         ResultsWriter(path, {})
-    with pytest.raises(ResultsError, match="metadata must be what JSON can hold"):
+    with pytest.raises(ResultsError, match="JSON cannot represent the metadata"):
         ResultsWriter(path, {"model": object()}, overwrite=True)
     assert path.read_text() == "precious"
     writer_of(path, overwrite=True).close()
@@ -206,7 +206,7 @@ def test_an_existing_file_is_kept_by_default(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"u": np.zeros((2, 3))}, "holds u, count, got u"),
+        ({"u": np.zeros((2, 3))}, "must contain u, count, got u"),
         ({"u": np.zeros((3, 2)), "count": 1}, r"declared with shape \(2, 3\), got \(3, 2\)"),
     ],
 )
@@ -221,7 +221,7 @@ def test_names_times_and_summaries_are_checked(tmp_path: Path) -> None:
     row = {"u": np.zeros((2, 3)), "count": 0}
     with (
         ResultsWriter(tmp_path / "r.h5", {}) as writer,
-        pytest.raises(ResultsError, match="Names are visible"),
+        pytest.raises(ResultsError, match="Names must be visible"),
     ):
         writer.static("joint 1/../points", [0.0], "m", "points")
     with writer_of(tmp_path / "s.h5") as writer:

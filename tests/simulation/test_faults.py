@@ -116,7 +116,7 @@ def test_what_was_written_before_the_disk_was_full_is_read(tmp_path, limit):
     done = subprocess.run(command, capture_output=True, text=True, env=environment(), check=False)
     assert (done.returncode, done.stderr) == (0, "")  # HDF5 has nothing to say when it closes
     assert "run.h5 cannot grow by" in done.stdout
-    assert "File too large; what it holds so far is whole." in done.stdout
+    assert "File too large. The records before this one are complete." in done.stdout
     with Results(path) as results:
         rows = results.rows("run")
         assert results.status == "failed"
@@ -411,7 +411,7 @@ def test_a_disk_that_fills_up_in_a_run(wall, tmp_path):
         return [writes, Then(step, fill)]
 
     try:
-        with pytest.raises(ResultsError, match=r"run\.h5 cannot grow by .*too large.*whole\.$"):
+        with pytest.raises(ResultsError, match=r"run\.h5 cannot grow by .*too large.*complete\.$"):
             marched(wall(), tmp_path, steps=100, monitors=monitors(4))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, old)

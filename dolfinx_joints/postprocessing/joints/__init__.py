@@ -1,3 +1,3 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What the joints of a run did: forces, extremes, surfaces, maps."""
+"""Forces, extremes, surfaces and maps of the joints of a run."""

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Largest opening, slip and pressure of each joint and its safety against sliding, over time."""
+"""Largest opening, slip and pressure of a joint, and its safety against sliding, over time."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from dolfinx_joints.results.reader import Results
 
 FrictionAngle = Annotated[float, at.Interval(ge=0.0, lt=90.0), at.Unit("degrees")]
 
-# Of the largest force on a joint over a run, that counts as none; of sums of magnitudes, in which
-# what rounding makes at the points does not cancel.
+# Forces below this share of the largest force on a joint over a run count as zero. For sums of
+# magnitudes the share is larger, because rounding errors at the points do not cancel in them.
 NEGLIGIBLE, NEGLIGIBLE_SUM = 1e-12, 1e-9
 
-# Share of the largest value that counts as the largest, so that of points which are alike but for
-# rounding the same one is found on any number of ranks: the first.
+# Values above this share of the largest value count as equal to it. The first of these points is
+# chosen, so that the choice does not depend on rounding errors or on the number of ranks.
 ALIKE = 1.0 - 1e-9
 
 
@@ -41,15 +41,15 @@ ALIKE = 1.0 - 1e-9
 class JointExtremes:
     """Extremes over the points of a joint, its mean pressure and its safety, over time.
 
-    Every one of ``values`` is an attribute as well: ``opening`` and ``slip``, the largest opening
-    and tangential displacement of the two sides since the first record [m]; ``pressure``, the
-    largest, and ``mean_pressure``, its mean over the area, effective where there is water [Pa];
-    ``safety``, `safety_against_sliding`, all of shape (records,); and ``opening_at`` and
-    ``slip_at``, where these are the largest, shape (records, 3), [m], NaN where all are zero.
+    All ``values`` are also attributes. ``opening`` and ``slip`` are the largest values of all
+    points [m]; the slip is the tangential displacement of the two sides since the first record.
+    ``opening_at`` and ``slip_at`` are their places, shape (records, 3), [m], NaN if all values are
+    zero. ``pressure`` is the largest and ``mean_pressure`` the mean pressure [Pa], effective in
+    joints with water. ``safety`` is that of `safety_against_sliding`. Shapes are (records,).
 
     Attributes:
         time: Times, shape (records,), [s].
-        values: By the names of the stream ``joints``; an older file may hold fewer.
+        values: Series by the names of the stream ``joints``; older files may have fewer.
     """
 
     time: Floats
@@ -57,7 +57,7 @@ class JointExtremes:
 
     def __getattr__(self, name: str) -> Floats:
         if name == "values" or name not in self.values:
-            raise AttributeError(f"Extremes of a joint have no {name!r}.")
+            raise AttributeError(f"JointExtremes has no attribute {name!r}.")
         return self.values[name]
 
 
@@ -65,73 +65,74 @@ class JointExtremes:
 def joint_extremes(
     results: Results, joint: str, *, friction_angle_deg: FrictionAngle | None = None
 ) -> JointExtremes:
-    """Extremes of a joint at every step.
+    """Return the extremes of a joint at every step.
 
-    Files that were not written by a `ResultsMonitor` may hold them at their stored states only.
+    Files not written by a `ResultsMonitor` may have them only at the stored states.
 
     Args:
         results: The run.
         joint: Name of the joint.
-        friction_angle_deg: For the safety; that of the joint's law unless given.
+        friction_angle_deg: Friction angle for the safety; that of the joint law unless given.
 
     Raises:
-        ResultsError: There is no such joint.
+        ResultsError: The file has no joint of this name.
     """
     results.check_joint(joint)
     friction, cohesion = strength_of(results, joint, friction_angle_deg)
     if recorded(results, joint):
-        rows = slice(results.rows("joints"))  # a run that is still writing adds more
-        time, found = results.time("joints")[rows], _series(results, joint, rows)
+        rows = slice(results.rows("joints"))  # fixed here, as a run in progress adds rows
+        time, series = results.time("joints")[rows], _series(results, joint, rows)
     else:
         rows = slice(results.rows("states"))
         time = results.time("states")[rows]
-        found = _of_points(results, state_points(results, "states", joint, cohesion, rows), joint)
-    forces = (found[name] for name in ("compression", "shear_sum", "bond"))
-    found["safety"] = safety_against_sliding(friction, *forces)
-    return JointExtremes(time=time, values=found)
+        series = _derived(results, state_points(results, "states", joint, cohesion, rows), joint)
+    forces = (series[name] for name in ("compression", "shear_sum", "bond"))
+    series["safety"] = safety_against_sliding(friction, *forces)
+    return JointExtremes(time=time, values=series)
 
 
 def safety_against_sliding(
     friction: float, compression: Floats, shear_sum: Floats, bond: Floats
 ) -> Floats:
-    """Shear strength of a joint over the shear on it, both added up point by point, shape (...).
+    """Return the shear strength of a joint divided by its shear, both sums over points, (...).
 
-    (mu C + c A) / S, with C and S the integrals of compression and shear of `JointPoints`. No mean
-    normal enters, so that it holds for curved and closed joints. It is 1 where every point slides
-    and never below: friction lets no point carry more. Where it is 2, the points carry half of what
-    they could; single ones may slide. Where a plane joint is sheared in one direction it is the
-    ratio of the resultants, (mu N + c A) / V; shear that balances itself within the joint lowers
-    it.
+    The safety is (mu C + c A) / S, where C and S are the integrals of compression and shear of
+    `JointPoints`. It does not depend on a mean normal, so it applies to curved and closed joints.
 
-    Infinite without shear; NaN where nothing is transmitted and where mu is not known.
+    It is 1 if all points slide, and never less, because friction limits the shear of every point.
+    At 2 the points carry half of their total strength, but single points may slide. In a plane
+    joint with shear in one direction it equals the ratio of the resultants, (mu N + c A) / V.
+    Shear that is in equilibrium within the joint reduces it.
+
+    It is infinite without shear, and NaN if no force is transmitted or mu is unknown.
 
     Args:
-        friction: mu; NaN where the law has no limit to the shear or is not known.
+        friction: mu; NaN if the law does not limit the shear, or is unknown.
         compression: C, [N].
         shear_sum: S, [N].
-        bond: Cohesion times the area whose bond is intact, c A, [N].
+        bond: c A, cohesion times the area with intact bonds, [N].
     """
-    none = NEGLIGIBLE_SUM * float(np.max(np.abs(compression) + shear_sum, initial=0.0))
+    negligible = NEGLIGIBLE_SUM * float(np.max(np.abs(compression) + shear_sum, initial=0.0))
     strength = friction * np.maximum(compression, 0.0) + bond
-    return ratio(strength, shear_sum, none)
+    return ratio(strength, shear_sum, negligible)
 
 
-def ratio(strength: Floats, shear: Floats, none: float) -> Floats:
-    """Strength over shear, both zero below ``none``, shape (...)."""
-    strength = np.where(strength <= none, 0.0, strength)
+def ratio(strength: Floats, shear: Floats, negligible: float) -> Floats:
+    """Return strength / shear, with values up to ``negligible`` set to zero, shape (...)."""
+    strength = np.where(strength <= negligible, 0.0, strength)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(strength / np.where(shear > none, shear, 0.0))
+        return np.asarray(strength / np.where(shear > negligible, shear, 0.0))
 
 
 def open_points(gap: Floats, traction: Floats) -> Flags:
-    """Which joint points are open: a positive gap and no traction, shape (..., points)."""
-    # A rigid joint leaves gaps of rounding size where it carries load: they do not count as open.
+    """Return flags of open joint points, with a positive gap and no traction, (..., points)."""
+    # Loaded points of rigid joints may have positive gaps of rounding size: they are not open.
     negligible = 1e-12 * np.abs(traction).max(axis=(-2, -1), initial=0.0, keepdims=True)[..., 0]
     return (gap[..., 0] > 0.0) & (np.abs(traction[..., 0]) <= negligible)
 
 
 def strength_of(results: Results, joint: str, angle: float | None) -> tuple[float, float]:
-    """Friction coefficient, NaN where the law has none, and cohesion [Pa]."""
+    """Return the friction coefficient, NaN for a law without one, and the cohesion [Pa]."""
     law = results.law(joint)
     angle = law.get("friction_angle_deg") if angle is None else angle
     cohesion = float(law.get("cohesion", 0.0))
@@ -141,14 +142,14 @@ def strength_of(results: Results, joint: str, angle: float | None) -> tuple[floa
 
 
 def recorded(results: Results, joint: str) -> bool:
-    """Whether a file holds the extremes of a joint at every step."""
+    """Return True if the file contains the extremes of a joint at every step."""
     return f"{joint}/opening" in results.streams.get("joints", [])
 
 
 def state_points(
     results: Results, stream: str, joint: str, cohesion: float, rows: slice
 ) -> JointPoints:
-    """State of the points of a joint at records of a stream, shape (records, points, ...)."""
+    """Return the state of the points of a joint at records of a stream, (records, points, ...)."""
     where = f"joints/{joint}"
     gap, traction = (
         gaps(results, stream, joint, rows),
@@ -161,30 +162,30 @@ def state_points(
 
 
 def drawn_series(joints: Iterable[JointExtremes]) -> list[Quantity]:
-    """Rows that are drawn over time and that all these joints have, the safety last."""
+    """Return the rows to draw over time that all these joints have, the safety last."""
     every, rows = list(joints), (*JOINT_SERIES, *rows_below("joints", "*/safety"))
     return [row for row in rows if all(row.key in one.values for one in every)]
 
 
 def _series(results: Results, joint: str, rows: slice) -> dict[str, Floats]:
-    """Series of the stream ``joints`` by name, without those that an older file does not hold."""
-    known = results.streams["joints"]
-    keys = [row.key for row in TABLE["joints"] if f"{joint}/{row.key}" in known]
-    found = {key: results.series("joints", f"{joint}/{key}", rows) for key in keys}
-    return {"bond": np.zeros_like(found["compression"]), **found}
+    """Return the series of the stream ``joints`` by name; older files may have fewer."""
+    names = results.streams["joints"]
+    keys = [row.key for row in TABLE["joints"] if f"{joint}/{row.key}" in names]
+    series = {key: results.series("joints", f"{joint}/{key}", rows) for key in keys}
+    return {"bond": np.zeros_like(series["compression"]), **series}
 
 
-def _of_points(results: Results, points: JointPoints, joint: str) -> dict[str, Floats]:
-    """Return the same from the states of the points."""
+def _derived(results: Results, points: JointPoints, joint: str) -> dict[str, Floats]:
+    """Return the series of a joint by name, computed from the states of its points."""
     areas, tied = free_areas(results, joint), tied_points(results, joint)
-    places, found = results.static(f"joints/{joint}/points"), {}
+    places, series = results.static(f"joints/{joint}/points"), {}
     for row in rows_by("largest", "integral", "mean"):
         values = at_points([row], points)[..., 0]
         if row.by == "largest":
-            here = np.where(tied, 0.0, np.maximum(values, 0.0))
-            largest = found[row.key] = here.max(axis=1)
-            first = np.argmax(here >= ALIKE * largest[:, None], axis=1)
-            found[f"{row.key}_at"] = np.where(largest[:, None] > 0.0, places[first], np.nan)
+            positive = np.where(tied, 0.0, np.maximum(values, 0.0))
+            largest = series[row.key] = positive.max(axis=1)
+            first = np.argmax(positive >= ALIKE * largest[:, None], axis=1)
+            series[f"{row.key}_at"] = np.where(largest[:, None] > 0.0, places[first], np.nan)
         else:
-            found[row.key] = values @ areas / (areas.sum() if row.by == "mean" else 1.0)
-    return found
+            series[row.key] = values @ areas / (areas.sum() if row.by == "mean" else 1.0)
+    return series

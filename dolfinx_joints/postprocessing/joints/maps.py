@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Maps of all joints of a run as one figure, a panel for each joint."""
+"""Maps of all joints of a run in one figure, one panel per joint."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Inches.
+# Dimensions of the figure [inch], and the largest number of upright joints in a row.
 _WIDTH, _LEFT, _RIGHT = 10.0, 0.75, 0.15
 _GAP, _TITLE, _BELOW = 0.35, 0.3, 0.7
 _BAR, _HIGHEST = 0.85, 4.2
@@ -50,12 +50,13 @@ def joint_maps(
     index: int = -1,
     stage: int | str | None = None,
 ) -> Figure:
-    """Values on joints in the colours of one bar, a panel for each joint, a patch for each point.
+    """Draw values on joints with one colour bar, one panel per joint, one patch per joint point.
 
-    Joints in a vertical plane stand side by side to the same scale, upstream to the left, above
-    one axis of elevations; others follow below them, those that bend unrolled. Of the states that
-    is drawn which is nearest to ``time`` [s] or, without it, has the number ``index``, or the
-    static ``stage`` of a name or number. In maps of tractions open points are black; the slip is
+    Vertical plane joints are side by side at the same scale, upstream to the left, and share the
+    elevation axis. Other joints are below, curved ones unrolled.
+
+    The state nearest to ``time`` [s] is drawn; without a time, the state number ``index`` or the
+    static ``stage`` of this name or number. In maps of tractions open points are black. The slip is
     the tangential gap. Tied points, at the end of a joint inside a body, are hatched.
     """
     results, number, moment = chosen_state(results, time, index, stage)
@@ -67,7 +68,7 @@ def joint_maps(
     limits = map_limits(quantity, np.concatenate(list(values.values())))
     tied = np.concatenate([surface.tied for surface in surfaces.values()])
     is_open = np.isnan(np.concatenate(list(values.values()))) & ~tied
-    figure, panels, bar = _laid_out(surfaces)
+    figure, panels, bar = _layout(surfaces)
     for name, ax in panels.items():
         draw_map(ax, surfaces[name], values[name], quantity, limits)
         ax.set_title(name, fontsize="medium", loc="left")
@@ -75,9 +76,9 @@ def joint_maps(
             ax.set_xlabel("[m]")
         if not ax.yaxis.get_tick_params()["labelleft"]:
             ax.set_ylabel("")
-    what = MAP_LABELS[quantity].split(" $")[0].split(" [")[0]
-    figure.suptitle(f"{what} {moment}", x=0.01, ha="left", y=0.995, fontsize="large")
-    _explain(bar, quantity, limits, some_open=bool(is_open.any()), some_tied=bool(tied.any()))
+    name = MAP_LABELS[quantity].split(" $")[0].split(" [")[0]
+    figure.suptitle(f"{name} {moment}", x=0.01, ha="left", y=0.995, fontsize="large")
+    _draw_key(bar, quantity, limits, some_open=bool(is_open.any()), some_tied=bool(tied.any()))
     return figure
 
 
@@ -88,9 +89,9 @@ def draw_map(
     quantity: MapQuantity,
     limits: tuple[float, float],
 ) -> PolyCollection:
-    """Draw the patches of a joint's points, tied ones hatched, and name its ends.
+    """Draw the patches of a joint's points, and the names of its ends.
 
-    Other points are black where a value is NaN.
+    Tied points are hatched; other points with a NaN are black.
     """
     from matplotlib.collections import LineCollection, PolyCollection
 
@@ -113,8 +114,8 @@ def draw_map(
     return patches
 
 
-# Places of the names of the ends, shares of the axes and points to the right and up from there, and
-# how they are aligned. Those of the sides reach beyond the axes, which may be narrow.
+# Places of the names of the ends: position in shares of the axes, offset to the right and upwards
+# in points, alignment. Side names extend beyond the axes, which may be narrow.
 _ENDS = (
     (0.0, 0.0, -9, -38, "left"),
     (1.0, 0.0, 9, -38, "right"),
@@ -123,15 +124,15 @@ _ENDS = (
 )
 
 
-def _laid_out(surfaces: Mapping[str, JointSurface]) -> tuple[Figure, dict[str, Axes], Axes]:
-    """A figure, axes for each joint, and axes for the colour bar."""
+def _layout(surfaces: Mapping[str, JointSurface]) -> tuple[Figure, dict[str, Axes], Axes]:
+    """Return a figure, the axes of each joint, and the axes of the colour bar."""
     rows = list(_rows(surfaces))
     boxes = {name: _box(surface) for name, surface in surfaces.items()}
     heights = []
     for row in rows:
         low = min(boxes[name][1][0] for name in row)
         high = max(boxes[name][1][1] for name in row)
-        width = max(right - left for left, right in (boxes[name][0] for name in row))
+        width = max(x_max - x_min for x_min, x_max in (boxes[name][0] for name in row))
         room = (_WIDTH - _LEFT - _RIGHT + _GAP) / len(row) - _GAP
         heights.append((low, high, min(room / width, _HIGHEST / (high - low))))
     total = 0.3 + _BAR + sum(_TITLE + (b - a) * scale + _BELOW for a, b, scale in heights)
@@ -154,7 +155,7 @@ def _laid_out(surfaces: Mapping[str, JointSurface]) -> tuple[Figure, dict[str, A
 
 
 def _rows(surfaces: Mapping[str, JointSurface]) -> Iterator[list[str]]:
-    """Upright joints several to a row, each of the others in a row of its own."""
+    """Yield rows of joint names: several upright joints per row, other joints one per row."""
     upright = [name for name, surface in surfaces.items() if surface.upright]
     count = -(-len(upright) // _IN_A_ROW)
     if upright:
@@ -163,14 +164,14 @@ def _rows(surfaces: Mapping[str, JointSurface]) -> Iterator[list[str]]:
 
 
 def _box(surface: JointSurface) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ranges of the two coordinates with a small margin [m]."""
+    """Return the ranges of the two coordinates with a small margin [m]."""
     low, high = (f(surface.facets.reshape(-1, 2), axis=0) for f in (np.min, np.max))
     margin = 0.02 * float((high - low).max())
     (left, bottom), (right, top) = low - margin, high + margin
     return (float(left), float(right)), (float(bottom), float(top))
 
 
-def _explain(
+def _draw_key(
     bar: Axes,
     quantity: MapQuantity,
     limits: tuple[float, float],
@@ -178,7 +179,7 @@ def _explain(
     some_open: bool,
     some_tied: bool,
 ) -> None:
-    """The colour bar, or the names of the states, and of black and hatched where there are some."""
+    """Draw the colour bar or the legend of the states, with entries for open and tied points."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.patches import Patch

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Histories of the joints side by side, a panel each."""
+"""Histories of all joints in one figure, one panel per joint."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ _COLUMNS = 4
 
 @checked
 def joint_panels(results: Results, quantity: JointQuantity = "opening") -> Figure:
-    """A series of each joint against time: largest opening or slip [mm], a pressure [MPa].
+    """Draw a series of each joint against time: largest opening or slip [mm], or pressure [MPa].
 
-    All panels have the same axes; the number in each is the largest value of its joint.
+    All panels have the same axes. The number in a panel is the largest value of the joint.
     """
     check_results(results)
     if not results.joints:
@@ -39,15 +39,15 @@ def joint_panels(results: Results, quantity: JointQuantity = "opening") -> Figur
     every = {joint: joint_extremes(results, joint) for joint in results.joints}
     series = next((row for row in drawn_series(every.values()) if row.key == quantity), None)
     if series is None:
-        raise ResultsError(f"{results.path} holds no {quantity} of its joints; run again.")
+        raise ResultsError(f"{results.path} lacks the {quantity} of joints; repeat the run.")
     rows = -(-len(results.joints) // _COLUMNS)
     columns = min(_COLUMNS, len(results.joints))
     figure = new_figure(figsize=(1.9 * columns + 0.5, 1.25 * rows + 0.5), layout="compressed")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for ax, (joint, found) in zip(panels, every.items(), strict=False):
-        values = series.factor * found.values[quantity]
-        ax.fill_between(found.time, values, color=BLUE, alpha=0.25, linewidth=0.0)
-        ax.plot(found.time, values, color=BLUE, linewidth=0.8)
+    for ax, (joint, extremes) in zip(panels, every.items(), strict=False):
+        values = series.factor * extremes.values[quantity]
+        ax.fill_between(extremes.time, values, color=BLUE, alpha=0.25, linewidth=0.0)
+        ax.plot(extremes.time, values, color=BLUE, linewidth=0.8)
         decorate(ax, "", "")
         ax.set_title(
             f"{joint}: {np.max(values):.3g} {series.shown}", fontsize="small", loc="left", pad=3.0
@@ -58,7 +58,7 @@ def joint_panels(results: Results, quantity: JointQuantity = "opening") -> Figur
     for ax in panels[len(results.joints) :]:
         ax.set_visible(False)
     for ax in panels[max(0, len(results.joints) - columns) : len(results.joints)]:
-        ax.tick_params(labelbottom=True)  # also where the place below is empty
+        ax.tick_params(labelbottom=True)  # also above empty panels of the last row
     figure.supxlabel("time [s]", fontsize="small")
     figure.supylabel(series.heading, fontsize="small")
     return figure

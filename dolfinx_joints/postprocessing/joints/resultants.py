@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Forces and moments that joints transmit, safety against sliding, from a results file.
+"""Forces and moments in joints, and their safety against sliding, from a results file.
 
-Forces are those on the + side of a joint; the - side receives the opposite ones. Tractions of a
-joint with water are effective, the water's part is given beside it.
+Forces act on the + side of a joint; the forces on the - side are opposite. In joints with water
+the forces are effective, and the forces of the water are separate.
 """
 
 from __future__ import annotations
@@ -31,22 +31,21 @@ from dolfinx_joints.results.arguments import check_results
 from dolfinx_joints.results.joint_points import free_areas
 from dolfinx_joints.results.reader import Results
 
-# Normals that lie within about 18 degrees of their mean; below, a joint has no plane to speak of.
+# Least flatness of a nearly plane joint: normals are within about 18 degrees of the mean normal.
 NEARLY_PLANE = 0.95
 
-SLIDING = ("compression", "shear_sum", "bond")  # of which the sliding safety is made
+SLIDING = ("compression", "shear_sum", "bond")  # quantities from which the safety is computed
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointGeometry:
-    """Where the resultants of a joint refer to.
+    """Reference point and normal of the resultants of a joint.
 
     Attributes:
-        centroid: Of the joint's area, shape (3,), [m].
-        normal: Mean normal, from the - to the + side, shape (3,); NaN where a joint closes on
-            itself and has none.
-        area: [m^2].
-        flatness: |integral of n| / area: 1 of a plane joint, 0 of a closed one.
+        centroid: Centroid of the joint's area, shape (3,), [m].
+        normal: Mean normal from the - to the + side, shape (3,); NaN for a closed surface.
+        area: Area of the joint [m^2].
+        flatness: |integral of n| / area: 1 for a plane joint, 0 for a closed surface.
     """
 
     centroid: Floats
@@ -56,7 +55,7 @@ class JointGeometry:
 
     @classmethod
     def from_sums(cls, area: float, first: Floats, normal: Floats) -> JointGeometry:
-        """Of the sums over the area of 1, of the position, and of the normal."""
+        """Return the geometry, given the integrals of 1, of the position, and of the normal."""
         length = float(np.linalg.norm(normal))
         unit = np.asarray(normal / length) if length > 1e-9 * area else np.full(3, np.nan)
         return cls(
@@ -68,23 +67,23 @@ class JointGeometry:
 
     @property
     def nearly_plane(self) -> bool:
-        """Whether the mean normal stands for the joint: a flatness of 0.95 or more."""
+        """True if the mean normal represents the joint: the flatness is at least 0.95."""
         return self.flatness >= NEARLY_PLANE
 
     @property
     def warning(self) -> str:
-        """What to keep in mind of forces along the mean normal; empty of a nearly plane joint."""
+        """Warning about forces along the mean normal; empty for a nearly plane joint."""
         if self.nearly_plane:
             return ""
         return (
-            f"curved (flatness {self.flatness:.2f}): its mean normal says little, and so do the "
-            "normal and the shear force; the sliding safety is that of its points"
+            f"curved (flatness {self.flatness:.2f}): the mean normal does not represent it, so its "
+            "normal and shear force are not meaningful; the sliding safety is that of its points"
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Resultants:
-    """Forces and moments, with those of water in joints where there is some."""
+    """Forces and moments of joints, and those of the water in them."""
 
     force: Floats
     moment: Floats
@@ -93,12 +92,12 @@ class _Resultants:
 
     @property
     def total_force(self) -> Floats:
-        """Force with that of the water, shape (..., 3), [N]."""
+        """Force including that of the water, shape (..., 3), [N]."""
         return self.force if self.water_force is None else self.force + self.water_force
 
     @property
     def total_moment(self) -> Floats:
-        """Moment with that of the water, shape (..., 3), [N m]."""
+        """Moment including that of the water, shape (..., 3), [N m]."""
         return self.moment if self.water_moment is None else self.moment + self.water_moment
 
 
@@ -106,22 +105,22 @@ class _Resultants:
 class JointResultants(_Resultants):
     """Forces that a joint transmits to its + side, at the records of a run or in one state.
 
-    Of a run all arrays begin with an axis of records; of one state they are without it.
+    For a run, the first axis of all arrays is that of the records. A single state lacks this axis.
 
     Attributes:
-        joint: Name.
-        time: Times, [s]; None of a single state.
+        joint: Name of the joint.
+        time: Times [s]; None for a single state.
         geometry: Centroid, mean normal, area, flatness.
-        force: Effective, in global axes, shape (..., 3), [N].
-        moment: About the centroid, effective, shape (..., 3), [N m].
-        water_force: Of the water in the joint, likewise; None without.
-        water_moment: Likewise.
-        contact: Share of the area under pressure, t_n < 0, shape (...); tied points do not count.
-        compression: Integral of the pressure over the area, of tension too where a bond holds,
+        force: Effective force in global axes, shape (..., 3), [N].
+        moment: Effective moment about the centroid, shape (..., 3), [N m].
+        water_force: Force of the water in the joint, shape (..., 3), [N]; None without water.
+        water_moment: Moment of the water about the centroid, shape (..., 3), [N m].
+        contact: Share of the area under pressure, t_n < 0, without tied points, shape (...).
+        compression: Integral of the pressure over the area, including tension at intact bonds,
             shape (...), [N].
         shear_sum: Integral of the magnitude of the shear traction, shape (...), [N].
-        bond: Cohesion times the area whose bond is intact, shape (...), [N].
-        friction: mu, NaN where the law has no limit to the shear or is not known.
+        bond: Cohesion times the area with intact bonds, shape (...), [N].
+        friction: mu; NaN if the law does not limit the shear, or is unknown.
     """
 
     joint: str
@@ -135,35 +134,34 @@ class JointResultants(_Resultants):
 
     @property
     def normal_force(self) -> Floats:
-        """N along the mean normal, positive where it presses, shape (...), [N].
+        """Force N along the mean normal, positive in compression, shape (...), [N].
 
-        Of a curved joint, see ``geometry.warning``, it is a component and not what presses.
+        For a curved joint this is not the total compression; see ``geometry.warning``.
         """
         return self.force @ self.geometry.normal
 
     @property
     def shear(self) -> Floats:
-        """V, the force in the plane of the mean normal, global axes, shape (..., 3), [N]."""
+        """Force V in the mean plane, in global axes, shape (..., 3), [N]."""
         return self.force - self.normal_force[..., None] * self.geometry.normal
 
     @property
     def shear_force(self) -> Floats:
-        """|V|, shape (...), [N]."""
+        """Magnitude |V| of the shear, shape (...), [N]."""
         return np.linalg.norm(self.shear, axis=-1)
 
     @property
     def sliding_safety(self) -> Floats:
-        """Strength over shear, added up point by point: `safety_against_sliding`, shape (...)."""
+        """Strength / shear, both summed over the points: `safety_against_sliding`, shape (...)."""
         return safety_against_sliding(self.friction, self.compression, self.shear_sum, self.bond)
 
     @property
     def plane_safety(self) -> Floats:
-        """That of the resultants on the mean plane, (mu N + bond) / |V|, shape (...).
+        """Sliding safety of the resultants on the mean plane, (mu N + bond) / |V|, shape (...).
 
-        Of a plane joint never below ``sliding_safety``, as shear that balances itself within the
-        joint does not count, and the same where the joint is sheared in one direction. Infinite
-        without shear; NaN where nothing is transmitted, where mu is not known, and of joints that
-        are not nearly plane.
+        For a plane joint it is at least ``sliding_safety``, because shear in equilibrium within the
+        joint does not count. Both are equal if the shear has one direction. It is infinite without
+        shear. It is NaN if no force is transmitted, mu is unknown or the joint is not nearly plane.
         """
         if not self.geometry.nearly_plane:
             return np.full(np.shape(self.contact), np.nan)
@@ -173,9 +171,9 @@ class JointResultants(_Resultants):
 
     @property
     def line_of_action(self) -> Floats:
-        """Where the normal force acts, in the mean plane through the centroid, (..., 3), [m].
+        """Point of the normal force, in the mean plane through the centroid, (..., 3), [m].
 
-        NaN without a normal force, and of joints that are not nearly plane.
+        NaN without a normal force, and for joints that are not nearly plane.
         """
         if not self.geometry.nearly_plane:
             return np.full(np.shape(self.force), np.nan)
@@ -188,16 +186,16 @@ class JointResultants(_Resultants):
 
 @dataclass(frozen=True, kw_only=True)
 class BlockResultants(_Resultants):
-    """Forces of its joints on each block, cells that are connected without crossing a joint.
+    """Forces of the joints on each block, a set of cells connected without crossing a joint.
 
     Attributes:
-        time: Shape (records,), [s].
-        mass: Shape (blocks,), [kg].
-        centre: Centre of mass, of a block without mass the mean of its nodes, (blocks, 3), [m].
+        time: Times, shape (records,), [s].
+        mass: Mass, shape (blocks,), [kg].
+        centre: Centre of mass, or mean of the nodes of a block without mass, (blocks, 3), [m].
         force: Sum of the joints' effective forces, shape (records, blocks, 3), [N].
-        moment: About ``centre``, likewise [N m].
-        water_force: Of the water in the joints, None without.
-        water_moment: Likewise.
+        moment: Sum of their moments about ``centre``, shape (records, blocks, 3), [N m].
+        water_force: Force of the water in the joints; None without water.
+        water_moment: Moment of the water about ``centre``; None without water.
     """
 
     time: Floats
@@ -206,7 +204,7 @@ class BlockResultants(_Resultants):
 
 
 def forces_of(frames: Floats, areas: Floats, traction: Floats) -> Floats:
-    """Force of each joint point on the + side, in global axes, shape (..., n, 3), [N]."""
+    """Return the force of each joint point on the + side, global axes, shape (..., n, 3), [N]."""
     return -areas[:, None] * np.einsum("nki,...nk->...ni", frames, traction)
 
 
@@ -214,23 +212,23 @@ def forces_of(frames: Floats, areas: Floats, traction: Floats) -> Floats:
 def joint_resultants(
     results: Results, joint: str, *, friction_angle_deg: FrictionAngle | None = None
 ) -> JointResultants:
-    """Resultants of a joint at every step if the run recorded them, else at its stored states.
+    """Return the resultants of a joint at every step if recorded, otherwise at the stored states.
 
     Args:
         results: The run; ``ResultsMonitor(resultants=True)`` records every step.
         joint: Name of the joint.
-        friction_angle_deg: For the sliding safety; that of the joint's law unless given, which
-            files of earlier versions do not hold.
+        friction_angle_deg: Friction angle for the sliding safety. Unless given, it is that of the
+            joint law, which files of earlier versions do not contain.
 
     Raises:
-        ResultsError: There is no such joint.
+        ResultsError: The file has no joint of this name.
     """
     results.check_joint(joint)
     friction, cohesion = strength_of(results, joint, friction_angle_deg)
     where = f"joints/{joint}"
     forces = f"{where}/force" in results.streams.get("resultants", [])
     if forces and recorded(results, joint):
-        # A run that is still writing adds more.
+        # Fix the number of rows here, as a run in progress adds rows.
         stream, rows = "resultants", slice(min(results.rows(s) for s in ("resultants", "joints")))
         names = ("force", "moment", "water_force", "water_moment", "contact")
         parts = _recorded(results, where, names, rows)
@@ -245,12 +243,12 @@ def joint_resultants(
 
 
 def stage_resultants(results: Results, joint: str) -> JointResultants:
-    """Resultants of a joint at the end of each static stage, records as `Results.stage_names`.
+    """Return the resultants of a joint at the end of each stage of `Results.stage_names`.
 
-    ``time`` is that at which the loads of the stages are taken.
+    ``time`` is the time at which the loads of a stage are evaluated.
 
     Raises:
-        ResultsError: There is no such joint, or no stage.
+        ResultsError: The file has no joint of this name, or no static stage.
     """
     results.check_joint(joint)
     friction, cohesion = strength_of(results, joint, None)
@@ -261,10 +259,10 @@ def stage_resultants(results: Results, joint: str) -> JointResultants:
 
 
 def block_resultants(results: Results) -> BlockResultants:
-    """Forces of its joints on each block at every step.
+    """Return the forces of the joints on each block at every step.
 
     Raises:
-        ResultsError: The run did not record it.
+        ResultsError: The run did not record them.
     """
     check_results(results)
     series = results.streams.get("resultants", [])
@@ -284,35 +282,35 @@ def block_resultants(results: Results) -> BlockResultants:
 
 
 def resultant_measures(results: Results) -> dict[str, dict[str, float]]:
-    """Extremes of the forces of each joint.
+    """Return extremes of the forces of each joint, by joint.
 
-    By joint: ``safety_min``, the smallest sliding safety of `joint_extremes`, with its
-    ``safety_time`` [s], both NaN where no friction angle is known; and over the records of
-    `joint_resultants`, ``normal_force_max``, ``normal_force_min``, ``shear_force_max`` [N], along
-    the mean normal; ``contact_min``, the smallest share of the area under pressure; ``flatness``.
+    ``safety_min`` is the smallest sliding safety of `joint_extremes`, and ``safety_time`` its time
+    [s]; both are NaN without a friction angle. ``normal_force_max``, ``normal_force_min`` (along
+    the mean normal), ``shear_force_max`` [N] and ``contact_min`` (share of the area under pressure)
+    are extremes over the records of `joint_resultants`. ``flatness`` is constant.
     """
     check_results(results)
     return {joint: _measures_of(results, joint) for joint in results.joints}
 
 
 def _measures_of(results: Results, joint: str) -> dict[str, float]:
-    found, extremes = joint_resultants(results, joint), joint_extremes(results, joint)
+    resultants, extremes = joint_resultants(results, joint), joint_extremes(results, joint)
     safety = extremes.safety
-    known = np.flatnonzero(~np.isnan(safety))
-    least = known[np.argmin(safety[known])] if known.size else None
+    valid = np.flatnonzero(~np.isnan(safety))
+    least = valid[np.argmin(safety[valid])] if valid.size else None
     return {
         "safety_min": np.nan if least is None else float(safety[least]),
         "safety_time": np.nan if least is None else float(extremes.time[least]),
-        "normal_force_max": float(np.max(found.normal_force, initial=-np.inf)),
-        "normal_force_min": float(np.min(found.normal_force, initial=np.inf)),
-        "shear_force_max": float(np.max(found.shear_force, initial=-np.inf)),
-        "contact_min": float(np.min(found.contact, initial=np.inf)),
-        "flatness": found.geometry.flatness,
+        "normal_force_max": float(np.max(resultants.normal_force, initial=-np.inf)),
+        "normal_force_min": float(np.min(resultants.normal_force, initial=np.inf)),
+        "shear_force_max": float(np.max(resultants.shear_force, initial=-np.inf)),
+        "contact_min": float(np.min(resultants.contact, initial=np.inf)),
+        "flatness": resultants.geometry.flatness,
     }
 
 
 class _Arrays(NamedTuple):
-    """Points (n, 3), frames (n, 3, 3) and areas (n,) of a joint, these zero at tied points."""
+    """Points (n, 3), frames (n, 3, 3) and areas (n,) of a joint, areas zero at tied points."""
 
     points: Floats
     frames: Floats
@@ -320,50 +318,50 @@ class _Arrays(NamedTuple):
 
 
 def joint_geometry(results: Results, joint: str) -> JointGeometry:
-    """Centroid, mean normal, area and flatness of a joint."""
+    """Return centroid, mean normal, area and flatness of a joint."""
     return _geometry(results, joint)[1]
 
 
 def _geometry(results: Results, joint: str) -> tuple[_Arrays, JointGeometry]:
-    """Arrays of a joint, and its centroid, mean normal and area."""
+    """Return the arrays of a joint, and its geometry, to which tied points contribute."""
     arrays = _Arrays(*(results.static(f"joints/{joint}/{name}") for name in _Arrays._fields))
-    first, normal = (arrays.areas @ each for each in (arrays.points, arrays.frames[:, 0]))
+    first, normal = (arrays.areas @ values for values in (arrays.points, arrays.frames[:, 0]))
     geometry = JointGeometry.from_sums(arrays.areas.sum(), first, normal)
     return arrays._replace(areas=free_areas(results, joint)), geometry
 
 
 def _recorded(results: Results, where: str, names: Iterable[str], rows: slice) -> dict[str, Any]:
-    """Those of the series below a name that the file has."""
-    known = results.streams["resultants"]
+    """Return the series ``where/name`` of the stream ``resultants``, if recorded, by name."""
+    available = results.streams["resultants"]
     return {
         name: results.series("resultants", f"{where}/{name}", rows)
         for name in names
-        if f"{where}/{name}" in known
+        if f"{where}/{name}" in available
     }
 
 
 def _from_fields(
     results: Results, stream: str, joint: str, cohesion: float, rows: slice
 ) -> dict[str, Any]:
-    """Geometry, and resultants from the tractions that a stream holds."""
+    """Return geometry and resultants, computed from the tractions in a stream."""
     arrays, geometry = _geometry(results, joint)
     series, where = results.streams[stream], f"joints/{joint}"
     traction = results.series(stream, f"{where}/traction", rows)
-    parts: dict[str, Any] = {"geometry": geometry} | _moved(arrays, geometry, traction, "")
+    parts: dict[str, Any] = {"geometry": geometry} | _sums(arrays, geometry, traction, "")
     parts["contact"] = (traction[..., 0] < 0.0) @ arrays.areas / arrays.areas.sum()
     if f"{where}/pressure" in series:
         pressed = np.zeros_like(traction)
         pressed[..., 0] = -results.series(stream, f"{where}/pressure", rows)
-        parts |= _moved(arrays, geometry, pressed, "water_")
+        parts |= _sums(arrays, geometry, pressed, "water_")
     points = state_points(results, stream, joint, cohesion, rows)
-    each = (points.compression, points.shear, points.cohesion)
-    return parts | {k: v @ arrays.areas for k, v in zip(SLIDING, each, strict=True)}
+    integrands = (points.compression, points.shear, points.cohesion)
+    return parts | {k: v @ arrays.areas for k, v in zip(SLIDING, integrands, strict=True)}
 
 
-def _moved(
+def _sums(
     arrays: _Arrays, geometry: JointGeometry, traction: Floats, prefix: str
 ) -> dict[str, Floats]:
-    """Force and moment of tractions (records, n, 3)."""
+    """Return force and moment of tractions (records, n, 3)."""
     force = forces_of(arrays.frames, arrays.areas, traction)
     arms = arrays.points - geometry.centroid
     return {

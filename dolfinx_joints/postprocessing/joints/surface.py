@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A joint as a drawing: the patch of each point in a plane, its values and colours."""
+"""Drawing data of a joint: the patch of each point in a plane, its values and colours."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ LABELS = {
     "ratio": r"$-|t_s|/|t_n|$ [-]",
 }
 _ELEVATION = "elevation [m]"
-# In reference coordinates: a corner so near to the line between two points lies on it, on whatever
-# side rounding has put it.
+# Tolerance in reference coordinates: a corner closer to the bisector of two points lies on it, so
+# that rounding errors do not decide on its side.
 ON_BISECTOR = 1e-9
-_BENT = 0.8  # square of the mean normal's length: below it a joint bends by more than 27 degrees
+_BENT = 0.8  # least squared length of the mean normal of a flat joint: it bends by up to 27 degrees
 
 MAP_LABELS = LABELS | {
     "opening": "opening [mm]",
     "slip": "tangential gap [mm]",
     "state": "state of the points",
 }
-# As the file counts them; tied points, which it counts last, have a colour in every map.
+# In the order of their numbers in the file. Tied points have a fixed colour in every map.
 STATES = {
     "open": OPEN,
     "sticking": "#9ecae1",
@@ -48,17 +48,17 @@ STATES = {
 
 
 def is_plane(results: Statics) -> bool:
-    """Whether a body is plane: its boundary consists of lines."""
+    """Return True if the body is plane, which means that its boundary consists of lines."""
     return results.static("mesh/surface").shape[1] == 2
 
 
 class JointFacets:
-    """The facets of a joint in space, and the part of its facet that is nearest to each point.
+    """Facets of a joint in space, divided into one patch per joint point.
 
     Attributes:
-        tied: which points are tied, shape (n,).
-        corners: corners of the facets, shape (facets, 3 or 4, 3), [m].
-        facet_of_point: number of each point's facet, shape (n,).
+        tied: Flags of the tied points, shape (n,).
+        corners: Corners of the facets, shape (facets, 3 or 4, 3), [m].
+        facet_of_point: Number of each point's facet, shape (n,).
     """
 
     def __init__(self, results: Statics, joint: str) -> None:
@@ -69,7 +69,7 @@ class JointFacets:
         self._surface = results.static("mesh/surface")
         if self._surface.shape[1] < 3:
             raise ValueError(
-                f"The model is plane and {joint!r} a line, of which no map is drawn; "
+                f"The joint {joint!r} is a line of a plane model and has no map; "
                 "plots.joint_histories shows its opening and slip."
             )
         self.corners: Floats = self._positions[self._surface[self._both[:, 0]]]
@@ -79,7 +79,7 @@ class JointFacets:
         self._local = shape.inverse(own, self.facet_of_point)
 
     def nodes(self) -> Ints:
-        """Numbers of the nodes on both sides of each corner, shape (facets, 3 or 4, 2)."""
+        """Return the node numbers on both sides of each corner, shape (facets, 3 or 4, 2)."""
         numbers = self._surface[self._both]  # (facets, sides, corners)
         places = self._positions[numbers][:, :, None] - self.corners[:, None, :, None]
         nearest = np.linalg.norm(places, axis=-1).argmin(axis=-1)
@@ -87,15 +87,15 @@ class JointFacets:
         return both.swapaxes(1, 2)
 
     def patches_in_space(self) -> list[Floats]:
-        """Polygon of each point: the part of its facet nearer to it than to the others, [m].
+        """Return the polygon of each point: the part of the facet nearest to it, [m].
 
-        Nearness is that of the facet's reference coordinates, so that a skew facet is split as
-        its square is.
+        Distances are measured in reference coordinates, so a skew facet is divided like the
+        reference square.
         """
         return self._patches(_Bilinear(self.corners))
 
     def patch_weights(self) -> list[Floats]:
-        """Shares of the corners of its facet in each corner of the polygons, (corners, 3 or 4)."""
+        """Return weights of the facet's corners at the corners of each polygon, (n, 3 or 4)."""
         identity = np.eye(self.corners.shape[1])[None]
         return self._patches(_Bilinear(np.repeat(identity, len(self.corners), axis=0)))
 
@@ -107,34 +107,34 @@ class JointFacets:
 
     @cached_property
     def _parts(self) -> list[Floats]:
-        """Part of the reference facet of each point; facets with the same points share theirs."""
+        """Part of the reference facet of each point; facets with equal points share their parts."""
         reference = _Bilinear(self.corners).reference
         parts = [reference] * len(self._local)
-        known: dict[bytes, list[Floats]] = {}
+        parts_by_points: dict[bytes, list[Floats]] = {}
         order = np.argsort(self.facet_of_point, kind="stable")
         for own in np.split(order, np.cumsum(np.bincount(self.facet_of_point))[:-1]):
             local = self._local[own]
             key = np.round(local / ON_BISECTOR).tobytes()
-            if key not in known:
-                known[key] = [_part_of(i, local, reference) for i in range(len(local))]
-            for point, part in zip(own, known[key], strict=True):
+            if key not in parts_by_points:
+                parts_by_points[key] = [_part_of(i, local, reference) for i in range(len(local))]
+            for point, part in zip(own, parts_by_points[key], strict=True):
                 parts[point] = part
         return parts
 
 
 class JointSurface(JointFacets):
-    """A joint laid into a plane: points, facets and the patch of each point, all (.., 2) [m].
+    """Joint in a plane: points, facets and the patch of each point, all (.., 2) [m].
 
-    The plane is the mean plane of the joint; a joint that bends more than a little, such as the
-    perimetral one of a dam, is unrolled.
+    The plane is the mean plane of the joint. A curved joint, such as the perimetral joint of a dam,
+    is unrolled.
 
     Attributes:
-        points: joint points in the plane, shape (n, 2), [m].
-        facets: corners of the facets in the plane, shape (facets, 3 or 4, 2), [m].
-        axes: unit vectors across and up the mean plane, rows, shape (2, 3).
-        labels: what to write on the two axes.
-        ends: what lies to the left, the right, the bottom and the top; empty where it needs none.
-        upright: whether the ordinate is an elevation, the same as that of other joints.
+        points: Joint points in the plane, shape (n, 2), [m].
+        facets: Corners of the facets in the plane, shape (facets, 3 or 4, 2), [m].
+        axes: Unit vectors across and up the mean plane, rows, shape (2, 3).
+        labels: Labels of the two axes.
+        ends: Names of the left, right, lower and upper end; empty names are not drawn.
+        upright: True if the ordinate is the elevation.
     """
 
     def __init__(self, results: Results, joint: str) -> None:
@@ -144,10 +144,10 @@ class JointSurface(JointFacets):
         areas = results.static(f"joints/{joint}/areas")
         normals = _means(frames[:, 0], areas, self.facet_of_point)
         mean = areas @ frames[:, 0] / areas.sum()
-        self._lay(mean, unrolled(self.corners, normals) if mean @ mean < _BENT else None)
+        self._place(mean, unrolled(self.corners, normals) if mean @ mean < _BENT else None)
 
-    def _lay(self, normal: Floats, laid: Unrolled | None) -> None:
-        """Take the places in the plane, and what is to be written there."""
+    def _place(self, normal: Floats, laid: Unrolled | None) -> None:
+        """Set the places in the plane, the labels and the names of the ends."""
         flat = np.linalg.norm(normal) > 1e-9
         axes, labels = _plane_axes(normal if flat else np.array([0.0, 0.0, 1.0]))
         self.axes: Floats = axes
@@ -167,18 +167,18 @@ class JointSurface(JointFacets):
         self.points: Floats = _Bilinear(self.facets)(self._local, self.facet_of_point)
 
     def patches(self) -> list[Floats]:
-        """Polygons of the points in the plane, of shape (corners, 2), [m]."""
+        """Return the polygons of the points in the plane, of shape (corners, 2), [m]."""
         return self._patches(_Bilinear(self.facets))
 
     def outlines(self) -> Floats:
-        """Closed outlines of the facets, shape (facets, corners + 1, 2)."""
+        """Return closed outlines of the facets, shape (facets, corners + 1, 2)."""
         return np.concatenate([self.facets, self.facets[:, :1]], axis=1)
 
 
 def facets_of_joint(results: Statics, joint: str) -> tuple[Ints, Ints]:
-    """Which facet each joint point lies on, (n,), and its boundary facets, one a side, (facets, 2).
+    """Return the facet number of each joint point, (n,), and two boundary facets, (facets, 2).
 
-    These are the two whose centres are nearest to that of the points.
+    The two boundary facets, one on each side, have the centres nearest to that of the points.
     """
     from scipy.spatial import cKDTree
 
@@ -189,22 +189,23 @@ def facets_of_joint(results: Statics, joint: str) -> tuple[Ints, Ints]:
     corners = results.static("mesh/nodes")[results.static("mesh/surface")]
     centres = _means(points, areas, facet_of_point)
     distance, both = cKDTree(corners.mean(axis=1)).query(centres, k=2)
-    alike = np.diff(distance)[:, 0] < 1e-9 * np.ptp(corners)  # which is the nearer is rounding
-    return facet_of_point, np.where(alike[:, None], np.sort(both, axis=1), both)
+    # Sort equally distant facets by number, as rounding errors determine which is nearer.
+    equal = np.diff(distance)[:, 0] < 1e-9 * np.ptp(corners)
+    return facet_of_point, np.where(equal[:, None], np.sort(both, axis=1), both)
 
 
 def _means(values: Floats, areas: Floats, facet_of_point: Ints) -> Floats:
-    """Mean of values of points, (n, 3), over each facet, (facets, 3)."""
+    """Return the mean over each facet, (facets, 3), of values at points, (n, 3)."""
     weight = np.bincount(facet_of_point, areas)
-    sums = [np.bincount(facet_of_point, areas * each) for each in values.T]
+    sums = [np.bincount(facet_of_point, areas * column) for column in values.T]
     return np.stack(sums, axis=1) / weight[:, None]
 
 
 class _Bilinear:
-    """Maps x = a + u b + v c + u v d of the unit square (or triangle, d = 0) onto facets.
+    """Bilinear maps x = a + u b + v c + u v d of the unit square (or triangle, d = 0) onto facets.
 
     Args:
-        corners: of the facets, in cyclic order, shape (facets, 3 or 4, any).
+        corners: Corners of the facets in cyclic order, shape (facets, 3 or 4, any).
     """
 
     def __init__(self, corners: Floats) -> None:
@@ -218,15 +219,15 @@ class _Bilinear:
             self._d = corners[:, 2] - corners[:, 1] - self._c
 
     def __call__(self, local: Floats, facet: Ints) -> Floats:
-        """Map reference coordinates (n, 2) of facets (n,) into the plane or into space."""
+        """Return positions, in plane or space, of reference coordinates (n, 2) on facets (n,)."""
         u, v = local[:, :1], local[:, 1:]
         linear = self._a[facet] + u * self._b[facet] + v * self._c[facet]
         return linear + u * v * self._d[facet]
 
     def inverse(self, points: Floats, facet: Ints) -> Floats:
-        """Reference coordinates of points (n, 2) of facets (n,), by Newton's method."""
+        """Return reference coordinates of points (n, 2) on facets (n,), by Newton's method."""
         local: Floats = np.full(points.shape, 0.5)
-        for _ in range(8):  # converges quadratically; exact at once on parallelograms
+        for _ in range(8):  # quadratic convergence; one iteration suffices on parallelograms
             along_u = self._b[facet] + local[:, 1:] * self._d[facet]
             along_v = self._c[facet] + local[:, :1] * self._d[facet]
             jacobian = np.stack([along_u, along_v], axis=2)
@@ -236,7 +237,7 @@ class _Bilinear:
 
 
 def _plane_axes(normal: Floats) -> tuple[Floats, tuple[str, str]]:
-    """Two axes in the plane, rows, and what to write on them."""
+    """Return two axes in the plane, rows, and their labels."""
     normal = normal / np.linalg.norm(normal)
     up = np.array([0.0, 0.0, 1.0]) - normal[2] * normal
     if np.linalg.norm(up) < 0.1:  # a lift joint: seen from above, x to the right
@@ -252,14 +253,14 @@ def _plane_axes(normal: Floats) -> tuple[Floats, tuple[str, str]]:
 
 
 def _part_of(point: int, local: Floats, polygon: Floats) -> Floats:
-    """Part of a convex polygon that is nearer to one of the points than to the others."""
+    """Return the part of a convex polygon that is nearer to one point than to the other points."""
     for other in local[np.arange(len(local)) != point]:
         polygon = _nearer_part(polygon, local[point], other)
     return polygon
 
 
 def _nearer_part(polygon: Floats, point: Floats, other: Floats) -> Floats:
-    """Part of a convex polygon that is nearer to one point than to another."""
+    """Return the part of a convex polygon that is nearer to one point than to another."""
     beyond = (polygon - 0.5 * (point + other)) @ (other - point)
     beyond[np.abs(beyond) < ON_BISECTOR] = 0.0
     inside = beyond <= 0.0
@@ -275,17 +276,17 @@ def _nearer_part(polygon: Floats, point: Floats, other: Floats) -> Floats:
 
 
 def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) -> Floats:
-    """Value of each point in the unit of its label, shape (n,).
+    """Return the value of each point in the unit of its label, shape (n,).
 
-    Tractions and their ratio are NaN where the joint is open, and all values at tied points; the
-    state is 0 open, 1 sticking, 2 sliding, 3 closed without friction, as the file has it.
+    Tractions and their ratio are NaN at open points; all values are NaN at tied points. The state
+    is 0 open, 1 sticking, 2 sliding, 3 closed without friction, as in the file.
     """
     values = _value(results, joint, quantity, number)
     return np.where(tied_points(results, joint), np.nan, values)
 
 
 def _value(results: Results, joint: str, quantity: MapQuantity, number: int) -> Floats:
-    """Return the same as `map_value` with what the file has at tied points."""
+    """Return the result of `map_value`, but with the file's values at tied points."""
     if quantity == "state":
         return results.series("states", f"joints/{joint}/status", number).astype(float)
     if quantity == "opening" or quantity == "slip":
@@ -301,7 +302,7 @@ def _value(results: Results, joint: str, quantity: MapQuantity, number: int) -> 
 
 
 def map_limits(quantity: MapQuantity, values: Floats) -> tuple[float, float]:
-    """Range of the colours of a quantity, zero included."""
+    """Return the range of the colours of a quantity, including zero."""
     if quantity == "state":
         return -0.5, len(STATES) - 0.5
     low, high = colour_limits(values)
@@ -310,7 +311,7 @@ def map_limits(quantity: MapQuantity, values: Floats) -> tuple[float, float]:
 
 
 def map_colours(quantity: MapQuantity, limits: tuple[float, float]) -> ListedColormap:
-    """Colours of a quantity: around zero where it has a sign, else light to dark."""
+    """Return the colours of a quantity: diverging for signed values, otherwise light to dark."""
     from matplotlib.colors import ListedColormap
 
     if quantity == "state":

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A curved surface laid flat, such as the joint between a dam and its valley."""
+"""Unrolling of a curved surface into a plane, such as the joint between a dam and its valley."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 
 from dolfinx_joints.common.arrays import Floats, Ints
 
-_SAME = 1e-6  # of the size: nearer points are one
+_SAME = 1e-6  # relative to the size of the surface: closer points are merged
 
 
 class Unrolled(NamedTuple):
-    """A surface laid flat.
+    """Surface unrolled into a plane.
 
     Attributes:
-        corners: of the facets in the plane, shape (facets, 3 or 4, 2), [m].
-        upright: whether the ordinate is upwards, as in a wall. Else upstream is above, and the
-            abscissa goes from the right bank to the left one.
+        corners: Corners of the facets in the plane, shape (facets, 3 or 4, 2), [m].
+        upright: True if the ordinate points upwards, as for a wall. Otherwise the ordinate points
+            upstream, and the abscissa from the right bank to the left bank.
     """
 
     corners: Floats
@@ -27,35 +27,35 @@ class Unrolled(NamedTuple):
 
 
 def unrolled(corners: Floats, normals: Floats) -> Unrolled | None:
-    """Facets laid flat so that all angles are kept as well as they can, and the area in all.
+    """Unroll facets into a plane by the least-squares conformal map.
 
-    A surface that is bent in one direction keeps all lengths. It is the least-squares conformal
-    map: each triangle wants to be turned and scaled alone.
+    The map of each triangle is as close as possible to a rotation and a scaling, which preserves
+    angles. The total area is preserved. A surface curved in one direction keeps all lengths.
 
     Args:
-        corners: of the facets in cyclic order, shape (facets, 3 or 4, 3), [m].
-        normals: of the facets, all to the same side, shape (facets, 3).
+        corners: Corners of the facets in cyclic order, shape (facets, 3 or 4, 3), [m].
+        normals: Normals of the facets, all to the same side, shape (facets, 3).
 
     Returns:
-        None where the surface has several parts or closes on itself.
+        The plane surface; None if the surface has several parts or is closed.
     """
     points, number = _vertices(corners)
     triangles, flat = _triangles(corners, number, normals)
-    if _parts(triangles, len(points)) > 1:
+    if _count_parts(triangles, len(points)) > 1:
         return None
     laid = _conformal(triangles, flat, points)
     areas, laid_areas = _doubled_areas(flat), _doubled_areas(laid[triangles])
     if np.any(areas * laid_areas <= 0.0):
         return None
     laid *= np.sqrt(np.abs(areas).sum() / np.abs(laid_areas).sum())
-    placed, upright = _placed(laid, points)
+    placed, upright = _oriented(laid, points)
     return Unrolled(placed[number], upright)
 
 
 def tangent_axes(corners: Floats) -> Floats:
-    """Two orthonormal vectors in each facet, shape (facets, 2, 3), of its corners in cyclic order.
+    """Return two orthonormal vectors in each facet, shape (facets, 2, 3).
 
-    The mean plane of a facet whose corners are not in one.
+    Corners are in cyclic order. For a warped facet the vectors are in its mean plane.
     """
     first = corners[:, 1] - corners[:, 0]
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
@@ -66,7 +66,7 @@ def tangent_axes(corners: Floats) -> Floats:
 
 
 def _vertices(corners: Floats) -> tuple[Floats, Ints]:
-    """Distinct points (n, 3), and the number of each corner."""
+    """Return distinct points (n, 3), and the point number of each corner."""
     flat = corners.reshape(-1, 3)
     grid = np.round(flat / (_SAME * np.ptp(flat, axis=0).max()))
     _, first, number = np.unique(grid, axis=0, return_index=True, return_inverse=True)
@@ -74,9 +74,9 @@ def _vertices(corners: Floats) -> tuple[Floats, Ints]:
 
 
 def _triangles(corners: Floats, number: Ints, normals: Floats) -> tuple[Ints, Floats]:
-    """Points of triangles (t, 3), and their corners in their planes (t, 3, 2).
+    """Return point numbers of triangles (t, 3), and their corners in their planes (t, 3, 2).
 
-    All are seen from the same side of the surface.
+    All triangles are viewed from the same side of the surface.
     """
     parts = [[0, 1, 2]] if corners.shape[1] == 3 else [[0, 1, 2], [0, 2, 3]]
     vertices = np.concatenate([number[:, part] for part in parts])
@@ -88,7 +88,7 @@ def _triangles(corners: Floats, number: Ints, normals: Floats) -> tuple[Ints, Fl
     return vertices, flat
 
 
-def _parts(triangles: Ints, count: int) -> int:
+def _count_parts(triangles: Ints, count: int) -> int:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -98,7 +98,7 @@ def _parts(triangles: Ints, count: int) -> int:
 
 
 def _conformal(triangles: Ints, flat: Floats, points: Floats) -> Floats:
-    """Places of the points in the plane, two far ones of them at their distance, shape (n, 2)."""
+    """Return the places of the points in the plane, (n, 2); two distant points are fixed."""
     from scipy.sparse import bmat, coo_array
     from scipy.sparse.linalg import spsolve
 
@@ -116,18 +116,19 @@ def _conformal(triangles: Ints, flat: Floats, points: Floats) -> Floats:
     pins = np.array([one, other, one + count, other + count])
     values = np.array([0.0, np.linalg.norm(points[other] - points[one]), 0.0, 0.0])
     free = np.setdiff1d(np.arange(2 * count), pins)
-    found = np.zeros(2 * count)
-    found[pins] = values
+    places = np.zeros(2 * count)
+    places[pins] = values
     matrix = system[:, free]
-    found[free] = spsolve((matrix.T @ matrix).tocsc(), -matrix.T @ (system[:, pins] @ values))
-    return found.reshape(2, count).T
+    places[free] = spsolve((matrix.T @ matrix).tocsc(), -matrix.T @ (system[:, pins] @ values))
+    return places.reshape(2, count).T
 
 
-def _placed(laid: Floats, points: Floats) -> tuple[Floats, bool]:
-    """The same turned or mirrored, from (0, 0), and whether the ordinate is upwards.
+def _oriented(laid: Floats, points: Floats) -> tuple[Floats, bool]:
+    """Return the points rotated or mirrored in the plane, from (0, 0) on, and ``upright``.
 
-    Upwards if the height grows evenly in the plane, else upstream. The abscissa of the first
-    grows downstream, that of the other to the left bank.
+    The ordinate points upwards if a linear function in the plane fits the elevation better than the
+    stream coordinate; the abscissa then points downstream. Otherwise the ordinate points upstream,
+    the abscissa to the left bank.
     """
     centred, places = laid - laid.mean(axis=0), points - points.mean(axis=0)
     slope, *_ = np.linalg.lstsq(centred, places, rcond=None)  # (2, 3), by x, y, z
@@ -135,14 +136,14 @@ def _placed(laid: Floats, points: Floats) -> tuple[Floats, bool]:
     upright = bool(unexplained[2] <= unexplained[0])
     up = slope[:, 2] if upright else -slope[:, 0]
     up = up / np.linalg.norm(up)
-    right = np.array([up[1], -up[0]])
-    if right @ slope[:, 0 if upright else 1] < 0.0:
-        right = -right
-    placed = centred @ np.stack([right, up], axis=1)
+    across = np.array([up[1], -up[0]])
+    if across @ slope[:, 0 if upright else 1] < 0.0:
+        across = -across
+    placed = centred @ np.stack([across, up], axis=1)
     return placed - placed.min(axis=0), upright
 
 
 def _doubled_areas(triangles: Floats) -> Floats:
-    """Twice the areas of triangles in the plane (t, 3, 2), negative of clockwise ones."""
+    """Return twice the areas of triangles in the plane (t, 3, 2), negative if clockwise."""
     a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

@@ -381,7 +381,7 @@ def test_what_is_refused(dam):
     with pytest.raises(ValueError, match=r"incident\(0\) is .*; it must be at least 2 fin"):
         load(model("base"), incident=lambda t: 0.0)
     wave = dj.FreeField(groups=["base"], incident=lambda t: (0.0, 0.0), surface=4.0)
-    with pytest.raises(ValueError, match="motion is given beside a FreeField"):
+    with pytest.raises(ValueError, match="Both motion and a FreeField are given"):
         dj.Simulation(model("base")).dynamics(
             dt=0.01, steps=1, loads=[wave], motion=lambda t: (0.0, 0.0, 0.0)
         )

@@ -80,7 +80,7 @@ def frequency_response(
         points: Points by name, evaluated at the nearest nodes, [m].
         direction: Direction of the ground acceleration, x by default.
         hysteretic_ratio: zeta of K, joints and springs included, at all frequencies; not of the
-            water. Time integration has no such damping.
+            water. Time integration does not support it.
         modes: If given, use modal superposition of this number of lowest modes instead of solving;
             not with waves.
 

@@ -175,7 +175,7 @@ class Simulation:
             ConvergenceError: No equilibrium under the pressure was found, or only after a jump.
         """
         if self.static is None:
-            raise JointsError("There is nothing to grout yet: run statics(joints=[...]) before.")
+            raise JointsError("There is nothing to grout yet: run statics(joints=[...]) first.")
         name = stage_name(name, "grouting", self.stages)
         pressed = partial(self._march, name, [(None, 1.0)], ())
         self.static = grouted(

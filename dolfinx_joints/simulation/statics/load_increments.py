@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.time_integration.substeps import located
 
-# Shortest increments in a load step.
+# Number of shortest increments in a load step.
 FINEST = 2**6
 
 
 @dataclass(frozen=True, kw_only=True)
 class Increment:
-    """Place of an increment of the loads.
+    """Position of an increment on the load path.
 
     Attributes:
         time: Time [s] at the end of the load step, None for a ramp at time zero.

@@ -56,17 +56,16 @@ BODY, JOINTS, RESERVOIR = "", "_joints", "_reservoir"
 class FieldMonitor(Monitor):
     """Writes body and joints for ParaView (VTKHDF); files may be read while the run continues.
 
-    ``NAME.vtkhdf`` contains the cells of the body, of the degree of the displacement:
-    ``displacement [m]`` and ``stress [Pa]`` (xx, yy, zz, xy, yz, xz) with its largest and smallest
-    principal values, at the centres of elastic cells and as means of plastic cells; if present in
-    the model, also ``temperature change [K]`` and ``accumulated plastic strain [-]``.
-    ``NAME_joints.vtkhdf`` contains the joints as in `export.write_vtk`. ``NAME_reservoir.vtkhdf``
-    contains the cells of a reservoir with waves, with ``hydrodynamic pressure [Pa]`` without the
-    hydrostatic pressure. Static stages are in ``NAME_stages.vtkhdf`` and
-    ``NAME_stages_joints.vtkhdf``, with the stage number as time. A continued run appends to its
-    files. A killed run loses at most the time being written (see `export.vtk_files.VtkFile`). If a
-    file is damaged otherwise, a continued run renames it to ``NAME.damaged``, warns, and starts a
-    new one.
+    ``NAME.vtkhdf`` contains the cells of the body, of the degree of the displacement. The values
+    are ``displacement [m]``, ``stress [Pa]`` (xx, yy, zz, xy, yz, xz), and the largest and smallest
+    principal stress. Stresses are those at the centres of elastic cells and the means of plastic
+    cells. Some models add ``temperature change [K]`` and ``accumulated plastic strain [-]``.
+    ``NAME_joints.vtkhdf`` contains the joints as in `export.write_vtk`, ``NAME_reservoir.vtkhdf``
+    the cells of a reservoir with waves. Its ``hydrodynamic pressure [Pa]`` excludes the hydrostatic
+    pressure. Static stages are in ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with
+    the stage number as time. A continued run appends to its files. A killed run loses at most the
+    time being written (see `export.vtk_files.VtkFile`). If a file is damaged otherwise, a continued
+    run renames it to ``NAME.damaged``, warns, and starts a new one.
 
     Args:
         path: ``NAME.vtkhdf``, or ``NAME``.

@@ -109,8 +109,8 @@ def versions() -> dict[str, str]:
 def mesh_hash(comm: Any, nodes: Floats, surface: Ints) -> str:
     """Return the SHA-256 of nodes and boundary facets on rank 0, of nothing elsewhere (collective).
 
-    This rank passes its nodes in the order of the input mesh, shape (n, 3), [m], and the vertices
-    of its facets in any order, shape (num_facets, 2 to 4).
+    Arguments are those of this rank: nodes in the order of the input mesh, shape (n, 3), [m], and
+    vertices of facets in any order, shape (num_facets, 2 to 4).
     """
     blocks = blocks_of(comm, len(nodes))
     facets = sorted_rows(comm, blocks, np.sort(surface, axis=1))

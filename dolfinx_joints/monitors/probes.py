@@ -96,8 +96,8 @@ def facets_of_cells(
 class PointProbe:
     """Reads nodal vectors at the nodes nearest to given points.
 
-    If several nodes have the same position, as on a joint, the first in the order of the mesh file
-    is used, on any number of ranks.
+    If several nodes have the same position, as on a joint, the first one in the mesh file is used.
+    The choice does not depend on the number of ranks.
 
     Args:
         model: The model.

@@ -46,16 +46,15 @@ class ResultsMonitor(Monitor):
     After each static stage: displacements, reactions and joints at its end, and the boundary
     stresses with ``envelopes``. A file with static stages only is complete after each stage. A
     dynamic stage creates the file anew and repeats all static stages before it. If the first static
-    stage replaces another file, for example of a dynamic run that is to be continued, that file is
-    renamed to ``NAME.before`` until the next dynamic stage starts or resumes.
+    stage would replace another file, that file is renamed to ``NAME.before``. It remains until the
+    next dynamic stage starts or resumes.
 
-    Every step: displacement and acceleration of the monitor points, acceleration of the ground (for
-    incident waves, the velocity of the free surface), shares of open, sliding and sticking joint
-    points, iterations, support reactions by group, and energies; also by joint the largest opening,
-    slip and pressure, and the terms of its sliding safety. Every ``every`` steps: nodal
-    displacements, and facet by facet the joint gaps, tractions and status, water pressures and
-    broken bonds. Optional: resultants of joints and blocks at every step, and at the end envelopes
-    of the boundary stresses over all steps.
+    Every step: displacement and acceleration of the monitor points, ground acceleration (for
+    incident waves, velocity of the free surface), shares of open, sliding and sticking joint
+    points, iterations, support reactions and energies. By joint: largest opening, slip and
+    pressure, and the terms of the sliding safety. Every ``every`` steps: nodal displacements, and
+    facet by facet joint gaps, tractions and status, water pressures and broken bonds. Optional:
+    resultants of joints and blocks at every step, and envelopes of boundary stresses at the end.
 
     Args:
         path: The file.

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Checkpoints of dynamic stages, and restart from them.
 
-Nodal vectors are stored in the order of the input mesh's nodes and joint arrays in the global order
-of the points, so that the number of ranks may change at a restart.
+Nodal vectors are stored in the node order of the input mesh, and joint arrays in the global order
+of the points. The number of ranks may therefore change at a restart.
 """
 
 from __future__ import annotations

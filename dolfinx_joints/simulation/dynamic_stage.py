@@ -44,9 +44,9 @@ _SUMMARY = ("steps", "iterations", "solver", "energy_error", "imbalance", "local
 class DynamicRun:
     """State, energies and counts of a dynamic stage, and its monitors.
 
-    The energy ledger of the stepper must not have been started. ``warnings`` issued so far are
-    passed to the monitors at the end. ``state`` is the state after ``step`` steps, ``origin`` the
-    displacement at the start of the stage [m].
+    The energy ledger of the stepper must not have been started. The monitors receive ``warnings``
+    issued before at the end. The attribute ``state`` is the state after ``step`` steps, and
+    ``origin`` is the displacement at the start of the stage [m].
     """
 
     def __init__(
@@ -262,8 +262,11 @@ def ground_motions(
 ) -> dict[str, Any]:
     """Return the motions of the ground in the axes of the model, as in `Record` (collective).
 
-    ``motion`` is the ground acceleration, None if the ground is fixed; ``loads`` are not among the
-    model's own; ``differing`` is given if the ground moves differently from place to place.
+    Args:
+        model: The model.
+        motion: Ground acceleration, None if the ground is fixed.
+        loads: Loads in addition to those of the model.
+        differing: The ground, if it moves differently from place to place.
     """
     rising = rising_waves([*model.loads, *loads])
     if motion is not None:

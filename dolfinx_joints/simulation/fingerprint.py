@@ -75,13 +75,13 @@ def fingerprint(
 class Parameters:
     """Parameters of objects as texts by path, such as ``law of joint_1.normal_stiffness``.
 
-    The texts are the same each time a script is started. They describe the class of an object and
-    its parameters, arrays by SHA-256, and user-defined functions and classes by their code and the
-    variables it reads. Code of installed packages is assumed to be unchanged.
+    The texts are the same each time a script is started. They contain the class of an object and
+    its parameters, and the SHA-256 of arrays. User-defined functions and classes are described by
+    their code and the variables it reads. Installed packages are assumed to be unchanged.
 
-    With ``assembled``, fields and forms of DOLFINx are omitted because the assembled matrices and
-    vectors are compared as well. ``functions`` selects whether functions are compared. ``facts``
-    are texts by path; ``unknown`` lists the paths and classes of objects without description.
+    If ``assembled`` is true, fields and forms of DOLFINx are omitted, because the matrices and
+    vectors are compared as well. If ``functions`` is false, functions are not compared. Results are
+    ``facts``, texts by path, and ``unknown``, paths and classes of objects without description.
     """
 
     def __init__(self, *, assembled: bool = False, functions: bool = True) -> None:

@@ -36,8 +36,8 @@ SAME_VELOCITY = 1e-3
 class InitialFields:
     """Initial displacement and velocity of a dynamic stage, in addition to the static state.
 
-    A field is a function from nodes (n, 3) to values (n, gdim), a UFL expression or DOLFINx
-    function, a vector of the unknowns, or one number for each axis.
+    Possible fields: a function from nodes (n, 3) to values (n, gdim), a UFL expression, a DOLFINx
+    function, a vector of the unknowns, or one number per axis.
 
     Args:
         velocity: Velocity [m/s], zero by default; at supports it must equal their velocity.
@@ -94,9 +94,9 @@ def first_state(
 ) -> DynamicState:
     """Return the first state of a dynamic stage, its acceleration in balance (collective).
 
-    It follows from the last static state, and from ``fields`` with ``velocity`` [m/s] and
-    ``displacement`` from that state [m]; or else from a dynamic state ``start``. The length of the
-    first step is dt [s].
+    It follows from a dynamic state ``start``, or else from the last static state. In the second
+    case ``fields`` may add a ``velocity`` [m/s] and a ``displacement`` [m]. The length of the first
+    step is dt [s].
     """
     if start is not None:
         start = scaled(solver.system, start, 0, 0.0)

@@ -21,8 +21,7 @@ class Monitor:
     """Base class of the observers of a run; all methods are optional.
 
     Every method is called on all ranks. A monitor that keeps values from step to step must also
-    override `state_dict` and `resume`; otherwise it starts anew when a run is restarted from a
-    checkpoint.
+    override `state_dict` and `resume`. Otherwise it starts anew when a run restarts.
     """
 
     def check(self, model: Model) -> None:

@@ -157,8 +157,8 @@ class Simulation:
 
         At points that carry nothing, inactive or open, gap and slip are reset to zero; keys across
         an opening keep their shear. Points in contact do not change. Inactive joints that are not
-        named keep the opening between their blocks and become active, unless the next stage makes
-        them inactive; joints whose laws pull across that opening remain inactive.
+        named keep the opening between their blocks and become active. Joints whose laws pull across
+        that opening remain inactive.
 
         Grout under pressure first pushes the faces of these points apart, with constant loads and
         fixed supports. It then sets, and the pressure remains as traction.

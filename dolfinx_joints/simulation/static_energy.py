@@ -18,13 +18,13 @@ class StaticEnergy:
     Attributes:
         strain: u.K u / 2 of bulk and springs; in plastic cells the energy of the elastic strain.
         joint_elastic: Elastic energy of each joint, shape (number of joints,).
-        input_by_load: Work of each load by name. ``grout`` is the work of grout under pressure,
-            ``construction`` the work of forces that earlier stages left in inactive joints and
+        input_by_load: Work of each load by name. The name ``grout`` is for grout under pressure.
+            The name ``construction`` is for forces that earlier stages left in inactive joints and
             absent blocks.
         supports: Work of supports and prescribed displacements.
         joint_friction: Work done against friction in each joint, shape (number of joints,).
-        joint_numerical: Integration error of the work of each joint on the straight path of an
-            increment, by the formulas of its law; positive for a loss, shape (number of joints,).
+        joint_numerical: Integration error of the work of each joint on straight increments, by the
+            formulas of its law, positive for a loss, shape (number of joints,).
         joint_bonds: Energy lost in each joint at points whose bonds broke, including the motion
             after the break, shape (number of joints,).
         plastic: Plastic work of the bulk.

@@ -31,11 +31,11 @@ class EnergyRow:
         input_by_load: Work of each load by name.
         viscous: Work done against the damping.
         joint_friction: Work done against friction in each joint, shape (number of joints,).
-        joint_numerical: Energy lost, or created if negative, by the time scheme in each joint that
-            opens, closes or slides within a step, shape (number of joints,). Zero for laws that are
-            evaluated over whole steps, else as in `LawWithLosses`. For a law with neither formula
-            it is the remainder of the work on its joints, so that ``imbalance`` does not check them
-            (`Contact.without_losses` names such laws).
+        joint_numerical: Energy lost, or created if negative, by the time scheme in each joint, as
+            it opens, closes or slides within a step, shape (number of joints,). Zero for laws that
+            are evaluated over whole steps, else as in `LawWithLosses`. For laws with neither
+            formula it is the remainder of the work, and ``imbalance`` does not check their joints
+            (`Contact.without_losses` names these laws).
         joint_imbalance: Part of ``imbalance`` that arises in each joint: its elastic energy,
             friction and numerical loss less the work of the body on it, shape (number of joints,).
         error: stored - stored at the start - input + viscous + friction + plastic + impact.
@@ -101,10 +101,9 @@ class EnergyLedger:
 
     Attributes:
         row: The newest row.
-        scale: Largest of stored energy, |input| and losses so far [J]; rounding errors scale with
-            it.
+        scale: Largest of stored energy, |input| and losses so far, for rounding errors [J].
         largest: Same maximum with the net energy through viscous boundaries, incoming less outgoing
-            waves, which is much less than either [J].
+            waves; the difference is much less than either [J].
     """
 
     def __init__(self, system: MatrixSystem) -> None:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Midpoint steps that are exact in the lowest modes, by modified mass and damping (`ModalStep`).
 
-With the modal mass m', v1 = 2 x/dt - v0 and the energy balance still hold for the whole body, but v
-is no longer the velocity: in each mode it is the velocity over sqrt(m'), so that m' v^2 / 2 is the
+With the modal mass m', v1 = 2 x/dt - v0 and the energy balance still apply to the whole body. But v
+is no longer the velocity. In each mode it is the velocity over sqrt(m'), and m' v^2 / 2 is the
 kinetic energy.
 """
 
@@ -65,8 +65,7 @@ def add_free_vibration(
     ``velocity`` contains the modal velocities at the start, shape (used,), [m/s].
     """
     angle = step.modes.frequencies[: step.used] * dt
-    # Free vibration has the change (v(t + dt) - 2 v(t) + v(t - dt)) / dt; add minus this.
-    change = 2.0 * (1.0 - np.cos(angle)) / dt * velocity
+    change = 2.0 * (1.0 - np.cos(angle)) / dt * velocity  # -(v(t+dt) - 2 v(t) + v(t-dt)) / dt
     acceleration.getArray()[:] += step.modes.combined(change)
 
 
@@ -127,8 +126,9 @@ class LoadKick:
     ) -> dict[str, float]:
         """Return the work of each load on the kick [J].
 
-        x are modal displacement increments, ``velocity`` modal velocities at the start, ``rate`` is
-        2 / dt [1/s], and ``of_supports`` is Phi.M times the change of the support velocities.
+        The modal displacement increments are x, the modal velocities at the start ``velocity``.
+        Further, ``rate`` is 2 / dt [1/s], and ``of_supports`` Phi.M times the change of the support
+        velocities.
         """
         change = rate * x - 2.0 * velocity + self.of_patterns.sum(axis=1)
         momentum = self._step.mass * change + self._step.root * of_supports

@@ -38,9 +38,9 @@ def initial_state(
     """Return the state at a time [s] whose acceleration balances the forces (collective).
 
     The length dt [s] of the next step is required if supports move, see `INTERVAL`. Displacement
-    [m] and velocity [m/s] are zero by default, except at prescribed dofs. ``joints`` may be a
-    state, evaluated at the displacement, or a response, used unchanged; by default the joints are
-    at rest. ``water``, see `DynamicState`, follows from the openings by default.
+    [m] and velocity [m/s] are zero by default, except at prescribed dofs. A state of the
+    ``joints`` is evaluated at the displacement, a response is used unchanged. By default the joints
+    are at rest. By default ``water``, see `DynamicState`, follows from the openings.
     """
     system = solver.system
     u, v = system.unknowns(displacement), system.unknowns(velocity)

@@ -29,8 +29,7 @@ def joints_before(
         return joints
     velocity = state.velocity.copy()
     if correction is not None:
-        # Without rebound, 0 = v1 = 2 x / dt - (v0 - correction).
-        velocity.axpy(-1.0, correction)
+        velocity.axpy(-1.0, correction)  # Without rebound, 0 = v1 = 2 x / dt - (v0 - correction).
     if len(system.massless):
         # Velocities of massless dofs belong to the middle of the last step; advance to its end.
         massless = system.massless

@@ -82,7 +82,7 @@ class EnergyConsistent(_Midpoint):
     The joints take from a step exactly the energy that friction dissipates, for any step length
     and joint stiffness (`laws.points.discrete_gradient`). If all joints stick, or without joints,
     the scheme equals Newmark's average acceleration. The scheme is accurate only if the step
-    resolves the motion: check the local error, or let `StepControl` shorten the steps in which
+    resolves the motion. Check the local error, or let `StepControl` shorten the steps in which
     joints open or close.
 
     Attributes:
@@ -279,8 +279,8 @@ class _PrescribedChange:
 def exact_square(rate: float) -> float:
     """Return a rate within a relative 2e-8 of ``rate`` whose square is exact in double precision.
 
-    Otherwise 2/dt and 2/dt^2 would be rounded inconsistently by the same amount in every step:
-    over 1e5 steps the energy would drift by a relative 1e-11.
+    Otherwise the roundings of 2/dt and 2/dt^2 would be inconsistent, equally in every step. Over
+    1e5 steps the energy would drift by a relative 1e-11.
     """
     mantissa, exponent = math.frexp(rate)
     return math.ldexp(round(mantissa * 2**26) / 2**26, exponent)

@@ -35,8 +35,7 @@ class DynamicState(Summarised):
             None if no load depends on the joints.
         exact_modes: Number of modes whose velocities are scaled for a step that is exact in them
             (`exact_steps`).
-        rate: 2 / dt of the last step, used to scale these velocities and the joint slips, 0 at the
-            start [1/s].
+        rate: 2 / dt of the last step, scales these velocities and joint slips, 0 at start [1/s].
     """
 
     time: float

@@ -131,11 +131,7 @@ class Stepper:
             state = after
             self._accept(state, report, dt)
             yield state, report, row
-            if (
-                self._level
-                and done % (finest >> (self._level - 1)) == 0
-                and self._may_double(report)
-            ):
+            if self._level and done % (finest >> (self._level - 1)) == 0 and self._can_grow(report):
                 self._level -= 1
 
     def _attempt(
@@ -212,7 +208,7 @@ class Stepper:
         displacement = self.solver.system.norm(after.displacement)
         return report.local_error > self._tolerance * max(self._largest, displacement)
 
-    def _may_double(self, report: StepReport) -> bool:
+    def _can_grow(self, report: StepReport) -> bool:
         """Return True if a substep of twice the length, with 8 times the error, is acceptable."""
         tolerance = 0.0 if self._ignores_tolerance else self._tolerance
         return not tolerance or 8.0 * report.local_error <= tolerance * self._largest

@@ -71,8 +71,8 @@ def grouted(
 ) -> StaticState:
     """Return a static state with joints grouted; without pressure nothing moves (collective).
 
-    Arguments are those of `Simulation.grout`. ``pressed`` computes the state from ``before``, with
-    the inactive parts ``stage`` and the tractions ``apart`` that push faces apart, see `march`.
+    Arguments are those of `Simulation.grout`. The function ``pressed`` runs `march` from
+    ``before`` with inactive parts ``stage`` and tractions ``apart`` that push faces apart.
     """
     check_joints(model, names or ())
     check_elastic(model)

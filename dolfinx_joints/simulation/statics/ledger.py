@@ -30,8 +30,8 @@ from dolfinx_joints.time_integration.products import Products
 
 EPS = float(np.finfo(np.float64).eps)
 
-# An increment jumps if it releases more than this share of the work of the loads in the meantime
-# plus the energy stored at its start (docs/decisions/two_solvers.md).
+# An increment is a jump if it releases more than this fraction of a reference energy: the work of
+# the loads meanwhile plus the energy stored at its start (docs/decisions/two_solvers.md).
 RELEASED_SHARE = 0.05
 
 # Friction and numerical loss of an increment over the energy stored at its start. Smaller losses

@@ -46,8 +46,8 @@ class LoadIncrements:
 
     An increment is a step divided by 2^k, k up to 6. Its length doubles again after two increments
     of one length. The loads change on a straight line over the step, regardless of the increments.
-    The path has the time [s] of each step, None for a ramp at time zero, and its load factor;
-    ``cuts`` counts the increments that were cut.
+    The path has the time [s] of each step, None for a ramp at time zero, and its load factor. The
+    attribute ``cuts`` is the number of halved increments.
     """
 
     def __init__(self, path: Sequence[tuple[float | None, float]]) -> None:

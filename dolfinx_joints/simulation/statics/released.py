@@ -7,7 +7,7 @@ On the straight path g0 + s dg the internal forces, times the displacement x of 
     R(s) = (1 - s) R0 + s R1 + sum of w [t(g0 + s dg) - (1 - s) t0 - s t1] . dg.
 
 At both ends they equal the loads and supports times x. If the structure follows its path of
-equilibria under growing loads, R(s) increases from R0 to R1: a joint that closes, opens or begins
+equilibria under growing loads, R(s) increases from R0 to R1. A joint that closes, opens or begins
 to slide only changes the slope. If R decreases, the loads exceed the internal forces, and their
 work sets the structure in motion:
 

@@ -53,11 +53,11 @@ def march(
     """Return the equilibrium at the end of a path of load steps (collective).
 
     An increment is halved if its solve does not converge, or if it releases energy (31b). Each step
-    of the path has a time [s], None for a ramp at time zero, and its share of the change of loads
-    and prescribed displacements from ``before`` to their values at this time. ``acting`` are the
-    acting loads of the model; without a ``stage`` all joints and blocks act. Tractions ``apart`` on
-    joint faces, shape (n, 3), [Pa], are added to the loads of ``before``, which then stay constant.
-    ``reached`` is called with time [s] and state after each step.
+    of the path has a time [s], None for a ramp at time zero, and a load factor. The factor applies
+    to the change of loads and prescribed displacements since ``before``. Only the loads ``acting``
+    of the model act. Without a ``stage`` all joints and blocks act. If tractions ``apart`` on joint
+    faces are given, shape (n, 3), [Pa], they are added and all other loads stay constant. The
+    function ``reached`` is called with time [s] and state after each step.
 
     Raises:
         JumpError: No equilibrium without a jump was found and ``allow_jumps`` is false.

@@ -143,8 +143,8 @@ def ground_damping(model: Model, velocity: Callable[[float], PETSc.Vec]) -> list
 def _tied(model: Model) -> PETSc.Mat:
     """Return K with all joints tied, as a new matrix (collective).
 
-    The joint stiffness is that of the laws. If a law is rigid or has no shear stiffness, all joints
-    also get the stiffness of the adjacent elements, in series.
+    The joint stiffness is that of the laws. If a law is rigid or has no shear stiffness, it is for
+    all joints that of the law in series with the adjacent elements.
     """
     body, contact = model.stiffness, model.contact
     if contact is None:

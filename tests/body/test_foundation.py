@@ -115,7 +115,7 @@ def test_mass_in_one_direction_is_refused(column):
         loads=[dj.Traction(group="top", value=(1e5, 0.0, -1e5))],
         body=dj.Body(extra_mass=moved),
     )
-    with pytest.raises(dj.JointsError, match="singular .has a part of the body mass in some dir"):
+    with pytest.raises(dj.JointsError, match="singular. Check for parts of the body that have"):
         dj.Simulation(model).dynamics(dt=0.01, steps=1)
 
 

@@ -36,7 +36,7 @@ class Increment:
     start: float
 
     def located(self, failure: ConvergenceError, remedy: str | None) -> ConvergenceError:
-        """Return a failure with the position of the increment and a sentence on a possible remedy."""
+        """Return a failure with the position of the increment and a possible remedy."""
         place = {"stage": "static", "step": self.step, "time": self.time, "reached": self.start}
         return located(failure, **place, remedy=remedy)
 

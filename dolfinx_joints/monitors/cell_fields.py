@@ -66,12 +66,12 @@ class CellFields:
             joints: Response of the joints and of plastic cells.
             time: Time at which temperatures are evaluated [s].
             loads: Indices in ``Model.loads`` of the acting loads; all by default.
-            absent: Cell groups of absent blocks, in which all values are zero.
+            absent: Cell groups of absent blocks, in which stresses and temperatures are zero.
         """
         present = np.ones(self._cells.owned)
         for group in absent:
-            cells = self._model.jointed.cells(group)
-            present[cells[cells < len(present)]] = 0.0
+            removed = self._model.jointed.cells(group)
+            present[removed[removed < len(present)]] = 0.0
         acts = [loads is None or i in loads for i, _, _ in self._change]
         factors = [f(time) * on for (_, f, _), on in zip(self._change, acts, strict=True)]
         stresses = self._stresses(u, joints, factors)

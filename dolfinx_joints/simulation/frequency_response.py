@@ -96,7 +96,9 @@ def frequency_response(
     check_kind_of("points", points, named, "coordinates by name")
     system = model.system(only=())
     if system.values is not None:
-        raise JointsError("frequency_response moves the ground; supports must be fixed to it.")
+        raise JointsError(
+            "frequency_response moves the ground; supports must not move relative to it."
+        )
     if modes is not None and model.coupled is not None:
         raise JointsError("modes= is not available for a reservoir with waves; leave it out.")
     warn_of_sides(model)

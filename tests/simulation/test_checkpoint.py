@@ -384,7 +384,7 @@ def test_a_checkpoint_that_is_not_finished_leaves_the_old_one(
         with pytest.raises(Killed):
             short(jointed, tmp_path)
     else:
-        sentence = "run.ckpt cannot be written: .*No space left on device; the one before it is"
+        sentence = "run.ckpt cannot be written: .*No space left on device; the previous one is"
         with pytest.raises(dj.CheckpointError, match=sentence):
             short(jointed, tmp_path)
     assert path.with_name("run.ckpt.part").exists() == (stop == "killed")

@@ -14,7 +14,7 @@ from dolfinx_joints.monitors.resultants import JointForces, broken_joints
 from dolfinx_joints.postprocessing.joints.extremes import ALIKE
 from dolfinx_joints.results.quantities import at_points, rows_by
 
-# Rows of the table in the order of their values, and the column of the maximum of each place.
+# Rows of the table by kind, and the columns of the maxima whose positions are recorded.
 _LARGEST, _PLACES = rows_by("largest"), rows_by("place")
 _SUMS, _MEANS = rows_by("integral"), rows_by("mean")
 _PLACED = [[row.key for row in _LARGEST].index(row.key.removesuffix("_at")) for row in _PLACES]

@@ -64,7 +64,7 @@ def _probe(name: str, given: Any) -> Probe:
 def boundary_facets(
     model: Model, nodes: NodeNumbering, facets: NDArray[np.int32] | None = None
 ) -> Ints:
-    """Return the vertices of exterior facets, all or those of local numbers ``facets``.
+    """Return the vertices of all exterior facets, or of those with given local numbers.
 
     Collective. Returns node numbers, shape (num_facets, vertices per facet), in cyclic order with
     outward normals (`facet_normals`); facets are ascending. Both sides of joints are included. Each

@@ -84,7 +84,7 @@ class StaticState(Summarised):
         yield "absent blocks", names(self.absent)
         yield "load increments halved", f"{self.cuts} times" if self.cuts else ""
         balance = 100 * self.energy.relative_error
-        yield "balance of all lines", f"{balance:.2g} % of the largest energy"
+        yield "energy imbalance", f"{balance:.2g} % of the largest energy"
         yield "jumps", names(map(jump_text, self.jumps))
 
 
@@ -96,8 +96,8 @@ class Outcome(Summarised):
         state: The last state.
         energy: The last energies.
         energy_error: Largest energy error relative to the largest energy, loss or input.
-        imbalance: Largest energy imbalance, numerical losses included, relative to the same; None
-            if the scheme loses energy of the body, which the ledger does not count.
+        imbalance: Largest energy imbalance, numerical losses included, over the largest energy;
+            None if the scheme loses energy of the body, which the ledger does not count.
         local_error: Largest estimated displacement error of a step relative to the largest
             displacement from the static state, 2-norms over all dofs.
         steps: Number of steps requested.
@@ -131,8 +131,8 @@ class Outcome(Summarised):
         yield "substeps", f"{number(counts.accepted)}, {counts.rejected} attempts rejected"
         yield "solver", f"{self.solver}, {number(self.iterations)} iterations"
         yield "energy error", f"{100 * self.energy_error:.3g} % of the largest energy"
-        balance = "" if imbalance is None else f"{100 * imbalance:.2g} % of the same"
-        yield "balance of all lines", balance
+        balance = "" if imbalance is None else f"{100 * imbalance:.2g} % of the largest energy"
+        yield "energy imbalance", balance
         yield "local error", f"{100 * self.local_error:.3g} % of the largest displacement"
         yield "joints that chatter", names(self.chatter)
 
@@ -143,7 +143,9 @@ def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) 
     counts = outcome.counts
     mean = outcome.iterations / max(counts.accepted, 1)
     balance = (
-        "" if outcome.imbalance is None else f" ({100 * outcome.imbalance:.1e} % with all lines)"
+        ""
+        if outcome.imbalance is None
+        else f" ({100 * outcome.imbalance:.1e} % including numerical losses)"
     )
     if balance and outcome.laws_without_losses:
         balance = f"{balance[:-1]} except in joints of {', '.join(outcome.laws_without_losses)})"

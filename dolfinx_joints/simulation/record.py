@@ -61,7 +61,7 @@ class Record:
         substeps: Number of substeps of this step: 1 for an undivided step, 0 at the start.
         static_part: Static part of the displacement at a time [s], [m] (collective), see
             `DifferingGround`; None if the ground motion is the same everywhere.
-        reservoir_force: Force of waves in the reservoir on the face, (gdim,), [N]; None without.
+        reservoir_force: Force of reservoir waves on the face, (gdim,), [N]; None without waves.
         reservoir_pressure: Function that returns the pressure of these waves at this rank's
             unknowns of the water, shape (n,), [Pa]; None without waves.
         wet_joints: Names of the joints with water.

@@ -143,9 +143,7 @@ def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) 
     counts = outcome.counts
     mean = outcome.iterations / max(counts.accepted, 1)
     balance = (
-        ""
-        if outcome.imbalance is None
-        else f" ({100 * outcome.imbalance:.1e} % including numerical losses)"
+        "" if outcome.imbalance is None else f" ({100 * outcome.imbalance:.1e} % with all losses)"
     )
     if balance and outcome.laws_without_losses:
         balance = f"{balance[:-1]} except in joints of {', '.join(outcome.laws_without_losses)})"

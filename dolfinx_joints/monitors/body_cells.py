@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Cells of the body and values on them, in the order of the input mesh, for files."""
+"""Cells of the body and cell values in the order of the input mesh, for files."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from dolfinx_joints.results.layout import Cells
 
 
 class CellOrder:
-    """Values on cells in the order of the input mesh, in which cells are dealt in equal blocks.
+    """Reorders cell values to the order of the input mesh, in equal blocks, one per rank.
 
     Attributes:
         owned: Number of cells that this rank owns.
     """
 
     def __init__(self, model: Model) -> None:
-        """Find the order (collective)."""
+        """Set up the exchange between ranks (collective)."""
         mesh = model.jointed.mesh
         index_map = mesh.topology.index_map(mesh.topology.dim)
         self.owned, self._count = index_map.size_local, index_map.size_global
@@ -39,22 +39,22 @@ class CellOrder:
         )
 
     def dealt(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Values of the cells dealt to this rank from those of the cells it owns (collective)."""
+        """Return the values of this rank's block from those of its owned cells (collective)."""
         return self._rows(values)
 
     def across(self, rows: NDArray[Any]) -> NDArray[Any] | Dealt:
-        """Rows of the cells dealt to each rank as one array."""
+        """Return the blocks of all ranks as one array."""
         return across(self._comm, rows, equal_blocks(self._count, self._comm.size))
 
 
 def own_cells(
     model: Model, nodes: NodeNumbering, cells: CellOrder
 ) -> tuple[int, Ints, dict[str, Flags]]:
-    """The cells of a model that are dealt to this rank (collective).
+    """Return the cells of a model in this rank's block (collective).
 
     Returns:
-        VTK's number of the cells' shape; nodes of each cell in VTK's order, shape (n, nodes per
-        cell); and which cells are in each cell group, shape (n,) each.
+        VTK's number of the cell shape; nodes of each cell in VTK's order, shape (n, nodes per
+        cell); and by cell group whether each cell belongs to it, shape (n,).
     """
     jointed, V = model.jointed, model.V
     table = V.dofmap.list[: cells.owned]
@@ -69,18 +69,18 @@ def own_cells(
 
 
 def body_cells(model: Model, nodes: NodeNumbering) -> Cells:
-    """The cells of a model for a results file (collective)."""
+    """Return the cells of a model for a results file (collective)."""
     order, comm = CellOrder(model), model.jointed.mesh.comm
     kind, own, inside = own_cells(model, nodes, order)
     first = blocks_of(comm, len(own))[comm.rank]
-    groups = {name: across(comm, first + np.flatnonzero(each)) for name, each in inside.items()}
+    groups = {name: across(comm, first + np.flatnonzero(marks)) for name, marks in inside.items()}
     return Cells(kind, order.across(own), groups)
 
 
 def body_mesh(
     model: Model, nodes: NodeNumbering, rows: JointRows | None
 ) -> tuple[tuple[Any, ...], str]:
-    """Arguments of `declare_body`, and on rank 0 the hash of the mesh (collective)."""
+    """Return the arguments of `declare_body`, and on rank 0 the hash of the mesh (collective)."""
     comm, surface = model.jointed.mesh.comm, boundary_facets(model, nodes)
     joints = {} if rows is None else rows.statics()
     mesh = nodes.across(nodes.positions), across(comm, surface), joints, body_cells(model, nodes)

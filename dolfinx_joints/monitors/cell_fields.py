@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Stresses and temperatures of the cells from displacements, for files."""
+"""Cell stresses and temperatures from displacements, for files."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.body_cells import CellOrder
 from dolfinx_joints.postprocessing.envelopes import principal_extremes
 
-_FROM_PLASTIC = [0, 1, 2, 5, 3, 4]  # VTK's order from that of strains
+_FROM_PLASTIC = [0, 1, 2, 5, 3, 4]  # VTK's order of components, as indices in the order of strains.
 
 
 class CellFields:
-    """Stress, change of temperature and plastic strain of each cell."""
+    """Stress, temperature change and plastic strain of each cell."""
 
     def __init__(self, model: Model, cells: CellOrder) -> None:
         """Compile the expressions (collective)."""
@@ -41,13 +41,13 @@ class CellFields:
         corners = basix.geometry(self._model.jointed.shape.type)
         return fem.Expression(expression, corners.mean(axis=0)[None], comm=mesh.comm)
 
-    def _of_cells(self, load: Temperature, what: str) -> Floats:
-        """Values of a temperature in its cells, zero in others, shape (owned,)."""
+    def _of_cells(self, load: Temperature, quantity: str) -> Floats:
+        """Return a quantity of a temperature in its cells, zero in others, shape (owned,)."""
         jointed = self._model.jointed
         cells = self._all if load.cells is None else jointed.cells(load.cells)
         cells = cells[cells < self._cells.owned].astype(np.int32)
         values = np.zeros(self._cells.owned)
-        compiled = self._compiled(getattr(load, what)(self._model))
+        compiled = self._compiled(getattr(load, quantity)(self._model))
         values[cells] = np.asarray(compiled.eval(jointed.mesh, cells)).reshape(len(cells))
         return values
 
@@ -59,38 +59,38 @@ class CellFields:
         loads: Sequence[int] | None = None,
         absent: Sequence[str] = (),
     ) -> dict[str, Floats]:
-        """Values by name with unit of the cells dealt to this rank (collective).
+        """Return values of this rank's cells, by name with unit (collective).
 
         Args:
             u: Displacement [m].
-            joints: Response of the joints, and of the plastic cells with it.
-            time: Time of the temperatures [s].
-            loads: Places in ``Model.loads`` of those that act; all unless given.
-            absent: Cell groups of blocks that are not there, which temperatures do not reach.
+            joints: Response of the joints and of plastic cells.
+            time: Time at which temperatures are evaluated [s].
+            loads: Indices in ``Model.loads`` of the acting loads; all by default.
+            absent: Cell groups of absent blocks, in which stresses and temperatures are zero.
         """
-        there = np.ones(self._cells.owned)
+        present = np.ones(self._cells.owned)
         for group in absent:
-            gone = self._model.jointed.cells(group)
-            there[gone[gone < len(there)]] = 0.0
+            removed = self._model.jointed.cells(group)
+            present[removed[removed < len(present)]] = 0.0
         acts = [loads is None or i in loads for i, _, _ in self._change]
         factors = [f(time) * on for (_, f, _), on in zip(self._change, acts, strict=True)]
         stresses = self._stresses(u, joints, factors)
-        found: dict[str, Floats] = {"stress [Pa]": self._cells.dealt(there[:, None] * stresses)}
+        values: dict[str, Floats] = {"stress [Pa]": self._cells.dealt(present[:, None] * stresses)}
         if self._change:
-            changes = [f * each for f, (_, _, each) in zip(factors, self._change, strict=True)]
-            found["temperature change [K]"] = self._cells.dealt(there * np.sum(changes, axis=0))
+            changes = [f * part for f, (_, _, part) in zip(factors, self._change, strict=True)]
+            values["temperature change [K]"] = self._cells.dealt(present * np.sum(changes, axis=0))
         if isinstance(joints, PlasticResponse) and self._model.bulk is not None:
             strains = np.zeros(self._cells.owned)
             cells, means = self._model.bulk.cell_means(joints.state.bulk.accumulated[:, None])
             strains[cells] = means[:, 0]
-            found["accumulated plastic strain [-]"] = self._cells.dealt(strains)
-        largest, smallest = principal_extremes(found["stress [Pa]"])
-        found["largest principal stress [Pa]"] = largest
-        found["smallest principal stress [Pa]"] = smallest
-        return found
+            values["accumulated plastic strain [-]"] = self._cells.dealt(strains)
+        largest, smallest = principal_extremes(values["stress [Pa]"])
+        values["largest principal stress [Pa]"] = largest
+        values["smallest principal stress [Pa]"] = smallest
+        return values
 
     def _stresses(self, u: PETSc.Vec, joints: Response | None, factors: Sequence[float]) -> Floats:
-        """(xx, yy, zz, xy, yz, xz) in the owned cells: in the middle, the mean in plastic ones."""
+        """Return (xx, yy, zz, xy, yz, xz) at elastic cells' centres, means in plastic cells."""
         self._u.x.array[: u.getLocalSize()] = u.getArray(readonly=True)
         self._u.x.scatter_forward()
         values = self._stress.eval(self._model.jointed.mesh, self._all)

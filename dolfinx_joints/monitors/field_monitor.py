@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Monitor that writes body and joints for ParaView."""
+"""Monitor that writes body and joints to ParaView files."""
 
 from __future__ import annotations
 
@@ -44,29 +44,28 @@ from dolfinx_joints.monitors.probes import facets_of_cells
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record, StageRecord
 
-# Values of points and of cells, by name.
+# Point values and cell values, by name.
 Values = tuple[Mapping[str, Any], Mapping[str, Any]]
 
-# What the names of files end with.
+# Endings of the file names.
 BODY, JOINTS, RESERVOIR = "", "_joints", "_reservoir"
 
 
 @dataclass(eq=False)
 @checked
 class FieldMonitor(Monitor):
-    """Writes body and joints for ParaView (VTKHDF); other programs may read them between times.
+    """Writes body and joints for ParaView (VTKHDF); files may be read while the run continues.
 
-    ``NAME.vtkhdf`` holds the cells of the body, of the degree of the displacement, with
-    ``displacement [m]`` and ``stress [Pa]`` (xx, yy, zz, xy, yz, xz) with its largest and smallest
-    principal values, those in the middle of elastic cells and the means of plastic ones; also
-    ``temperature change [K]`` and ``accumulated plastic strain [-]`` where the model has them.
-    ``NAME_joints.vtkhdf`` holds the joints as `export.write_vtk` writes them, and
-    ``NAME_reservoir.vtkhdf`` the cells of a reservoir with waves with ``hydrodynamic pressure
-    [Pa]``, that of the waves without that of the water at rest. Static stages are in
-    ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with the stage's number as time. A
-    continued run goes on with its files. A kill loses no more than the time that is being
-    written, as `export.vtk_files.VtkFile` says in full; a file damaged otherwise becomes
-    ``NAME.damaged`` in a continued run, which says so and begins a new one.
+    ``NAME.vtkhdf`` contains the cells of the body, of the degree of the displacement. The values
+    are ``displacement [m]``, ``stress [Pa]`` (xx, yy, zz, xy, yz, xz), and the largest and smallest
+    principal stress. Stresses are those at the centres of elastic cells and the means of plastic
+    cells. Some models add ``temperature change [K]`` and ``accumulated plastic strain [-]``.
+    ``NAME_joints.vtkhdf`` contains the joints as in `export.write_vtk`, ``NAME_reservoir.vtkhdf``
+    the cells of a reservoir with waves. Its ``hydrodynamic pressure [Pa]`` excludes the hydrostatic
+    pressure. Static stages are in ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with
+    the stage number as time. A continued run appends to its files. A killed run loses at most the
+    time being written (see `export.vtk_files.VtkFile`). If a file is damaged otherwise, a continued
+    run renames it to ``NAME.damaged``, warns, and starts a new one.
 
     Args:
         path: ``NAME.vtkhdf``, or ``NAME``.
@@ -80,16 +79,16 @@ class FieldMonitor(Monitor):
     overwrite: bool = False
 
     def __post_init__(self) -> None:
-        """Keep the settings; files are written from the start of the run on."""
+        """Check the path; files are written from the start of the run."""
         self._path = vtk_path(self.path)
         self._stages_path = self._path.with_name(f"{self._path.stem}_stages{SUFFIX}")
         self._lock: FileLock | None = None
-        self._found: Model | None = None
+        self._prepared_model: Model | None = None
         self._files: dict[str, VtkFile] = {}
 
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
         """Add a stage to the file of stages (collective)."""
-        self._find(model)
+        self._prepare(model)
         stage, number = stages[-1], len(stages)
         self._fields = Fields(model, self._nodes, self._rows, self._wet)
         endings = [ending for ending in self._grids if ending != RESERVOIR]
@@ -112,24 +111,24 @@ class FieldMonitor(Monitor):
     def resume(
         self, model: Model, stage: str, steps: int, last: Record, state_dict: Mapping[str, Any]
     ) -> None:
-        """Go on with the files after ``last`` (collective)."""
+        """Continue the files after ``last`` (collective)."""
         self._begin(model, last, last.time)
 
     def _begin(self, model: Model, record: Record, last: float | None) -> None:
-        self._find(model)
+        self._prepare(model)
         self._fields = Fields(model, self._nodes, self._rows, record.wet_joints)
         self._open(self._path, last, list(self._grids))
 
-    def _find(self, model: Model) -> None:
-        """Grids of body, joints and water, once (collective)."""
-        if self._found is model:
+    def _prepare(self, model: Model) -> None:
+        """Prepare the grids of body, joints and water, once (collective)."""
+        if self._prepared_model is model:
             return
         self._comm, self._nodes = model.jointed.mesh.comm, NodeNumbering(model.V)
         self._cells = CellOrder(model)
         self._cell_fields = CellFields(model, self._cells)
         self._wet = tuple(dict.fromkeys(load.joint for load in water_in_joints(model.loads)))
         kind, own, inside = own_cells(model, self._nodes, self._cells)
-        groups = {name: np.flatnonzero(each) for name, each in inside.items()}
+        groups = {name: np.flatnonzero(marks) for name, marks in inside.items()}
         body = uniform_grid(self._nodes.positions, own, kind, groups)
         self._grids, self._rows = {BODY: grid_across(self._comm, body)}, None
         if model.operator is not None:
@@ -141,29 +140,29 @@ class FieldMonitor(Monitor):
             water = model.coupled.water
             self._grids[RESERVOIR] = reservoir_grid(water)
             self._at_level = len(self._grids[RESERVOIR].points) - water.size
-        self._found = model
+        self._prepared_model = model
 
     def _open(self, path: Path, last: float | None, endings: Sequence[str]) -> None:
-        """Create files that no other run writes, or go on after a time (collective)."""
+        """Create files, or continue them after a time; lock out other runs (collective)."""
 
-        def take() -> None:
+        def lock_and_open() -> None:
             try:
                 path.parent.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise ResultsError(f"{path} cannot be written: {error}.") from None
             self._lock = FileLock(path, ResultsError)
-            places = {each: path.with_name(f"{path.stem}{each}{SUFFIX}") for each in endings}
+            places = {end: path.with_name(f"{path.stem}{end}{SUFFIX}") for end in endings}
             with released(self._lock, at_end=False):
                 if last is None:
                     check_free(places.values(), overwrite=self.overwrite)
                 self._files = {
-                    ending: _opened(place, self._grids[ending], last)
+                    ending: _open_file(place, self._grids[ending], last)
                     for ending, place in places.items()
                 }
 
         with handing_out(self._comm, [vars(grid) for grid in self._grids.values()]):
             if self._comm.rank == 0:
-                take()
+                lock_and_open()
 
     def record(self, record: Record) -> None:
         """Append a time (collective)."""
@@ -172,7 +171,7 @@ class FieldMonitor(Monitor):
         cells = self._cell_fields(record.displacement, record.joints, record.time)
         values = self._values(record.displacement, record.joints, record.pressure, cells)
         if record.reservoir_pressure is not None:
-            # The last rank has the points at the level as well, where the pressure is zero.
+            # The last rank adds the points at the water level, where the pressure is zero.
             is_last = self._comm.rank == self._comm.size - 1
             zeros = np.zeros(self._at_level if is_last else 0)
             waves = across(self._comm, np.append(record.reservoir_pressure(), zeros))
@@ -180,7 +179,7 @@ class FieldMonitor(Monitor):
         self._append(record.time, values)
 
     def _append(self, time: float, values: Mapping[str, Values]) -> None:
-        """Write on rank 0; what goes wrong there stops every rank (collective)."""
+        """Append on rank 0; an error there is raised on every rank (collective)."""
         fixed = [grid.cell_data for grid in self._grids.values()]
         with handing_out(self._comm, values, fixed):
             for ending, file in self._files.items():
@@ -193,60 +192,60 @@ class FieldMonitor(Monitor):
         pressure: Callable[[], Floats] | None,
         of_cells: dict[str, NDArray[Any]],
     ) -> dict[str, Values]:
-        """Values of body and joints (collective)."""
+        """Return the values of body and joints by file (collective)."""
         name, rows = "displacement [m]", self._nodes.dealt(u)
         values: dict[str, Values] = {
             BODY: (
                 {name: self._nodes.across(rows)},
-                {what: self._cells.across(each) for what, each in of_cells.items()},
+                {key: self._cells.across(part) for key, part in of_cells.items()},
             )
         }
         if self._rows is not None:
             moved = self._joints.motion @ self._moved(rows)
-            found = joint_values(
+            cell_values = joint_values(
                 self._of_joints(joints, pressure),
                 self._joints.cell_data,
                 len(self._rows.names),
                 partial(summed, self._comm),
             )
-            parts = {what: across(self._comm, each) for what, each in found.items()}
+            parts = {key: across(self._comm, part) for key, part in cell_values.items()}
             values[JOINTS] = ({name: across(self._comm, moved)}, parts)
         return values
 
     def _of_joints(
         self, joints: Response | None, pressure: Callable[[], Floats] | None
     ) -> dict[str, NDArray[Any]]:
-        """Values of this rank's rows; what only some joints have is NaN in others (collective)."""
+        """Return this rank's rows; NaN in joints without the quantity (collective)."""
         assert self._rows is not None
         values = self._fields.of_joints(joints, pressure)
-        for what, each in values.items():
-            without = [not self._fields.concerned(what, name) for name in self._rows.names]
+        for quantity, of_quantity in values.items():
+            without = [not self._fields.has_values(quantity, name) for name in self._rows.names]
             if any(without):
-                values[what] = each.astype(float)
-                values[what][np.array(without)[self._rows.joint]] = np.nan
+                values[quantity] = of_quantity.astype(float)
+                values[quantity][np.array(without)[self._rows.joint]] = np.nan
         return values
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:
-        """Let others write the files (collective)."""
+        """Unlock the files (collective)."""
         if self._lock is not None:
             self._lock.release()
 
 
-def _opened(path: Path, grid: Grid, last: float | None) -> VtkFile:
-    """A new file, or what there is up to a time."""
+def _open_file(path: Path, grid: Grid, last: float | None) -> VtkFile:
+    """Return a new file, or the existing one, continued after the time ``last``."""
     if last is None or not path.exists():
         return VtkFile(path, grid)
     try:
         return VtkFile.resume(path, grid, last)
     except DamagedFileError as error:
         aside = path.with_name(f"{path.name}.damaged")
-        warn(f"{error} It is now {aside}; a new file begins here.")
+        warn(f"{error} It was renamed to {aside}; a new file starts at this time.")
         path.replace(aside)
         return VtkFile(path, grid)
 
 
 def reservoir_grid(water: Water) -> Grid:
-    """The water as a grid, whose points are its unknowns and then those at the level."""
+    """Return the grid of the water; its points are the unknowns, then those at water level."""
     cells = water.cells()
     points = np.zeros((water.size + len(cells.surface), 3))
     points[:, : water.places.shape[1]] = np.concatenate([water.places, cells.surface])
@@ -254,11 +253,11 @@ def reservoir_grid(water: Water) -> Grid:
 
 
 def joint_grid_of_rank(model: Model, nodes: NodeNumbering, rows: JointRows) -> tuple[Grid, RowsAt]:
-    """The rank's part of the grid of all joints (collective).
+    """Return this rank's part of the grid of all joints (collective).
 
     Returns:
-        The grid, whose motion is that from the nodes of its facets, and what gives the rows of
-        these nodes from those dealt to the ranks.
+        The grid, whose motion maps the nodes of its facets to its points, and the exchange that
+        provides the rows of these nodes.
     """
     comm, pairs = model.jointed.mesh.comm, model.jointed.pairs
     sides = [
@@ -271,18 +270,18 @@ def joint_grid_of_rank(model: Model, nodes: NodeNumbering, rows: JointRows) -> t
     at = RowsAt(comm, len(nodes.positions), near)
     arrays = StaticArrays({"mesh/nodes": at(nodes.positions)})
     arrays["mesh/surface"] = numbers.reshape(surface.shape)
-    for name, each in rows.statics(own=True).items():
-        arrays |= {f"joints/{name}/{what}": values for what, values in each.items()}
+    for name, of_joint in rows.statics(own=True).items():
+        arrays |= {f"joints/{name}/{key}": values for key, values in of_joint.items()}
     return joined({name: joint_grid(arrays, name) for name in rows.names}), at
 
 
 def grid_across(comm: Any, grid: Grid, first: int = 0) -> Grid:
-    """The grid of all ranks from their parts, but for the motion of their points (collective).
+    """Return the grid of all ranks from their parts, without the motion of points (collective).
 
     Args:
         comm: Communicator.
         grid: Part of this rank.
-        first: Number of the point that ``connectivity`` has for its first.
+        first: Number of the point that ``connectivity`` calls 0.
     """
     begin = blocks_of(comm, len(grid.connectivity))[comm.rank]
     offsets = np.asarray(grid.offsets) + begin

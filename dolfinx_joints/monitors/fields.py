@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Displacements and joints of a state, and static stages, as records of a results file."""
+"""Records of a results file: displacements and joint values of states and static stages."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from dolfinx_joints.simulation.statics.unfinished import unfinished
 
 
 def energy_terms(model: Model) -> list[str]:
-    """Energies of the whole model that its runs have, in the order of the table."""
+    """Return the names of the energies that occur in runs of the model, in the table's order."""
     contact, has = model.contact, dict.fromkeys(ENERGY_TERMS, True)
     has |= {"plastic": model.bulk is not None, "impact": contact is not None and contact.stops}
     has |= {"water": model.coupled is not None}
@@ -41,14 +41,14 @@ def energy_terms(model: Model) -> list[str]:
 
 
 def energies(model: Model, record: Record) -> dict[str, float]:
-    """Values of the stream ``energy``, always in the same order."""
+    """Return the values of the stream ``energy``, always in the same order."""
     row = record.energy
-    found = {term: getattr(row, term) for term in energy_terms(model)}
+    values = {term: getattr(row, term) for term in energy_terms(model)}
     joints = () if model.operator is None else model.operator.names
-    for each in rows_below("energy", "joints/*/"):
-        names = [each.name.replace("*", joint) for joint in joints]
-        found |= zip(names, getattr(row, f"joint_{each.key}").tolist(), strict=True)
-    return found | {f"loads/{load}": work for load, work in row.input_by_load.items()}
+    for entry in rows_below("energy", "joints/*/"):
+        names = [entry.name.replace("*", joint) for joint in joints]
+        values |= zip(names, getattr(row, f"joint_{entry.key}").tolist(), strict=True)
+    return values | {f"loads/{load}": work for load, work in row.input_by_load.items()}
 
 
 class Fields:
@@ -64,37 +64,37 @@ class Fields:
     def of_joints(
         self, joints: Response | None, pressure: Callable[[], Floats] | None
     ) -> dict[str, NDArray[Any]]:
-        """Values of this rank's rows; the water's pressure is of local points (collective)."""
+        """Return values of this rank's rows; ``pressure`` gives local values (collective)."""
         if self._rows is None or self._contact is None or joints is None:
             return {}
-        found: dict[str, NDArray[Any]] = {"gap": joints.state.gap, "traction": joints.traction}
-        found["status"] = self._contact.shown_status(joints.status)
+        parts: dict[str, NDArray[Any]] = {"gap": joints.state.gap, "traction": joints.traction}
+        parts["status"] = self._contact.shown_status(joints.status)
         if self._only["pressure"]:
             dry = np.zeros(len(joints.traction))
-            found["pressure"] = dry if pressure is None else pressure()
+            parts["pressure"] = dry if pressure is None else pressure()
         if self._only["broken"]:
-            found["broken"] = broken(self._contact, joints)
-        return {what: self._rows(values) for what, values in found.items()}
+            parts["broken"] = broken(self._contact, joints)
+        return {quantity: self._rows(values) for quantity, values in parts.items()}
 
-    def concerned(self, what: str, joint: str) -> bool:
-        """Whether a joint has values of this kind."""
-        return joint in self._only.get(what, (joint,))
+    def has_values(self, quantity: str, joint: str) -> bool:
+        """Return True if the joint has values of this quantity."""
+        return joint in self._only.get(quantity, (joint,))
 
     def values(
         self, u: PETSc.Vec, joints: Response | None, pressure: Callable[[], Floats] | None
     ) -> dict[str, Any]:
-        """Displacement and values `of_joints` of all ranks by name (collective)."""
-        found: dict[str, Any] = {"displacement": self._nodes.across(self._nodes.dealt(u))}
-        for what, rows in self.of_joints(joints, pressure).items():
+        """Return displacement and joint values of all ranks by name (collective)."""
+        values: dict[str, Any] = {"displacement": self._nodes.across(self._nodes.dealt(u))}
+        for quantity, rows in self.of_joints(joints, pressure).items():
             assert self._rows is not None
-            for name, each in self._rows.across(rows).items():
-                if self.concerned(what, name):
-                    found[f"joints/{name}/{what}"] = each
-        return found
+            for name, of_joint in self._rows.across(rows).items():
+                if self.has_values(quantity, name):
+                    values[f"joints/{name}/{quantity}"] = of_joint
+        return values
 
 
 class StageFields:
-    """Static stages as the stream ``statics`` of a results file."""
+    """Records of static stages, the stream ``statics`` of a results file."""
 
     def __init__(
         self,
@@ -111,39 +111,39 @@ class StageFields:
         self._loads = (*load_names(model.loads), "grout", CONSTRUCTION)
 
     def values(self, stage: StageRecord) -> dict[str, Any]:
-        """Record of a stage (collective)."""
+        """Return the record of a stage (collective)."""
         state, pressure = stage.state, stage.pressure
-        found = self._fields.values(
+        values = self._fields.values(
             state.displacement, state.joints, None if pressure is None else lambda: pressure
         )
-        found |= {"name": stage_bytes(stage.name), "load_time": stage.time}
-        found["point_displacement"] = self._probe.read(state.displacement)
-        # Viscous boundaries hold the body in static stages.
+        values |= {"name": stage_bytes(stage.name), "load_time": stage.time}
+        values["point_displacement"] = self._probe.read(state.displacement)
+        # In static stages viscous boundaries act as supports.
         for group in dict.fromkeys((*self._model.constraints.groups, *self._model.absorbing)):
-            found[f"reaction/{group}"] = self._model.resultant(state.reaction, group)
+            values[f"reaction/{group}"] = self._model.resultant(state.reaction, group)
         if self._envelopes is not None:
-            there = self._there(self._envelopes, state.absent)
-            columns = self._envelopes.at(state.displacement, stage.time, stage.loads, there)
-            found |= dict(zip(dict.fromkeys(STAGE_STRESSES.values()), columns, strict=True))
-        return found | self._energies(state)
+            present = self._present(self._envelopes, state.absent)
+            columns = self._envelopes.at(state.displacement, stage.time, stage.loads, present)
+            values |= dict(zip(dict.fromkeys(STAGE_STRESSES.values()), columns, strict=True))
+        return values | self._energies(state)
 
     def _energies(self, state: StaticState) -> dict[str, float]:
-        """Energies [J] and jumps of a stage; loads that never acted have no work."""
+        """Return energies [J] and jumps of a stage; the work of loads that never acted is zero."""
         energy = state.energy
-        found = {row.key: getattr(energy, row.key) for row in rows_below("statics", "energy/")}
+        terms = {row.key: getattr(energy, row.key) for row in rows_below("statics", "energy/")}
         for row in rows_below("statics", "energy/joints/*/"):
             values = zip(self._joints, getattr(energy, f"joint_{row.key}"), strict=True)
-            found |= {f"joints/{joint}/{row.key}": float(value) for joint, value in values}
+            terms |= {f"joints/{joint}/{row.key}": float(value) for joint, value in values}
         works = dict.fromkeys(self._loads, 0.0) | dict(energy.input_by_load)
-        found |= {f"loads/{load}": work for load, work in works.items()}
+        terms |= {f"loads/{load}": work for load, work in works.items()}
         jumps = {"jumps": len(state.jumps), "jump_energy": sum(j.energy for j in state.jumps)}
-        return {f"energy/{name}": value for name, value in found.items()} | jumps
+        return {f"energy/{name}": value for name, value in terms.items()} | jumps
 
-    def _there(self, envelopes: StressEnvelopes, absent: Sequence[str]) -> Floats:
-        """1 at the vertices of the envelopes, 0 at those of absent blocks (collective)."""
-        there = self._model.stiffness.createVecRight()
-        there.set(1.0)
-        there.getArray()[unfinished(self._model, (), absent).dofs] = 0.0
+    def _present(self, envelopes: StressEnvelopes, absent: Sequence[str]) -> Floats:
+        """Return 1 at vertices of the envelopes, 0 at those of absent blocks (collective)."""
+        present = self._model.stiffness.createVecRight()
+        present.set(1.0)
+        present.getArray()[unfinished(self._model, (), absent).dofs] = 0.0
         return rows_at(
-            self._model.jointed.mesh.comm, self._nodes.dealt(there)[:, 0], envelopes.nodes
+            self._model.jointed.mesh.comm, self._nodes.dealt(present)[:, 0], envelopes.nodes
         )

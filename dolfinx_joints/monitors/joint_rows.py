@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Joint points facet by facet, as files have them, each rank with its part."""
+"""Joint points ordered facet by facet for files, distributed over the ranks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Rows = NDArray[Any]
 
 
 class JointRows:
-    """Values of joint points facet by facet, joint by joint, facets dealt in equal blocks.
+    """Reorders values of joint points by joint and facet, in equal blocks of facets, one per rank.
 
     Attributes:
         names: Names of the joints.
@@ -25,12 +25,12 @@ class JointRows:
     """
 
     def __init__(self, operator: JointOperator) -> None:
-        """Exchange the order once (collective)."""
+        """Exchange the order of the points once (collective)."""
         self._comm, self.names = operator.comm, operator.names
         layout, pairs = operator.layout, operator.jointed.pairs
         number, share = (
-            dealt(self._comm, pairs.count, layout.facet, each)
-            for each in (layout.number, layout.share)
+            dealt(self._comm, pairs.count, layout.facet, values)
+            for values in (layout.number, layout.share)
         )
         self._rows = RowsAt(self._comm, len(layout.areas), number.ravel())
         self.joint: Ints = self._rows(layout.joint)
@@ -39,7 +39,7 @@ class JointRows:
         blocks = equal_blocks(pairs.count, self._comm.size)
         rank, points = self._comm.rank, len(layout.rule)
         within = np.clip(blocks, ends[:-1, None], ends[1:, None]) - ends[:-1, None]
-        self._within = points * within  # first row of each rank in each joint
+        self._within = points * within  # First row of each rank in each joint.
         self._ends = np.cumsum(self._within[:, rank + 1] - self._within[:, rank])[:-1]
         facet = np.arange(blocks[rank], blocks[rank + 1]).repeat(points) - ends[self.joint]
         self._statics = {
@@ -51,20 +51,20 @@ class JointRows:
         }
 
     def __call__(self, values: Rows) -> Rows:
-        """Rows of this rank from values of its joint points, shape (n, ...) (collective)."""
+        """Return rows of this rank from values of its joint points, shape (n, ...) (collective)."""
         return self._rows(values)
 
     def by_joint(self, rows: Rows) -> dict[str, Rows]:
-        """Rows of this rank by joint."""
+        """Return rows of this rank by joint."""
         return dict(zip(self.names, np.split(rows, self._ends), strict=True))
 
     def across(self, rows: Rows) -> dict[str, Rows | Dealt]:
-        """Rows of all ranks by joint."""
-        each = zip(self.by_joint(rows).items(), self._within, strict=True)
-        return {name: across(self._comm, mine, blocks) for (name, mine), blocks in each}
+        """Return rows of all ranks by joint."""
+        parts = zip(self.by_joint(rows).items(), self._within, strict=True)
+        return {name: across(self._comm, own, blocks) for (name, own), blocks in parts}
 
     def statics(self, *, own: bool = False) -> dict[str, dict[str, Any]]:
-        """Points, frames, areas, facets, tied points by joint, of all ranks or their ``own``."""
+        """Return points, frames, areas, facets and tied points by joint, all or this rank's."""
         split = self.by_joint if own else self.across
-        parts = {what: split(rows) for what, rows in self._statics.items()}
-        return {name: {what: each[name] for what, each in parts.items()} for name in self.names}
+        parts = {key: split(rows) for key, rows in self._statics.items()}
+        return {name: {key: part[name] for key, part in parts.items()} for name in self.names}

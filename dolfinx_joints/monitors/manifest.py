@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Origin of a results file: versions, parameters, mesh, options and settings of a run."""
+"""Provenance of a results file: versions, parameters, mesh, options and settings of a run."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from dolfinx_joints.model.model import Model
     from dolfinx_joints.simulation.record import StageRecord
 
-# Packages whose version is that of their distribution.
+# Packages whose version is taken from their distribution.
 _PACKAGES = ("numpy", "scipy", "h5py", "numba", "petsc4py", "slepc4py", "mpi4py")
 
-_LONGEST = 1000  # characters of a parameter
+_LONGEST = 1000  # Characters kept of a parameter.
 
 
 def manifest(
@@ -41,9 +41,10 @@ def manifest(
     stages: Sequence[StageRecord],
     resolved: Resolved,
 ) -> dict[str, Any]:
-    """Facts that JSON can hold, of a model, its static stages and settings such as the time step.
+    """Return JSON values that describe a model, its static stages and settings of the run.
 
-    ``mesh_sha256`` is of `mesh_hash`, ``resolved`` is of mesh and joints.
+    ``settings`` are for example the time step, ``mesh_sha256`` is the result of `mesh_hash`, and
+    ``resolved`` contains the frequencies resolved by mesh and joints.
     """
     from petsc4py import PETSc
 
@@ -71,23 +72,23 @@ def manifest(
 
 
 def _acting(model: Model, stage: StageRecord) -> str:
-    """Return a static stage's loads, named as their works, what it lacks, and its jumps."""
+    """Return the loads of a static stage, its inactive joints, absent blocks and jumps, as text."""
     called = load_names(model.loads)
     text = ", ".join(called[i] for i in stage.loads) or "no loads"
-    for what, names in (("inactive", stage.state.inactive), ("absent", stage.state.absent)):
-        text += f"; {what}: {', '.join(names)}" if names else ""
+    for kind, names in (("inactive", stage.state.inactive), ("absent", stage.state.absent)):
+        text += f"; {kind}: {', '.join(names)}" if names else ""
     return "; ".join([text, *(JUMP + jump_text(jump) for jump in stage.state.jumps)])
 
 
 def versions() -> dict[str, str]:
-    """Versions of what computes, by package."""
+    """Return the versions of the packages used for computing, by name."""
     from mpi4py import MPI
 
     import dolfinx
     import h5py
     from petsc4py import PETSc
 
-    found = {
+    numbers = {
         "dolfinx_joints": __version__,
         "python": sys.version.split()[0],
         "dolfinx": dolfinx.__version__,
@@ -96,20 +97,20 @@ def versions() -> dict[str, str]:
         "mpi": MPI.Get_library_version().split(",")[0].strip("\0 \n"),
     }
     if "gmsh" in sys.modules:
-        found["gmsh"] = sys.modules["gmsh"].__version__
+        numbers["gmsh"] = sys.modules["gmsh"].__version__
     for package in _PACKAGES:
         try:
-            found[package] = version(package)
+            numbers[package] = version(package)
         except PackageNotFoundError:
-            found[package] = "unknown"
-    return found
+            numbers[package] = "unknown"
+    return numbers
 
 
 def mesh_hash(comm: Any, nodes: Floats, surface: Ints) -> str:
-    """SHA-256 of node coordinates and boundary facets on rank 0, of nothing elsewhere (collective).
+    """Return the SHA-256 of nodes and boundary facets on rank 0, of nothing elsewhere (collective).
 
-    Of this rank nodes are in the order of the input mesh, shape (n, 3), [m], and the vertices of
-    facets, shape (num_facets, 2 to 4), in any order.
+    Arguments are those of this rank: nodes in the order of the input mesh, shape (n, 3), [m], and
+    vertices of facets in any order, shape (num_facets, 2 to 4).
     """
     blocks = blocks_of(comm, len(nodes))
     facets = sorted_rows(comm, blocks, np.sort(surface, axis=1))
@@ -123,14 +124,14 @@ def mesh_hash(comm: Any, nodes: Floats, surface: Ints) -> str:
 
 
 def as_json(value: Any) -> Any:
-    """A value as JSON can hold it: numbers and texts as they are, others as Python shows them."""
+    """Return a value for JSON: numbers and texts unchanged, other objects as their repr."""
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, np.generic):
         return as_json(value.item())
     text = repr(value).replace(repr(always), "constant")
     for part in getattr(value, "__dict__", {}).values():
-        if isinstance(part, ufl.core.expr.Expr):  # its repr spells out spaces and elements
+        if isinstance(part, ufl.core.expr.Expr):  # Its repr lists spaces and elements at length.
             text = text.replace(repr(part), repr(str(part)))
-    # Addresses differ from run to run; what stands beside them does not.
+    # Strip memory addresses, which change from run to run, from the repr.
     return re.sub(r" at 0x[0-9a-f]+", "", text)[:_LONGEST]

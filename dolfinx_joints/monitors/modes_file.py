@@ -31,10 +31,8 @@ def write_modes(
 ) -> None:
     """Write frequencies, shapes, participation factors and effective masses (collective).
 
-    Read them with ``Results(path).static("modes/shape")`` and so on; ``dolfinx-joints csv`` writes
-    their table.
-
-    Metadata are further facts, anything JSON can hold.
+    Read them with ``Results(path).static("modes/shape")`` and so on, or write them as a table with
+    ``dolfinx-joints csv``. ``metadata`` is further information that can be stored as JSON.
 
     Raises:
         ResultsError: The file exists, or cannot be written.
@@ -44,7 +42,7 @@ def write_modes(
     if unknowns != {model.num_dofs}:
         raise ValueError(
             f"The modes have {max(unknowns, default=0)} unknowns, the model has {model.num_dofs}: "
-            "they are of another model."
+            "they belong to another model."
         )
     nodes, comm = NodeNumbering(model.V), model.jointed.mesh.comm
     surface, cells = across(comm, boundary_facets(model, nodes)), body_cells(model, nodes)

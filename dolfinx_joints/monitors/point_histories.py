@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Motion of the monitor points, forces of supports and reservoir: the stream ``histories``."""
+"""Motion of monitor points, support reactions and reservoir force: the stream ``histories``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STATIC_PART = "static_displacement"
 
 
 class PointHistories:
-    """The values of a record that go into the stream ``histories``."""
+    """Computes the values of the stream ``histories`` from records."""
 
     def __init__(self, model: Model, probe: PointProbe) -> None:
         self._model, self._probe = model, probe
@@ -27,31 +27,31 @@ class PointHistories:
         self._before: tuple[float, Floats] | None = None
 
     def values(self, record: Record, static: PETSc.Vec | None) -> dict[str, Any]:
-        """Values of a record by name, with the static part of its displacement [m] (collective)."""
-        found: dict[str, Any] = self._motion(record)
+        """Return values of a record by name; ``static`` is the static part [m] (collective)."""
+        values: dict[str, Any] = self._motion(record)
         for group in self._supports:
-            found[f"reaction/{group}"] = self._model.resultant(record.reaction, group)
+            values[f"reaction/{group}"] = self._model.resultant(record.reaction, group)
         if record.reservoir_force is not None:
-            found["reservoir_force"] = record.reservoir_force
+            values["reservoir_force"] = record.reservoir_force
         if static is not None:
-            found[STATIC_PART] = self._probe.read(static)
-        return found
+            values[STATIC_PART] = self._probe.read(static)
+        return values
 
     def state_dict(self) -> dict[str, Any]:
-        """What the next record needs of the last one."""
+        """Return time and velocity of the last record, for a restart."""
         assert self._before is not None
         time, velocity = self._before
         return {"time": time, "velocity": velocity}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Go on from what ``state_dict`` gave."""
+        """Restore time and velocity of the last record from ``state_dict``."""
         self._before = state_dict["time"], state_dict["velocity"]
 
     def _motion(self, record: Record) -> dict[str, Floats]:
-        """Displacement and acceleration of the points, motion of the ground.
+        """Return displacement and acceleration of the points, and the ground motion.
 
-        The acceleration is the change of velocity since the last record over the time between: the
-        mean of the step, which every scheme knows, however many substeps it was cut into.
+        The acceleration is the change of velocity over the time since the last record. This mean is
+        defined for every scheme and any number of substeps.
         """
         displacement = self._probe.read(record.displacement)
         velocity = self._probe.read(record.velocity)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Values of a model at points, boundary and joints, on any number of ranks."""
+"""Model values at points, boundary and joints, on any number of ranks."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.mesh.orientation import facet_normals
 from dolfinx_joints.model.model import Model
 
-# Of the size of the cells there: a node farther from its point is told of.
+# A warning is given if a node is farther from its point than this fraction of the cell size.
 FAR = 0.1
 
 
 @dataclass(frozen=True)
 @checked
 class Probe:
-    """A monitored point, and the group whose nodes count.
+    """Monitored point, optionally limited to the nodes of one group.
 
-        points = {"crest": (0.0, 4.0, 100.0), "beside the joint": Probe(place, group="joint_2+")}
+        points = {"crest": (0.0, 4.0, 100.0), "at the joint": Probe(place, group="joint_2+")}
 
     Attributes:
         place: Coordinates [m].
-        group: Name of a cell group, a facet group or a side of a joint, which the node must belong
-            to; any node unless given.
+        group: Name of a cell group, a facet group or a side of a joint that the node must belong
+            to; any node by default.
     """
 
     place: Annotated[Sequence[float], at.MinLen(2), at.MaxLen(3), at.Unit("m")]
@@ -47,7 +47,7 @@ class Probe:
 
 
 def checked_points(points: Any) -> dict[str, Probe]:
-    """Monitor points by name."""
+    """Return the monitor points by name, checked."""
     named = isinstance(points, Mapping) and all(isinstance(n, str) and n for n in points)
     check_kind_of(
         "points", points, named and len(points) > 0, "coordinates by name of one or more points"
@@ -64,11 +64,11 @@ def _probe(name: str, given: Any) -> Probe:
 def boundary_facets(
     model: Model, nodes: NodeNumbering, facets: NDArray[np.int32] | None = None
 ) -> Ints:
-    """Vertices of exterior facets, of all unless given by their local numbers (collective).
+    """Return the vertices of all exterior facets, or of those with given local numbers.
 
-    Node numbers, shape (num_facets, vertices per facet), in cyclic order, facets in rising order.
-    Both sides of the joints are among them. The normals of that order, `facet_normals`, point out
-    of the body. A rank has the facets whose first vertex is dealt to it.
+    Collective. Returns node numbers, shape (num_facets, vertices per facet), in cyclic order with
+    outward normals (`facet_normals`); facets are ascending. Both sides of joints are included. Each
+    facet is on the rank whose node block contains its first vertex.
     """
     mesh = model.jointed.mesh
     chosen = exterior_facet_indices(mesh.topology) if facets is None else facets
@@ -79,9 +79,9 @@ def boundary_facets(
 def facets_of_cells(
     model: Model, nodes: NodeNumbering, cells: NDArray[Any], local: NDArray[Any]
 ) -> Ints:
-    """Vertices of a facet of each local cell, node numbers, shape (n, vertices per facet).
+    """Return the vertices of one facet of each local cell, shape (n, vertices per facet).
 
-    They are in cyclic order, normals pointing out of the cells.
+    The node numbers are in cyclic order, with normals out of the cells.
     """
     shape = model.jointed.shape
     corners = shape.facet_vertices[local][:, shape.facet_cycle]
@@ -96,21 +96,21 @@ def facets_of_cells(
 class PointProbe:
     """Reads nodal vectors at the nodes nearest to given points.
 
-    Where several nodes share the place (on a joint), the first of the mesh file's order is taken,
-    on any number of ranks.
+    If several nodes have the same position, as on a joint, the first one in the mesh file is used.
+    The choice does not depend on the number of ranks.
 
     Args:
         model: The model.
-        points: Coordinates, shape (n, gdim), [m], or a `Probe` each.
-        nodes: Numbers the nodes.
+        points: Coordinates, shape (n, gdim), [m], or a `Probe` for each point.
+        nodes: Node numbering.
 
     Attributes:
-        positions: Coordinates of the nodes found, shape (n, 3), [m].
-        sides: Sides of joints that each node belongs to, none where no other node is there.
-        moved: Where each point went if its node is far from it or one of several, else empty.
+        positions: Coordinates of the selected nodes, shape (n, 3), [m].
+        sides: Joint sides of each node; empty if no other node has its position.
+        moved: Description of the node used if it is far from the point or one of several, else "".
 
     Raises:
-        MeshError: A point is far from the body, or has not all coordinates.
+        MeshError: A point is far from the body, or lacks a coordinate.
     """
 
     def __init__(
@@ -133,28 +133,28 @@ class PointProbe:
         place = f"({', '.join(f'{x:g}' for x in probe.place)})"
         if not distance <= 0.1 * extent(V):
             raise MeshError(f"Monitor point {place} lies {distance:.3g} m from the nearest node.")
-        found = {int(nodes.number[node]): int(node) for node in near}
-        every = [number for numbers in self._comm.allgather(list(found)) for number in numbers]
-        mine = found.get(min(every))
-        x = None if mine is None else V.tabulate_dof_coordinates()[mine]
-        there = next(each for each in self._comm.allgather(x) if each is not None)
-        self.positions[row] = there
-        if mine is not None:
-            self._mine.append((row, mine))
-        copies = sum(self._comm.allgather(len(nearest_nodes(jointed, V, there)[1])))
-        self.sides.append(sides_at(jointed, V, mine) if copies > 1 else ())
-        size = cell_size(V, np.flatnonzero(nodes.number == min(every)))
+        candidates = {int(nodes.number[node]): int(node) for node in near}
+        numbers = [n for of_rank in self._comm.allgather(list(candidates)) for n in of_rank]
+        own = candidates.get(min(numbers))
+        x = None if own is None else V.tabulate_dof_coordinates()[own]
+        position = next(part for part in self._comm.allgather(x) if part is not None)
+        self.positions[row] = position
+        if own is not None:
+            self._mine.append((row, own))
+        copies = sum(self._comm.allgather(len(nearest_nodes(jointed, V, position)[1])))
+        self.sides.append(sides_at(jointed, V, own) if copies > 1 else ())
+        size = cell_size(V, np.flatnonzero(nodes.number == min(numbers)))
         texts = []
         if distance > FAR * size:
-            at_node = as_text(there, V)
+            at_node = as_text(position, V)
             texts.append(f"at the node {at_node}, {distance:.3g} m away (cells: {size:.3g} m)")
-        if len(every) > 1 and self.sides[-1]:
-            which = " and ".join(self.sides[-1])
-            texts.append(f"on the side {which}, as dj.Probe(place, group=...) does not say which")
+        if len(numbers) > 1 and self.sides[-1]:
+            side = " and ".join(self.sides[-1])
+            texts.append(f"on the side {side}; select one by dj.Probe(place, group=...)")
         self.moved.append(f"{place} is read {', and '.join(texts)}" if texts else "")
 
     def read(self, u: PETSc.Vec) -> Floats:
-        """Nodal vectors of the points, shape (n, 3), on every rank (collective)."""
+        """Return the nodal vectors at the points, shape (n, 3), on every rank (collective)."""
         values = np.zeros((len(self.positions), 3))
         blocks = u.getArray(readonly=True).reshape(-1, self._gdim)
         for row, node in self._mine:

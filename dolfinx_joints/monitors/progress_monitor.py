@@ -16,7 +16,7 @@ from dolfinx_joints.simulation.record import Record
 @dataclass(eq=False)
 @checked
 class ProgressMonitor(Monitor):
-    """A progress bar on rank 0: time left, Newton iterations, open and sliding shares.
+    """Progress bar on rank 0: remaining time, Newton iterations, open and sliding shares.
 
     Args:
         label: Text before the bar.

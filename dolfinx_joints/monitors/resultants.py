@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Resultants of joints and of the blocks between them while a model runs."""
+"""Resultants of joints and of the blocks between them, computed during a run."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ from dolfinx_joints.simulation.record import Record
 
 
 def strengths(contact: Contact) -> dict[str, dict[str, Any]]:
-    """Kind, friction angle [degrees] and cohesion [Pa] of the law of each joint, for metadata.
+    """Return kind, friction angle [degrees] and cohesion [Pa] of each joint's law, for metadata.
 
-    The angle is None, and the cohesion zero, where a law has no such number.
+    For a law without these parameters the angle is None and the cohesion is zero.
     """
-    found = {}
+    parameters = {}
     for joint, law in contact.laws.items():
-        inner = getattr(law, "law", law)  # of a joint with dashpots
-        found[joint] = {
+        inner = getattr(law, "law", law)  # The law inside that of a joint with dashpots.
+        parameters[joint] = {
             "kind": type(law).__name__,
             "friction_angle_deg": getattr(inner, "friction_angle_deg", None),
             "cohesion": getattr(inner, "cohesion", 0.0),
         }
-    return found
+    return parameters
 
 
 def broken_joints(contact: Contact) -> tuple[str, ...]:
-    """Names of the joints with cohesion and a bond that breaks."""
+    """Return the names of the joints with cohesion and breakable bonds."""
     laws = strengths(contact)
     return tuple(
         joint
@@ -55,18 +55,18 @@ def broken_joints(contact: Contact) -> tuple[str, ...]:
 
 
 def broken(contact: Contact, joints: Response) -> NDArray[np.int8]:
-    """1 at local points whose bond is gone, 0 elsewhere, shape (n,)."""
-    found = np.zeros(len(joints.traction), dtype=np.int8)
+    """Return 1 at local points whose bond is broken, 0 elsewhere, shape (n,)."""
+    flags = np.zeros(len(joints.traction), dtype=np.int8)
     names = contact.operator.names
     for joint in broken_joints(contact):
         column = variables_of(contact.laws[joint]).index("broken")
-        here = contact.operator.joint == names.index(joint)
-        found[here] = joints.state.internal[here, column] != 0.0
-    return found
+        of_joint = contact.operator.joint == names.index(joint)
+        flags[of_joint] = joints.state.internal[of_joint, column] != 0.0
+    return flags
 
 
 class JointForces:
-    """Resultants of the joints of a model in any of its states.
+    """Resultants of the joints of a model, for any state of the joints.
 
     Attributes:
         names: Names of the joints.
@@ -76,7 +76,7 @@ class JointForces:
     """
 
     def __init__(self, model: Model) -> None:
-        """Find the geometry of the joints (collective)."""
+        """Compute the geometry of the joints (collective)."""
         if model.operator is None or model.contact is None:
             raise MeshError("The model has no joints, so there are no resultants of joints.")
         self._operator, self._contact = model.operator, model.contact
@@ -97,12 +97,12 @@ class JointForces:
     def __call__(
         self, joints: Response, pressure: Floats | None = None
     ) -> dict[str, JointResultants]:
-        """Resultants by joint, the same on every rank (collective).
+        """Return the resultants by joint, the same on every rank (collective).
 
         Args:
             joints: Response of the joints, such as ``StaticState.joints`` or ``Record.joints``.
-            pressure: Pressure of the water at the local joint points, shape (n,), [Pa]; without it
-                the part of the water is left out.
+            pressure: Water pressure at the local joint points, shape (n,), [Pa]; without it no
+                water forces are returned.
         """
         contact = (joints.traction[:, 0] < 0.0) * self.areas
         parts = [self.about_centroids(self.forces(joints.traction)), contact[:, None]]
@@ -112,12 +112,12 @@ class JointForces:
         if pressure is not None:
             parts.append(self.about_centroids(self.water_forces(pressure)))
         sums = self._sums(np.hstack(parts))
-        found = {}
+        resultants = {}
         for i, (name, geometry) in enumerate(zip(self.names, self.geometry, strict=True)):
             row: Floats = sums[i]
             angle = self._laws[name]["friction_angle_deg"]
             water = {"water_force": row[10:13], "water_moment": row[13:]} if len(row) > 10 else {}
-            found[name] = JointResultants(
+            resultants[name] = JointResultants(
                 joint=name,
                 time=None,
                 geometry=geometry,
@@ -130,30 +130,30 @@ class JointForces:
                 friction=np.nan if angle is None else float(np.tan(np.deg2rad(angle))),
                 **water,
             )
-        return found
+        return resultants
 
     def forces(self, traction: Floats) -> Floats:
-        """Forces of the local points on the + side, shape (n, 3), [N]."""
+        """Return forces of the local points on the + side, shape (n, 3), [N]."""
         return forces_of(self._operator.frames, self.areas, traction)
 
     def water_forces(self, pressure: Floats) -> Floats:
-        """The same of the water, of a pressure of shape (n,) [Pa]."""
+        """Return forces of a water pressure (n,) [Pa] on the + side, shape (n, 3), [N]."""
         return self._operator.frames[:, 0] * (self.areas * pressure)[:, None]
 
     def points(self, joints: Response, start: Floats) -> JointPoints:
-        """State of the local points, slip counted from gaps ``start``, shape (n, 3), [m]."""
+        """Return the state of local points; slip is relative to the gaps ``start`` (n, 3) [m]."""
         cohesion, gap = self._cohesion, joints.state.gap
         if self._bonds:
             cohesion = cohesion * (1 - broken(self._contact, joints))
         return JointPoints(gap, gap[:, 1:] - start[:, 1:], joints.traction, cohesion)
 
     def about_centroids(self, force: Floats) -> Floats:
-        """Forces (n, 3) and their moments about the centroids of their joints, shape (n, 6)."""
+        """Return forces (n, 3) and their moments about the joint centroids, shape (n, 6)."""
         arms = self._operator.points - self._centroids[self._operator.joint]
         return np.hstack([force, np.cross(arms, force)])
 
     def _sums(self, values: Floats) -> Floats:
-        """Sum of values (n, m) over the points of each joint, shape (joints, m) (collective)."""
+        """Return sums of values (n, m) over the points by joint, shape (joints, m) (collective)."""
         operator = self._operator
         sums = np.zeros((len(operator.names), values.shape[1]))
         np.add.at(sums, operator.joint, values)
@@ -161,18 +161,18 @@ class JointForces:
 
 
 class Blocks:
-    """Blocks of a model, cells connected without crossing a joint, and what joints put on them.
+    """Blocks of a model and the joint forces on them; a block has cells connected without joints.
 
     They are numbered by their first node in the input mesh.
 
     Attributes:
         mass: Shape (blocks,), [kg].
-        centre: Centre of mass, of a block without mass the mean of its nodes, (blocks, 3), [m].
+        centre: Centre of mass, shape (blocks, 3), [m]; for a massless block the mean of its nodes.
         sides: Block on the - and on the + side of each local joint point, shape (n, 2).
     """
 
     def __init__(self, model: Model, nodes: NodeNumbering) -> None:
-        """Connect the cells (collective)."""
+        """Find the connected cells (collective)."""
         assert model.operator is not None
         comm = model.jointed.mesh.comm
         self._operator = model.operator
@@ -184,10 +184,9 @@ class Blocks:
         self.mass, self.centre = _masses(model, own, count)
 
     def __call__(self, force: Floats) -> Floats:
-        """Forces and moments on each block, shape (blocks, 6), [N, N m] (collective).
+        """Return forces and moments on each block, shape (blocks, 6), [N, N m] (collective).
 
-        Args:
-            force: Of the local joint points on the + side, shape (n, 3), [N].
+        ``force`` acts on the + side of the local joint points, shape (n, 3), [N].
         """
         sums = np.zeros((len(self.mass), 6))
         for side, sign in ((0, -1.0), (1, 1.0)):
@@ -198,7 +197,7 @@ class Blocks:
 
 
 def _masses(model: Model, block: Ints, count: int) -> tuple[Floats, Floats]:
-    """Masses (blocks,) [kg] and centres (blocks, 3) [m] of blocks of the owned nodes."""
+    """Return masses (blocks,) [kg] and centres (blocks, 3) [m] from blocks of the owned nodes."""
     gdim, comm = model.gdim, model.jointed.mesh.comm
     points = model.V.tabulate_dof_coordinates()[: len(block)]
     u = model.body_mass.createVecRight()
@@ -225,13 +224,13 @@ class ResultantsStream:
     def __init__(
         self, model: Model, nodes: NodeNumbering, rows: JointRows, wet: tuple[str, ...]
     ) -> None:
-        """Find joints and blocks (collective)."""
+        """Set up joints and blocks (collective)."""
         self._joints, self._blocks = JointForces(model), Blocks(model, nodes)
         self.sides = rows.across(rows(self._blocks.sides))
         self._wet = wet
 
     def declare(self, writer: ResultsWriter) -> None:
-        """Write the blocks; on rank 0, while others hand out `sides`."""
+        """Write the blocks, on rank 0 while the others send `sides`."""
         blocks = self._blocks
         writer.static("blocks/mass", blocks.mass, "kg", "mass of each block")
         text = "centre of mass of each block, without mass the mean of its nodes"
@@ -241,17 +240,17 @@ class ResultantsStream:
             writer.static(f"joints/{name}/blocks", sides, "-", text)
 
     def values(self, record: Record) -> dict[str, Any]:
-        """Values of a step (collective)."""
+        """Return the values of a step (collective)."""
         assert record.joints is not None
         pressure = record.pressure() if record.pressure is not None else None
-        found: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         for name, one in self._joints(record.joints, pressure).items():
             parts = ["force", "moment", "contact"]
             parts += ["water_force", "water_moment"] if name in self._wet else []
-            found |= {f"joints/{name}/{part}": getattr(one, part) for part in parts}
+            values |= {f"joints/{name}/{part}": getattr(one, part) for part in parts}
         sums = self._blocks(self._joints.forces(record.joints.traction))
-        found |= {"blocks/force": sums[:, :3], "blocks/moment": sums[:, 3:]}
+        values |= {"blocks/force": sums[:, :3], "blocks/moment": sums[:, 3:]}
         if pressure is not None:
             sums = self._blocks(self._joints.water_forces(pressure))
-            found |= {"blocks/water_force": sums[:, :3], "blocks/water_moment": sums[:, 3:]}
-        return found
+            values |= {"blocks/water_force": sums[:, :3], "blocks/water_moment": sums[:, 3:]}
+        return values

@@ -41,34 +41,33 @@ from dolfinx_joints.simulation.record import Record, StageRecord
 @dataclass(eq=False)
 @checked
 class ResultsMonitor(Monitor):
-    """Writes static stages, histories, energies and states to an HDF5 file as the run goes.
+    """Writes static stages, time histories, energies and states to an HDF5 file during a run.
 
-    After each static stage: the displacements, reactions and joints at its end, and the stresses at
-    the boundary with ``envelopes``. A file of static stages alone is whole after each. A dynamic
-    stage makes the file anew, with all static stages before it. If the first static stage replaces
-    another file, such as that of a dynamic run that is to be continued, it becomes ``NAME.before``
-    until a dynamic stage begins anew, or goes on with it.
+    After each static stage: displacements, reactions and joints at its end, and the boundary
+    stresses with ``envelopes``. A file with static stages only is complete after each stage. A
+    dynamic stage creates the file anew and repeats all static stages before it. If the first static
+    stage would replace another file, that file is renamed to ``NAME.before``. It remains until the
+    next dynamic stage starts or resumes.
 
-    Every step: displacement and acceleration of the monitor points, acceleration of the ground (of
-    waves that rise the velocity of the free surface), shares of the joint points by what they do,
-    iterations, support reactions by group, energies; of each joint the largest opening, slip and
-    pressure and what its safety against sliding is made of. Every ``every`` steps: nodal
-    displacements, joint gaps, tractions and status, facet by facet; the pressures of water in
-    joints and broken bonds, where there are any. If asked for: resultants of joints and blocks at
-    every step, and at the end envelopes of the stresses at the boundary over all steps.
+    Every step: displacement and acceleration of the monitor points, ground acceleration (for
+    incident waves, velocity of the free surface), shares of open, sliding and sticking joint
+    points, iterations, support reactions and energies. By joint: largest opening, slip and
+    pressure, and the terms of the sliding safety. Every ``every`` steps: nodal displacements, and
+    facet by facet joint gaps, tractions and status, water pressures and broken bonds. Optional:
+    resultants of joints and blocks at every step, and envelopes of boundary stresses at the end.
 
     Args:
         path: The file.
         points: Monitor points by name, coordinates [m] or a `Probe`; read at the nearest nodes.
         every: Steps between two states.
-        metadata: Further facts of the run; anything JSON can hold.
+        metadata: Further information on the run; anything that can be stored as JSON.
         overwrite: Replace an existing file.
-        envelopes: Record envelopes of principal, arch and cantilever stresses, the static state
-            included, at the whole boundary or on the facet groups named; of models in space only.
-            Costs a product with a matrix each step.
-        resultants: Record force and moment of each joint, and on each block, at every step.
-        static_part: Record the static part of the displacement under a `DifferingMotion` as well,
-            of the points at every step and of all nodes with the states. Costs a solve each step.
+        envelopes: Record envelopes of principal, arch and cantilever stresses, including the static
+            state, on the whole boundary or on the named facet groups. Only for models in three
+            dimensions; costs one matrix-vector product per step.
+        resultants: Record force and moment of each joint and on each block at every step.
+        static_part: Record the static part of the displacement under a `DifferingMotion`: of the
+            points at every step and of all nodes with the states. Costs one solve per step.
     """
 
     path: str | PathLike[str]
@@ -82,58 +81,61 @@ class ResultsMonitor(Monitor):
     static_part: bool = False
 
     def __post_init__(self) -> None:
-        """Check what is no plain parameter; nothing is written before the run starts."""
+        """Check the arguments; nothing is written before the run starts."""
         check_storable("metadata", self.metadata or {})
         self._path, self._points = Path(self.path), checked_points(self.points)
         self._aside = self._path.with_name(self._path.name + ".before")
         self._writer: ResultsWriter | None = None
-        self._found: Model | None = None
-        self._shown: StageRecord | None = None
-        self._stages: int | None = None  # in the file of static stages, None before there is one
-        self._ran = self._moved_aside = False
-        self._acting: dict[str, str] = {}  # in each static stage
+        self._prepared_model: Model | None = None
+        self._last_stage: StageRecord | None = None
+        self._stages: int | None = None  # Number in the file of static stages, None without file.
+        self._in_dynamics = self._moved_aside = False
+        self._acting: dict[str, str] = {}  # Loads of each static stage, as in the manifest.
 
     def check(self, model: Model) -> None:
-        """Refuse what the model has nothing of."""
+        """Raise an error if the model lacks something that is to be recorded."""
         if self.resultants and model.contact is None:
-            raise MeshError("resultants=True records forces of joints; the model has none.")
+            raise MeshError("resultants=True records forces of joints; the model has no joints.")
         if self.envelopes:
             check_has_envelopes(model)
 
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
-        """Add the stages that the file does not hold, unless it holds a dynamic one (collective).
+        """Add new stages to a file of static stages alone (collective).
 
-        The next dynamic stage brings those into its own file.
+        After a dynamic stage has started, the next dynamic stage writes them to its file.
         """
-        self._keep_stages(model, stages, "complete", {})
+        self._write_stages(model, stages, "complete", {})
 
     def static_failure(
         self, model: Model, stages: Sequence[StageRecord], status: str, error: str
     ) -> None:
-        """Mark a file of static stages alone, of none where the first one failed (collective)."""
-        self._keep_stages(model, stages, status, {"error": error})
+        """Mark a file of static stages alone as failed, even without stages (collective)."""
+        self._write_stages(model, stages, status, {"error": error})
 
-    def _keep_stages(self, model: Model, stages: Sequence[StageRecord], *ending: Any) -> None:
-        """Bring a file of static stages alone up to date, with status and summary (collective)."""
-        if self._ran:
+    def _write_stages(self, model: Model, stages: Sequence[StageRecord], *ending: Any) -> None:
+        """Update a file of static stages alone, with status and summary (collective)."""
+        if self._in_dynamics:
             return
-        self._find_body(model)
-        first = next((i for i, s in enumerate(stages, 1) if s is self._shown), 0)
+        self._prepare_body(model)
+        first = next((i for i, s in enumerate(stages, 1) if s is self._last_stage), 0)
         rows = [self._stage_fields.values(stage) for stage in stages[first:]]
-        there = self._stages or 0
+        count = self._stages or 0
         with handing_out(self._comm, self._mesh, self._directions, rows):
             if self._comm.rank == 0:
                 with self._static_writer(model, stages) as writer:
-                    if not there:
+                    if not count:
                         none = {"name": stage_bytes("none"), "load_time": 0.0}
                         self._begin(writer, {"statics": rows[0] if rows else none})
-                    for number, row in enumerate(rows, start=there + 1):
+                    for number, row in enumerate(rows, start=count + 1):
                         writer.append("statics", number, row)
                     writer.finish(*ending)
-        self._shown, self._stages = stages[-1] if stages else self._shown, there + len(rows)
+        self._last_stage, self._stages = (
+            stages[-1] if stages else self._last_stage,
+            count + len(rows),
+        )
 
     def _static_writer(self, model: Model, stages: Sequence[StageRecord]) -> ResultsWriter:
-        """Writer of a file of static stages alone, on rank 0."""
+        """Return a writer for a file of static stages alone, on rank 0."""
         made_by = manifest(model, {}, self._mesh_sha256, stages, self._resolved)
         made_by["static_stages"] = self._acting = self._acting | made_by["static_stages"]
         facts = {"manifest": made_by, "stage": "static", **self._facts(model)}
@@ -147,7 +149,7 @@ class ResultsMonitor(Monitor):
     def _begin(
         self, writer: ResultsWriter, values: Mapping[str, Mapping[str, Any]], frame: str = ""
     ) -> None:
-        """Write what does not change, and declare streams from values of a record, on rank 0."""
+        """Write constant data and declare streams from the values of a record, on rank 0."""
         declare_points(writer, self._probe.positions)
         declare_body(writer, *self._mesh)
         if self._directions is not None:
@@ -158,7 +160,7 @@ class ResultsMonitor(Monitor):
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Create the file and write the mesh and the first record (collective)."""
-        self._find(model, first)
+        self._prepare(model, first)
         facts = {"stage": stage, "steps": steps, **self._facts(model)}
         still = first.free_surface is None and not model.constraints.moves
         facts["displacements"] = RELATIVE if first.motion is not None or still else ABSOLUTE
@@ -212,17 +214,17 @@ class ResultsMonitor(Monitor):
             **(self.metadata or {}),
         }
 
-    def _find_body(self, model: Model) -> None:
-        """Nodes, points, supports and joints of the model, once (collective)."""
-        if self._found is model:
+    def _prepare_body(self, model: Model) -> None:
+        """Prepare nodes, points, supports and joints of the model, once (collective)."""
+        if self._prepared_model is model:
             return
         self.check(model)
         self._comm, self._nodes = model.jointed.mesh.comm, NodeNumbering(model.V)
         self._probe = PointProbe(model, list(self._points.values()), self._nodes)
         moved = [f"{n} {m}" for n, m in zip(self._points, self._probe.moved, strict=True) if m]
-        self._moved = f"Monitored points: {'; '.join(moved)}." if moved else ""
-        if self._moved and self._comm.rank == 0:
-            warn(self._moved)
+        self._point_warning = f"Monitored points: {'; '.join(moved)}." if moved else ""
+        if self._point_warning and self._comm.rank == 0:
+            warn(self._point_warning)
         self._envelopes = self._directions = None
         if self.envelopes:
             groups = None if isinstance(self.envelopes, bool) else self.envelopes
@@ -234,12 +236,12 @@ class ResultsMonitor(Monitor):
             model, self._nodes, self._rows, self._probe, self._envelopes
         )
         self._resolved = resolution(model)
-        self._found = self._model = model
+        self._prepared_model = self._model = model
 
-    def _find(self, model: Model, first: Record) -> None:
-        """Model, and what depends on the loads of the dynamic stage (collective)."""
-        self._find_body(model)
-        self._ran = True
+    def _prepare(self, model: Model, first: Record) -> None:
+        """Prepare the model and all that depends on loads of the dynamic stage (collective)."""
+        self._prepare_body(model)
+        self._in_dynamics = True
         if self._envelopes is not None:
             self._envelopes.begin()
         self._fields = Fields(model, self._nodes, self._rows, first.wet_joints)
@@ -252,12 +254,12 @@ class ResultsMonitor(Monitor):
         self._histories = PointHistories(model, self._probe)
         if self.static_part and first.static_part is None:
             raise JointsError(
-                "static_part=True records what a DifferingMotion of the supports does; the ground "
-                "moves the same everywhere."
+                "static_part=True needs a DifferingMotion of the supports; the ground moves "
+                "uniformly."
             )
 
     def state_dict(self) -> dict[str, Any]:
-        """Records written, brought to the disk, and what the next one needs (collective)."""
+        """Flush the file; return record counts and what the next record needs (collective)."""
         columns = None if self._envelopes is None else self._envelopes.state_dict()
         gap = None if self._extremes is None else self._extremes.state_dict()
         records: dict[str, int] = {}
@@ -275,7 +277,7 @@ class ResultsMonitor(Monitor):
 
     @property
     def _settings(self) -> dict[str, Any]:
-        """Settings that a continued file must agree in."""
+        """Settings that must not change when the file is continued."""
         points = {name: [*probe.place, probe.group] for name, probe in self._points.items()}
         faces = self.envelopes if isinstance(self.envelopes, bool) else list(self.envelopes)
         extra = {"envelopes": faces, "resultants": self.resultants, "static_part": self.static_part}
@@ -284,15 +286,15 @@ class ResultsMonitor(Monitor):
     def resume(
         self, model: Model, stage: str, steps: int, last: Record, state_dict: Mapping[str, Any]
     ) -> None:
-        """Go on with the file; records after ``last`` are cut off (collective)."""
-        for name, here in self._settings.items():
+        """Continue the file and discard records after ``last`` (collective)."""
+        for name, setting in self._settings.items():
             was = state_dict["settings"][name]
-            if was != here:
+            if was != setting:
                 raise OtherRunError(
                     f"{self._path} cannot be continued: it was recorded with {name}={was}, now "
-                    f"{name}={here}."
+                    f"{name}={setting}."
                 )
-        self._find(model, last)
+        self._prepare(model, last)
         self._histories.load_state_dict(state_dict)
         self._time = last.time
         if self._envelopes is not None:
@@ -307,7 +309,7 @@ class ResultsMonitor(Monitor):
                 self._order(last)
 
     def _order(self, record: Record) -> None:
-        """Tell the writer in which order numbers come that a step has many of, on rank 0."""
+        """Set the order of the values of streams with many values per step, on rank 0."""
         assert self._writer is not None
         self._writer.order("energy", list(energies(self._model, record)))
         if self._extremes is not None:
@@ -326,7 +328,7 @@ class ResultsMonitor(Monitor):
         self._time = record.time
 
     def _values(self, record: Record) -> dict[str, Any]:
-        """Values of a step by stream, numbers in the order of `_order` or by name (collective)."""
+        """Return values of a step by stream, ordered as in `_order` or by name (collective)."""
         counts = record.solve.counts if record.solve else None
         contact = self._model.contact
         if counts is None and contact is not None and record.joints is not None:
@@ -341,30 +343,30 @@ class ResultsMonitor(Monitor):
         if self.static_part and record.static_part is not None:
             static = record.static_part(record.time)
         history = self._histories.values(record, static) | shares | {"iterations": iterations}
-        found: dict[str, Any] = {"histories": history}
-        found["energy"] = np.array(list(energies(self._model, record).values()))
+        streams: dict[str, Any] = {"histories": history}
+        streams["energy"] = np.array(list(energies(self._model, record).values()))
         if self._extremes is not None and record.joints is not None:
-            found["joints"] = self._extremes.values(record.joints)
+            streams["joints"] = self._extremes.values(record.joints)
         if self._resultants is not None:
-            found["resultants"] = self._resultants.values(record)
+            streams["resultants"] = self._resultants.values(record)
         if record.step % self.every == 0:
             values = self._fields.values(record.displacement, record.joints, record.pressure)
             if static is not None:
                 values[STATIC_PART] = self._nodes.across(self._nodes.dealt(static))
-            found["states"] = values
-        return found
+            streams["states"] = values
+        return streams
 
     def _append(self, stream: str, time: float, values: Mapping[str, Any] | Floats) -> None:
-        """Write on rank 0; what goes wrong there stops every rank."""
+        """Append to a stream on rank 0; an error there is raised on every rank."""
         with handing_out(self._comm, values):
             if self._writer is not None:
                 self._writer.append(stream, time, values)
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:
         """Write the envelopes and close the file (collective)."""
-        said = summary.get("warnings", [])
-        if self._moved and self._moved not in said:
-            summary = summary | {"warnings": [self._moved, *said]}
+        warnings = summary.get("warnings", [])
+        if self._point_warning and self._point_warning not in warnings:
+            summary = summary | {"warnings": [self._point_warning, *warnings]}
         values = {}
         if self._envelopes is not None:
             values = dict(zip(ENVELOPE_NAMES, self._envelopes.columns(), strict=True))

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Stresses at the vertices of the boundary from displacements, and their envelopes over a run."""
+"""Boundary stresses at vertices from displacements, and their envelopes over a run."""
 
 from __future__ import annotations
 
@@ -37,25 +37,24 @@ from dolfinx_joints.postprocessing.envelopes import Envelopes, face_directions, 
 
 Array = NDArray[Any] | Dealt
 
-_CHUNK = 512  # cells evaluated at a time: 16 MB for hexahedra of degree 2
+_CHUNK = 512  # Cells evaluated at a time: 16 MB for hexahedra of degree 2.
 
 
 class SurfaceStress:
-    """Stresses at the vertices of all exterior facets, one product with a matrix.
+    """Stresses at the vertices of all exterior facets, as a matrix times the displacement.
 
-    Those that the model's temperatures make in a clamped body are taken off.
-
-    The stress at a vertex is the mean of those that the cells around it have there. As the nodes on
-    a joint are double, cells beyond the joint do not count.
+    The stress that temperatures would cause in a fully constrained body is subtracted. The stress
+    at a vertex is the mean over the adjacent cells. As nodes on a joint are duplicated, cells on
+    the other side of the joint do not contribute.
 
     Args:
-        model: The model, in space.
-        nodes: Numbers the nodes.
-        facets: Vertices of this rank's part of the facets concerned, shape (facets, vertices per
-            facet); all exterior facets unless given.
+        model: The model, in three dimensions.
+        nodes: Node numbering.
+        facets: Vertices of this rank's part of the facets to evaluate, shape (facets, vertices per
+            facet); by default all exterior facets.
 
     Attributes:
-        nodes: Numbers of the vertices dealt to this rank, rising over all, shape (n,).
+        nodes: Vertex numbers in this rank's block, ascending over the ranks, shape (n,).
         comm: Communicator.
     """
 
@@ -63,13 +62,13 @@ class SurfaceStress:
         """Assemble the matrix (collective)."""
         check_has_envelopes(model)
         self.comm = comm = model.jointed.mesh.comm
-        here = np.unique(boundary_facets(model, nodes) if facets is None else facets)
-        here = np.unique(sent_to(comm, rank_of(nodes.blocks, here), here))
-        ends = blocks_of(comm, len(here))
-        numbers = ends[comm.rank] + np.arange(len(here))
+        owned = np.unique(boundary_facets(model, nodes) if facets is None else facets)
+        owned = np.unique(sent_to(comm, rank_of(nodes.blocks, owned), owned))
+        ends = blocks_of(comm, len(owned))
+        numbers = ends[comm.rank] + np.arange(len(owned))
         place = np.full(len(nodes.positions), -1, dtype=np.int64)
-        place[here - nodes.first] = numbers
-        self.nodes: Ints = dealt(comm, int(ends[-1]), numbers, here)
+        place[owned - nodes.first] = numbers
+        self.nodes: Ints = dealt(comm, int(ends[-1]), numbers, owned)
         self._blocks = equal_blocks(int(ends[-1]), comm.size)
         vertices = len(basix.geometry(model.jointed.shape.type))
         num_cells = model.jointed.mesh.topology.index_map(3).size_local
@@ -88,7 +87,7 @@ class SurfaceStress:
         self._stress = self._matrix.createVecLeft()
 
     def _assemble(self, model: Model, place: Ints, count: Floats) -> PETSc.Mat:
-        """Six rows for each vertex; ``place`` is that of owned cells' corners, -1 inside."""
+        """Return six rows per vertex; ``place`` numbers the corners of cells, -1 if interior."""
         dofmap, columns = model.V.dofmap, model.stiffness.getSizes()[1]
         evaluate = _evaluator(model)
         cells = np.flatnonzero((place >= 0).any(axis=1)).astype(np.int32)
@@ -122,7 +121,7 @@ class SurfaceStress:
         return matrix
 
     def _blocked(self, model: Model, load: Temperature, place: Ints) -> Floats:
-        """Sum over the cells at each vertex of a temperature's stress in a clamped body [Pa]."""
+        """Return the thermal stress of the constrained body, summed over cells per vertex [Pa]."""
         warm = np.zeros(len(place), dtype=bool)
         if load.cells is None:
             warm[:] = True
@@ -132,16 +131,16 @@ class SurfaceStress:
         cells = np.flatnonzero(warm & (place >= 0).any(axis=1)).astype(np.int32)
         values = _at_vertices(model, load.blocked_stress(model))(cells)
         values = values.reshape(len(cells), place.shape[1])
-        there = place[cells] >= 0
-        return added(self.comm, self._blocks, place[cells][there], values[there])
+        on_boundary = place[cells] >= 0
+        return added(self.comm, self._blocks, place[cells][on_boundary], values[on_boundary])
 
     def __call__(self, u: PETSc.Vec, time: float, loads: Sequence[int] | None = None) -> Floats:
-        """Stresses (xx, yy, zz, xy, yz, xz) at the vertices, shape (n, 6), [Pa] (collective).
+        """Return stresses (xx, yy, zz, xy, yz, xz) at vertices, shape (n, 6), [Pa] (collective).
 
         Args:
             u: Displacement [m].
-            time: Time of the temperatures [s].
-            loads: Places in ``Model.loads`` of those that act; all unless given.
+            time: Time at which temperatures are evaluated [s].
+            loads: Indices in ``Model.loads`` of the acting loads; all by default.
         """
         self._matrix.mult(u, self._stress)
         stress: Floats = self._stress.getArray(readonly=True).reshape(-1, 6)
@@ -155,19 +154,19 @@ class SurfaceStress:
         return stress
 
     def across(self, rows: NDArray[Any]) -> NDArray[Any] | Dealt:
-        """Rows of the vertices dealt to each rank as one array."""
+        """Return the rows of all ranks as one array."""
         return across(self.comm, rows, self._blocks)
 
 
 def _evaluator(model: Model) -> Any:
-    """A function of cells: d stress / d displacement, (cells, vertices, 6, dofs of a cell)."""
+    """Return a function from cells to d stress/d displacement, (cells, vertices, 6, cell dofs)."""
     evaluate = _at_vertices(model, model.body.stress_vector(ufl.TrialFunction(model.V)))
     vertices = len(basix.geometry(model.jointed.shape.type))
     return lambda cells: evaluate(cells).reshape(len(cells), vertices, 6, -1)
 
 
 def _at_vertices(model: Model, expression: Any) -> Any:
-    """A function of cells: the values of a UFL expression at their vertices."""
+    """Return a function that evaluates a UFL expression at the vertices of given cells."""
     mesh = model.jointed.mesh
     vertices = basix.geometry(model.jointed.shape.type)
     compiled = fem.Expression(expression, vertices, comm=mesh.comm)
@@ -175,26 +174,26 @@ def _at_vertices(model: Model, expression: Any) -> Any:
 
 
 class StressEnvelopes:
-    """Envelopes of the stresses at the vertices of the boundary over a run.
+    """Envelopes over a run of the stresses at the vertices of the boundary.
 
-    The directions are those of the free faces: facets of joints and supports do not count. On
-    chosen groups they are those of the groups' facets.
+    Arch and cantilever directions follow from the free faces, that is without facets of joints and
+    supports. If groups are given, the directions follow from their facets.
 
     Args:
-        model: The model, in space.
-        nodes: Numbers the nodes.
-        groups: Names of facet groups, such as ``["upstream"]``; the whole boundary unless given.
+        model: The model, in three dimensions.
+        nodes: Node numbering.
+        groups: Names of facet groups, such as ``["upstream"]``; by default the whole boundary.
 
     Attributes:
-        nodes: Numbers of the vertices dealt to this rank, rising over all, shape (n,).
-        arch: Arch directions, shape (n, 3), NaN where there are none.
-        cantilever: Cantilever directions likewise.
+        nodes: Vertex numbers in this rank's block, ascending over the ranks, shape (n,).
+        arch: Arch directions, shape (n, 3), NaN if undefined.
+        cantilever: Cantilever directions, shape (n, 3), NaN if undefined.
     """
 
     def __init__(
         self, model: Model, nodes: NodeNumbering, groups: Sequence[str] | None = None
     ) -> None:
-        """Assemble what the recovery needs (collective)."""
+        """Assemble the stress recovery (collective)."""
         chosen = None if groups is None else facets_of_groups(model, nodes, groups)
         self._stress = SurfaceStress(model, nodes, chosen)
         self.nodes = self._stress.nodes
@@ -204,52 +203,52 @@ class StressEnvelopes:
 
     @property
     def directions(self) -> tuple[Array, Array, Array]:
-        """``nodes``, ``arch`` and ``cantilever`` of all ranks."""
+        """``nodes``, ``arch`` and ``cantilever`` on all ranks."""
         nodes, arch, cantilever = (
-            self._stress.across(each) for each in (self.nodes, self.arch, self.cantilever)
+            self._stress.across(rows) for rows in (self.nodes, self.arch, self.cantilever)
         )
         return nodes, arch, cantilever
 
     def begin(self) -> None:
-        """Begin anew, before the first stresses of a run."""
+        """Reset the envelopes at the start of a run."""
         self._seen = Envelopes(self.arch, self.cantilever)
 
     def see(self, u: PETSc.Vec, time: float) -> None:
-        """Take in the stresses of a displacement [m] at a time [s] (collective)."""
+        """Update the envelopes by the stresses of a displacement [m] at a time [s] (collective)."""
         self._seen.see(self._stress(u, time))
 
-    def at(self, u: PETSc.Vec, time: float, loads: Sequence[int], there: Floats) -> list[Array]:
-        """Stresses of a static stage of all ranks, as in `stage_stresses` (collective).
+    def at(self, u: PETSc.Vec, time: float, loads: Sequence[int], present: Floats) -> list[Array]:
+        """Return the stresses of a static stage, as in `stage_stresses`, all ranks (collective).
 
         Args:
             u: Displacement [m].
-            time: Time of the temperatures [s].
-            loads: Places in ``Model.loads`` of those that act.
-            there: 1 at the vertices dealt to this rank, 0 at those of absent blocks, shape (n,).
+            time: Time at which temperatures are evaluated [s].
+            loads: Indices in ``Model.loads`` of the acting loads.
+            present: 1 at the vertices of this rank, 0 at those of absent blocks, shape (n,).
         """
-        stress = there[:, None] * self._stress(u, time, loads)
+        stress = present[:, None] * self._stress(u, time, loads)
         columns = stage_stresses(stress, self.arch, self.cantilever)
-        return [self._stress.across(each) for each in columns.T]
+        return [self._stress.across(column) for column in columns.T]
 
     def state_dict(self) -> Dealt:
-        """Envelopes of all ranks, columns as in ``ENVELOPE_NAMES`` (collective)."""
+        """Return the envelopes of all ranks, columns as in ``ENVELOPE_NAMES`` (collective)."""
         return Dealt(self._stress.comm, self._seen.columns)
 
     def columns(self) -> list[Array]:
-        """Envelopes of all ranks, in the order of ``ENVELOPE_NAMES``."""
-        return [self._stress.across(each) for each in self._seen.columns.T]
+        """Return the envelopes of all ranks, in the order of ``ENVELOPE_NAMES``."""
+        return [self._stress.across(column) for column in self._seen.columns.T]
 
     def load_state_dict(self, columns: Floats) -> None:
-        """Go on from those of this rank that another's ``state_dict`` gave."""
+        """Restore this rank's rows from ``state_dict``."""
         self._seen.load_state_dict(columns)
 
 
 def _directions(
     model: Model, nodes: NodeNumbering, facets: Ints, wanted: Ints
 ) -> tuple[Floats, Floats]:
-    """Arch and cantilever directions at wanted nodes; facets are this rank's (collective)."""
+    """Return arch and cantilever directions at wanted nodes, from facets by rank (collective)."""
     comm = model.jointed.mesh.comm
-    # Each facet goes to all that have one of its vertices; as there, their order is that of all.
+    # Send each facet to all ranks with one of its vertices, in the same order on each rank.
     first = comm.allgather(int(wanted[0]) if len(wanted) else nodes.count)
     starts = np.minimum.accumulate([*first, nodes.count][::-1])[::-1]
     ranks = rank_of(np.append(0, starts[1:]), facets)
@@ -259,36 +258,36 @@ def _directions(
     near, numbers = np.unique(np.append(around, wanted), return_inverse=True)
     places = rows_at(comm, nodes.positions, near)
     numbers = numbers.ravel()
-    here = numbers[around.size :]
+    rows = numbers[around.size :]
     arch, cantilever = face_directions(places, numbers[: around.size].reshape(around.shape))
-    return arch[here], cantilever[here]
+    return arch[rows], cantilever[rows]
 
 
 def check_has_envelopes(model: Model) -> None:
-    """Raise an error for a model of which no stress envelopes are recorded."""
+    """Raise ValueError if stress envelopes cannot be recorded for the model."""
     if model.gdim != 3:
-        raise ValueError("Stress envelopes are recorded of bodies in space, got a plane model.")
+        raise ValueError("Stress envelopes need a three-dimensional model, got a plane model.")
     if model.bulk is not None:
         raise ValueError(
-            "Stress envelopes are recorded of elastic bodies; plastic cells have stresses that "
-            "displacements alone do not determine."
+            "Stress envelopes are recorded of elastic bodies only: stresses in plastic cells do "
+            "not follow from displacements alone."
         )
 
 
 def facets_of_groups(model: Model, nodes: NodeNumbering, groups: Sequence[str]) -> Ints:
-    """Vertices of the exterior facets of named groups, dealt (collective)."""
-    found, comm = [], model.jointed.mesh.comm
+    """Return vertices of the exterior facets of named groups, this rank's block (collective)."""
+    parts, comm = [], model.jointed.mesh.comm
     for group in groups:
         outer = exterior_facet_indices(model.jointed.mesh.topology)
         facets = boundary_facets(model, nodes, np.intersect1d(outer, model.jointed.facets(group)))
         if not comm.allreduce(len(facets)):
             raise MeshError(f"The facet group {group!r} has no facets on the boundary.")
-        found.append(facets)
-    return np.unique(np.concatenate(found), axis=0)
+        parts.append(facets)
+    return np.unique(np.concatenate(parts), axis=0)
 
 
 def free_facets(model: Model, nodes: NodeNumbering) -> Ints:
-    """Vertices of the exterior facets of no joint and no support, dealt (collective)."""
+    """Return vertices of exterior facets outside joints and supports (collective)."""
     jointed = model.jointed
     sides = [f"{name}{side}" for name in jointed.joint_names for side in "-+"]
     free = exterior_facet_indices(jointed.mesh.topology)

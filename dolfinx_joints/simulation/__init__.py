@@ -1,6 +1,3 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Stages, the only loop over steps, and restart.
-
-Monitors watch it.
-"""
+"""Stages of a run, the time loop and restart; monitors observe them."""

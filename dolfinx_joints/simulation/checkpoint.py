@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Dynamic stages kept on the disk as they go, and continued from there.
+"""Checkpoints of dynamic stages, and restart from them.
 
-Nodal vectors are stored in the order of the input mesh's nodes and joint arrays in the global order
-of the points, so that a run can go on with another number of ranks.
+Nodal vectors are stored in the node order of the input mesh, and joint arrays in the global order
+of the points. The number of ranks may therefore change at a restart.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import StageRecord
 from dolfinx_joints.time_integration.states import DynamicState
 
-_MOST_NAMED = 5  # values in a warning
+_MOST_NAMED = 5  # Largest number of values named in a warning.
 
 
 @dataclass(frozen=True, kw_only=True)
 class Saved:
-    """Content of a checkpoint: what `DynamicRun` goes on from, and its static state."""
+    """Content of a checkpoint: the state of a `DynamicRun`, and its static state."""
 
     state: DynamicState
     origin: PETSc.Vec
@@ -51,15 +51,15 @@ class Saved:
 @dataclass(eq=False)
 @checked
 class Checkpoints:
-    """Where and how often a dynamic stage is kept on the disk.
+    """File and interval of the checkpoints of a dynamic stage.
 
     The first checkpoint is written before the first step, so that statics are never lost.
 
     Args:
-        path: The file; each checkpoint replaces the one before it at once.
+        path: The file; each checkpoint replaces the previous one in a single operation.
         every: Steps between two checkpoints.
-        overwrite: Let a new run replace a checkpoint that is there already.
-        resume: Go on from the checkpoint in the file.
+        overwrite: Let a new run replace an existing checkpoint.
+        resume: Continue from the checkpoint in the file.
     """
 
     path: str | PathLike[str]
@@ -69,25 +69,25 @@ class Checkpoints:
     resume: bool = False
 
     def __post_init__(self) -> None:
-        """Keep the settings; files are written from the start of the run on."""
+        """Check the path; files are written from the start of the run."""
         self.file = Path(self.path)
         self._lock: FileLock | None = None
 
     @property
     def found(self) -> bool:
-        """Whether there is a checkpoint to go on from."""
+        """Whether the file exists."""
         return self.file.exists()
 
     def check(self, comm: Any) -> None:
-        """Check early that no checkpoint would be lost, and lock the file (collective).
+        """Check that no checkpoint would be overwritten, and lock the file (collective).
 
-        From here to `release` no other run may write the checkpoint or go on from it.
+        Until `release` no other run can write the checkpoint or continue from it.
         """
         begins = not (self.resume or self.overwrite)
         if begins and on_root(comm, lambda: self.found):
             raise CheckpointError(
-                f"The checkpoint {self.path} exists; pass resume=True to Checkpoints to go on from "
-                "it, or overwrite=True to begin anew."
+                f"The checkpoint {self.path} exists; pass resume=True to Checkpoints to continue "
+                "from it, or overwrite=True to start anew."
             )
 
         def lock() -> None:
@@ -96,14 +96,14 @@ class Checkpoints:
         on_root(comm, lock)
 
     def release(self) -> None:
-        """Let other runs write the checkpoint."""
+        """Unlock the file."""
         if self._lock is not None:
             self._lock.release()
             self._lock = None
 
 
 class CheckpointKeeper:
-    """Writes and reads the checkpoints of one run, known by its `fingerprint`."""
+    """Writes and reads the checkpoints of one run, which is identified by its `fingerprint`."""
 
     def __init__(
         self,
@@ -114,10 +114,10 @@ class CheckpointKeeper:
         loads: Sequence[Load],
         times: NDArray[np.float64],
     ) -> None:
-        """Find the facts of the run (collective)."""
+        """Compute the fingerprint of the run (collective)."""
         if model.bulk is not None:
             raise CheckpointError(
-                "Checkpoints do not hold the state of plastic cells; run this model without them."
+                "Checkpoints do not hold the state of plastic cells; omit checkpoint= in this run."
             )
         self._path, self._every = checkpoints.file, checkpoints.every
         self._model, self._comm = model, model.jointed.mesh.comm
@@ -128,7 +128,7 @@ class CheckpointKeeper:
         self._facts, self._unknown = facts
 
     def save_if_due(self, run: DynamicRun, static: StaticState | None) -> None:
-        """Write a checkpoint every so many steps (collective)."""
+        """Write a checkpoint if one is due after this step (collective)."""
         if run.step % self._every:
             return
         from dolfinx_joints.simulation.checkpoint_file import write_checkpoint
@@ -137,44 +137,44 @@ class CheckpointKeeper:
             "run": self._facts,
             "monitors": [type(monitor).__name__ for monitor in run.monitors],
             "state_dict": run.state_dict(),
-            "state": self._kept(run.state),
-            "origin": self._kept(run.origin),
-            "static": self._kept(static),
+            "state": self._tree(run.state),
+            "origin": self._tree(run.origin),
+            "static": self._tree(static),
         }
         with handing_out(self._comm, tree):
             if self._comm.rank == 0:
                 write_checkpoint(self._path, tree)
 
     def save_static(self, static: StaticState, stages: Sequence[StageRecord]) -> None:
-        """Write a static state and the stages that led there alone (collective)."""
+        """Write a static state and the stages so far, without a dynamic state (collective)."""
         from dolfinx_joints.simulation.checkpoint_file import write_checkpoint
 
-        tree = {"run": self._facts, "static": self._kept(static), "stages": self._kept([*stages])}
+        tree = {"run": self._facts, "static": self._tree(static), "stages": self._tree([*stages])}
         with handing_out(self._comm, tree):
             if self._comm.rank == 0:
                 with FileLock(self._path, CheckpointError):
                     write_checkpoint(self._path, tree)
 
     def load_static(self) -> tuple[StaticState, list[StageRecord]]:
-        """State and stages that `save_static` wrote (collective)."""
+        """Return the state and the stages written by `save_static` (collective)."""
         tree = self._read(("run", "static", "stages"))
-        kept = tree["static"], tree["stages"]
-        return self._restored(StaticState, kept[0]), self._restored(list[StageRecord], kept[1])
+        stored = tree["static"], tree["stages"]
+        return self._restored(StaticState, stored[0]), self._restored(list[StageRecord], stored[1])
 
     def load(self, monitors: Sequence[Any]) -> Saved:
-        """Content of the last checkpoint (collective)."""
+        """Return the content of the last checkpoint (collective)."""
         names = [type(monitor).__name__ for monitor in monitors]
         parts = ("run", "monitors", *(f.name for f in fields(Saved)))
         saved: Saved = self._restored(Saved, self._read(parts, monitors=str(names)))
         return saved
 
     def _read(self, names: Sequence[str], **facts: str) -> dict[str, Any]:
-        """The tree of the file, if it is of this run (collective)."""
+        """Return the tree of the file, after checking that it belongs to this run (collective)."""
         from dolfinx_joints.simulation.checkpoint_file import read_checkpoint
         from dolfinx_joints.simulation.fingerprint import first_difference
 
         comm, tree = self._comm, dict[str, Any]()
-        for first in (True, False):  # only the first checks that the file is whole
+        for first in (True, False):  # Rank 0 reads first and checks that the file is complete.
             with raised_together(comm):
                 if (comm.rank == 0) == first:
                     tree = read_checkpoint(self._path, names, rank=comm.rank, ranks=comm.size)
@@ -187,59 +187,59 @@ class CheckpointKeeper:
                     f"The checkpoint {self._path} is of another model or run; {difference}."
                 )
             if self._unknown:
-                more = len(self._unknown) - _MOST_NAMED
+                omitted = len(self._unknown) - _MOST_NAMED
                 named = "; ".join(self._unknown[:_MOST_NAMED])
                 warn(
-                    f"Going on from {self._path}: whether it was written with the same values "
-                    f"cannot be told of {named}{f'; and {more} more' if more > 0 else ''}."
+                    f"Continuing from {self._path}: it is not possible to check for changes of "
+                    f"{named}{f'; and {omitted} more' if omitted > 0 else ''}."
                 )
 
         on_root(comm, compare)
         return tree
 
-    def _kept(self, thing: Any) -> Any:
-        """Return a state, response or vector as a tree of dealt arrays (collective)."""
+    def _tree(self, thing: Any) -> Any:
+        """Return a state, response or vector as a tree of arrays by rank (collective)."""
         if isinstance(thing, PETSc.Vec):
             coupled = self._model.coupled
             if coupled is not None and coupled.has_water(thing):
                 water = Dealt(self._comm, coupled.of_water(thing))
-                return {"body": self._kept(coupled.body(thing)), "water": water}
+                return {"body": self._tree(coupled.body(thing)), "water": water}
             return Dealt(self._comm, self._nodes.dealt(thing)[:, : self._model.gdim])
         if isinstance(thing, np.ndarray):
             return Dealt(self._comm, thing)
         if isinstance(thing, DynamicState | Response | JointState | StaticState | StageRecord):
-            return {f.name: self._kept(getattr(thing, f.name)) for f in fields(thing)}
+            return {f.name: self._tree(getattr(thing, f.name)) for f in fields(thing)}
         if is_dataclass(thing) and not isinstance(thing, type):
-            return asdict(thing)  # numbers of a whole model, equal on all ranks
+            return asdict(thing)  # Numbers of the whole model, equal on all ranks.
         if isinstance(thing, list):
-            return {str(i): self._kept(each) for i, each in enumerate(thing)}
+            return {str(i): self._tree(item) for i, item in enumerate(thing)}
         if isinstance(thing, Mapping):
-            return {name: self._kept(each) for name, each in thing.items()}
+            return {name: self._tree(item) for name, item in thing.items()}
         return thing
 
-    def _restored(self, kind: Any, kept: Any) -> Any:
-        """Return the object of a type that `_kept` made a tree of (collective)."""
-        if kept is None:
+    def _restored(self, kind: Any, tree: Any) -> Any:
+        """Return the object of a type from its `_tree` (collective)."""
+        if tree is None:
             return None
         of = get_args(kind)
-        if get_origin(kind) is UnionType:  # with None
-            return self._restored(of[0], kept)
+        if get_origin(kind) is UnionType:  # Of a type and None.
+            return self._restored(of[0], tree)
         if kind is PETSc.Vec:
-            return self._vector(kept)
+            return self._vector(tree)
         if is_dataclass(kind):
             hints = get_type_hints(kind)
-            parts = {f.name: self._restored(hints[f.name], kept[f.name]) for f in fields(kind)}
+            parts = {f.name: self._restored(hints[f.name], tree[f.name]) for f in fields(kind)}
             return kind(**parts)  # type: ignore[operator]
         if get_origin(kind) is list:
-            return [self._restored(of[0], kept[str(i)]) for i in range(len(kept))]
+            return [self._restored(of[0], tree[str(i)]) for i in range(len(tree))]
         if get_origin(kind) is tuple:
-            return tuple(kept)
+            return tuple(tree)
         if get_origin(kind) is Mapping:
-            return {name: self._restored(of[1], each) for name, each in kept.items()}
-        return kept
+            return {name: self._restored(of[1], item) for name, item in tree.items()}
+        return tree
 
     def _vector(self, values: Any) -> PETSc.Vec:
-        """Return a vector from the rank's part of what is stored, the water's with it."""
+        """Return a vector from this rank's part of the stored values, including water."""
         if isinstance(values, dict):
             coupled = self._model.coupled
             assert coupled is not None
@@ -250,5 +250,5 @@ class CheckpointKeeper:
 
 
 def static_keeper(path: str | Path, model: Model) -> CheckpointKeeper:
-    """Writer and reader of a static state of a model (collective)."""
+    """Return the object that writes and reads static states of a model (collective)."""
     return CheckpointKeeper(Checkpoints(path), model, model.system(), {}, (), np.zeros(1))

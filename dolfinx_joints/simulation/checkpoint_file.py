@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Checkpoint files: a tree of names, numbers and arrays, written whole or not at all."""
+"""Checkpoint files: a tree of names, numbers and arrays, written completely or not at all."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ from dolfinx_joints.results.stream import write_whole
 FORMAT = "dolfinx_joints checkpoint"
 VERSION = 5
 
-_MORE_BYTES = 1 << 12  # of HDF5 for an array
+_MORE_BYTES = 1 << 12  # HDF5's own data for an array.
 
 Tree = dict[str, Any]
 
 
 def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
-    """Replace a checkpoint at once: a run that is killed meanwhile leaves the old one.
+    """Replace a checkpoint in one operation: if the run is killed meanwhile, the old one remains.
 
-    ``PATH.part`` is written first. A tree has arrays by name, which may be dealt, what JSON can
-    hold, or further trees.
+    ``PATH.part`` is written first. A tree contains, by name, arrays (also distributed over ranks),
+    values that can be stored as JSON, and further trees.
     """
     part = path.with_name(path.name + ".part")
     try:
@@ -54,7 +54,7 @@ def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
         _to_disk(path.parent)
     except OSError as error:
         part.unlink(missing_ok=True)
-        kept = "; the one before it is kept" if path.exists() else ""
+        kept = "; the previous one is kept" if path.exists() else ""
         raise CheckpointError(f"The checkpoint {path} cannot be written: {error}{kept}.") from error
 
 
@@ -62,7 +62,7 @@ def _write_tree(path: Path, tree: Mapping[str, Any]) -> None:
     """Write a tree as HDF5."""
     facts = np.frombuffer(json.dumps(_without_arrays(tree)).encode(), dtype=np.uint8)
     arrays = list(_arrays(tree))
-    size = sum(int(np.prod(each.shape)) * each.dtype.itemsize for _, each in arrays)
+    size = sum(int(np.prod(array.shape)) * array.dtype.itemsize for _, array in arrays)
     size += facts.nbytes + _MORE_BYTES * (1 + len(arrays))
     with new_file(path, size, libver="latest") as file:
         set_texts(file, format=FORMAT)
@@ -78,9 +78,9 @@ def _write_tree(path: Path, tree: Mapping[str, Any]) -> None:
 def read_checkpoint(
     path: Path, names: Iterable[str] = (), *, rank: int = 0, ranks: int = 1
 ) -> Tree:
-    """Return the tree that was written, of dealt arrays the rows of a rank.
+    """Return the tree of a checkpoint, with the rows of ``rank`` for distributed arrays.
 
-    The tree must have ``names``. Rank 0 alone checks that the file is whole.
+    The tree must contain ``names``. Only rank 0 checks that the file is complete.
     """
     check_file(path, f"There is no checkpoint {path}.", CheckpointError)
     with damage_reported(path, CheckpointError, "is no checkpoint, or a damaged one"):
@@ -104,7 +104,7 @@ def read_checkpoint(
 
 
 def _add_arrays(tree: Tree, group: Mapping[str, Any], rank: int, ranks: int) -> None:
-    """Put the arrays of a group into the tree."""
+    """Insert the arrays of a group into the tree."""
     for name, item in group.items():
         if not isinstance(item, h5py.Dataset):
             _add_arrays(tree[name], item, rank, ranks)
@@ -115,7 +115,7 @@ def _add_arrays(tree: Tree, group: Mapping[str, Any], rank: int, ranks: int) -> 
 
 
 def _arrays(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, NDArray[Any] | Dealt]]:
-    """Paths and values of the arrays of a tree."""
+    """Yield paths and values of the arrays of a tree."""
     for name, value in tree.items():
         if isinstance(value, np.ndarray | Dealt):
             yield above + name, value
@@ -124,7 +124,7 @@ def _arrays(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, NDA
 
 
 def _without_arrays(tree: Mapping[str, Any]) -> Tree:
-    """The tree without its arrays."""
+    """Return the tree without its arrays."""
     return {
         name: _without_arrays(value) if isinstance(value, Mapping) else value
         for name, value in tree.items()
@@ -133,7 +133,7 @@ def _without_arrays(tree: Mapping[str, Any]) -> Tree:
 
 
 def _to_disk(path: Path) -> None:
-    """Wait until a file, or the names in a folder, are on the disk."""
+    """Wait until a file, or the entries of a directory, are on the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

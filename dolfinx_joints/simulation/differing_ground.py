@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Supports on ground that moves differently from place to place, and the static part of it."""
+"""Supports on ground with a different motion at each place, and the static part of the motion."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from dolfinx_joints.model.system import MatrixSystem, as_aij
 from dolfinx_joints.motions.differing import DifferingMotion
 from dolfinx_joints.solvers.direct import DirectSolver
 
-# Times whose displacements are kept: a step asks for some more than once.
+# Number of times for which displacements are cached: a step needs some of them several times.
 KEPT = 4
 
 
 class DifferingGround:
-    """Displacements of a model's supports by a motion that differs, relative to its reference."""
+    """Displacements of the supports under a `DifferingMotion`, relative to its reference motion."""
 
     def __init__(self, model: Model, motion: DifferingMotion) -> None:
-        """Find which motion each support has (collective).
+        """Determine the motion of each support (collective).
 
         Raises:
-            ValueError: The model rests on springs or dashpots, which have no such motion.
-            MeshError: A group of the motion does not exist, or a support is in none.
+            ValueError: The model rests on springs or dashpots, whose ground cannot move this way.
+            MeshError: A group of the motion does not exist, or a support belongs to none.
         """
         _check_supports(model)
         self._model, comm = model, model.jointed.mesh.comm
@@ -68,10 +68,10 @@ class DifferingGround:
         self._solver: DirectSolver | None = None
 
     def moving(self, system: MatrixSystem) -> MatrixSystem:
-        """Return the system on this ground (collective).
+        """Return the system with supports that follow the ground (collective).
 
-        Prescribed displacements are relative to their ground. Damping acts on velocities relative
-        to the static part.
+        Prescribed displacements are relative to the ground below. Damping acts on velocities
+        relative to the static part.
         """
         own, self._symmetric = system.values, system.symmetric
 
@@ -84,8 +84,8 @@ class DifferingGround:
     def static_part(self, time: float) -> PETSc.Vec:
         """Return the displacement without inertia, joints tied, at a time [s] (collective).
 
-        K u_s = 0 at unconstrained dofs, u_s = that of the ground at the supports, equation (12z),
-        relative to the reference [m].
+        K u_s = 0 at unconstrained dofs, and u_s equals the ground displacement at the supports,
+        equation (12z), relative to the reference [m].
         """
         return self._static(self._relative(time))
 
@@ -94,7 +94,7 @@ class DifferingGround:
         return self._static(self._rate(time))
 
     def _static(self, at_supports: Floats) -> PETSc.Vec:
-        """Solve (12z) for values at the constrained dofs (collective)."""
+        """Solve (12z) for given values at the constrained dofs (collective)."""
         constrained = self._model.constraints.dofs
         if self._solver is None:
             self._stiffness = _tied(self._model)
@@ -104,21 +104,21 @@ class DifferingGround:
             self._solver = DirectSolver(
                 within, symmetric=self._symmetric, often=True, name="ground"
             )
-        found, force = self._stiffness.createVecs()
-        found.set(0.0)
-        found.getArray()[constrained] = at_supports
-        self._stiffness.mult(found, force)
+        static, force = self._stiffness.createVecs()
+        static.set(0.0)
+        static.getArray()[constrained] = at_supports
+        self._stiffness.mult(static, force)
         force.scale(-1.0)
         force.getArray()[constrained] = at_supports
-        self._solver.solve(force, found)
-        return found
+        self._solver.solve(force, static)
+        return static
 
 
 def ground_damping(model: Model, velocity: Callable[[float], PETSc.Vec]) -> list[VaryingLoad]:
-    """Return C_r du_s/dt of equation (12y) as a load in a list; none without C_r (collective).
+    """Return C_r du_s/dt of equation (12y) as a list of one load, empty without C_r (collective).
 
-    C_r is C without b K. A velocity u' of the step relative to the reference has the damping force
-    C u'; with this load C_r (u' - du_s/dt) is left, which is the same for every reference.
+    C_r is C without b K. Damping acts on the velocity u' relative to the reference, which gives the
+    force C u'. With this load C_r (u' - du_s/dt) remains, the same for every reference.
     ``velocity`` is du_s/dt at a time [s], [m/s] (collective).
     """
     factor, dashpots, modes = model.rayleigh.mass_factor, model.dashpots, model.damped_modes
@@ -133,18 +133,18 @@ def ground_damping(model: Model, velocity: Callable[[float], PETSc.Vec]) -> list
     )
 
     def force(time: float) -> Floats:
-        found: Floats = damping.damping_force(velocity(time), damping.vector()).getArray().copy()
-        return found
+        values: Floats = damping.damping_force(velocity(time), damping.vector()).getArray().copy()
+        return values
 
     rows = slice(model.stiffness.getLocalSize()[0])
     return [VaryingLoad("DifferingMotion_damping", rows, force)]
 
 
 def _tied(model: Model) -> PETSc.Mat:
-    """Return K with all joints tied, a new matrix (collective).
+    """Return K with all joints tied, as a new matrix (collective).
 
-    Joints have the stiffness of their laws. If a law is rigid or has no shear stiffness, all joints
-    have that of the elements beside them in series with it.
+    The joint stiffness is that of the laws. If a law is rigid or has no shear stiffness, it is for
+    all joints that of the law in series with the adjacent elements.
     """
     body, contact = model.stiffness, model.contact
     if contact is None:
@@ -162,16 +162,16 @@ def _tied(model: Model) -> PETSc.Mat:
 
 
 def _check_supports(model: Model) -> None:
-    """Check that all supports can be moved."""
+    """Check that all supports can follow the ground."""
     if model.absorbing or any(isinstance(support, Spring) for support in model.supports):
         raise ValueError(
-            "A DifferingMotion moves Fixed and Prescribed supports; the model also rests on "
+            "A DifferingMotion moves Fixed and Prescribed supports only; the model also rests on "
             "springs or viscous boundaries."
         )
 
 
 def _check_members(model: Model, x: Floats, motion: DifferingMotion) -> None:
-    """Check that no support is in none of the groups with motions, at ``x`` (collective)."""
+    """Check that no support, at ``x``, is outside all groups with motions (collective)."""
     without = np.concatenate(model.jointed.mesh.comm.allgather(x))
     if len(without):
         place = ", ".join(f"{value:g}" for value in without[0, : model.gdim])

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Bookkeeping of a dynamic stage: state, energies, counts, records for monitors, outcome."""
+"""Steps of a dynamic stage: state, energies, counts, records for monitors, outcome."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ if TYPE_CHECKING:
     from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures
 
 
-# Facts of an outcome that results files keep as they are.
+# Attributes of an outcome that are stored unchanged in results files.
 _SUMMARY = ("steps", "iterations", "solver", "energy_error", "imbalance", "local_error")
 
 
 class DynamicRun:
     """State, energies and counts of a dynamic stage, and its monitors.
 
-    The energy ledger of the stepper is not started yet. ``warnings`` given so far are passed to
-    the monitors at the end. ``state`` is that after ``step`` steps, ``origin`` the displacement at
-    the start of the stage [m].
+    The energy ledger of the stepper must not have been started. The monitors receive ``warnings``
+    issued before at the end. The attribute ``state`` is the state after ``step`` steps, and
+    ``origin`` is the displacement at the start of the stage [m].
     """
 
     def __init__(
@@ -83,14 +83,14 @@ class DynamicRun:
         self._acting: DynamicState | None = None
 
     def start(self, **facts: Any) -> None:
-        """Start the monitors, with the settings of the run and the static stages before."""
+        """Start the monitors, with the settings of the run and the previous static stages."""
         first = replace(self._record(0), **facts)
         for monitor in self.monitors:
             monitor.start(self.model, "dynamic", self._steps, first)
             self._started.append(monitor)
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything but vectors that the rest of the run depends on (collective)."""
+        """Return all data except vectors that the rest of the run needs (collective)."""
         return {
             "step": self.step,
             "iterations": self._iterations,
@@ -104,9 +104,9 @@ class DynamicRun:
         }
 
     def resume(self, state_dict: Mapping[str, Any], origin: PETSc.Vec) -> None:
-        """Continue the run that gave a ``state_dict``, the monitors as well (collective).
+        """Continue the run that returned ``state_dict``, including the monitors (collective).
 
-        This run was made with its state; ``origin`` is its displacement at the start [m].
+        This run was created with its state; ``origin`` is the displacement at its start [m].
         """
         self.origin, self.step = origin, state_dict["step"]
         self._iterations = state_dict["iterations"]
@@ -121,7 +121,7 @@ class DynamicRun:
             self._started.append(monitor)
 
     def take(self, dt: float, end: float) -> StepReport:
-        """Take a step of length dt to the time ``end`` [s] and account for every substep."""
+        """Compute a step of length dt to the time ``end`` [s] and account for every substep."""
         self._substeps, self._acting = 0, None
         progress = self._progress
         for after, report, row in self._stepper.substeps(self.state, dt, end):
@@ -143,17 +143,17 @@ class DynamicRun:
 
     @cached_property
     def _progress(self) -> Progress:
-        """Progress from the first step on."""
+        """Progress display, from the first step."""
         rank = self.model.jointed.mesh.comm.rank
         return Progress("dynamic stage", self._steps, "steps", rank, self.step)
 
     def _distance(self, state: DynamicState) -> float:
-        """2-norm over all dofs of the displacement from the start of the stage [m] (collective)."""
+        """Return the 2-norm of the displacement since the start of the stage [m] (collective)."""
         self._work.waxpy(-1.0, self.origin, state.displacement)
         return self._solver.system.norm(self._work)
 
     def show(self, report: StepReport) -> None:
-        """Hand a step to the monitors."""
+        """Pass a step to the monitors."""
         record = self._record(self.step, report)
         for monitor in self.monitors:
             monitor.record(record)
@@ -185,28 +185,28 @@ class DynamicRun:
 
     @cached_property
     def _pressures(self) -> WaterPressures:
-        """Pressures of the water in joints, found when first asked for (collective)."""
+        """Pressures of the water in joints, set up at first use (collective)."""
         from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures
 
         return WaterPressures(self.model, self._solver.system.in_joints)
 
     def warn_of_slip(self) -> None:
-        """Warn of joints that went too far since the last call (collective).
+        """Warn of joints whose slip became too large since the last call (collective).
 
-        Results keep what is said, whatever Python shows of it.
+        Results files store the warnings, even if Python's filters hide them.
         """
         self._warnings += self._watch.warn(f"by t = {self.state.time:.4g} s")
 
     @contextmanager
     def watched(self, seconds: Mapping[str, float]) -> Iterator[None]:
-        """Finish the monitors with the status of the stage, whatever ended it on all ranks.
+        """Finish the monitors with the status of the stage, also after an error on all ranks.
 
-        They get the wall time by phase [s] as it is at the end.
+        They receive the wall time by phase [s] at the end.
         """
         try:
             yield
             self.warn_of_slip()
-            doubts = _doubts(self.outcome())
+            doubts = _accuracy_warnings(self.outcome())
             if self.model.jointed.mesh.comm.rank == 0:
                 self._warnings += doubts
                 for text in doubts:
@@ -232,14 +232,14 @@ class DynamicRun:
         for monitor in self._started:
             try:
                 monitor.finish(status, summary)
-            except Exception as failure:  # the others still have rows to write and files to close
+            except Exception as failure:  # The other monitors must still finish their files.
                 failures.append(failure)
         if failures:
             raise failures[0]
 
     def outcome(self) -> Outcome:
-        """Where the run stands."""
-        # A body at rest: both are rounding.
+        """Return the results so far."""
+        # In a body at rest both displacements are rounding errors.
         moved = self._largest > 1e-10 * self._solver.system.norm(self.origin)
         return Outcome(
             state=self.state,
@@ -262,8 +262,11 @@ def ground_motions(
 ) -> dict[str, Any]:
     """Return the motions of the ground in the axes of the model, as in `Record` (collective).
 
-    ``motion`` is its acceleration, None if it rests, ``loads`` are those besides the model's, and
-    ``differing`` is the ground if it moves differently from place to place.
+    Args:
+        model: The model.
+        motion: Ground acceleration, None if the ground is fixed.
+        loads: Loads in addition to those of the model.
+        differing: The ground, if it moves differently from place to place.
     """
     rising = rising_waves([*model.loads, *loads])
     if motion is not None:
@@ -271,7 +274,7 @@ def ground_motions(
         motion(0.0)
         if rising:
             raise ValueError(
-                "motion is given beside a FreeField, which moves the ground already; give one."
+                "Both motion and a FreeField are given, and each moves the ground; give only one."
             )
     waves = [load.surface_velocity(model) for load in rising]
     return {
@@ -281,12 +284,12 @@ def ground_motions(
     }
 
 
-def _doubts(outcome: Outcome) -> list[str]:
-    """What makes a run doubtful."""
+def _accuracy_warnings(outcome: Outcome) -> list[str]:
+    """Return the warnings about the accuracy of a run."""
     texts, at_end = [], ", ".join(outcome.backward_euler_laws)
-    rough = "scheme and time step; take EnergyConsistent, or a smaller step"
-    if at_end:  # of EnergyConsistent
-        rough = f"time step, at the end of which {at_end} is asked; take a smaller one"
+    rough = "scheme and time step; use EnergyConsistent, or a smaller step"
+    if at_end:  # The scheme is EnergyConsistent.
+        rough = f"time step, at the end of which {at_end} is evaluated; use a smaller step"
     if outcome.energy_error > LARGE_ENERGY_ERROR:
         texts.append(
             f"The energy error is {100 * outcome.energy_error:.3g} % of the largest energy: joints "
@@ -294,22 +297,22 @@ def _doubts(outcome: Outcome) -> list[str]:
         )
     if outcome.imbalance is not None and outcome.imbalance > LARGE_IMBALANCE:
         texts.append(
-            f"The lines of the energy ledger leave {outcome.imbalance:.1e} of the largest energy "
-            "unexplained: tractions, stored_energy and dissipation of a joint law contradict each "
+            f"{outcome.imbalance:.1e} of the largest energy is missing in the energy ledger: "
+            "tractions, stored_energy and dissipation of a joint law are inconsistent with each "
             "other."
         )
     if outcome.local_error > LARGE_LOCAL_ERROR:
         texts.append(
             f"A single step errs by an estimated {100 * outcome.local_error:.3g} % of the largest "
-            "displacement; take a smaller one."
+            "displacement; use a smaller step."
         )
     if outcome.chatter:
         worst = max(outcome.chatter, key=lambda name: outcome.chatter[name])
-        held = " Steps were no longer cut for accuracy from then on." if outcome.counts.held else ""
+        note = " Since then, steps were no longer cut for accuracy." if outcome.counts.held else ""
         texts.append(
             f"Joint {worst!r} chatters: {100 * outcome.chatter[worst]:.2g} % of its normal impulse "
-            "comes in contacts of a few steps, over and over. Mean friction may be less than "
-            "its limit, and shorter steps do not help: damp the body's shortest waves, with a "
-            f"factor of K of the time that sound takes through an element.{held}"
+            "comes from repeated contacts of only a few steps. The mean friction may be below its "
+            "limit, and shorter steps do not help. Damp the shortest waves of the body: choose the "
+            f"factor of K in the damping near the travel time of sound through an element.{note}"
         )
     return texts

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Facts that tell one run from another: declared parameters, and what is assembled from them."""
+"""Fingerprint of a run: declared parameters, and sums of the matrices and vectors made of them."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.system import MatrixSystem
 
 HASH = "sha256:"
-SAME = 1e-9  # sums on different numbers of ranks differ by rounding
-PARTS = 1021  # number of sums that stand for a vector; shorter ones are compared one by one
+SAME = 1e-9  # Relative tolerance: sums on different numbers of ranks differ by rounding.
+PARTS = 1021  # Number of sums that represent a vector; shorter vectors are compared by entry.
 
 _PLAIN = (bool, int, float, complex, str, bytes, types.NoneType, types.EllipsisType)
 _INSTALLED = {"site-packages", "dist-packages"}
@@ -47,9 +47,9 @@ def fingerprint(
 ) -> tuple[dict[str, Any], list[str]]:
     """Return the facts of a run by name, and the objects that cannot be compared (collective).
 
-    Facts are equal on any number of ranks; those of rank 0 count. ``settings`` may have nodal
-    vectors, ``loads`` are those besides the model's. Of a static state, with one time [s] alone,
-    functions of time count by their value at that time.
+    Facts do not depend on the number of ranks; those of rank 0 are used. ``settings`` may contain
+    nodal vectors; ``loads`` are not among the model's own. For a static state, with a single time
+    [s], functions of time are compared by their value at that time.
     """
     of_run, assembled = Parameters(), Parameters(assembled=True, functions=len(times) > 1)
     vectors = {name: value for name, value in settings.items() if isinstance(value, PETSc.Vec)}
@@ -57,7 +57,7 @@ def fingerprint(
     for name, value in {**settings, **{f"law of {n}": law for n, law in laws.items()}}.items():
         if name not in vectors:
             of_run.add(name, value)
-    # A law may hold arrays of its rank's points.
+    # A law may contain arrays for the points of its rank.
     of_ranks = model.jointed.mesh.comm.allgather(_hashed(sorted(of_run.facts.items())))
     if len(set(of_ranks)) > 1:
         of_run.facts["laws as each rank holds them"] = _hashed(of_ranks)
@@ -73,23 +73,23 @@ def fingerprint(
 
 
 class Parameters:
-    """Parameters of objects by path, such as ``law of joint_1.normal_stiffness``, as texts.
+    """Parameters of objects as texts by path, such as ``law of joint_1.normal_stiffness``.
 
-    The texts are equal each time a script is started. They have the class of an object and its
-    parameters, the SHA-256 of an array, and the code of the user's functions and classes with the
-    variables that it reads. Code of installed packages counts as equal.
+    The texts are the same each time a script is started. They contain the class of an object and
+    its parameters, and the SHA-256 of arrays. User-defined functions and classes are described by
+    their code and the variables it reads. Installed packages are assumed to be unchanged.
 
-    If matrices and vectors count as well, ``assembled`` leaves fields and forms of DOLFINx to them.
-    ``functions`` says if functions count. ``facts`` are texts by path, ``unknown`` the paths of
-    objects that cannot be described, with their class.
+    If ``assembled`` is true, fields and forms of DOLFINx are omitted, because the matrices and
+    vectors are compared as well. If ``functions`` is false, functions are not compared. Results are
+    ``facts``, texts by path, and ``unknown``, paths and classes of objects without description.
     """
 
     def __init__(self, *, assembled: bool = False, functions: bool = True) -> None:
-        """Begin without objects."""
+        """Start without objects."""
         self.facts: dict[str, str] = {}
         self.unknown: list[str] = []
         self._assembled, self._functions = assembled, functions
-        # The objects as well, so that no other takes their address.
+        # Keep the objects as well, so that their addresses are not reused.
         self._paths: dict[int, tuple[str, Any]] = {}
 
     def add(self, path: str, value: Any) -> None:
@@ -111,12 +111,12 @@ class Parameters:
         elif id(value) in self._paths:
             text = f"that of {self._paths[id(value)][0]}"
         else:
-            # Equal constants may be one object or several, and so may equal parts of a model.
+            # Equal constants, or equal parts of a model, may be one object or several.
             if not isinstance(value, tuple | frozenset) and parameters(value) is None:
                 self._paths[id(value)] = path, value
             try:
                 text, parts = _described(value)
-            except Exception:  # what a class that cannot be copied raises
+            except Exception:  # Classes that cannot be copied raise any error.
                 text = type(value).__qualname__
                 self.unknown.append(f"{path} ({text})")
         self.facts[path] = text if len(text) <= LONGEST_SHOWN else _hashed(text)
@@ -125,10 +125,11 @@ class Parameters:
 
 
 def _described(value: Any) -> tuple[str, dict[str, Any]]:
-    """Return a text for an object, and its parts by the end of their path.
+    """Return a text for an object, and its parts by the ending of their path.
 
     Raises:
-        TypeError: It is distributed over the ranks. Objects that cannot be copied raise anything.
+        TypeError: The object is distributed over the ranks.
+        Exception: Any error, if the object cannot be copied.
     """
     kind = type(value)
     if _is_distributed(value):
@@ -137,9 +138,9 @@ def _described(value: Any) -> tuple[str, dict[str, Any]]:
         value = sorted(value, key=repr)
     if isinstance(value, dict | list | tuple | np.ndarray):
         pairs = value.items() if isinstance(value, dict) else enumerate(value)
-        return f"{kind.__name__} of {len(value)}", {f"[{shown(k)}]": each for k, each in pairs}
+        return f"{kind.__name__} of {len(value)}", {f"[{shown(k)}]": item for k, item in pairs}
     function = value
-    if not isinstance(value, types.FunctionType):  # of Numba or a cache
+    if not isinstance(value, types.FunctionType):  # Wrapped by Numba or a cache.
         function = getattr(value, "py_func", getattr(value, "__wrapped__", None))
     parts: dict[str, Any] = {}
     if isinstance(value, types.ModuleType):
@@ -157,7 +158,7 @@ def _described(value: Any) -> tuple[str, dict[str, Any]]:
 
 
 def _function(function: types.FunctionType) -> tuple[str, dict[str, Any]]:
-    """Return the code of a function, and the variables from outside and defaults that it reads."""
+    """Return the code of a function, with the outer variables and defaults that it reads."""
     code, outside = function.__code__, function.__globals__
     cells = zip(code.co_freevars, function.__closure__ or (), strict=True)
     read = {name: cell_content(cell) for name, cell in cells} | vars(function)
@@ -169,7 +170,7 @@ def _function(function: types.FunctionType) -> tuple[str, dict[str, Any]]:
 
 
 def _members(kind: type) -> dict[str, Any]:
-    """Return what a class of the user and the user's classes among its bases define."""
+    """Return the members defined by a class and by its base classes that are not installed."""
     own = [base for base in reversed(kind.__mro__) if not _is_installed(base.__module__)]
     members = {key: item for base in own for key, item in vars(base).items()}
     return {
@@ -180,21 +181,21 @@ def _members(kind: type) -> dict[str, Any]:
 
 
 def _state(value: Any) -> dict[str, Any]:
-    """Return the class of an object and what a copy would be made from."""
+    """Return the class of an object and the data from which Python would copy it."""
     kind, registered = type(value), copyreg.dispatch_table.get(type(value))
     made = registered(value) if registered else value.__reduce_ex__(4)
     parts = [*made] if isinstance(made, tuple) else [made]
-    parts = [[*each] if isinstance(each, Iterator) else each for each in parts]
+    parts = [[*part] if isinstance(part, Iterator) else part for part in parts]
     attributes = parts.pop(2) if len(parts) > 2 and isinstance(parts[2], dict) else {}
-    found = {"__class__": kind, "__reduce__": parts}
-    for name, each in attributes.items():  # cached properties follow from the others
+    state = {"__class__": kind, "__reduce__": parts}
+    for name, attribute in attributes.items():  # Cached properties follow from other attributes.
         if not isinstance(getattr(kind, name, None), functools.cached_property):
-            found[name] = each
-    return found
+            state[name] = attribute
+    return state
 
 
 def _is_distributed(value: Any) -> bool:
-    """Return True if values are distributed over the ranks, in memory outside of Python."""
+    """Return True if the values are distributed over ranks, in memory outside Python."""
     root = type(value).__module__.split(".")[0]
     return root in _DISTRIBUTED or isinstance(value, Model | JointedMesh)
 
@@ -223,7 +224,7 @@ def _numbers(
 ) -> dict[str, Floats]:
     """Return sums of mesh, joint points, functions of time, matrices and vectors (collective).
 
-    A matrix is compared by its product with a vector that has a weight at each free dof.
+    A matrix is represented by its product with a vector of different weights at the free dofs.
     """
     comm, owned = model.jointed.mesh.comm, nodes.number[: model.V.dofmap.index_map.size_local]
     dofs = (model.gdim * owned[:, None] + np.arange(model.gdim)).ravel()
@@ -246,15 +247,15 @@ def _numbers(
         first = contact.operator.matrix.getOwnershipRange()[0] // 3
         points = {"areas": contact.operator.areas, "joints": contact.operator.joint}
         points["initial gaps"] = contact.initial_gap
-        rows |= {f"{name} of the joint points": (first, each) for name, each in points.items()}
+        rows |= {f"{name} of the joint points": (first, part) for name, part in points.items()}
     local = {
-        name: (np.arange(each.size) + first * np.prod(each.shape[1:], dtype=int), each)
-        for name, (first, each) in rows.items()
+        name: (np.arange(part.size) + first * np.prod(part.shape[1:], dtype=int), part)
+        for name, (first, part) in rows.items()
     }
-    for name, vector in vectors.items():  # some have no dofs of the water
+    for name, vector in vectors.items():  # Some have no dofs of the water.
         local[name] = dofs[: vector.getLocalSize()], vector.getArray(readonly=True)
-    numbers = {name: summed(comm, _sums(*each)) for name, each in local.items()}
-    # Time by time: the components of a motion come from one call.
+    numbers = {name: summed(comm, _sums(*part)) for name, part in local.items()}
+    # Evaluate time by time, as one call gives all components of a motion.
     factors = [[number_at(n, f, float(t)) for n, (_, f) in named] for t in times]
     moved = [system.prescribed(float(t)) @ weights[system.constrained] for t in times]
     histories = [*np.transpose(factors), summed(comm, np.array(moved))]
@@ -267,13 +268,13 @@ def _weights(numbers: Ints) -> Floats:
 
 
 def _sums(numbers: Ints, values: NDArray[Any]) -> Floats:
-    """Return weighted sums of groups of numbered values."""
+    """Return weighted sums of the values by the remainder of their number."""
     weighted = _weights(numbers) * values.ravel()
     return np.bincount(numbers % PARTS, weighted, minlength=PARTS).astype(np.float64)
 
 
 def first_difference(saved: Mapping[str, Any], current: Mapping[str, Any]) -> str | None:
-    """Return a clause that names the first fact in which two runs differ, None without one."""
+    """Return a clause that names the first difference between two runs, None if they agree."""
     facts = {**current, **saved}
     for name in sorted(facts, key=lambda name: not isinstance(facts[name], str)):
         one, other = saved.get(name), current.get(name)
@@ -282,12 +283,12 @@ def first_difference(saved: Mapping[str, Any], current: Mapping[str, Any]) -> st
         if isinstance(one, str) and one != other:
             text = f"{one} in the checkpoint, {other} here"
             return f"{name}: {'not the same' if HASH in text else text}"
-        if not isinstance(one, str) and not _alike(np.asarray(one), np.asarray(other)):
+        if not isinstance(one, str) and not _nearly_equal(np.asarray(one), np.asarray(other)):
             return f"{name}: the numbers are not the same"
     return None
 
 
-def _alike(one: Floats, other: Floats) -> bool:
-    """Return True for numbers that are equal but for rounding, of a table row by row."""
+def _nearly_equal(one: Floats, other: Floats) -> bool:
+    """Return True if numbers are equal up to rounding, by row for a table."""
     largest = np.abs(one).max(axis=-1, keepdims=True)
     return one.shape == other.shape and bool((np.abs(one - other) <= SAME * largest).all())

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The state that a dynamic stage begins with."""
+"""Initial state of a dynamic stage."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from dolfinx_joints.time_integration.scheme import Scheme
 from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import StepControl
 
-# Of the largest initial velocity, that it may differ from that of moving supports, which is found
-# by differences.
+# Tolerance between the initial velocity and that of moving supports, over the largest velocity; the
+# velocity of supports is a finite difference.
 SAME_VELOCITY = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
 class InitialFields:
-    """Fields that a dynamic stage begins with, on top of the static state.
+    """Initial displacement and velocity of a dynamic stage, in addition to the static state.
 
-    A field is a function of the nodes (n, 3) that returns (n, gdim), a UFL expression or DOLFINx
-    function, a vector of the unknowns, or a number for each axis.
+    Possible fields: a function from nodes (n, 3) to values (n, gdim), a UFL expression, a DOLFINx
+    function, a vector of the unknowns, or one number per axis.
 
     Args:
-        velocity: Velocity [m/s], zero unless given; at supports it must be theirs.
-        displacement: Displacement from the static state [m]; joints respond to it from there.
+        velocity: Velocity [m/s], zero by default; at supports it must equal their velocity.
+        displacement: Displacement from the static state [m], to which the joints respond.
     """
 
     velocity: NodalField | None = None
@@ -54,35 +54,35 @@ def checked_settings(
     start: DynamicState | InitialFields | None,
     checkpoint: Checkpoints | None,
 ) -> tuple[Scheme, StepControl]:
-    """Scheme and control of a dynamic stage, defaults where none is given; all are checked."""
+    """Return scheme and control of a dynamic stage, or their defaults; check all arguments."""
     scheme = EnergyConsistent() if scheme is None else scheme
     control = StepControl() if control is None else control
-    known = offers(scheme, "advance", "conserves")
-    check_kind_of("scheme", scheme, known, "a time scheme, such as Newmark()")
+    valid = offers(scheme, "advance", "conserves")
+    check_kind_of("scheme", scheme, valid, "a time scheme, such as Newmark()")
     check_kind_of("control", control, isinstance(control, StepControl), "a StepControl")
-    known = isinstance(start, DynamicState | InitialFields | None)
-    check_kind_of("start", start, known, "InitialFields or the state of an earlier outcome")
-    known = isinstance(checkpoint, Checkpoints | None)
-    check_kind_of("checkpoint", checkpoint, known, "a Checkpoints")
+    valid = isinstance(start, DynamicState | InitialFields | None)
+    check_kind_of("start", start, valid, "InitialFields or the state of an earlier outcome")
+    valid = isinstance(checkpoint, Checkpoints | None)
+    check_kind_of("checkpoint", checkpoint, valid, "a Checkpoints")
     return scheme, control
 
 
 def given_fields(model: Model, start: DynamicState | InitialFields | None) -> dict[str, PETSc.Vec]:
-    """Nodal vectors of the initial fields that are given, by name (collective).
+    """Return the given initial fields as nodal vectors by name (collective).
 
     Raises:
-        ValueError: One is no such field.
-        JointsError: A state to go on from is given to a model with waves in a reservoir, whose
-            ground would begin again at rest.
+        ValueError: A value cannot be used as a field.
+        JointsError: A dynamic state is given for a model with waves in a reservoir, whose ground
+            would restart from rest.
     """
     if isinstance(start, DynamicState) and model.coupled is not None:
         raise JointsError(
-            "start is given, but waves in a reservoir begin with the ground at rest: the velocity "
-            "that the ground has at the end of the stage before would be a blow on the water. Run "
-            "it as one stage with one motion."
+            "start= cannot be used with waves in a reservoir, which begin with the ground at rest: "
+            "the ground velocity at the end of the previous stage would act on the water as an "
+            "impact. Run one stage with one motion instead."
         )
     fields = vars(start).items() if isinstance(start, InitialFields) else ()
-    return {name: nodal_vector(model, name, each) for name, each in fields if each is not None}
+    return {name: nodal_vector(model, name, field) for name, field in fields if field is not None}
 
 
 def first_state(
@@ -94,9 +94,9 @@ def first_state(
 ) -> DynamicState:
     """Return the first state of a dynamic stage, its acceleration in balance (collective).
 
-    It follows from the last static state and the ``fields`` ``velocity`` [m/s] and
-    ``displacement`` beyond it [m], or else from a dynamic state ``start``. The first step is dt
-    [s] long.
+    It follows from a dynamic state ``start``, or else from the last static state. In the second
+    case ``fields`` may add a ``velocity`` [m/s] and a ``displacement`` [m]. The length of the first
+    step is dt [s].
     """
     if start is not None:
         start = scaled(solver.system, start, 0, 0.0)
@@ -115,8 +115,8 @@ def first_state(
         _check_velocity(system, velocity, dt)
     if static is None and added is None:
         return initial_state(solver, dt=dt, velocity=velocity)
-    # The joints' tractions are taken as they are: a point that slid sits on the friction limit,
-    # and asked again, round-off would decide.
+    # Use the joint tractions of the static state unchanged. A point that has slid is at the
+    # friction limit, and a new evaluation would decide by rounding error.
     joints: Response | JointState | None = None if static is None else static.joints
     u = system.unknowns(None if static is None else static.displacement)
     if added is not None:
@@ -129,38 +129,38 @@ def first_state(
 
 
 def _check_velocity(system: MatrixSystem, v: PETSc.Vec, dt: float) -> None:
-    """Check that an initial velocity is that of the supports where there are some (collective)."""
+    """Check that an initial velocity equals that of the supports at their dofs (collective)."""
     rates = system.prescribed_rates(0.0, -INTERVAL * dt)
-    there = v.getArray(readonly=True)[system.constrained] - (0.0 if rates is None else rates[0])
-    off = max(v.comm.tompi4py().allgather(float(np.abs(there).max(initial=0.0))))
+    error = v.getArray(readonly=True)[system.constrained] - (0.0 if rates is None else rates[0])
+    off = max(v.comm.tompi4py().allgather(float(np.abs(error).max(initial=0.0))))
     if off > SAME_VELOCITY * v.norm(PETSc.NormType.INFINITY):
         raise ValueError(
-            f"The initial velocity differs by {off:.3g} m/s from that of the supports; let it be "
-            "theirs there, zero where they rest."
+            f"The initial velocity differs by {off:.3g} m/s from that of the supports; set it to "
+            "the velocity of the supports there, zero for fixed supports."
         )
 
 
 def _check_displacement(system: MatrixSystem, u: PETSc.Vec, time: float = 0.0) -> None:
-    """Check that displacements of the supports do not jump at the start (collective)."""
+    """Check that the support displacements do not jump at the start (collective)."""
     at_start = system.prescribed(time)
-    there = u.getArray(readonly=True)[system.constrained]
-    jump = float(np.abs(at_start - there).max(initial=0.0))
+    present = u.getArray(readonly=True)[system.constrained]
+    jump = float(np.abs(at_start - present).max(initial=0.0))
     if max(u.comm.tompi4py().allgather(jump)) > 1e-9 * u.norm():
         raise ValueError(
-            f"The displacements of the supports at t = {time:g} differ from those that the dynamic "
-            "stage starts from, of the static state and InitialFields, or of start= "
-            "and its motion; let them agree there."
+            f"The displacements of the supports at t = {time:g} differ from those at the start of "
+            "the dynamic stage, which follow from the static state and InitialFields, or from "
+            "start= and its motion; make them agree."
         )
 
 
 def in_words(value: Any) -> Any:
-    """A setting as a results file keeps it: of a nodal vector its largest number."""
+    """Return a setting for a results file: for a nodal vector, its largest absolute value."""
     if not isinstance(value, PETSc.Vec):
         return value
     return f"up to {value.norm(PETSc.NormType.INFINITY):.6g} along an axis"
 
 
 def shaken_by(motion: Any, loads: Sequence[Any]) -> dict[str, Any]:
-    """What acts in a dynamic stage besides the loads of the model, as a results file keeps it."""
-    found = {f"load {i}" if len(loads) > 1 else "load": load for i, load in enumerate(loads, 1)}
-    return found if motion is None else found | {"ground motion": getattr(motion, "name", motion)}
+    """Return motion and additional loads of a dynamic stage, by name for a results file."""
+    acting = {f"load {i}" if len(loads) > 1 else "load": load for i, load in enumerate(loads, 1)}
+    return acting if motion is None else acting | {"ground motion": getattr(motion, "name", motion)}

@@ -18,63 +18,62 @@ if TYPE_CHECKING:
 
 
 class Monitor:
-    """Base of the observers of a run, which override what they need.
+    """Base class of the observers of a run; all methods are optional.
 
-    Every method is called on all ranks. A monitor that keeps values from step to step overrides
-    `state_dict` and `resume` as well; without them it begins anew where a run goes on from a
-    checkpoint.
+    Every method is called on all ranks. A monitor that keeps values from step to step must also
+    override `state_dict` and `resume`. Otherwise it starts anew when a run restarts.
     """
 
     def check(self, model: Model) -> None:
-        """Called when a simulation is made; raises an error for what the model does not have."""
+        """Check the model when a simulation is created; raise an error if something is missing."""
 
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
-        """Called after each static stage; ``stages`` are all so far, the last has just ended."""
+        """Process the end of a static stage, the last one of ``stages``."""
 
     def static_failure(
         self, model: Model, stages: Sequence[StageRecord], status: str, error: str
     ) -> None:
-        """Called where a static stage did not reach its end; ``stages`` are those before.
+        """Process a static stage that did not reach its end; ``stages`` are those before.
 
-        ``status`` is ``stopped`` or ``failed``, ``error`` the reason.
+        ``status`` is ``stopped`` or ``failed``; ``error`` is the reason.
         """
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
-        """Called before the first step of a dynamic stage."""
+        """Process the start of a dynamic stage, before its first step."""
 
     def record(self, record: Record) -> None:
-        """Called after each step."""
+        """Process a step."""
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:
-        """Called at the end of a dynamic stage.
+        """Process the end of a dynamic stage.
 
         ``status`` is ``complete``, ``stopped`` or ``failed``.
         """
 
     def state_dict(self) -> dict[str, Any]:
-        """State to go on from, asked for at each checkpoint.
+        """Return the state that a restart needs; called at each checkpoint.
 
-        Names to arrays and to what JSON can hold; those of rank 0 are kept.
+        The values are arrays or can be stored as JSON; those of rank 0 are stored.
         """
         return {}
 
     def resume(
         self, model: Model, stage: str, steps: int, last: Record, state_dict: Mapping[str, Any]
     ) -> None:
-        """Called in the place of ``start``, with the last step and the state that was kept."""
+        """Continue a run instead of `start`, with the last step and the stored state."""
         self.start(model, stage, steps, last)
 
 
-_LONGEST_ERROR = 2000  # characters
+_LONGEST_ERROR = 2000  # Characters.
 
 
 @contextmanager
 def failures_shown(
     name: str, model: Model, monitors: Sequence[Monitor], stages: Sequence[StageRecord]
 ) -> Iterator[None]:
-    """Show monitors that a static stage did not reach its end, whatever ended it on all ranks.
+    """Inform the monitors if a static stage does not reach its end, for an error on all ranks.
 
-    The error is raised with the name of the stage.
+    The error is raised again with the name of the stage.
     """
     of_errors = lasting(model.jointed.mesh.comm, OF_ERRORS)
     try:
@@ -86,15 +85,15 @@ def failures_shown(
         for monitor in monitors if all_fail(of_errors, error) else ():
             try:
                 monitor.static_failure(model, stages, *ending(ended))
-            except Exception as more:  # what ended the stage is what a caller is to catch
-                ended.add_note(f"{type(monitor).__name__} could not keep this: {more}")
+            except Exception as failure:  # The caller must get the error that ended the stage.
+                ended.add_note(f"{type(monitor).__name__} could not record this: {failure}")
         if ended is error:
             raise
         raise ended from None
 
 
 def ending(error: BaseException) -> tuple[str, str]:
-    """Status of a stage that an error ended, and the error in words."""
+    """Return the status of a stage that an error ended, and the error as text."""
     status = "failed" if isinstance(error, Exception) else "stopped"
     notes = getattr(error, "__notes__", ())
     return status, " ".join([f"{type(error).__name__}: {error}", *notes])[:_LONGEST_ERROR]

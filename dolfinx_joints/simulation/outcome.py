@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Results of stages for the caller."""
+"""Results of stages, as returned to the caller."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from dolfinx_joints.time_integration.substeps import StepCounts
 
 
 def shares(counts: StatusCounts) -> str:
-    """Return shares of the joint points by what they do; tied ones are counted apart."""
+    """Return the shares of open, sticking and sliding joint points as text, and of tied points."""
     total = max(counts.total, 1)
     parts = [(counts.open, "open"), (counts.stick, "sticking"), (counts.slip, "sliding")]
     if counts.frictionless:
         parts.append((counts.frictionless, "closed without friction"))
-    words = ", ".join(f"{100 * n / total:.1f} % {what}" for n, what in parts)
+    words = ", ".join(f"{100 * n / total:.1f} % {status}" for n, status in parts)
     tied = f"; {number(counts.tied)} more tied" if counts.tied else ""
     return f"{number(counts.total)}: {words}{tied}"
 
 
 def jump_text(jump: Jump) -> str:
-    """Return joints, energy and load factors of a jump in words."""
+    """Return joints, energy and load factors of a jump as text."""
     where = ", ".join(jump.joints) or "many joints"
     at = "" if jump.time is None else f" at t = {jump.time:g} s"
     return (
@@ -48,13 +48,13 @@ class StaticState(Summarised):
         displacement: u [m].
         joints: Response of the joints, None without joints.
         reaction: Forces of the supports on the body, zero at unconstrained dofs [N].
-        reports: How the solves went, one per load step, or more where steps were cut.
+        reports: Solver reports, one per load step, or more if steps were divided.
         energy: Energies, works and losses since the unloaded body.
         loads: Loads by name [N]; empty in the records of earlier stages.
-        inactive: Names of the joints that carried nothing and have not been grouted since.
-        absent: Cell groups of the blocks that were not there.
-        missing: Names of loads of the model that did not act, as those of their works.
-        cuts: Increments of the loads that were cut in halves.
+        inactive: Names of the joints that carry nothing because they have not been grouted yet.
+        absent: Cell groups of the absent blocks.
+        missing: Names of loads of the model that did not act, as in the energy ledger.
+        cuts: Number of times that a load increment was halved.
         jumps: Jumps of the stage that ``allow_jumps`` accepted.
     """
 
@@ -72,7 +72,7 @@ class StaticState(Summarised):
 
     @property
     def unloaded(self) -> bool:
-        """Whether no load step has been solved: the body is at rest without loads."""
+        """Whether no load step has been solved, so that the body is at rest without loads."""
         return not self.reports
 
     def _summary(self) -> Rows:
@@ -82,35 +82,34 @@ class StaticState(Summarised):
         yield "joint points", "" if solve is None or solve.counts is None else shares(solve.counts)
         yield "inactive joints", names(self.inactive)
         yield "absent blocks", names(self.absent)
-        yield "loads cut in halves", f"{self.cuts} times" if self.cuts else ""
+        yield "load increments halved", f"{self.cuts} times" if self.cuts else ""
         balance = 100 * self.energy.relative_error
-        yield "balance of all lines", f"{balance:.2g} % of the largest energy"
+        yield "energy imbalance", f"{balance:.2g} % of the largest energy"
         yield "jumps", names(map(jump_text, self.jumps))
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Outcome(Summarised):
-    """End of a dynamic stage.
+    """Result of a dynamic stage.
 
     Attributes:
         state: The last state.
         energy: The last energies.
         energy_error: Largest energy error relative to the largest energy, loss or input.
-        imbalance: Largest sum of all energy lines relative to the same, None where the scheme
-            loses energy of the body, which has no line.
+        imbalance: Largest energy imbalance, numerical losses included, over the largest energy;
+            None if the scheme loses energy of the body, which the ledger does not count.
         local_error: Largest estimated displacement error of a step relative to the largest
             displacement from the static state, 2-norms over all dofs.
-        steps: Steps asked for.
-        counts: Accepted substeps, more than ``steps`` where steps were cut, and rejected attempts.
+        steps: Number of steps requested.
+        counts: Accepted substeps, more than ``steps`` if steps were divided, and rejected attempts.
         iterations: Newton iterations of all accepted substeps.
-        solver: Which solver took the steps, ``linear``, ``condensed``, ``monolithic`` or
-            ``forms``.
-        backward_euler_laws: Kinds of laws taken at the end of steps although the scheme asks
-            for whole steps, because they know nothing else.
+        solver: Solver of the steps, ``linear``, ``condensed``, ``monolithic`` or ``forms``.
+        backward_euler_laws: Kinds of laws evaluated at the end of steps because they have no form
+            for whole steps, which the scheme needs.
         chatter: Joints whose points touch and lift every few steps, with the share of the normal
-            impulse that such contacts carry.
-        laws_without_losses: Kinds of laws that do not state what steps lose in them
-            (`LawWithLosses`): ``imbalance`` says nothing of their joints.
+            impulse in these contacts.
+        laws_without_losses: Kinds of laws without a formula of their numerical loss
+            (`LawWithLosses`); ``imbalance`` does not check their joints.
     """
 
     state: DynamicState
@@ -132,22 +131,22 @@ class Outcome(Summarised):
         yield "substeps", f"{number(counts.accepted)}, {counts.rejected} attempts rejected"
         yield "solver", f"{self.solver}, {number(self.iterations)} iterations"
         yield "energy error", f"{100 * self.energy_error:.3g} % of the largest energy"
-        balance = "" if imbalance is None else f"{100 * imbalance:.2g} % of the same"
-        yield "balance of all lines", balance
+        balance = "" if imbalance is None else f"{100 * imbalance:.2g} % of the largest energy"
+        yield "energy imbalance", balance
         yield "local error", f"{100 * self.local_error:.3g} % of the largest displacement"
         yield "joints that chatter", names(self.chatter)
 
 
 def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) -> str:
-    """Energy error, accuracy, iterations and seconds by phase of a run, as text."""
+    """Return energy error, accuracy, iterations and seconds by phase of a run, as text."""
     phases = ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items())
     counts = outcome.counts
     mean = outcome.iterations / max(counts.accepted, 1)
     balance = (
-        "" if outcome.imbalance is None else f" ({100 * outcome.imbalance:.1e} % with all lines)"
+        "" if outcome.imbalance is None else f" ({100 * outcome.imbalance:.1e} % with all losses)"
     )
     if balance and outcome.laws_without_losses:
-        balance = f"{balance[:-1]} but for joints of {', '.join(outcome.laws_without_losses)})"
+        balance = f"{balance[:-1]} except in joints of {', '.join(outcome.laws_without_losses)})"
     rejected = f", {counts.rejected} attempts rejected" if counts.rejected else ""
     return (
         f"energy error {100 * outcome.energy_error:.3g} % of the largest energy{balance}; "
@@ -158,7 +157,7 @@ def closing_lines(outcome: Outcome, model: Model, seconds: Mapping[str, float]) 
 
 
 def _solver(outcome: Outcome, model: Model) -> str:
-    """The solver of a run, and what left no choice."""
+    """Return the name of the solver, with plastic cells and laws that use backward Euler."""
     text = f"{outcome.solver} solver"
     if model.bulk is not None:
         text += f" (plastic cells of {', '.join(model.bulk.kinds)})"

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What a monitor sees of each static stage and of each dynamic step."""
+"""Data that monitors receive of each static stage and of each dynamic step."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from dolfinx_joints.time_integration.energy import EnergyRow
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StageRecord:
-    """A static stage at its end.
+    """Static stage at its end.
 
     Attributes:
         name: Name of the stage.
-        time: Time at which its loads and prescribed displacements are taken [s].
-        state: Equilibrium, displacements counted from the unloaded body.
-        loads: Which of the model's loads act, their places in ``Model.loads``.
-        pressure: Of the water at the local joint points, shape (n,), [Pa]; None without any.
+        time: Time at which loads and prescribed displacements are evaluated [s].
+        state: Equilibrium, with displacements from the unloaded body.
+        loads: Indices in ``Model.loads`` of the acting loads.
+        pressure: Water pressure at the local joint points, shape (n,), [Pa]; None without water.
     """
 
     name: str
@@ -43,32 +43,32 @@ class StageRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
-    """Step as a monitor sees it.
+    """Step of a dynamic stage, as passed to monitors.
 
     Attributes:
-        stage: ``dynamic``; of static stages monitors see a `StageRecord`.
+        stage: ``dynamic``; static stages have a `StageRecord` instead.
         step: Number of the step, 0 for the start of the stage.
         time: Time [s].
         displacement: Nodal displacements u [m].
         velocity: Nodal velocities v [m/s].
         reaction: Forces of the supports on the body, zero at unconstrained dofs [N].
         joints: Response of the joints, None without joints.
-        motion: Acceleration of the ground at a time [s], [m/s^2], None where it rests.
+        motion: Acceleration of the ground [m/s^2] as a function of time [s], None if fixed.
         free_surface: Velocity of the level free surface under the waves of all `FreeField` alone,
-            (3,) at a time [s], [m/s]; None without any. Displacements are absolute then.
-        solve: How the solve went, None at step 0 of a dynamic stage.
+            (3,) at a time [s], [m/s]; None without them. Displacements are then absolute.
+        solve: Report of the solver, None at step 0 of a dynamic stage.
         energy: Energies.
-        substeps: Substeps that this step was cut into: 1 for a whole step, 0 at the start.
+        substeps: Number of substeps of this step: 1 for an undivided step, 0 at the start.
         static_part: Static part of the displacement at a time [s], [m] (collective), see
-            `DifferingGround`; None where the ground is the same everywhere.
-        reservoir_force: Of waves in the reservoir on the face, (gdim,), [N]; None without any.
-        reservoir_pressure: Gives the pressure of these waves at the rank's unknowns of the water,
-            shape (n,), [Pa]; likewise.
+            `DifferingGround`; None if the ground motion is the same everywhere.
+        reservoir_force: Force of reservoir waves on the face, (gdim,), [N]; None without waves.
+        reservoir_pressure: Function that returns the pressure of these waves at this rank's
+            unknowns of the water, shape (n,), [Pa]; None without waves.
         wet_joints: Names of the joints with water.
-        pressure: Gives the pressure of the water at the local joint points at the time of the
-            record, shape (n,), [Pa]; None without water in joints (collective).
-        settings: How the stage is run, by name; of the record that monitors start with.
-        stages: Static stages before; likewise.
+        pressure: Function that returns the water pressure at the local joint points at the time of
+            the record, shape (n,), [Pa] (collective); None without water in joints.
+        settings: Settings of the run by name, only in the record at the start.
+        stages: Previous static stages, only in the record at the start.
     """
 
     stage: str
@@ -96,15 +96,15 @@ class Record:
         """Acceleration of the ground at the time of the record, shape (3,), [m/s^2]."""
         ground = np.zeros(3)
         if self.motion is not None:
-            known = np.asarray(self.motion(self.time), dtype=np.float64)[:3]
-            ground[: len(known)] = known
+            acceleration = np.asarray(self.motion(self.time), dtype=np.float64)[:3]
+            ground[: len(acceleration)] = acceleration
         return ground
 
 
 def stage_record(
     model: Model, name: str, time: float, state: StaticState, acting: Sequence[Load]
 ) -> StageRecord:
-    """A static stage under loads of the model, with its water in joints (collective)."""
+    """Return the record of a static stage under loads, with its water in joints (collective)."""
     pressure = None
     if state.joints is not None and any(isinstance(load, JointLoad) for load in acting):
         from dolfinx_joints.loads.water.pressures_in_joints import WaterPressures, water_in_joints
@@ -112,16 +112,16 @@ def stage_record(
         water = WaterPressures(model, water_in_joints(acting))
         pressure = water(time, water.by_opening(state.joints.state.gap))
     places = tuple(i for i, one in enumerate(model.loads) if any(one is load for load in acting))
-    state = replace(state, loads={})  # a vector for each load and stage would fill the memory
+    state = replace(state, loads={})  # One vector per load and stage would take too much memory.
     return StageRecord(name=name, time=time, state=state, loads=places, pressure=pressure)
 
 
 def grout_record(
     model: Model, name: str, state: StaticState, stages: Sequence[StageRecord]
 ) -> StageRecord:
-    """The grouting of joints (collective).
+    """Return the record of a grouting stage (collective).
 
-    Loads are those of the stage before, and water stays until a static stage looks again.
+    It has the loads of the previous stage. Water remains until the next static stage updates it.
     """
     if not stages:
         return stage_record(model, name, 0.0, state, model.loads)
@@ -129,7 +129,7 @@ def grout_record(
 
 
 def stage_name(given: str | None, kind: str, stages: Sequence[StageRecord]) -> str:
-    """The name of a new stage: the one given if no stage has it, else its kind and a number."""
+    """Return the name of a new stage: the given one if it is unused, or its kind and a number."""
     names = [stage.name for stage in stages]
     if given is None:
         numbered = (f"{kind} {number}" for number in count(1))

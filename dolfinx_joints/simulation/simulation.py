@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Stages of a run, static then dynamic, and the only time loop.
 
-The loop knows no files, plots or progress bars: monitors do.
+The loop writes no files, plots or progress bars; monitors do.
 """
 
 from __future__ import annotations
@@ -55,14 +55,14 @@ from dolfinx_joints.time_integration.scheme import Scheme
 from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import StepControl, Stepper, ends_of_steps, located
 
-# Steps between two collections of what petsc4py keeps on several ranks.
+# Steps between two calls of PETSc's garbage collection on several ranks.
 GARBAGE_INTERVAL = 10
 
 
 @dataclass(eq=False, repr=False)
 @checked
 class Simulation:
-    """Runs a model through its stages.
+    """Runs the static and dynamic stages of a model.
 
     Args:
         model: The model.
@@ -72,8 +72,8 @@ class Simulation:
 
     Attributes:
         static: Result of the last static stage, None before it.
-        stages: Static stages so far. Dynamic stages show them to monitors and `save_static` writes
-            them; where they are too many to keep, such as small steps in time, clear the list.
+        stages: Static stages so far, for monitors of dynamic stages and `save_static`. Clear the
+            list if it takes too much memory, for example after many small steps in time.
         seconds: Wall time by phase [s].
     """
 
@@ -84,7 +84,7 @@ class Simulation:
     solver: SolverKind = "auto"
 
     def __post_init__(self) -> None:
-        """Check the model; nothing is solved yet."""
+        """Check the arguments; nothing is solved yet."""
         check_kind_of("model", self.model, isinstance(self.model, Model), "a Model")
         self.monitors = list(self.monitors)
         for monitor in self.monitors:
@@ -93,9 +93,9 @@ class Simulation:
         self.static: StaticState | None = None
         self.stages: list[StageRecord] = []
         self.seconds: dict[str, float] = {}
-        self.shared: SharedBulk | None = None  # with other simulations of the model
-        known = isinstance(self.options, SolverOptions | None)
-        check_kind_of("options", self.options, known, "a SolverOptions")
+        self.shared: SharedBulk | None = None  # With other simulations of the model.
+        valid = isinstance(self.options, SolverOptions | None)
+        check_kind_of("options", self.options, valid, "a SolverOptions")
         self._options = self.options or SolverOptions()
         self._watch = SmallDisplacements(self.model.contact)
 
@@ -110,28 +110,27 @@ class Simulation:
         name: str | None = None,
         allow_jumps: bool = False,
     ) -> StaticState:
-        """Bring loads to their values at time zero in equal steps (collective).
+        """Apply loads up to their values at time zero in equal steps (collective).
 
-        Goes on from the last static stage, from zero without one: loads that acted at its end stay
-        if they are named again, and go if they are not. Friction depends on the path, so the number
-        of steps matters where joints slide.
+        The stage starts from the last static stage, or from the unloaded body. Loads that acted at
+        its end stay if they are named again, and are removed otherwise. Friction depends on the
+        load path, so the number of steps matters if joints slide.
 
         Args:
             steps: Number of load steps.
-            loads: Those of the model's loads that act at the end; all of them unless given.
-            joints: Names of those that act, ``active`` for all or ``inactive`` for none. The
-                others carry nothing, in this stage and until `grout`, and the blocks between them
-                stand alone; none of them may carry anything yet.
-            absent: Cell groups of blocks that are not there yet. They have no weight and joints
-                beside them carry nothing; the stage that has them casts them, free of stress and
-                where the mesh has them, against what is there.
-            name: Name of the stage in results, unlike those before; "statics 1" and so on unless
-                given.
+            loads: Loads of the model that act at the end; all by default.
+            joints: Names of the active joints, ``active`` for all or ``inactive`` for none. The
+                other joints carry nothing until `grout`, and each block must be supported without
+                them. A joint that already carries tractions cannot become inactive.
+            absent: Cell groups of blocks that are not built yet. They have no weight, and joints
+                next to them carry nothing. The first stage that includes them casts them free of
+                stress, in the position of the mesh, against the existing blocks.
+            name: Unique name of the stage in results; "statics 1" and so on by default.
             allow_jumps: True lists jumps in the state's ``jumps``, False raises `JumpError`.
 
         Raises:
-            JointsError: Joints are in the wrong state, a block does not stand without them, or
-                water in joints and their openings do not come to agree.
+            JointsError: Joints are in the wrong state, a block is not supported without them, or
+                the iteration on water in joints does not converge.
             JumpError: The structure jumps to a distant equilibrium.
             ConvergenceError: A load step did not converge.
         """
@@ -142,7 +141,7 @@ class Simulation:
         name = stage_name(name, "statics", self.stages)
         path = [(None, step / steps) for step in range(1, steps + 1)]
         self.static = self._march(name, path, acting, stage=stage, allow_jumps=allow_jumps)
-        self._ended(stage_record(self.model, name, 0.0, self.static, acting))
+        self._add_stage(stage_record(self.model, name, 0.0, self.static, acting))
         return self.static
 
     @checked
@@ -154,36 +153,35 @@ class Simulation:
         pressure: Annotated[float, at.Ge(0), at.Unit("Pa")] = 0.0,
         name: str | None = None,
     ) -> StaticState:
-        """Close joints where they stand after a static stage (collective).
+        """Close joints in their present position after a static stage (collective).
 
-        Where a joint carries nothing, inactive or open, its gap and slip count anew from here, and
-        keys across an opening keep their shear; points in contact stay as they are. Joints that
-        were inactive and are not named stay open by what their blocks have moved apart, and act
-        from now on unless the next stage leaves them inactive; those whose laws pull across that
-        gap stay inactive.
+        At points that carry nothing, inactive or open, gap and slip are reset to zero; keys across
+        an opening keep their shear. Points in contact do not change. Inactive joints that are not
+        named keep the opening between their blocks and become active. Joints whose laws pull across
+        that opening remain inactive.
 
-        Grout under pressure first pushes the faces of these points apart, loads and supports
-        staying as they are, then sets: the pressure remains as their traction.
+        Grout under pressure first pushes the faces of these points apart, with constant loads and
+        fixed supports. It then sets, and the pressure remains as traction.
 
         Args:
-            joints: Names of the joints to be grouted; unless given those that are inactive, all of
-                them if none is.
-            gap: Opening that the grout leaves [m].
-            pressure: Of the grout [Pa].
-            name: Name of the stage in results, "grouting 1" and so on unless given.
+            joints: Names of the joints to grout; by default the inactive joints, or all joints if
+                none is inactive.
+            gap: Opening that remains after grouting [m].
+            pressure: Pressure of the grout [Pa].
+            name: Name of the stage in results, "grouting 1" and so on by default.
 
         Raises:
-            JointsError: There is no static state yet, or a law bears no such pressure or gap.
+            JointsError: There is no static state yet, or a law cannot carry the pressure or gap.
             ConvergenceError: No equilibrium under the pressure was found, or only after a jump.
         """
         if self.static is None:
-            raise JointsError("There is nothing to grout yet: run statics(joints=[...]) before.")
+            raise JointsError("There is nothing to grout yet: run statics(joints=[...]) first.")
         name = stage_name(name, "grouting", self.stages)
         pressed = partial(self._march, name, [(None, 1.0)], ())
         self.static = grouted(
             self.model, self.static, joints, gap=gap, pressure=pressure, pressed=pressed
         )
-        self._ended(grout_record(self.model, name, self.static, self.stages))
+        self._add_stage(grout_record(self.model, name, self.static, self.stages))
         return self.static
 
     @checked
@@ -194,15 +192,15 @@ class Simulation:
         name: str | None = None,
         allow_jumps: bool = False,
     ) -> StaticState:
-        """Equilibrium at each of a sequence of times, in order (collective).
+        """Compute the equilibrium at each of a sequence of times, in order (collective).
 
         Loads and prescribed displacements follow their functions of time; inertia and damping are
-        left out. Continues from the last static stage if there was one.
+        neglected. The stage starts from the last static stage, or from the unloaded body.
 
         Args:
             times: Times [s] of the load steps.
-            name: Name in results, "quasi-statics 1" and so on unless given. Of several times each
-                is a stage of its own: "NAME, t = 2 s".
+            name: Name in results, "quasi-statics 1" and so on by default. If there are several
+                times, each is recorded as a separate stage, "NAME, t = 2 s".
             allow_jumps: As in `statics`.
 
         Raises:
@@ -214,16 +212,16 @@ class Simulation:
         def reached(time: float, state: StaticState) -> None:
             one = name if len(times) == 1 else f"{name}, t = {time:g} s"
             self.static = state
-            self._ended(stage_record(self.model, one, time, state, self.model.loads))
+            self._add_stage(stage_record(self.model, one, time, state, self.model.loads))
 
         check_grouted(self.static)
         path = [(float(t), 1.0) for t in times]
-        more = {"reached": reached, "allow_jumps": allow_jumps}
-        self.static = self._march(name, path, self.model.loads, **more)
+        options = {"reached": reached, "allow_jumps": allow_jumps}
+        self.static = self._march(name, path, self.model.loads, **options)
         return self.static
 
-    def _ended(self, stage: StageRecord) -> None:
-        """Show a static stage to the monitors (collective)."""
+    def _add_stage(self, stage: StageRecord) -> None:
+        """Add a static stage and pass it to the monitors (collective)."""
         self.stages.append(stage)
         for monitor in self.monitors:
             monitor.static_stage(self.model, self.stages)
@@ -233,29 +231,29 @@ class Simulation:
         name: str,
         path: Sequence[tuple[float | None, float]],
         acting: Sequence[Load],
-        **more: Any,
+        **arguments: Any,
     ) -> StaticState:
-        """`march` from the last static state with the simulation's solver (collective)."""
+        """Run `march` from the last static state with the simulation's solver (collective)."""
         with self._phase("static"), failures_shown(name, self.model, self.monitors, self.stages):
             start = self.model, self.static or unloaded(self.model), path, acting
-            more |= {"options": self._options, "kind": self.solver, "watch": self._watch}
-            found = march(*start, **more)
-        free_petsc_garbage(self.model.jointed.mesh.comm)  # matrices of the stage's solver
-        return found
+            arguments |= {"options": self._options, "kind": self.solver, "watch": self._watch}
+            state = march(*start, **arguments)
+        free_petsc_garbage(self.model.jointed.mesh.comm)  # Matrices of the stage's solver.
+        return state
 
     def save_static(self, path: str | Path) -> None:
-        """Keep the static stages so far in a file, to go on from the last later (collective).
+        """Write the static stages so far to a file, to continue from the last one (collective).
 
-        A file that is there already is replaced at once.
+        An existing file is replaced.
         """
         if self.static is None:
-            raise JointsError("There is no static state to save yet: run statics() before.")
+            raise JointsError("There is no static state to save yet: run statics() first.")
         static_keeper(path, self.model).save_static(self.static, self.stages)
 
     def load_static(self, path: str | Path) -> StaticState:
-        """Go on from a static state of the model, which `save_static` wrote (collective).
+        """Load the static stages that `save_static` wrote, to continue from the last (collective).
 
-        The number of ranks may be another one.
+        The number of ranks may differ.
         """
         self.static, self.stages = static_keeper(path, self.model).load_static()
         return self.static
@@ -274,26 +272,27 @@ class Simulation:
         start: DynamicState | InitialFields | None = None,
         checkpoint: Checkpoints | None = None,
     ) -> Outcome:
-        """March from the static state (or from zero) with the model's loads kept (collective).
+        """Integrate the motion from the static state, or from rest, under loads (collective).
 
         Args:
             dt: Time step [s].
             steps: Number of steps.
-            motion: Ground acceleration (3,) [m/s^2] at a time [s], or a `DifferingMotion`, as
-                `Motion.for_steps` returns them; axes in 2-D are those of `BaseMotion`. Other
-                functions are read as they are: use `Motion.scaled`, not ``lambda t: 2 * m(t)``.
-            loads: Loads of this stage besides the model's own.
-            scheme: Time scheme, `EnergyConsistent` unless given.
-            control: When steps are cut; where their solve fails unless given.
-            start: `InitialFields` on top of the static state, or a state to go on from instead,
-                such as ``state`` of an earlier outcome; at rest unless given.
-            checkpoint: Where the run is kept on the disk as it goes, and whether it goes on from
-                there, with the arguments and monitors of the run that wrote the file. The states
-                of the file are taken then, of ``start`` the time alone. Nowhere unless given.
+            motion: Ground acceleration (3,) [m/s^2] as a function of time [s], or a
+                `DifferingMotion`, as returned by `Motion.for_steps`; for axes in 2-D see
+                `BaseMotion`. Other functions are not resampled: use `Motion.scaled` instead of
+                ``lambda t: 2 * m(t)``.
+            loads: Loads of this stage in addition to those of the model.
+            scheme: Time scheme, `EnergyConsistent` by default.
+            control: Step-size control; by default, steps are halved if their solve fails.
+            start: `InitialFields` in addition to the static state, or a dynamic state to continue
+                from instead, such as ``state`` of an earlier outcome; at rest by default.
+            checkpoint: File for checkpoints, and whether to restart from it with the arguments and
+                monitors of the run that wrote it. At a restart the states are read from the file,
+                and only the time of ``start`` is used. No checkpoints by default.
 
         Raises:
             CheckpointError: A checkpoint cannot be written, is missing, damaged or another run's.
-            ConvergenceError: A step did not converge however often halved; monitors have the rest.
+            ConvergenceError: A step failed even at the smallest size; monitors have all before it.
         """
         scheme, control = checked_settings(scheme, control, start, checkpoint)
         given = given_fields(self.model, start)
@@ -344,7 +343,7 @@ class Simulation:
             )
         with released(checkpoint, at_end=True), run.watched(self.seconds):
             if saved is None:
-                settings = {name: in_words(each) for name, each in facts.items()} | acting
+                settings = {name: in_words(fact) for name, fact in facts.items()} | acting
                 run.start(settings=settings, stages=tuple(self.stages))
                 self._save(keeper, run)
             else:
@@ -355,7 +354,7 @@ class Simulation:
         return run.outcome()
 
     def _step(self, run: DynamicRun, dt: float, end: float) -> None:
-        """One step, recorded by the monitors (collective)."""
+        """Compute a step and pass it to the monitors (collective)."""
         with self._phase("time steps"):
             try:
                 report = run.take(dt, end)
@@ -369,13 +368,13 @@ class Simulation:
             run.warn_of_slip()
 
     def _save(self, keeper: CheckpointKeeper | None, run: DynamicRun) -> None:
-        """Write a checkpoint where one is due (collective)."""
+        """Write a checkpoint if one is due (collective)."""
         if keeper is not None:
             with self._phase("checkpoints"):
                 keeper.save_if_due(run, self.static)
 
     def report(self, outcome: Outcome) -> str:
-        """Closing lines of a run: energy error, accuracy, iterations and seconds by phase."""
+        """Return closing lines: energy error, accuracy, iterations and seconds by phase."""
         return closing_lines(outcome, self.model, self.seconds)
 
     @contextmanager

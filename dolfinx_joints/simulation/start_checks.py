@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Checks at the start of a dynamic stage: a whole static state, and loads that act suddenly."""
+"""Checks at the start of a dynamic stage: complete static state, no suddenly applied loads."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from dolfinx_joints.simulation.record import StageRecord
 from dolfinx_joints.simulation.statics.unfinished import check_grouted
 from dolfinx_joints.time_integration.states import DynamicState
 
-# Relative to the largest load: a smaller change of a load is rounding.
+# Smaller changes of a load, relative to the largest load, are rounding.
 SAME_LOAD = 1e-9
-# Relative to the loads: a smaller force out of balance is what static solves leave.
+# Smaller unbalanced forces, relative to the loads, are the tolerance of static solves.
 IN_BALANCE = 1e-6
 
 
@@ -36,12 +36,12 @@ def check_complete(static: StaticState | None) -> None:
     if static is not None and static.absent:
         raise JointsError(
             f"{', '.join(static.absent)} is absent in the static state, which would act at once; "
-            "run statics() with all blocks before."
+            "run statics() with all blocks first."
         )
     if static is not None and static.missing:
         raise JointsError(
             f"The static state lacks {', '.join(static.missing)} as the dynamic stage has it, "
-            "which would act at once; run statics() with all loads before."
+            "which would act at once; run statics() with all loads first."
         )
 
 
@@ -55,10 +55,10 @@ def sudden_loads(
 ) -> list[str]:
     """Warn on rank 0 of loads that differ from those of the static state (collective).
 
-    Motions of the ground are left out. There is no warning if the forces at the start are in
-    balance. System, first state and loads ``of_stage`` besides the model's are those of the
-    dynamic stage; ``static`` is None if no load has acted yet. The warning is in a list, the same
-    on every rank, which is empty without one.
+    Ground motions are excluded, and there is no warning if the forces at the start are in balance.
+    System, first state and additional loads ``of_stage`` are those of the dynamic stage;
+    ``static`` is None if no load has acted yet. The result is a list of at most one warning, the
+    same on every rank.
     """
     own, every = load_names(model.loads), [*model.loads, *of_stage]
     names = load_names(every)
@@ -78,9 +78,9 @@ def sudden_loads(
     if not sudden or _in_balance(system, state):
         return []
     at = f"t = {state.time:g} s"
-    why, remedy = "they are no part of the static state", "give them to the model"
+    why, remedy = "they are not part of the static state", "add them to the model"
     if static is None:
-        why, remedy = "no static stage was run", "run statics() before"
+        why, remedy = "no static stage was run", "run statics() first"
     elif not set(sudden) <= set(names[len(own) :]):
         last = f", {stages[-1].name!r} at t = {stages[-1].time:g} s," if stages else ""
         why = f"the last static stage{last} ended with other values"
@@ -95,6 +95,6 @@ def sudden_loads(
 
 
 def _in_balance(system: MatrixSystem, state: DynamicState) -> bool:
-    """Return True if no force accelerates the body (collective)."""
+    """Return True if the forces do not accelerate the body (collective)."""
     force: PETSc.Vec = system.mass * state.acceleration
     return bool(force.norm() <= IN_BALANCE * state.load.norm())

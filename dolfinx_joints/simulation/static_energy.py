@@ -18,21 +18,20 @@ class StaticEnergy:
     Attributes:
         strain: u.K u / 2 of bulk and springs; in plastic cells the energy of the elastic strain.
         joint_elastic: Elastic energy of each joint, shape (number of joints,).
-        input_by_load: Work of each load by name. ``grout`` is the work of grout under pressure,
-            ``construction`` that of forces which earlier stages left in blocks and joints that did
-            not act.
+        input_by_load: Work of each load by name. The name ``grout`` is for grout under pressure.
+            The name ``construction`` is for forces that earlier stages left in inactive joints and
+            absent blocks.
         supports: Work of supports and prescribed displacements.
         joint_friction: Work done against friction in each joint, shape (number of joints,).
-        joint_numerical: Integration error of the work of each joint on the straight path of an
-            increment, by the formulas of its law; positive for a loss, shape (number of joints,).
-        joint_bonds: Energy lost by each joint at points whose bonds broke, that of the motion which
-            followed included, shape (number of joints,).
+        joint_numerical: Integration error of the work of each joint on straight increments, by the
+            formulas of its law, positive for a loss, shape (number of joints,).
+        joint_bonds: Energy lost in each joint at points whose bonds broke, including the motion
+            after the break, shape (number of joints,).
         plastic: Plastic work of the bulk.
         joint_released: Energy released in each joint by jumps (31b), shape (number of joints,). It
             is a part of friction and numerical loss.
-        water_released: Released in increments in which water entered or left joint points.
-        error: Stored energy plus losses minus work: zero but for rounding and the tolerance of the
-            solver.
+        water_released: Energy released in increments in which water entered or left joint points.
+        error: Stored energy plus losses minus work; zero up to rounding and the solver tolerance.
         scale: Largest of stored energy, |input| and losses so far.
     """
 
@@ -51,28 +50,28 @@ class StaticEnergy:
 
     @cached_property
     def stored(self) -> float:
-        """Return the strain energy plus the elastic energy of the joints [J]."""
+        """Strain energy plus elastic energy of the joints [J]."""
         return self.strain + float(self.joint_elastic.sum())
 
     @cached_property
     def input(self) -> float:
-        """Return the work of loads, supports and prescribed displacements [J]."""
+        """Work of loads, supports and prescribed displacements [J]."""
         return sum(self.input_by_load.values()) + self.supports
 
     @cached_property
     def released(self) -> float:
-        """Return the released energy of all joints [J]."""
+        """Released energy of all joints [J]."""
         return float(self.joint_released.sum())
 
     @property
     def relative_error(self) -> float:
-        """Return the absolute error of the balance over the scale."""
+        """Absolute error of the balance over the scale."""
         return abs(self.error) / self.scale if self.scale else 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Jump:
-    """An increment in which the structure left its path of equilibria.
+    """Increment in which the structure left its path of equilibria.
 
     Attributes:
         step: Number of the load step in its stage.

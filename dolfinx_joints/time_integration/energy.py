@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Energy ledger of a dynamic run: where every joule went, and how many are missing."""
+"""Energy ledger of a dynamic run: stored energy, works, losses and their imbalance."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ class EnergyRow:
 
     Attributes:
         kinetic: v.M v / 2.
-        strain: u.K u / 2, bulk and springs; in plastic cells that of the elastic strain.
+        strain: u.K u / 2 of bulk and springs; in plastic cells, of the elastic strain.
         joint_elastic: Elastic energy of each joint, shape (number of joints,).
         input: Work of loads and of moving supports.
         input_by_load: Work of each load by name.
         viscous: Work done against the damping.
         joint_friction: Work done against friction in each joint, shape (number of joints,).
-        joint_numerical: Energy that each joint took in besides, lost or (negative) made up by the
-            time scheme where it opens, closes or slides within a step, shape (number of joints,).
-            By formulae of the laws: none of a law answered over whole steps, `LawWithLosses` of
-            others. Of a law that has neither it is the rest of the work on its joints, so that
-            ``imbalance`` says nothing of these (`Contact.without_losses` names such laws).
-        joint_imbalance: The part of ``imbalance`` that arises in each joint: its elastic energy,
+        joint_numerical: Energy lost, or created if negative, by the time scheme in each joint, as
+            it opens, closes or slides within a step, shape (number of joints,). Zero for laws that
+            are evaluated over whole steps, else as in `LawWithLosses`. For laws with neither
+            formula it is the remainder of the work, and ``imbalance`` does not check their joints
+            (`Contact.without_losses` names these laws).
+        joint_imbalance: Part of ``imbalance`` that arises in each joint: its elastic energy,
             friction and numerical loss less the work of the body on it, shape (number of joints,).
         error: stored - stored at the start - input + viscous + friction + plastic + impact.
         plastic: Plastic work of the bulk.
-        absorbed: Part of ``viscous`` that viscous boundaries and bounds of the water took.
-        impact: Lost by joint points that strike and do not rebound.
-        water: Of waves in water, rho |grad phi|^2 / 2 + p^2 / (2 rho c^2); the other lines are
-            without it.
+        absorbed: Part of ``viscous`` absorbed by viscous boundaries and boundaries of the water.
+        impact: Energy lost by joint points that strike without rebound.
+        water: Energy of waves in water, rho |grad phi|^2 / 2 + p^2 / (2 rho c^2); not included in
+            the other terms.
     """
 
     kinetic: float
@@ -78,84 +78,84 @@ class EnergyRow:
 
     @cached_property
     def stored(self) -> float:
-        """Kinetic, strain and joint energy, and that of the water."""
+        """Sum of kinetic, strain, joint and water energy."""
         return self.kinetic + self.strain + self.joint + self.water
 
     @cached_property
     def imbalance(self) -> float:
-        """Energy that no line accounts for: error + numerical, rounding where all is right."""
+        """Unexplained energy, error + numerical; only rounding error if all solves are accurate."""
         return self.error + self.numerical
 
     @cached_property
     def body_imbalance(self) -> float:
-        """The same with the work on the joints for their lines: rounding where solves are right."""
+        """Imbalance of the body alone; only rounding error if the solves are accurate."""
         return self.imbalance - float(self.joint_imbalance.sum())
 
 
 class EnergyLedger:
-    """Adds up energies and works step by step.
+    """Accumulates energies and works step by step.
 
-    The works are those that the scheme balances (`StepWork`), so that for schemes with
-    ``conserves`` the lines of a right solve add up to rounding. Each comes from a formula of its
-    own, none is what others leave.
+    The works are those of the scheme's own balance (`StepWork`). For schemes with ``conserves`` the
+    energies and works of an accurate solve add up to rounding error. Each term has its own formula;
+    none is computed as the remainder of the others.
 
     Attributes:
         row: The newest row.
-        scale: Largest of stored energy, |input| and losses so far [J]: what rounding goes with.
-        largest: The same, with what passes through viscous boundaries as the difference of what
-            waves bring and take, which is much less than either [J].
+        scale: Largest of stored energy, |input| and losses so far, for rounding errors [J].
+        largest: Same maximum with the net energy through viscous boundaries, incoming less outgoing
+            waves; the difference is much less than either [J].
     """
 
     def __init__(self, system: MatrixSystem) -> None:
-        """Keep the system; `start` begins to count."""
+        """Keep the system; `start` begins the accounting."""
         self._system = system
-        self._none = np.zeros(0 if system.contact is None else len(system.contact.operator.names))
+        self._zeros = np.zeros(0 if system.contact is None else len(system.contact.operator.names))
 
     def start(self, state: DynamicState) -> EnergyRow:
-        """Begin at a state (collective)."""
-        kinetic, strain, water = self._of_state(state)
+        """Start the accounting at a state (collective)."""
+        kinetic, strain, water = self._energies(state)
         self.row = EnergyRow(
             kinetic=kinetic,
             strain=strain,
             water=water,
-            joint_elastic=self._elastic(state),
+            joint_elastic=self._joint_energy(state),
             input_by_load=dict.fromkeys(self._system.names_of_works, 0.0),
-            joint_friction=self._none,
-            joint_numerical=self._none,
-            joint_imbalance=self._none,
+            joint_friction=self._zeros,
+            joint_numerical=self._zeros,
+            joint_imbalance=self._zeros,
         )
         self._at_start = self.scale = self.largest = self.row.stored
         self._error = self._imbalance = 0.0
         return self.row
 
     def after(self, state: DynamicState, report: StepReport) -> EnergyRow:
-        """The row that a step would lead to; the ledger stays as it is (collective)."""
+        """Return the row after a step without adding it to the ledger (collective)."""
         last, work = self.row, report.work
-        elastic = self._elastic(state)
+        elastic = self._joint_energy(state)
         joints = work.joints
-        own = elastic - last.joint_elastic + joints.friction + joints.numerical + joints.impact
-        entered = last.input + sum(work.loads.values()) + work.supports
+        change = elastic - last.joint_elastic + joints.friction + joints.numerical + joints.impact
+        input_work = last.input + sum(work.loads.values()) + work.supports
         viscous = last.viscous + (work.viscous + work.absorbed)
-        rubbed = last.joint_friction + joints.friction
+        friction = last.joint_friction + joints.friction
         plastic = last.plastic + self._system.plastic_terms(state.joints)[1]
-        kinetic, strain, water = self._of_state(state)
+        kinetic, strain, water = self._energies(state)
         stored = kinetic + strain + float(elastic.sum()) + water
         impact = last.impact + float(joints.impact.sum())
-        losses = viscous + float(rubbed.sum()) + plastic + impact
-        missing = stored - self._at_start - entered + losses
+        losses = viscous + float(friction.sum()) + plastic + impact
+        missing = stored - self._at_start - input_work + losses
         return EnergyRow(
             kinetic=kinetic,
             strain=strain,
             joint_elastic=elastic,
-            input=entered,
+            input=input_work,
             input_by_load={
                 name: value + work.loads.get(name, 0.0)
                 for name, value in last.input_by_load.items()
             },
             viscous=viscous,
-            joint_friction=rubbed,
+            joint_friction=friction,
             joint_numerical=last.joint_numerical + joints.numerical,
-            joint_imbalance=last.joint_imbalance + own - joints.taken,
+            joint_imbalance=last.joint_imbalance + change - joints.taken,
             error=missing if np.isfinite(missing) else float("inf"),
             plastic=plastic,
             absorbed=last.absorbed + work.absorbed,
@@ -175,18 +175,18 @@ class EnergyLedger:
         return row
 
     def state_dict(self) -> dict[str, Any]:
-        """Where the ledger stands."""
+        """Return the row and the totals, for a restart."""
         return {"row": asdict(self.row), "totals": [getattr(self, name) for name in _TOTALS]}
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Go on from what another's ``state_dict`` gave."""
+        """Restore the ledger from ``state_dict``."""
         self.row = EnergyRow(**state_dict["row"])
         for name, value in zip(_TOTALS, state_dict["totals"], strict=True):
             setattr(self, name, value)
 
     @property
     def relative_error(self) -> float:
-        """The paper's energy error: largest |error| so far over the largest energy."""
+        """Energy error as in the paper: largest |error| so far over the largest energy."""
         return self._error / self.largest if self.largest else 0.0
 
     @property
@@ -194,13 +194,13 @@ class EnergyLedger:
         """Largest |imbalance| so far over the scale."""
         return self._imbalance / self.scale if self.scale else 0.0
 
-    def _elastic(self, state: DynamicState) -> Floats:
+    def _joint_energy(self, state: DynamicState) -> Floats:
         if self._system.contact is None or state.joints is None:
-            return self._none
+            return self._zeros
         return self._system.contact.stored_energy(state.joints.state)
 
-    def _of_state(self, state: DynamicState) -> tuple[float, float, float]:
-        """Kinetic and strain energy of the body, and energy of the water."""
+    def _energies(self, state: DynamicState) -> tuple[float, float, float]:
+        """Return kinetic and strain energy of the body, and the energy of the water."""
         kinetic, coupled = state.kinetic_energy, self._system.coupled
         strain = state.strain_energy + self._system.plastic_terms(state.joints)[0]
         if coupled is None:

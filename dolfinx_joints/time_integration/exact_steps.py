@@ -1,9 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Midpoint steps that are exact in the lowest modes, by their mass and damping (`ModalStep`).
+"""Midpoint steps that are exact in the lowest modes, by modified mass and damping (`ModalStep`).
 
-With m' the step keeps v1 = 2 x/dt - v0 in all of the body and its balance of energies, but v is not
-the velocity: of a mode it is that divided by sqrt(m'), so that m' v^2 / 2 is the kinetic energy.
+With the modal mass m', v1 = 2 x/dt - v0 and the energy balance still apply to the whole body. But v
+is no longer the velocity. In each mode it is the velocity over sqrt(m'), and m' v^2 / 2 is the
+kinetic energy.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ from dolfinx_joints.time_integration.states import DynamicState
 
 
 def scaled(system: MatrixSystem, state: DynamicState, count: int, rate: float) -> DynamicState:
-    """Return a state with modal velocities scaled for a step, kinetic energy kept (collective).
+    """Return a state with modal velocities scaled for a step, same kinetic energy (collective).
 
-    The step is exact in ``count`` modes; its ``rate`` is 2 / dt [1/s].
+    The step is exact in ``count`` modes, and ``rate`` is its 2 / dt [1/s].
     """
     if state.exact_modes == count and (count == 0 or state.rate == rate):
         return state
@@ -39,21 +40,21 @@ def scaled(system: MatrixSystem, state: DynamicState, count: int, rate: float) -
 def _scale(
     system: MatrixSystem, velocity: PETSc.Vec, count: int, rate: float, *, back: bool = False
 ) -> PETSc.Vec:
-    """Modal velocities divided by the root of m', or times it (collective)."""
+    """Divide modal velocities by sqrt(m'), or multiply them if ``back`` (collective)."""
     if not count:
         return velocity
     step = lowest_modes(system, count).step(rate)
-    known = step.modes.amounts(step.used, velocity)
+    modal = step.modes.amounts(step.used, velocity)
     velocity = velocity.copy()
     change = (step.root if back else 1.0 / step.root) - 1.0
-    velocity.getArray()[:] += step.modes.combined(change * known)
+    velocity.getArray()[:] += step.modes.combined(change * modal)
     return velocity
 
 
 def add_inertia(step: ModalStep, velocity: PETSc.Vec, momentum: PETSc.Vec) -> None:
-    """Add what m' changes to the momentum of a velocity (collective)."""
-    known = step.modes.amounts(step.used, velocity)
-    momentum.getArray()[:] += _inertia(step, velocity, known)
+    """Add the contribution of m' to the momentum of a velocity (collective)."""
+    modal = step.modes.amounts(step.used, velocity)
+    momentum.getArray()[:] += _inertia(step, velocity, modal)
 
 
 def add_free_vibration(
@@ -61,11 +62,11 @@ def add_free_vibration(
 ) -> None:
     """Remove free vibration from the change of the mean acceleration in a step of length dt [s].
 
-    ``velocity`` has the modal velocities at the start, shape (used,), [m/s].
+    ``velocity`` contains the modal velocities at the start, shape (used,), [m/s].
     """
-    turn = step.modes.frequencies[: step.used] * dt
-    own = 2.0 * (1.0 - np.cos(turn)) / dt * velocity  # v(t + dt) - 2 v(t) + v(t - dt), over -dt
-    acceleration.getArray()[:] += step.modes.combined(own)
+    angle = step.modes.frequencies[: step.used] * dt
+    change = 2.0 * (1.0 - np.cos(angle)) / dt * velocity  # -(v(t+dt) - 2 v(t) + v(t-dt)) / dt
+    acceleration.getArray()[:] += step.modes.combined(change)
 
 
 def complete(
@@ -76,9 +77,9 @@ def complete(
     modal: Floats,
     fixed: Ints,
 ) -> None:
-    """Add what m' and c' change to the products of a step with the body (collective).
+    """Add the contributions of m' and c' to the products of a step (collective).
 
-    x is the change of the displacement, ``modal`` Phi.M x, and ``fixed`` are constrained dofs.
+    x is the displacement increment, ``modal`` is Phi.M x, and ``fixed`` are constrained dofs.
     """
     inertia = _inertia(step, x, modal)
     products.mass.getArray()[:] += inertia
@@ -92,23 +93,23 @@ def complete(
 
 
 def _inertia(step: ModalStep, x: PETSc.Vec, modal: Floats) -> Floats:
-    """Owned rows of the change of M x (collective)."""
+    """Return the change of M x by m' at the owned rows (collective)."""
     change = step.modes.weighed((step.mass - 1.0) * modal + step.of_supports(x))
     step.modes.add_at_supports((step.root - 1.0) * modal, change)
     return change
 
 
 class LoadKick:
-    """Change that loads which grow along a step make to the midpoint rule in exact modes.
+    """Velocity correction for loads that change along a step, in the exact modes.
 
-    v1 = 2 x/dt - v0 + kick, with which x is exact under a load that is linear in the step.
+    With v1 = 2 x/dt - v0 + kick, x is exact for a load that is linear in time over the step.
 
     Attributes:
-        of_patterns: Modal kick of each pattern of the loads, shape (modes, patterns), [m/s].
+        of_patterns: Modal kick of each load pattern, shape (modes, patterns), [m/s].
     """
 
     def __init__(self, system: MatrixSystem, step: ModalStep, start: float, end: float) -> None:
-        """Find the kicks of a step between two times [s]."""
+        """Compute the kicks of a step between two times [s]."""
         self._step, self._names = step, system.names_of_patterns
         loads = step.modes.loads[: step.used] * system.load_change(start, end)
         self.of_patterns: Floats = step.kick[:, None] * loads
@@ -125,8 +126,9 @@ class LoadKick:
     ) -> dict[str, float]:
         """Return the work of each load on the kick [J].
 
-        x and ``velocity`` are modal displacements in the step and velocities at its start,
-        ``rate`` is 2 / dt [1/s], ``of_supports`` Phi.M of the change of the supports' velocities.
+        The modal displacement increments are x, the modal velocities at the start ``velocity``.
+        Further, ``rate`` is 2 / dt [1/s], and ``of_supports`` Phi.M times the change of the support
+        velocities.
         """
         change = rate * x - 2.0 * velocity + self.of_patterns.sum(axis=1)
         momentum = self._step.mass * change + self._step.root * of_supports

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Initial state of a motion, its acceleration in balance with the forces."""
+"""Initial state of a motion, with an acceleration that balances the forces."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from dolfinx_joints.solvers.step_solver import StepSolver
 from dolfinx_joints.time_integration.products import combination
 from dolfinx_joints.time_integration.states import DynamicState
 
-# Interval of the differences that give the first velocity and acceleration of moving supports, as a
-# part of a step. For motions that the steps resolve, their error is far below that of the time
-# scheme, and rounding leaves about eight digits.
+# Interval of the finite differences for the initial velocity and acceleration of moving supports,
+# as a fraction of the step. If the steps resolve the motion, the error of the differences is far
+# below that of the time scheme, and about eight digits remain after rounding.
 INTERVAL = 1.0 / 16.0
 
-# Of the loads or elastic forces, that may be left where there is no mass at the start.
+# Largest unbalanced force at massless dofs at the start, over the loads or the elastic forces.
 LARGEST_FORCE = 1e-6
 
 
@@ -37,10 +37,10 @@ def initial_state(
 ) -> DynamicState:
     """Return the state at a time [s] whose acceleration balances the forces (collective).
 
-    The length dt [s] of the next step is needed where supports move, see `INTERVAL`. Displacement
-    [m] and velocity [m/s] are zero unless given, but for prescribed dofs. A state of the ``joints``
-    is evaluated at the displacement, a response is taken as it is; they are at rest unless given.
-    ``water``, see `DynamicState`, follows the openings unless given.
+    The length dt [s] of the next step is required if supports move, see `INTERVAL`. Displacement
+    [m] and velocity [m/s] are zero by default, except at prescribed dofs. A state of the
+    ``joints`` is evaluated at the displacement, a response is used unchanged. By default the joints
+    are at rest. By default ``water``, see `DynamicState`, follows from the openings.
     """
     system = solver.system
     u, v = system.unknowns(displacement), system.unknowns(velocity)
@@ -67,9 +67,9 @@ def initial_state(
     if velocity is None:
         _check_massless(system, force, max(load.norm(), elastic_force.norm()))
     a = _balance(system, force)
-    left = combination((1.0, system.mass * a), (-1.0, force))
+    imbalance = combination((1.0, system.mass * a), (-1.0, force))
     reaction = system.vector()
-    reaction.getArray()[system.constrained] = left.array_r[system.constrained]
+    reaction.getArray()[system.constrained] = imbalance.array_r[system.constrained]
     a.axpy(1.0, moving)
     return DynamicState(
         time=time,
@@ -86,37 +86,37 @@ def initial_state(
 
 
 def _check_massless(system: MatrixSystem, force: PETSc.Vec, scale: float) -> None:
-    """Check that massless parts, joints aside, are in balance at a start from rest (collective).
+    """Check that massless dofs outside joints are in balance at a start from rest (collective).
 
-    No inertia takes up that force: it would swing in them from step to step for ever.
+    Without inertia to balance it, an initial residual would oscillate there in all later steps.
     """
     comm = force.comm.tompi4py()
     if not sum(comm.allgather(len(system.massless))):
         return
-    alone = np.zeros(force.getLocalSize(), dtype=bool)
-    alone[system.massless] = True
-    alone[system.constrained] = False
+    checked = np.zeros(force.getLocalSize(), dtype=bool)
+    checked[system.massless] = True
+    checked[system.constrained] = False
     if system.contact is not None:
-        alone &= ~joint_dofs(system.contact.operator)
-    left = float(np.abs(force.getArray(readonly=True)[alone]).max(initial=0.0))
-    left = max(comm.allgather(left))
-    if left > LARGEST_FORCE * scale:
+        checked &= ~joint_dofs(system.contact.operator)
+    residual = float(np.abs(force.getArray(readonly=True)[checked]).max(initial=0.0))
+    residual = max(comm.allgather(residual))
+    if residual > LARGEST_FORCE * scale:
         raise JointsError(
             f"A part of the body without mass is not in balance at the start: a nodal force of "
-            f"{left:.3g} N is left; let its loads start at zero, or begin from statics()."
+            f"{residual:.3g} N is left. Let its loads start at zero, or begin with statics()."
         )
 
 
 def _balance(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
-    """Acceleration with M a = force at the unconstrained dofs with mass and zero at all others."""
+    """Return a with M a = force at unconstrained dofs with mass, and zero at all other dofs."""
     mask = system.vector(1.0)
     mask.getArray()[system.constrained] = 0.0
     unconstrained = mask.sum()
     mask.getArray()[system.massless] = 0.0
     if unconstrained and not mask.sum():
         raise JointsError(
-            "The body has no mass: all densities are zero, which dynamics cannot do with; "
-            "quasi_statics can."
+            "The body has no mass: all densities are zero. Set a density for dynamics, or use "
+            "quasi_statics."
         )
     mass = system.mass.copy()
     rows = np.flatnonzero(mask.array_r == 0.0) + mass.getOwnershipRange()[0]
@@ -134,8 +134,8 @@ def _balance(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
     ksp.solve(b, a)
     if ksp.getConvergedReason() < 0:
         raise JointsError(
-            "The initial acceleration could not be found: the mass matrix is singular (has a part "
-            "of the body mass in some directions only?)."
+            "The initial acceleration could not be computed: the mass matrix is singular. Check "
+            "for parts of the body that have mass in some directions only."
         )
     ksp.destroy()
     mass.destroy()

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What the joints of a midpoint step know of its start besides their own state."""
+"""State of the joints at the start of a midpoint step, prepared for the joint laws."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ from dolfinx_joints.time_integration.states import DynamicState
 
 
 def joints_before(
-    system: MatrixSystem, state: DynamicState, turn: PETSc.Vec | None, rate: float
+    system: MatrixSystem, state: DynamicState, correction: PETSc.Vec | None, rate: float
 ) -> JointState | None:
-    """Return the state of the joints, slips for the length of the step, approach without rebound.
+    """Return the joint state with slips scaled to the step, and approaches if points don't rebound.
 
-    ``turn`` is v1 - (2 x / dt - v0), None where it is zero [m/s]; ``rate`` is 2 / dt [1/s].
+    ``correction`` is v1 - (2 x / dt - v0), None if zero [m/s]; ``rate`` is 2 / dt [1/s].
     """
     if state.joints is None:
         return None
     joints = state.joints.state
     if len(joints.slips) and state.rate not in (0.0, rate):
-        joints = replace(joints, slips=_of_length(joints.slips, state.rate / rate))
+        joints = replace(joints, slips=_rescaled(joints.slips, state.rate / rate))
     if system.contact is None or not system.contact.stops:
         return joints
     velocity = state.velocity.copy()
-    if turn is not None:
-        velocity.axpy(-1.0, turn)  # where nothing rebounds, 0 = v1 = 2 x / dt - (v0 - turn)
+    if correction is not None:
+        velocity.axpy(-1.0, correction)  # Without rebound, 0 = v1 = 2 x / dt - (v0 - correction).
     if len(system.massless):
-        # Theirs is that in the middle of the last step.
-        late = system.massless
-        velocity.getArray()[late] += state.acceleration.array[late] / rate
+        # Velocities of massless dofs belong to the middle of the last step; advance to its end.
+        massless = system.massless
+        velocity.getArray()[massless] += state.acceleration.array[massless] / rate
     approach = 2.0 / rate * system.contact.operator.jump(velocity)[:, 0]
     return replace(joints, approach=approach)
 
 
-def _of_length(slips: Floats, times: float) -> Floats:
-    """Slips of steps so many times as long as those before, on the same parabola."""
+def _rescaled(slips: Floats, times: float) -> Floats:
+    """Return slips for steps ``times`` as long as the last ones, on the same parabola in time."""
     slips = slips.copy()
     last, before = slips[:, :2], slips[:, 2:4]
     change = times**2 * (last - before)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Midpoint schemes; each marches M a + C v + K u + B^T w t = F with any matrices."""
+"""Midpoint schemes for M a + C v + K u + B^T w t = F, for any matrices M, C and K."""
 
 from __future__ import annotations
 
@@ -35,14 +35,15 @@ from dolfinx_joints.time_integration.states import DynamicState
 
 @dataclass(frozen=True, kw_only=True)
 class _Midpoint:
-    """The step that the midpoint schemes share; they differ in what they ask the laws for.
+    """Step of the midpoint schemes, which differ in the rule that evaluates the joint laws.
 
     With x = u1 - u0 and v1 = 2 x / dt - v0,
 
         (2/dt^2 M + 1/dt C + 1/2 K) x + B^T w t = (F0 + F1)/2 + 2/dt M v0 - K u0.
 
-    Times x this is the change of kinetic and strain energy, the viscous loss, the work of the loads
-    and that of the joints, to rounding.
+    The product of this equation and x is the energy balance of the step. It contains the changes of
+    kinetic and strain energy, the viscous loss, and the works of loads and joints. It closes to
+    rounding error.
     """
 
     rule: ClassVar[Rule] = DISCRETE_GRADIENT
@@ -50,22 +51,22 @@ class _Midpoint:
     forces_over_steps: ClassVar[bool] = True
 
     def conserves(self, system: MatrixSystem) -> bool:
-        """Whether the balance is exact: where K has an energy."""
+        """Return True if K is symmetric: the energy balance is then exact."""
         return system.symmetric
 
     def advance(
         self, solver: StepSolver, state: DynamicState, dt: float, end: float | None = None
     ) -> tuple[DynamicState, StepReport]:
-        """One step; see `Scheme.advance` (collective)."""
+        """Compute one step; see `Scheme.advance` (collective)."""
         if solver.system.bulk is not None and self.rule != DISCRETE_GRADIENT:
             raise ValueError(
-                f"{type(self).__name__} asks laws for the end of steps that the body takes in the "
-                "middle, which plastic cells cannot do; take EnergyConsistent."
+                f"{type(self).__name__} evaluates the laws at the end of a step and the body at "
+                "its middle, which plastic cells do not support; use EnergyConsistent."
             )
         rule = self.rule.over(dt)
         end = state.time + dt if end is None else end
         step = _Step(solver.system, state, dt, end, self.exact_modes)
-        joints, solve = solver.solve(step.effective, step.known, step.x, step.joints, rule)
+        joints, solve = solver.solve(step.effective, step.rhs, step.x, step.joints, rule)
         products = step.products(joints)
         after = step.state_after(products, joints)
         work = step.work(products, after, rule)
@@ -76,16 +77,17 @@ class _Midpoint:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class EnergyConsistent(_Midpoint):
-    """Midpoint rule with the discrete gradient of the joints' energy: the balance always closes.
+    """Midpoint rule with a discrete gradient of the joint energy: the energy balance always closes.
 
-    What friction dissipates is all that joints take from a step, at any length of step and however
-    stiff they are (`laws.points.discrete_gradient`). Where all joints stick, and without joints,
-    this is Newmark's average acceleration. Accurate it is only where the step resolves the motion:
-    watch the local error, and let `StepControl` shorten steps in which joints open or close.
+    The joints take from a step exactly the energy that friction dissipates, for any step length
+    and joint stiffness (`laws.points.discrete_gradient`). If all joints stick, or without joints,
+    the scheme equals Newmark's average acceleration. The scheme is accurate only if the step
+    resolves the motion. Check the local error, or let `StepControl` shorten the steps in which
+    joints open or close.
 
     Attributes:
         exact_modes: Number of lowest modes, of the body cut at its joints, whose phase and damping
-            are exact; of them a step takes those with omega dt up to 1.5.
+            are exact. A step treats only those with omega dt up to 1.5 exactly.
     """
 
     exact_modes: Annotated[int, at.Ge(0)] = 0  # type: ignore[misc]
@@ -95,31 +97,28 @@ class EnergyConsistent(_Midpoint):
 class ImplicitContact(_Midpoint):
     """Midpoint rule for the body, backward Euler for the joints: impacts lose energy, never gain.
 
-    The tractions of the end of a step act over the whole of it (Kane, Repetto, Ortiz, Marsden
-    1999). What impacts lose is counted as numerical.
+    The tractions at the end of a step act over the whole step (Kane, Repetto, Ortiz, Marsden 1999).
+    The energy lost in impacts is counted as numerical.
     """
 
     rule: ClassVar[Rule] = BACKWARD_EULER
 
 
 class _Step:
-    """The equation of one step, and what follows once a solver has found its x.
+    """Equation of one step, and the quantities derived from its solution x.
 
     Attributes:
         effective: Coefficients of the matrix.
-        known: (F0 + F1)/2 + 2/dt M v0 - K u0, the remainder of the last step, and what prescribed
-            dofs and exact modes change [N].
-        x: u1 - u0, a guess until it is solved for; prescribed dofs are as they must be [m].
-        joints: State of the joints as laws take it at the start.
+        rhs: (F0 + F1)/2 + 2/dt M v0 - K u0, less the remainder of the last step, plus the
+            contributions of prescribed dofs and exact modes [N].
+        x: u1 - u0, an initial guess until the step is solved; prescribed dofs are exact [m].
+        joints: State of the joints at the start, as passed to the laws.
     """
 
     def __init__(
         self, system: MatrixSystem, state: DynamicState, dt: float, end: float, modes: int
     ) -> None:
-        """Set up the step of length dt [s] from a state to a time [s], exact in some modes.
-
-        (Collective.)
-        """
+        """Set up the step of length dt [s] from a state to the time ``end`` [s] (collective)."""
         self._system, self._dt, self._time = system, dt, end
         self._rate = rate = exact_square(2.0 / dt)
         self._before = state = scaled(system, state, modes, rate)
@@ -128,27 +127,27 @@ class _Step:
         )
         self._exact = exact = self.effective.modal_step(system)
         self._load = system.load(self._time, state.load.duplicate())
-        known = [(0.5, self._load), (0.5, state.load)]
-        known += [(rate, state.momentum), (-1.0, state.elastic_force)]
+        terms = [(0.5, self._load), (0.5, state.load)]
+        terms += [(rate, state.momentum), (-1.0, state.elastic_force)]
         if state.remainder is not None:
-            known.append((-1.0, state.remainder))
-        self.known = combination(*known)
+            terms.append((-1.0, state.remainder))
+        self.rhs = combination(*terms)
         self.x = guess(state, (dt, state.velocity))
         fixed = system.constrained
         moved = system.prescribed(self._time) - state.displacement.array[fixed]
         self.x.getArray()[fixed] = moved
         self._prescribed = _PrescribedChange(system, state, self.x, rate, self._time, dt, exact)
-        self._prescribed.add(self._prescribed.momentum, self.known, -0.5 * rate)
+        self._prescribed.add(self._prescribed.momentum, self.rhs, -0.5 * rate)
         self.joints = joints_before(system, state, self._prescribed.velocity, rate)
 
     @cached_property
     def _modal(self) -> Floats:
-        """Phi.M x of the exact modes, once x is solved for, shape (used,), [m]."""
+        """Modal displacements Phi.M x of the exact modes, available once x is solved, [m]."""
         return self._amounts(self.x)
 
     @cached_property
     def _modal_rates(self) -> Floats:
-        """Their velocities at the start, shape (used,), [m/s]."""
+        """Velocities of the exact modes at the start of the step, shape (used,), [m/s]."""
         return self._amounts(self._before.velocity)
 
     def _amounts(self, vector: PETSc.Vec) -> Floats:
@@ -156,21 +155,21 @@ class _Step:
         return np.zeros(0) if exact is None else exact.modes.amounts(exact.used, vector)
 
     def products(self, joints: Response | None) -> Products:
-        """M x and K x, with the mass and damping of exact modes (collective)."""
+        """Return M x and K x, including the mass and damping of exact modes (collective)."""
         system, exact = self._system, self._exact
-        products = Products(system, self.effective, self.known, self.x, joints)
+        products = Products(system, self.effective, self.rhs, self.x, joints)
         if exact is not None:
             complete(exact, products, self.effective, self.x, self._modal, system.constrained)
         return products
 
     def state_after(self, products: Products, joints: Response | None) -> DynamicState:
-        """The state at the end of the step (collective)."""
+        """Return the state at the end of the step (collective)."""
         before, massless = self._before, self._system.massless
         velocity = combination((self._rate, self.x), (-1.0, before.velocity))
         momentum = combination((self._rate, products.mass), (-1.0, before.momentum))
         self._prescribed.add(self._prescribed.velocity, velocity)
         if len(massless):
-            # Nothing holds the velocities of these to those before: take the mean of the step.
+            # The scheme does not determine the velocities of massless dofs: use the step's mean.
             velocity.getArray()[massless] = self.x.array[massless] / self._dt
         self._prescribed.add(self._prescribed.momentum, momentum)
         acceleration = combination((1.0, velocity), (-1.0, before.velocity))
@@ -191,7 +190,7 @@ class _Step:
         )
 
     def work(self, products: Products, after: DynamicState, rule: Rule) -> StepWork:
-        """Works over the step, each by its own formula (collective)."""
+        """Return the works over the step, each by a separate formula (collective)."""
         system, before, exact = self._system, self._before, self._exact
         loads = system.work_of_loads(self.x, before.time, self._time)
         if exact is not None:
@@ -210,7 +209,7 @@ class _Step:
         )
 
     def local_error(self, after: DynamicState) -> float:
-        """Error of the displacement in the step, equation (33) [m] (collective)."""
+        """Return the displacement error of the step, equation (33) [m] (collective)."""
         change = combination((1.0, after.acceleration), (-1.0, self._before.acceleration))
         if self._exact is not None:
             add_free_vibration(self._exact, self._modal_rates, self._dt, change)
@@ -218,14 +217,14 @@ class _Step:
 
 
 class _PrescribedChange:
-    """Change that prescribed dofs and exact modes make to the midpoint rule.
+    """Correction of v1 = 2 x / dt - v0 by prescribed dofs and exact modes.
 
-    The velocities of prescribed dofs are prescribed, too: left to v1 = 2 x / dt - v0, they would
-    swing for ever after every corner of their motion. In exact modes there is a `LoadKick`.
+    Prescribed dofs have prescribed velocities. By the midpoint formula their velocities would
+    oscillate without decay after each corner of the motion. Exact modes add a `LoadKick`.
 
     Attributes:
-        velocity: v1 - (2 x / dt - v0), None where it is zero [m/s].
-        momentum: M times that, or None [N s].
+        velocity: v1 - (2 x / dt - v0), None if zero [m/s].
+        momentum: M times ``velocity``, None if zero [N s].
     """
 
     def __init__(
@@ -238,7 +237,7 @@ class _PrescribedChange:
         dt: float,
         exact: ModalStep | None,
     ) -> None:
-        """Find the change (collective)."""
+        """Compute the correction (collective)."""
         self.velocity: PETSc.Vec | None = None
         self.momentum: PETSc.Vec | None = None
         self._fixed = system.constrained
@@ -260,28 +259,28 @@ class _PrescribedChange:
 
     @staticmethod
     def add(part: PETSc.Vec | None, to: PETSc.Vec, factor: float = 1.0) -> None:
-        """Add a part to a vector, if there is one."""
+        """Add ``factor`` times a part to a vector, unless the part is None."""
         if part is not None:
             to.axpy(factor, part)
 
     def work(self, before: PETSc.Vec, after: PETSc.Vec) -> float:
-        """Work of the supports on this part of the motion, from momenta of the body [J]."""
+        """Return the work of the supports on the velocity correction, from body momenta [J]."""
         if self.velocity is None:
             return 0.0
         gained = (after.array_r - before.array_r)[self._fixed]
-        mine = 0.5 * float(self.velocity.array_r[self._fixed] @ gained)
-        return float(np.sum(before.comm.tompi4py().allgather(mine)))
+        own_work = 0.5 * float(self.velocity.array_r[self._fixed] @ gained)
+        return float(np.sum(before.comm.tompi4py().allgather(own_work)))
 
     def works(self, *parts: Any) -> dict[str, float]:
-        """Work of each load on this part of the motion [J], see `LoadKick.work`."""
+        """Return the work of each load on the velocity correction [J], see `LoadKick.work`."""
         return {} if self._kick is None else self._kick.work(*parts)
 
 
 def exact_square(rate: float) -> float:
-    """The rate, within 2e-8 of it, whose square has no rounding error.
+    """Return a rate within a relative 2e-8 of ``rate`` whose square is exact in double precision.
 
-    The rounding of 2/dt against that of 2/dt^2 would be the same in every step: over 1e5 of them
-    the energy would drift by some 1e-11.
+    Otherwise the roundings of 2/dt and 2/dt^2 would be inconsistent, equally in every step. Over
+    1e5 steps the energy would drift by a relative 1e-11.
     """
     mantissa, exponent = math.frexp(rate)
     return math.ldexp(round(mantissa * 2**26) / 2**26, exponent)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Schemes that balance forces at the end of steps: Newmark, HHT-alpha, generalized-alpha."""
+"""Schemes that satisfy equilibrium at the end of steps: Newmark, HHT-alpha, generalized-alpha."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from dolfinx_joints.time_integration.states import DynamicState
 
 
 class _Alpha:
-    """The step that the end-point schemes share, the generalized-alpha method.
+    """Step of the generalized-alpha method, shared by all schemes of this module.
 
-    M a_m + C v_f + K u_f + B^T w t_f = F_f, where a_m = (1 - alpha_m) a1 + alpha_m a0, the others
-    alike with alpha_f, and
+    M a_m + C v_f + K u_f + B^T w t_f = F_f, where a_m = (1 - alpha_m) a1 + alpha_m a0; v_f, u_f,
+    t_f and F_f are the same means with alpha_f, and
 
     u1 = u0 + dt v0 + dt^2 ((1/2 - beta) a0 + beta a1),  v1 = v0 + dt ((1 - gamma) a0 + gamma a1).
     """
@@ -34,33 +34,33 @@ class _Alpha:
 
     @property
     def alpha_m(self) -> float:
-        """Weight of the start of the step in inertia."""
+        """Weight of the start of the step in the inertia forces."""
         return 0.0
 
     @property
     def alpha_f(self) -> float:
-        """Weight of the start of the step in the other forces."""
+        """Weight of the start of the step in all other forces."""
         return 0.0
 
     @property
     def beta(self) -> float:
-        """Newmark's beta, which damps high frequencies most."""
+        """Newmark's beta with the largest damping of high frequencies."""
         return 0.25 * (1.0 - self.alpha_m + self.alpha_f) ** 2
 
     @property
     def gamma(self) -> float:
-        """Newmark's gamma, of second order."""
+        """Newmark's gamma for second-order accuracy."""
         return 0.5 - self.alpha_m + self.alpha_f
 
     def conserves(self, system: MatrixSystem) -> bool:
-        """Whether the body's balance is exact: for average acceleration on supports at rest."""
+        """Return True for average acceleration with fixed supports: the balance is then exact."""
         average = (self.alpha_m, self.alpha_f, self.beta, self.gamma) == (0.0, 0.0, 0.25, 0.5)
         return average and system.symmetric and system.values is None
 
     def advance(
         self, solver: StepSolver, state: DynamicState, dt: float, end: float | None = None
     ) -> tuple[DynamicState, StepReport]:
-        """One step; see `Scheme.advance` (collective)."""
+        """Compute one step; see `Scheme.advance` (collective)."""
         system, time = solver.system, state.time + dt if end is None else end
         share = 1.0 - self.alpha_f
         of_mass, of_damping = 1.0 / (self.beta * dt**2), self.gamma / (self.beta * dt)
@@ -73,10 +73,10 @@ class _Alpha:
         x = guess(state, (dt, v), (0.5 * dt**2, a))
         fixed = system.constrained
         x.getArray()[fixed] = system.prescribed(time) - state.displacement.array[fixed]
-        # a_m balances forces at t1 - alpha_f dt, so that a1 is of second order earlier than t1.
+        # a_m balances the forces at t1 - alpha_f dt, so a1 is second-order accurate before t1.
         rates = system.prescribed_rates(time, dt, late=self.alpha_f - self.alpha_m)
         if rates is not None:
-            # Inferred from the displacements alone, accelerations of supports would oscillate.
+            # Support accelerations derived from the displacements alone would oscillate.
             a_known.getArray()[fixed] = rates[1] - of_mass * x.array[fixed]
             v_known.getArray()[fixed] = rates[0] - of_damping * x.array[fixed]
         load = system.load(time, state.load.duplicate())
@@ -121,17 +121,17 @@ class _Alpha:
         a_known: PETSc.Vec,
         v_known: PETSc.Vec,
     ) -> PETSc.Vec:
-        """Known part of the equation, over 1 - alpha_f, [N]."""
+        """Return the known part of the equation, divided by 1 - alpha_f, [N]."""
         system, old, share = solver.system, self.alpha_f, 1.0 - self.alpha_f
         b = combination((1.0, load), (old / share, state.load), (-1.0 / share, state.elastic_force))
-        known = combination((1.0 - self.alpha_m, a_known), (self.alpha_m, state.acceleration))
+        mean = combination((1.0 - self.alpha_m, a_known), (self.alpha_m, state.acceleration))
         work = b.duplicate()
-        system.mass.mult(known, work)
+        system.mass.mult(mean, work)
         b.axpy(-1.0 / share, work)
-        known.waxpy(old / share, state.velocity, v_known)
-        b.axpy(-1.0, system.damping_force(known, work))
+        mean.waxpy(old / share, state.velocity, v_known)
+        b.axpy(-1.0, system.damping_force(mean, work))
         if old:
-            # Of the start, so that what is left at the supports is their force at the end.
+            # With the forces of the start, the residual at supports is the reaction at the end.
             b.axpy(old / share, state.reaction)
             if system.internal_forces is not None and state.joints is not None:
                 b.axpy(-old / share, system.internal_forces.force_at_end(state.joints, work))
@@ -143,12 +143,12 @@ class _Alpha:
 class Newmark(_Alpha):
     """Newmark's method (1959); by default average acceleration, the scheme of the paper.
 
-    Average acceleration (beta 1/4, gamma 1/2) keeps the energy of a linear system, but not that of
-    joints that open and close.
+    Average acceleration (beta 1/4, gamma 1/2) conserves the energy of a linear system, but not that
+    of joints that open and close.
 
     Attributes:
-        beta: Weight of the acceleration at the end of a step in its displacement.
-        gamma: The same in its velocity; below 1/2 the method is unstable.
+        beta: Weight of the end acceleration in the displacement of the step.
+        gamma: Weight of the end acceleration in the velocity; below 1/2 the method is unstable.
     """
 
     beta: Annotated[float, at.Gt(0), at.Le(0.5)] = 0.25
@@ -158,37 +158,37 @@ class Newmark(_Alpha):
 @dataclass(frozen=True, kw_only=True)
 @checked
 class HilberHughesTaylor(_Alpha):
-    """The HHT-alpha method (1977): damps high frequencies, second order.
+    """HHT-alpha method (1977): second-order accurate, damps high frequencies.
 
     Attributes:
-        alpha: Weight of the start of the step in forces; 0 is average acceleration.
+        alpha: Weight of the start of the step in the forces; 0 is average acceleration.
     """
 
     alpha: Annotated[float, at.Ge(0), at.Le(1 / 3)] = 0.1
 
     @property
     def alpha_f(self) -> float:
-        """Weight of the start of the step in forces."""
+        """Weight of the start of the step in all forces except inertia."""
         return self.alpha
 
 
 @dataclass(frozen=True, kw_only=True)
 @checked
 class GeneralizedAlpha(_Alpha):
-    """The generalized-alpha method (Chung and Hulbert 1993), damping set at infinite frequency.
+    """Generalized-alpha method (Chung and Hulbert 1993) with given damping of high frequencies.
 
     Attributes:
-        spectral_radius: At infinite frequency, from 0 (gone in a step) to 1 (undamped).
+        spectral_radius: At infinite frequency, from 0 (damped out in a step) to 1 (undamped).
     """
 
     spectral_radius: Annotated[float, at.Ge(0), at.Le(1)] = 0.8
 
     @property
     def alpha_m(self) -> float:
-        """Weight of the start of the step in inertia."""
+        """Weight of the start of the step in the inertia forces."""
         return (2.0 * self.spectral_radius - 1.0) / (self.spectral_radius + 1.0)
 
     @property
     def alpha_f(self) -> float:
-        """Weight of the start of the step in the other forces."""
+        """Weight of the start of the step in all other forces."""
         return self.spectral_radius / (self.spectral_radius + 1.0)

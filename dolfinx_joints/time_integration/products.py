@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Products and works of a step that all schemes need."""
+"""Products and works of a step, for all schemes."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from dolfinx_joints.time_integration.states import DynamicState
 
 
 class Products:
-    """M x and K x of the change x of a step, and what of its equation is left.
+    """M x and K x of the displacement increment x of a step, and the residual of its equation.
 
     Attributes:
         mass: M x, zero in statics.
         stiffness: K x.
-        viscous: x.C x times the coefficient of C in the equation, absorption apart [J].
-        absorbed: The same of the dashpots that take waves out [J].
+        viscous: x.C x times the coefficient of C in the equation, without absorption [J].
+        absorbed: The same product for the dashpots of absorbing boundaries [J].
         reaction: Residual of the step's equation at the constrained dofs, zero elsewhere [N].
-        remainder: The same at the unconstrained dofs [N].
+        remainder: Residual at the unconstrained dofs, zero elsewhere [N].
     """
 
     def __init__(
@@ -38,17 +38,17 @@ class Products:
         x: PETSc.Vec,
         joints: Response | None,
     ) -> None:
-        """Multiply (collective)."""
+        """Compute the products (collective)."""
         self.mass, self.stiffness, self.reaction = (b.duplicate() for _ in range(3))
         if effective.mass or effective.damping:
             system.multiply(x, self.mass, self.stiffness)
-        else:  # statics: few products, which do not pay for what fast ones prepare
+        else:  # Statics need too few products to pay for the set-up of `system.multiply`.
             self.mass.set(0.0)
             system.stiffness.mult(x, self.stiffness)
         residual = combination(
             (-1.0, b), (effective.mass, self.mass), (effective.stiffness, self.stiffness)
         )
-        # C x apart from the solved matrix, so that the balance shows errors of that one.
+        # Compute C x independently of the solved matrix: the balance then detects its errors.
         damped = combination(
             (system.rayleigh.mass_factor, self.mass),
             (system.rayleigh.stiffness_factor, self.stiffness),
@@ -78,7 +78,7 @@ class Products:
 
 
 def combination(*terms: tuple[float, PETSc.Vec]) -> PETSc.Vec:
-    """A new vector, the sum of factors times vectors."""
+    """Return a new vector, the sum of the factors times the vectors."""
     (factor, first), *others = terms
     total = first.copy()
     total.scale(factor)
@@ -88,9 +88,9 @@ def combination(*terms: tuple[float, PETSc.Vec]) -> PETSc.Vec:
 
 
 def guess(state: DynamicState, *terms: tuple[float, PETSc.Vec]) -> PETSc.Vec:
-    """Where the solve of a step starts: a sum as of `combination`, zero if laws have a history.
+    """Return the initial guess of a step, a sum as in `combination`; zero if laws have a history.
 
-    A bond that the start breaks stays broken, and that is often a solution of the step, too.
+    A bond that the guess breaks stays broken, and the solver often converges to that state.
     """
     x = combination(*terms)
     if state.joints is not None and state.joints.state.internal.shape[1]:
@@ -102,11 +102,10 @@ def guess(state: DynamicState, *terms: tuple[float, PETSc.Vec]) -> PETSc.Vec:
 class JointWorks:
     """Works of a step on each joint, all of shape (number of joints,), [J].
 
-    Attributes:
-        taken: Work of the body.
-        friction: What of it is dissipated.
-        numerical: What of it the time scheme loses, by the formulae of the laws.
-        impact: What of it points lose that strike and do not rebound.
+    taken: Work of the body on the joint.
+    friction: Dissipated part of it.
+    numerical: Part lost by the time scheme, by the formulae of the laws.
+    impact: Part lost by points that strike without rebound.
     """
 
     taken: Floats
@@ -123,9 +122,9 @@ def joint_works(
     *,
     mean_traction: bool,
 ) -> JointWorks:
-    """Works on the joints in a step that ends with a response (collective).
+    """Return the works on the joints in a step that ends with the response ``joints`` (collective).
 
-    ``mean_traction`` takes the mean of the tractions at both ends, not those of the response.
+    ``mean_traction`` uses the mean of the tractions at both ends instead of those of the response.
     """
     if system.contact is None or before.joints is None or joints is None:
         none = np.zeros(0)
@@ -135,6 +134,6 @@ def joint_works(
         traction = 0.5 * (traction + before.joints.traction)
     with raised_together(system.contact.operator.comm):
         lost = system.contact.losses(rule, start, joints, traction)
-    taken = work(traction, joints.state.gap - start.gap)
-    sums = system.contact.integrals(np.array([taken, *lost]))
+    work_of_body = work(traction, joints.state.gap - start.gap)
+    sums = system.contact.integrals(np.array([work_of_body, *lost]))
     return JointWorks(taken=sums[0], friction=sums[1], numerical=sums[2], impact=sums[3])

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Interface of the time schemes: protocol and report of a step."""
+"""Interface of the time schemes: protocol and step report."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from dolfinx_joints.time_integration.states import DynamicState
 
 @dataclass(frozen=True, kw_only=True)
 class StepWork:
-    """Works of a step as the scheme itself balances them.
+    """Works of a step, evaluated as in the energy balance of the scheme.
 
     Attributes:
-        loads: Of each load by name [J].
-        supports: Of moving supports [J].
-        viscous: Against the damping, absorption apart [J].
-        absorbed: Against the dashpots that take waves out, of rock and water [J].
-        joints: Of the body on each joint, and what of it is lost [J].
+        loads: Work of each load by name [J].
+        supports: Work of moving supports [J].
+        viscous: Work against damping, without absorption [J].
+        absorbed: Work against the dashpots of absorbing boundaries, of rock and water [J].
+        joints: Work of the body on each joint, and the losses of the joints [J].
     """
 
     loads: Mapping[str, float]
@@ -38,7 +38,7 @@ class StepWork:
 class StepReport:
     """Length [s], solve and works of a step.
 
-    ``local_error`` estimates the displacement error made in it, 2-norm over all dofs [m].
+    ``local_error`` is an estimate of the displacement error of this step, 2-norm over all dofs [m].
     """
 
     dt: float
@@ -48,27 +48,27 @@ class StepReport:
 
 
 class Scheme(Protocol):
-    """A time scheme: parameters, and one step."""
+    """Time scheme: its parameters, and the computation of one step."""
 
     @property
     def rule(self) -> Rule:
-        """Response that it asks the laws for."""
+        """Rule by which the joint laws are evaluated."""
 
     @property
     def forces_over_steps(self) -> bool:
-        """Whether tractions and reactions are those that act over a step, not those at its end."""
+        """Whether tractions and reactions act over a step instead of at its end."""
 
     def conserves(self, system: MatrixSystem) -> bool:
-        """Whether its balance is exact for a system, so that a solve may be judged by it."""
+        """Return True if the energy balance is exact, so that it can be used to check a solve."""
 
     def advance(
         self, solver: StepSolver, state: DynamicState, dt: float, end: float | None = None
     ) -> tuple[DynamicState, StepReport]:
-        """The state a step of length dt [s] later (collective).
+        """Return the state after a step of length dt [s], and the report (collective).
 
-        It ends at ``end`` [s], which is the sum of its start and dt but for rounding: loads may
-        jump there.
+        The step ends at ``end`` [s]. It may differ from the sum of start and dt by rounding, and
+        must be passed if loads jump at that time.
 
         Raises:
-            ConvergenceError: The solve failed; ``state`` is as it was.
+            ConvergenceError: The solve failed; ``state`` is unchanged.
         """

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""State of a system at one time, which a time scheme starts from and leads to."""
+"""State of a system at one time: start and result of a step of a time scheme."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from dolfinx_joints.laws.law import Response
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class DynamicState(Summarised):
-    """State of a system at one time; never changed once made.
+    """State of a system at one time; immutable.
 
     Attributes:
         time: Time [s].
         displacement: u [m].
         velocity: v [m/s].
-        acceleration: a, or its mean over the last step where the scheme knows no other [m/s^2].
+        acceleration: a, or the mean over the last step if the scheme gives only that [m/s^2].
         load: Nodal loads F [N].
-        reaction: Forces of the supports on the body at constrained dofs, zero elsewhere: at this
-            time, or their mean over the last step where the scheme knows no other [N].
+        reaction: Forces of the supports on the body at constrained dofs, zero elsewhere [N]. They
+            are means over the last step if the scheme gives only those.
         momentum: M v [N s].
         elastic_force: K u [N].
         joints: Response of the joints and of plastic cells, None without both.
-        remainder: Rest that rounding left of the last step's equation at the unconstrained dofs,
-            None at the start [N]. Taken into the next step it does not add up over many of them.
+        remainder: Rounding residual of the last step at the unconstrained dofs, None at the start
+            [N]. The next step includes it, so that these residuals do not accumulate.
         water: State of the water in ``load`` at the local joint points (`Wetness`), shape (n,),
-            None where no load depends on the joints.
+            None if no load depends on the joints.
         exact_modes: Number of modes whose velocities are scaled for a step that is exact in them
             (`exact_steps`).
-        rate: 2 / dt of the last step, by which these and slips of joints go, 0 at the start [1/s].
+        rate: 2 / dt of the last step, scales these velocities and joint slips, 0 at start [1/s].
     """
 
     time: float
@@ -64,23 +64,23 @@ class DynamicState(Summarised):
 
     @property
     def strain_energy(self) -> float:
-        """u.K u / 2 of bulk and springs, plastic strains apart [J] (collective)."""
+        """u.K u / 2 of bulk and springs, without the effect of plastic strains [J] (collective)."""
         return 0.5 * float(self.displacement.dot(self.elastic_force))
 
 
-def with_means(known: DynamicState | None, after: DynamicState, share: float) -> DynamicState:
+def with_means(previous: DynamicState | None, after: DynamicState, share: float) -> DynamicState:
     """Return the state after a substep with means of tractions and reactions over the step so far.
 
-    ``known`` is that of the substep before, None at the first; ``share`` is the part of the step
-    that the substep takes.
+    ``previous`` is the result of the previous substep, None at the first. ``share`` is the length
+    of the substep as a fraction of the step.
     """
     reaction, joints = after.reaction.copy(), after.joints
     reaction.scale(share)
-    if known is not None:
-        reaction.axpy(1.0, known.reaction)
+    if previous is not None:
+        reaction.axpy(1.0, previous.reaction)
     if joints is not None:
         traction = share * joints.traction
-        if known is not None and known.joints is not None:
-            traction += known.joints.traction
+        if previous is not None and previous.joints is not None:
+            traction += previous.joints.traction
         joints = replace(joints, traction=traction)
     return replace(after, reaction=reaction, joints=joints)

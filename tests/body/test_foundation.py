@@ -115,7 +115,7 @@ def test_mass_in_one_direction_is_refused(column):
         loads=[dj.Traction(group="top", value=(1e5, 0.0, -1e5))],
         body=dj.Body(extra_mass=moved),
     )
-    with pytest.raises(dj.JointsError, match="singular .has a part of the body mass in some dir"):
+    with pytest.raises(dj.JointsError, match="singular. Check for parts of the body that have"):
         dj.Simulation(model).dynamics(dt=0.01, steps=1)
 
 
@@ -150,7 +150,7 @@ def test_start_out_of_balance_is_refused(column):
         column(joints=[]), material=materials, supports=[dj.Fixed(group="base")], loads=[side]
     )
     simulation = dj.Simulation(model)
-    with pytest.raises(dj.JointsError, match=r"without mass is not in balance .* from statics\(\)"):
+    with pytest.raises(dj.JointsError, match=r"without mass is not in balance .* with statics\(\)"):
         simulation.dynamics(dt=0.01, steps=1)
     simulation.statics()
     assert simulation.dynamics(dt=0.01, steps=1).imbalance < 1e-9
@@ -381,7 +381,7 @@ def test_what_is_refused(dam):
     with pytest.raises(ValueError, match=r"incident\(0\) is .*; it must be at least 2 fin"):
         load(model("base"), incident=lambda t: 0.0)
     wave = dj.FreeField(groups=["base"], incident=lambda t: (0.0, 0.0), surface=4.0)
-    with pytest.raises(ValueError, match="motion is given beside a FreeField"):
+    with pytest.raises(ValueError, match="Both motion and a FreeField are given"):
         dj.Simulation(model("base")).dynamics(
             dt=0.01, steps=1, loads=[wave], motion=lambda t: (0.0, 0.0, 0.0)
         )

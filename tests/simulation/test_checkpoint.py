@@ -271,7 +271,7 @@ def test_what_cannot_be_compared_is_named(wall_file, read, tmp_path):
 
     jointed = read(wall_file())
     short(jointed, tmp_path, monitors=[], motion=Stream())
-    sentence = r"cannot be told of ground motion\.source \(generator\)\.$"
+    sentence = r"check for changes of ground motion\.source \(generator\)\.$"
     with pytest.warns(UserWarning, match=sentence):
         short(jointed, tmp_path, monitors=[], motion=Stream(), resume=True)
 
@@ -326,7 +326,7 @@ def test_checkpoint_files_that_are_refused(comm, wall_file, read, new_path, monk
 
     refused(r"^There is no checkpoint .*run.ckpt\.$", resume=True)
     short(jointed, folder)
-    refused("exists; pass resume=True to Checkpoints to go on from it, or", monitors=[])
+    refused("exists; pass resume=True to Checkpoints to continue from it, or", monitors=[])
     whole = path.read_bytes()
     comm.barrier()
     for size in (0, 7, len(whole) // 2, len(whole) - 1):
@@ -384,7 +384,7 @@ def test_a_checkpoint_that_is_not_finished_leaves_the_old_one(
         with pytest.raises(Killed):
             short(jointed, tmp_path)
     else:
-        sentence = "run.ckpt cannot be written: .*No space left on device; the one before it is"
+        sentence = "run.ckpt cannot be written: .*No space left on device; the previous one is"
         with pytest.raises(dj.CheckpointError, match=sentence):
             short(jointed, tmp_path)
     assert path.with_name("run.ckpt.part").exists() == (stop == "killed")

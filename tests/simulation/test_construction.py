@@ -385,7 +385,7 @@ def test_grout_in_keys_that_push_sideways_is_refused(bars):
         run.statics(joints="inactive")
         if refused:
             with pytest.raises(
-                dj.JointsError, match="of 'joint_1' answers to 1e.06 Pa of grout with"
+                dj.JointsError, match="of 'joint_1' responds to 1e.06 Pa of grout with"
             ):
                 run.grout(pressure=GROUT)
         else:

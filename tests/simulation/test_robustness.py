@@ -96,6 +96,6 @@ def test_prescribed_displacements_do_not_jump(wall):
     simulation = dj.Simulation(wall(supports=[dj.Fixed(group="base"), top]))
     simulation.quasi_statics([1.0])
     with pytest.raises(
-        ValueError, match="of the supports at t = 0 differ from those that the dynamic"
+        ValueError, match="of the supports at t = 0 differ from those at the start of"
     ):
         simulation.dynamics(dt=0.005, steps=1)

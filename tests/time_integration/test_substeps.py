@@ -164,7 +164,7 @@ def test_missing_energy_is_a_failed_solve():
     assert work[0].counts.unbalanced == 3  # 0.1 s, 0.05 s, and 0.05 s again at half time
     # 1e-8 of the momentum is as much of the kinetic energy, momentum times velocity, which a
     # twentieth of a second after the start is nearly all there is.
-    said = "step to t = 0.05 s do not add up: 1.0e-08 of the largest energy is missing, 1e-10 is"
+    said = "t = 0.05 s do not add up: 1.0e-08 of the largest energy is missing; the limit is 1e-10"
     with pytest.raises(JointsError, match=said):
         take(stepper(Leaky(lambda time: 0.0), control=StepControl(max_halvings=1)), 0.1)
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Statics with water in joints: solves until openings and pressures agree."""
+"""Statics with water in joints: repeated solves until openings and pressures agree."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from dolfinx_joints.solvers.step_solver import Solution, SolverAround, StepEquat
 if TYPE_CHECKING:
     from dolfinx_joints.loads.water.pressures_in_joints import JointWaters
 
-# Solves of one static load step before openings and pressures are given up.
+# Largest number of solves of a static load step until openings and pressures agree.
 MOST_SOLVES = 100
 
 
 class JointWaterIteration(SolverAround):
-    """Solves a static load step again until the water is that of the openings it leads to.
+    """Repeats a static load step until the water agrees with the resulting openings.
 
-    It begins with the water of the last load step. Where water opens and opening lets water in,
-    openings only grow on the way, and the smallest that agree are found. The right-hand side is
-    left with the forces of the water.
+    The first solve uses the water of the last load step. If water opens joints and openings admit
+    water, the openings only grow, and the smallest consistent ones are found. At the end the
+    right-hand side includes the water forces.
     """
 
     def __init__(self, water: JointWaters, inner: StepSolver) -> None:
@@ -47,7 +47,7 @@ class JointWaterIteration(SolverAround):
                 raise JointsError(
                     f"The water in the joint {self._water.joints[worst]!r} does not settle in a "
                     f"static stage: after {len(seen)} iterations "
-                    f"{toggled[worst]} of its points still change between wet and dry; take more "
+                    f"{toggled[worst]} of its points still change between wet and dry. Use more "
                     "load steps, a larger aperture, or a given Uplift."
                 )
             seen.append(codes)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Jumps of a static stage: increments that leave the path of equilibria."""
+"""Jumps of a static stage: increments in which the structure leaves its path of equilibria."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ NAMED_SHARE = 0.05
 
 
 class Jumps:
-    """Jumps ``found`` in a stage: shortest increments that release energy.
+    """Jumps ``found`` in a stage, which are shortest increments that release energy.
 
-    If they are not ``allowed``, the first one is raised as an error.
+    Unless jumps are ``allowed``, the first one raises an error.
     """
 
     def __init__(self, ledger: StaticLedger, model: Model, allowed: bool) -> None:
-        """Start without any."""
+        """Start without jumps."""
         self._ledger, self._allowed = ledger, allowed
         self._names = () if model.contact is None else model.contact.operator.names
         self.found: list[Jump] = []
 
     def take(self, energy: StaticEnergy, increment: Increment) -> None:
-        """Keep the jump of the increment to these energies, if it is one.
+        """Add the increment that led to these energies, if it is a jump.
 
         Raises:
             JumpError: It is a jump, and jumps are not allowed.

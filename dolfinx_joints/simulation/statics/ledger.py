@@ -7,9 +7,8 @@ loads f and the supports r on the increment x is exact on these paths, and so is
 
     (f0 + f1) . x / 2 + (r0 + r1) . x / 2
         = change of (u.K u / 2) + sum of w (t0 + t1) . dg / 2.                               (31a)
-
 The work on the joints splits into stored energy, friction and numerical loss by the formulas (30)
-of the laws. What an increment releases if the structure jumps is in `released`.
+of the laws. `released` gives the energy that an increment releases if the structure jumps.
 """
 
 from __future__ import annotations
@@ -31,16 +30,16 @@ from dolfinx_joints.time_integration.products import Products
 
 EPS = float(np.finfo(np.float64).eps)
 
-# An increment jumps if it releases more than this share of the work of the loads in the meantime
-# plus the energy stored at its start (docs/decisions/two_solvers.md).
+# An increment is a jump if it releases more than this fraction of a reference energy: the work of
+# the loads meanwhile plus the energy stored at its start (docs/decisions/two_solvers.md).
 RELEASED_SHARE = 0.05
 
-# Friction and numerical loss of an increment over the energy stored at its start, below which it is
-# not examined: what a jump releases is a part of them.
+# Friction and numerical loss of an increment over the energy stored at its start. Smaller losses
+# are not examined, as the released energy of a jump is a part of them.
 LEAST_LOSS = 0.1 * RELEASED_SHARE
 
-# Error of the balance over the largest energy from which a stage warns: solvers leave 1e-6 of the
-# forces at most.
+# A stage warns if the error of the balance exceeds this fraction of the largest energy. Solvers
+# leave at most 1e-6 of the forces.
 LARGEST_ERROR = 1e-6
 
 
@@ -74,36 +73,36 @@ class SolvedIncrement:
 
 
 class StaticLedger:
-    """Add up works and energies of a static stage, increment by increment.
+    """Adds up works and energies of a static stage, increment by increment.
 
-    ``energy`` has those after the last accepted increment; at first those after the last stage,
-    with what the response at the ``start`` stores in the joints.
+    ``energy`` are the energies after the last accepted increment. At first they are those of the
+    last stage, with the elastic energy of the joints in the response ``start``.
     """
 
     def __init__(self, system: MatrixSystem, before: StaticEnergy, start: Response | None) -> None:
         """Start; count a change of the stored energy since the last stage as construction work."""
         self._system = system
-        self._none: Floats = np.zeros(len(before.joint_elastic))
+        self._zeros: Floats = np.zeros(len(before.joint_elastic))
         self._norm = float(system.stiffness.norm(PETSc.NormType.NORM_INFINITY))
         self._rounding = 0.0
-        self.energy = with_stored(before, self._elastic(start))
+        self.energy = with_stored(before, self._joint_energy(start))
 
     def after(self, increment: SolvedIncrement) -> StaticEnergy:
-        """Return the energies after an increment; the ledger stays as it is (collective)."""
+        """Return the energies after an increment without adding it to the ledger (collective)."""
         last, x = self.energy, increment.change
         moved = float(increment.displacement.norm()) + float(x.norm())
         self._rounding = EPS * self._norm * moved**2
-        friction, numerical, broken = self._of_joints(increment)
+        friction, numerical, broken = self._joint_losses(increment)
         works = _works(increment)
         supports = [float(r.dot(x)) for r in (increment.reaction, increment.products.reaction)]
         forces = np.sum([*works.values(), supports], axis=0)
-        freed, lost = self._none, float(np.abs([friction, numerical]).sum())
+        freed, lost = self._zeros, float(np.abs([friction, numerical]).sum())
         if lost > LEAST_LOSS * self.energy.stored:
             freed = self._released(increment, *forces)
         energy = replace(
             last,
             strain=self._strain(increment),
-            joint_elastic=self._elastic(increment.after),
+            joint_elastic=self._joint_energy(increment.after),
             input_by_load=_sum(last.input_by_load, {n: 0.5 * sum(w) for n, w in works.items()}),
             supports=last.supports + 0.5 * sum(supports),
             joint_friction=last.joint_friction + friction,
@@ -119,25 +118,25 @@ class StaticLedger:
         return replace(energy, error=energy.stored + lost - energy.input, scale=max(sizes))
 
     def warn(self) -> None:
-        """Warn on rank 0 if the energies do not balance, rounding apart (collective)."""
+        """Warn on rank 0 if the energies do not balance up to rounding (collective)."""
         error, comm = self.energy.relative_error, self._system.stiffness.comm
         off = abs(self.energy.error) > LARGEST_ERROR * self.energy.scale + self._rounding
         if off and comm.rank == 0:
             warn(
                 f"The energies of the static stages do not balance: {error:.2g} of the largest is "
-                "missing. Stiff joints or blocks that move far lose digits; otherwise look for a "
-                "law whose tractions and stored energy do not agree."
+                "missing. The cause may be loss of digits, with stiff joints or blocks that move "
+                "far, or a law whose tractions and stored energy are inconsistent."
             )
 
-    def _of_joints(self, increment: SolvedIncrement) -> Floats:
-        """Return what an increment loses in each joint, shape (3, number of joints), [J].
+    def _joint_losses(self, increment: SolvedIncrement) -> Floats:
+        """Return the losses of an increment in each joint, shape (3, number of joints), [J].
 
-        The rows are friction, numerical loss, and energy lost with bonds. At points whose bonds
+        The rows are friction, numerical loss, and energy of broken bonds. At points whose bonds
         break the whole loss is in the last row (collective).
         """
         contact, before, after = self._system.contact, increment.before, increment.after
         if contact is None or before is None or after is None:
-            return np.array([self._none] * 3)
+            return np.array([self._zeros] * 3)
         traction = 0.5 * (before.traction + after.traction)
         with raised_together(contact.operator.comm):
             lost = contact.losses(BACKWARD_EULER, before.state, after, traction)
@@ -147,17 +146,17 @@ class StaticLedger:
         return contact.integrals(np.where(broken, bonds, [lost.friction, numerical, none]))
 
     def _released(self, increment: SolvedIncrement, start: float, end: float) -> Floats:
-        """Return the energy released in each joint [J], zero if it is no jump (collective).
+        """Return the energy released in each joint [J], zero if there is no jump (collective).
 
         ``start`` and ``end`` are loads and supports at both ends times the displacement x [J].
         """
         contact, before, after = self._system.contact, increment.before, increment.after
         if contact is None or before is None or after is None:
-            return self._none
-        found, meanwhile = released(contact, before, after, start, end)
+            return self._zeros
+        by_joint, meanwhile = released(contact, before, after, start, end)
         limit = RELEASED_SHARE * (meanwhile + self.energy.stored)
-        jumps = found.sum() > limit + EPS * self._norm * float(increment.change.norm()) ** 2
-        return found if jumps else self._none
+        jumps = by_joint.sum() > limit + EPS * self._norm * float(increment.change.norm()) ** 2
+        return by_joint if jumps else self._zeros
 
     def _strain(self, increment: SolvedIncrement) -> float:
         """Return the elastic energy of bulk and springs at the end of an increment (collective)."""
@@ -166,18 +165,19 @@ class StaticLedger:
         energy = 0.5 * float(u.dot(force)) + float(x.dot(force)) + 0.5 * float(x.dot(stiffness))
         return energy + self._system.plastic_terms(increment.after)[0]
 
-    def _elastic(self, joints: Response | None) -> Floats:
+    def _joint_energy(self, joints: Response | None) -> Floats:
         """Return the elastic energy of each joint, shape (number of joints,), [J] (collective)."""
         contact = self._system.contact
         if contact is None or joints is None:
-            return self._none
+            return self._zeros
         return contact.stored_energy(joints.state)
 
 
 def with_stored(energy: StaticEnergy, elastic: Floats) -> StaticEnergy:
-    """Return energies with another elastic energy of each joint, by work of the construction [J].
+    """Return energies with another elastic energy of each joint [J].
 
-    Grout under pressure stores energy in joints without moving them.
+    The difference is work of the construction: grout under pressure stores energy in joints
+    without moving them.
     """
     added = float(np.sum(elastic - energy.joint_elastic))
     if not added:
@@ -187,7 +187,7 @@ def with_stored(energy: StaticEnergy, elastic: Floats) -> StaticEnergy:
 
 
 def _works(increment: SolvedIncrement) -> dict[str, list[float]]:
-    """Return each load at the start and the end of an increment times x [J] (collective)."""
+    """Return the works of each load at start and end of an increment on x [J] (collective)."""
     x, ends = increment.change, increment.loads
     names = dict.fromkeys([*ends[0], *ends[1]])
     return {
@@ -196,7 +196,7 @@ def _works(increment: SolvedIncrement) -> dict[str, list[float]]:
     }
 
 
-def _sum(works: Mapping[str, float], more: Mapping[str, float]) -> dict[str, float]:
+def _sum(works: Mapping[str, float], others: Mapping[str, float]) -> dict[str, float]:
     """Return the sums of works by name [J]."""
-    names = dict.fromkeys([*works, *more])
-    return {name: works.get(name, 0.0) + more.get(name, 0.0) for name in names}
+    names = dict.fromkeys([*works, *others])
+    return {name: works.get(name, 0.0) + others.get(name, 0.0) for name in names}

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.time_integration.substeps import located
 
-# Shortest increments in a load step.
+# Number of shortest increments in a load step.
 FINEST = 2**6
 
 
 @dataclass(frozen=True, kw_only=True)
 class Increment:
-    """Place of an increment of the loads.
+    """Position of an increment on the load path.
 
     Attributes:
         time: Time [s] at the end of the load step, None for a ramp at time zero.
@@ -36,7 +36,7 @@ class Increment:
     start: float
 
     def located(self, failure: ConvergenceError, remedy: str | None) -> ConvergenceError:
-        """Return a failure with the place of the increment and one sentence on what may help."""
+        """Return a failure with the position of the increment and a possible remedy."""
         place = {"stage": "static", "step": self.step, "time": self.time, "reached": self.start}
         return located(failure, **place, remedy=remedy)
 
@@ -46,8 +46,8 @@ class LoadIncrements:
 
     An increment is a step divided by 2^k, k up to 6. Its length doubles again after two increments
     of one length. The loads change on a straight line over the step, regardless of the increments.
-    The path has the time [s] of each step, None for a ramp at time zero, and its load factor;
-    ``cuts`` counts the increments that were cut.
+    The path has the time [s] of each step, None for a ramp at time zero, and its load factor. The
+    attribute ``cuts`` is the number of halved increments.
     """
 
     def __init__(self, path: Sequence[tuple[float | None, float]]) -> None:

@@ -7,7 +7,7 @@ On the straight path g0 + s dg the internal forces, times the displacement x of 
     R(s) = (1 - s) R0 + s R1 + sum of w [t(g0 + s dg) - (1 - s) t0 - s t1] . dg.
 
 At both ends they equal the loads and supports times x. If the structure follows its path of
-equilibria under growing loads, R(s) increases from R0 to R1: a joint that closes, opens or begins
+equilibria under growing loads, R(s) increases from R0 to R1. A joint that closes, opens or begins
 to slide only changes the slope. If R decreases, the loads exceed the internal forces, and their
 work sets the structure in motion:
 
@@ -24,7 +24,7 @@ from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Floats, Response
 from dolfinx_joints.laws.losses import work
 
-# Places on the path: a jump that is long beside the elastic way before it is seen near s = 0.
+# Positions on the path. If a jump is long compared with the elastic path, R falls near s = 0.
 PLACES = np.concatenate([[0.0], 0.5 ** np.arange(16.0, 4.0, -0.25), np.arange(1.0, 17.0) / 16.0])
 
 
@@ -33,17 +33,17 @@ def released(
 ) -> tuple[Floats, float]:
     """Return the energy released in each joint, and the work of the loads meanwhile (collective).
 
-    Each joint gets a share in proportion to how far the work of its tractions falls below the
-    largest before. Responses and R, loads and supports times x [J], are given at both ends. The
+    The shares of the joints are proportional to the drop of the work of their tractions below its
+    previous maximum. Responses and R, loads and supports times x [J], are given at both ends. The
     result is (31b), shape (number of joints,), and the integral of |P| where P > R, both [J].
     """
-    way = after.state.gap - before.state.gap
+    opening = after.state.gap - before.state.gap
     broken = contact.broken(before.state, after.state)
-    density = np.empty((len(PLACES), len(way)))
+    density = np.empty((len(PLACES), len(opening)))
     for row, place in zip(density, PLACES, strict=True):
         chord = (1.0 - place) * before.traction + place * after.traction
         traction = _on_path(contact, before, after, place, chord)
-        row[:] = work(np.where(broken[:, None], chord, traction), way)
+        row[:] = work(np.where(broken[:, None], chord, traction), opening)
     joints = summed(contact.operator.comm, density @ contact.operator.areas)
     chord = (1.0 - PLACES) * joints[0] + PLACES * joints[-1]
     inner = (1.0 - PLACES) * start + PLACES * end + joints - chord
@@ -58,10 +58,10 @@ def released(
 def _on_path(
     contact: Contact, before: Response, after: Response, place: float, chord: Floats
 ) -> Floats:
-    """Return the tractions at a place of the path, shape (n, 3), [Pa] (collective).
+    """Return the tractions at a position of the path, shape (n, 3), [Pa] (collective).
 
-    Tractions of rigid points do not follow from their gaps: they are those of the chord while the
-    point is closed, and zero while it is open.
+    Tractions of rigid points do not follow from their gaps. They are interpolated while the point
+    is closed, and zero while it is open.
     """
     if place in (0.0, 1.0):
         return chord

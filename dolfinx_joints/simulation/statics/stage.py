@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""One static stage: from the last static state through load steps, and what may follow it."""
+"""One static stage: load steps from the last static state, and preparation of the next stage."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ def march(
 ) -> StaticState:
     """Return the equilibrium at the end of a path of load steps (collective).
 
-    An increment is cut in halves if its solve does not converge, or if it releases energy (31b).
-    Each step of the path has a time [s], None for a ramp at time zero, and its share of the way
-    from the loads and prescribed displacements of ``before`` to those at this time. ``acting`` are
-    those of the model's loads that act; without a ``stage`` all joints and blocks do. Tractions on
-    the faces of joints ``apart``, shape (n, 3), [Pa], are added to the loads of ``before``, and no
-    other load changes then. ``reached`` is called with time [s] and state after each step.
+    An increment is halved if its solve does not converge, or if it releases energy (31b). Each step
+    of the path has a time [s], None for a ramp at time zero, and a load factor. The factor applies
+    to the change of loads and prescribed displacements since ``before``. Only the loads ``acting``
+    of the model act. Without a ``stage`` all joints and blocks act. If tractions ``apart`` on joint
+    faces are given, shape (n, 3), [Pa], they are added and all other loads stay constant. The
+    function ``reached`` is called with time [s] and state after each step.
 
     Raises:
         JumpError: No equilibrium without a jump was found and ``allow_jumps`` is false.
@@ -71,11 +71,11 @@ def march(
     facts: dict[str, Any] = {"missing": missing}
     if apart is not None and contact is not None:
         facts["loads"] = before.loads
-        system = _under(system, before, contact.operator, apart)
+        system = _under_grout(system, before, contact.operator, apart)
     if stage is not None:
         facts |= {"inactive": stage.inactive, "absent": stage.absent}
         idle = None if contact is None else contact.without(stage.idle)
-        system = _holding(replace(system, contact=idle), before, stage.dofs)
+        system = _constrained(replace(system, contact=idle), before, stage.dofs)
     solver = make_solver(system, options, kind, static_steps=len(path))
     at = _Equilibrium(system, solver, before, start, carried, stays=apart is not None)
     increments, jumps = LoadIncrements(path), Jumps(at.ledger, model, allow_jumps)
@@ -90,7 +90,7 @@ def march(
     watch.warn("in a static stage")
     at.ledger.warn()
     if stage is not None:
-        # Blocks that are absent have no loads and no supports.
+        # Absent blocks have no loads and no support reactions.
         for force in (at.reaction, *at.loads.values()):
             force.getArray()[stage.dofs] = 0.0
         if contact is not None:
@@ -105,7 +105,7 @@ def _accepted(
     kind: SolverKind,
     watch: SmallDisplacements,
 ) -> Iterator[Increment]:
-    """Solve the increments, cut where they fail; yield those that are accepted (collective)."""
+    """Solve the increments, halve those that fail, and yield the accepted ones (collective)."""
     for increment in increments:
         try:
             solved = at.solve(increment)
@@ -130,10 +130,10 @@ def _accepted(
 
 
 class _Equilibrium:
-    """The last accepted equilibrium of a stage, and the solution of the next increment.
+    """Last accepted equilibrium of a stage, and the solution of the next increment.
 
     Attributes are those of a `StaticState`; ``joints`` is the state of the joints, None without
-    any, and ``response`` their response. The solver includes the iteration on water in joints.
+    joints, and ``response`` their response. The solver includes the iteration on water in joints.
     """
 
     def __init__(
@@ -148,7 +148,7 @@ class _Equilibrium:
     ) -> None:
         """Start from a static state with a response and loads [N] (collective).
 
-        If ``stays`` is true, these loads keep their value while those of the system are added.
+        If ``stays`` is true, these loads stay constant while those of the system are added.
         """
         self._system, self._stays, self._unloaded = system, stays, before.unloaded
         self._without_water = self.solver = solver
@@ -166,7 +166,7 @@ class _Equilibrium:
         self.ledger = StaticLedger(system, before.energy, self._start)
 
     def state(self, facts: Mapping[str, Any]) -> StaticState:
-        """Return the equilibrium as a state of the stage, with further facts."""
+        """Return the equilibrium as a state of the stage, with further attributes."""
         return StaticState(
             displacement=self.displacement.copy(),
             joints=self.response,
@@ -177,15 +177,15 @@ class _Equilibrium:
         )
 
     def solve(self, increment: Increment) -> SolvedIncrement:
-        """Return the solution of an increment; the last accepted one does not change (collective).
+        """Return the solution of an increment, without accepting it (collective).
 
         Raises:
             ConvergenceError: No solution was found.
         """
         system, x, water = self._system, self._x, self._system.water
         self._set_up(increment)
-        # From the unloaded body without gaps the equations scale with the load: a shorter increment
-        # fails as well.
+        # From the unloaded body without gaps the equations scale with the load, so a shorter
+        # increment would fail as well.
         unloaded = self._unloaded and increment.whole and not self.reports
         _prepare(self._without_water, increment.shortest or unloaded, self._start)
         response, report = self.solver.solve(STATIC, self._b, x, self.joints)
@@ -219,7 +219,7 @@ class _Equilibrium:
             self._supported = self.displacement.getArray()[self._system.constrained]
 
     def _set_up(self, increment: Increment) -> None:
-        """Set the right-hand side b, and in x the displacement of the supports."""
+        """Set the right-hand side b, and in x the displacement increment of the supports."""
         system, b, x = self._system, self._b, self._x
         share, fixed = increment.share, system.constrained
         if system.water is not None and self.joints is not None:
@@ -236,53 +236,55 @@ class _Equilibrium:
     def _loads(self, increment: Increment) -> dict[str, PETSc.Vec]:
         """Return the loads by name at the end of an increment [N] (collective)."""
         share = increment.share
-        found = self._system.loads_by_name(increment.time or 0.0, share)
+        loads = self._system.loads_by_name(increment.time or 0.0, share)
         remains = 1.0 if self._stays else 1.0 - share
         for name, load in self._step_loads.items() if remains else ():
-            if name in found:
-                found[name].axpy(remains, load)
+            if name in loads:
+                loads[name].axpy(remains, load)
             else:
-                found[name] = remains * load
-        return found
+                loads[name] = remains * load
+        return loads
 
 
 def _prepare(solver: StepSolver, last_resort: bool, start: Response | None) -> None:
-    """Let a static solver continue from a response, and try other solvers as a last resort."""
+    """Let a static solver continue from a response; allow other solvers if ``last_resort``."""
     chosen = solver.inner if isinstance(solver, HoldingBonds) else solver
     if isinstance(chosen, StaticSolver):
         chosen.last_resort = last_resort
         chosen.continue_from(start)
 
 
-def _under(
+def _under_grout(
     system: MatrixSystem, before: StaticState, operator: GapOperator, apart: Floats
 ) -> MatrixSystem:
-    """Return the system under constant tractions of the grout, with its supports at rest."""
+    """Return the system under constant tractions of the grout, with fixed supports."""
     push = operator.force(-apart, before.displacement.duplicate())
-    there = before.displacement.getArray()[system.constrained]
+    present = before.displacement.getArray()[system.constrained]
     patterns, names = [(push, always)], ["grout"]
-    return replace(system, patterns=patterns, load_names=names, values=lambda _: there)
+    return replace(system, patterns=patterns, load_names=names, values=lambda _: present)
 
 
-def _holding(system: MatrixSystem, before: StaticState, dofs: NDArray[np.int64]) -> MatrixSystem:
+def _constrained(
+    system: MatrixSystem, before: StaticState, dofs: NDArray[np.int64]
+) -> MatrixSystem:
     """Return the system with further dofs constrained at their present displacement."""
     every = np.union1d(system.constrained, dofs)
-    there = before.displacement.getArray()[every]
-    supported, held = np.searchsorted(every, system.constrained), np.isin(every, dofs)
+    present = before.displacement.getArray()[every]
+    supported, fixed = np.searchsorted(every, system.constrained), np.isin(every, dofs)
 
     def values(time: float) -> Floats:
-        found = there.copy()
-        found[supported] = system.prescribed(time)
-        return np.where(held, there, found)
+        prescribed = present.copy()
+        prescribed[supported] = system.prescribed(time)
+        return np.where(fixed, present, prescribed)
 
     return replace(system, constrained=every, values=values)
 
 
 def _remedy(failure: ConvergenceError, kind: str, solver: str, reached: float) -> str | None:
-    """Return a remedy for a failure at the shortest increment, None if there is none."""
+    """Return a remedy for a failure at the shortest increment, or None."""
     if failure.law is not None:
         return None
-    limit = "The joints or the bulk may carry no more: more strength or supports, or less load."
+    limit = "The joints or the bulk may carry no more load: add strength or supports, or unload."
     if reached == 0.0 and not failure.yielding:
         limit = "Is each block restrained by supports, springs, or joints under enough pressure?"
     if kind != "auto":
@@ -299,5 +301,5 @@ def check_acting(model: Model, loads: Any) -> None:
         if not any(load is one for one in model.loads):
             raise ValueError(
                 f"A {type(load).__name__} was given to a static stage that is not among the "
-                "model's loads; give it to Model(loads=...) as well."
+                "model's loads; add it to Model(loads=...) as well."
             )

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Start of a static stage: what the joints carry there, and the loads in balance with it."""
+"""Start of a static stage: response of the joints, and the loads in balance with it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.static_energy import StaticEnergy
 
-# Forces that earlier stages left in joints and blocks that did not act, as a load of the ledger.
+# Name in the ledger of forces that earlier stages left in inactive joints and absent blocks.
 CONSTRUCTION = "construction"
 
 
@@ -37,20 +37,21 @@ def unloaded(model: Model) -> StaticState:
 def start_of_stage(system: MatrixSystem, before: StaticState) -> Response | None:
     """Return the response of joints and plastic cells at the start of a stage (collective).
 
-    It is that of the last stage, or of the unloaded body; None without joints and plastic cells.
+    It is the response at the end of the last stage, or that of the unloaded body; None without
+    joints and plastic cells.
     """
     internal_forces = system.internal_forces
     if internal_forces is None or before.joints is not None:
         return None if internal_forces is None else before.joints
-    rest = internal_forces.at_rest(before.displacement)
+    at_rest = internal_forces.at_rest(before.displacement)
     if system.bulk is not None or system.contact is None or not system.contact.rigid:
-        response: Response = internal_forces.respond(system.vector(), rest, BACKWARD_EULER)
+        response: Response = internal_forces.respond(system.vector(), at_rest, BACKWARD_EULER)
         return response
-    return carrying_nothing(rest)
+    return carrying_nothing(at_rest)
 
 
 def carrying_nothing(state: JointState) -> Response:
-    """Return the response of points that carry nothing in a state."""
+    """Return the response of points without tractions in a given state."""
     count = len(state.gap)
     return Response(
         traction=np.zeros((count, 3)),
@@ -69,14 +70,14 @@ def carried_loads(
     The system has all joints and blocks; ``start`` is their response, see `start_of_stage`.
     """
     loads = {name: load for name, load in before.loads.items() if name != CONSTRUCTION}
-    rest = system.stiffness * before.displacement
-    rest.axpy(-1.0, before.reaction)
+    residual = system.stiffness * before.displacement
+    residual.axpy(-1.0, before.reaction)
     if system.internal_forces is not None and start is not None:
-        rest.axpy(1.0, system.internal_forces.force(start, rest.duplicate()))
+        residual.axpy(1.0, system.internal_forces.force(start, residual.duplicate()))
     if before.unloaded:
-        rest.getArray()[system.constrained] = 0.0
+        residual.getArray()[system.constrained] = 0.0
     for load in loads.values():
-        rest.axpy(-1.0, load)
-    if rest.norm() > 0.0:
-        loads[CONSTRUCTION] = rest
+        residual.axpy(-1.0, load)
+    if residual.norm() > 0.0:
+        loads[CONSTRUCTION] = residual
     return loads

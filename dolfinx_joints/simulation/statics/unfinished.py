@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What does not act yet in a static stage, joints and blocks, and whether the rest stands."""
+"""Inactive joints and absent blocks of a static stage; check that the other blocks stand."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from dolfinx_joints.simulation.outcome import StaticState
 
 Rows = NDArray[np.bool_]
 
-# Stiffness against a rigid motion, relative to the sum of the block's own, taken for none.
-LOOSE = 1e-12
+# Stiffness against a rigid motion, relative to the block's total; below it the motion is free.
+FREE = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
 class Unfinished:
-    """What does not act yet in a static stage.
+    """Joints and blocks that do not act yet in a static stage.
 
     Attributes:
         inactive: Names of the joints that carry nothing.
-        absent: Cell groups of the blocks that are not there.
-        idle: Which of the local joint points carry nothing, shape (n,).
-        uncast: Those of them beside an absent block, shape (n,).
+        absent: Cell groups of the absent blocks.
+        idle: Whether each local joint point carries nothing, shape (n,).
+        uncast: Whether each local joint point is next to an absent block, shape (n,).
         dofs: Owned dofs of absent blocks, local numbers.
     """
 
@@ -48,10 +48,10 @@ class Unfinished:
 
 
 def unfinished(model: Model, inactive: Sequence[str], absent: Sequence[str]) -> Unfinished:
-    """Points and dofs of joints that carry nothing and of blocks that are absent (collective).
+    """Return the points and dofs of inactive joints and absent blocks (collective).
 
     Raises:
-        MeshError: There is no such cell group, or it holds a part of a block.
+        MeshError: A cell group does not exist, or contains only a part of a block.
     """
     operator, owned = model.operator, model.V.dofmap.index_map.size_local
     of_joint = points_of(model, inactive)
@@ -79,18 +79,18 @@ def unfinished_stage(
     absent: Sequence[str],
     acting: Sequence[Load],
 ) -> Unfinished | None:
-    """What does not act in a stage, None where all does; arguments of `Simulation.statics`.
+    """Return what does not act in a stage, None if all acts; arguments of `Simulation.statics`.
 
-    Checks that it may begin so after the one before (collective).
+    Also check that the stage may follow the previous one (collective).
 
     Raises:
-        MeshError: There is no such joint.
+        MeshError: A joint does not exist.
     """
-    known = model.jointed.joint_names
-    named = {"active": known, "inactive": ()}.get(joints) if isinstance(joints, str) else joints
+    names = model.jointed.joint_names
+    named = {"active": names, "inactive": ()}.get(joints) if isinstance(joints, str) else joints
     assert named is not None
     check_joints(model, named)
-    inactive = tuple(name for name in known if name not in named)
+    inactive = tuple(name for name in names if name not in named)
     check_grouted(before, inactive)
     if not (inactive or absent or joints == "inactive"):
         return None
@@ -100,13 +100,13 @@ def unfinished_stage(
 
 
 class _Blocks:
-    """Blocks of a model, some of them absent (collective).
+    """Blocks of a model, some of which are absent (collective).
 
     Attributes:
         of_node: Block of each local node.
         of_pair: Blocks on the - and + side of each facet pair of this rank, shape (pairs, 2).
         absent: Whether each block is absent.
-        beside_absent: Whether a pair has an absent block on a side.
+        beside_absent: Whether each facet pair has an absent block on one side.
     """
 
     def __init__(self, model: Model, absent: Sequence[str]) -> None:
@@ -121,30 +121,30 @@ class _Blocks:
             inside, outside = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
             inside[of_cell[cells]] = 1
             outside[np.delete(of_cell, cells)] = 1
-            inside, outside = (sum(comm.allgather(each)) for each in (inside, outside))
+            inside, outside = (sum(comm.allgather(counts)) for counts in (inside, outside))
             if (inside * outside).any():
                 raise MeshError(
-                    f"The cell group {name!r} holds a part of a block only: blocks are absent as "
-                    "a whole, cut off by joints."
+                    f"The cell group {name!r} holds a part of a block only: give whole blocks, "
+                    "which joints separate from each other."
                 )
             self.absent[np.flatnonzero(inside)] = True
         if self.absent.all():
             given = shown(list(absent))
-            raise MeshError(f"absent is {given}, which are all blocks; one at least must be there.")
+            raise MeshError(f"absent is {given}, which are all blocks; at least one must act.")
         minus, plus = self.of_pair.T
         self.beside_absent: Rows = self.absent[minus] | self.absent[plus]
 
 
 def check_joints(model: Model, names: Sequence[str]) -> None:
-    """Check that there are joints of these names."""
-    known = model.jointed.joint_names
+    """Check that joints of these names exist."""
+    joint_names = model.jointed.joint_names
     for name in names:
-        if name not in known:
-            raise MeshError(no_such_joint(name, known))
+        if name not in joint_names:
+            raise MeshError(no_such_joint(name, joint_names))
 
 
 def points_of(model: Model, names: Sequence[str]) -> Rows:
-    """Which of the local joint points belong to some joints, shape (n,)."""
+    """Return whether each local joint point belongs to one of the named joints, shape (n,)."""
     operator = model.operator
     if operator is None:
         return np.zeros(0, dtype=bool)
@@ -152,25 +152,25 @@ def points_of(model: Model, names: Sequence[str]) -> Rows:
 
 
 def idle_points(response: Response) -> Rows:
-    """Which of the local points carry nothing."""
+    """Return whether each local point carries nothing."""
     return np.all(response.traction == 0.0, axis=1)
 
 
 def check_may_begin(
     model: Model, before: StaticState, acting: Sequence[Load], stage: Unfinished
 ) -> None:
-    """Check that joints are idle that are to be inactive, and that blocks stand (collective)."""
+    """Check that joints to be inactive carry nothing, and that all blocks stand (collective)."""
     check_elastic(model)
-    gone = sorted(set(stage.absent) - set(before.absent))
-    if gone and not before.unloaded:
+    removed = sorted(set(stage.absent) - set(before.absent))
+    if removed and not before.unloaded:
         raise JointsError(
-            f"The block {gone[0]!r} cannot be absent: it was there in the last stage."
+            f"The block {removed[0]!r} cannot be absent: it was present in the last stage."
         )
     for load in acting:
         if isinstance(load, JointLoad) and load.joint in stage.inactive:
             raise JointsError(
-                f"{type(load).__name__} acts in the joint {load.joint!r}, which is inactive; leave "
-                "it out of statics(loads=...) until the joint is grouted."
+                f"{type(load).__name__} acts in the joint {load.joint!r}, which is inactive; omit "
+                "it from statics(loads=...) until the joint is grouted."
             )
     if model.contact is not None and before.joints is not None:
         carrying = model.contact.integrals((~idle_points(before.joints)).astype(np.float64))
@@ -184,18 +184,18 @@ def check_may_begin(
 
 
 def check_grouted(static: StaticState | None, inactive: Sequence[str] = ()) -> None:
-    """Check that joints act that are not to be inactive any more."""
-    waking = [n for n in (static.inactive if static else ()) if n not in inactive]
-    if waking:
+    """Check that all joints act except those that are to be inactive."""
+    ungrouted = [n for n in (static.inactive if static else ()) if n not in inactive]
+    if ungrouted:
         raise JointsError(
-            f"The joints are still inactive: {', '.join(waking)}; call grout() to close them, "
-            "grout([]) to leave open, by what their blocks have moved apart, those whose laws pull "
-            "across no gap."
+            f"The joints are still inactive: {', '.join(ungrouted)}; call grout() to close them. "
+            "grout([]) keeps the openings between their blocks, if their laws do not pull across "
+            "a gap."
         )
 
 
 def check_elastic(model: Model) -> None:
-    """Check for plastic cells, whose state the joints' responses would have to hold."""
+    """Check that there are no plastic cells, whose state is not kept with idle joints."""
     if model.bulk is not None:
         raise JointsError(
             "Joints of a body with plastic cells cannot be inactive, nor grouted; nor can its "
@@ -204,47 +204,47 @@ def check_elastic(model: Model) -> None:
 
 
 def check_blocks_stand(model: Model, stage: Unfinished) -> None:
-    """Check that no block would move if some joints carried nothing (collective).
+    """Check that supports and active joints restrain every block (collective).
 
-    Joints that act are taken to hold what they join.
+    Blocks connected by active joints are treated as one.
     """
     blocks, names = _Blocks(model, stage.absent), model.jointed.joint_names
     acting = [i for i, name in enumerate(names) if name not in stage.inactive]
     acts = np.isin(model.jointed.pairs.joint, acting) & ~blocks.beside_absent
     own = np.unique(blocks.of_pair[acts], axis=0)
-    held = np.concatenate(model.jointed.mesh.comm.allgather(own))
-    part = connected(held[:, 0], held[:, 1], len(blocks.absent))
+    joined = np.concatenate(model.jointed.mesh.comm.allgather(own))
+    part = connected(joined[:, 0], joined[:, 1], len(blocks.absent))
     owned = model.V.dofmap.index_map.size_local
     stiffness, centres = _against_rigid_motions(
         model, part[blocks.of_node[:owned]], stage.dofs, int(part.max()) + 1
     )
-    by = "supports and the joints that act" if len(held) else "supports alone"
+    by = "supports and the joints that act" if len(joined) else "supports alone"
     motions = stiffness.shape[1]
     for i in range(len(centres)):
-        supported = int((np.linalg.eigvalsh(stiffness[i]) > LOOSE).sum())
+        supported = int((np.linalg.eigvalsh(stiffness[i]) > FREE).sum())
         if supported < motions:
             place = ", ".join(f"{c:.4g}" for c in centres[i])
             raise JointsError(
                 f"The block around ({place}) m is restrained by its {by} against "
-                f"{supported} of {motions} rigid motions; while joints are inactive each block "
-                "must stand by itself: give it a support, let a joint act that it rests on, or "
-                "leave it out by absent=."
+                f"{supported} of {motions} rigid motions. With inactive joints each block needs "
+                "sufficient supports or active joints: add a support, activate a joint, or list "
+                "the block in absent=."
             )
 
 
 def _against_rigid_motions(
-    model: Model, part: NDArray[np.int64], held: NDArray[np.int64], count: int
+    model: Model, part: NDArray[np.int64], fixed_dofs: NDArray[np.int64], count: int
 ) -> tuple[Floats, Floats]:
     """Return the stiffness against rigid motions of parts, and their centres (collective).
 
-    ``part`` is the part of each owned node; ``held`` are owned dofs that are constrained besides
-    those of supports. The stiffness of springs and supports has shape (parts, motions, motions),
-    relative to that of the part, the centres (parts, gdim), [m].
+    ``part`` is the part of each owned node; ``fixed_dofs`` are owned dofs constrained in addition
+    to those of supports. The stiffness of springs and supports, shape (parts, motions, motions), is
+    relative to that of the part; the centres have shape (parts, gdim), [m].
     """
     comm, gdim = model.jointed.mesh.comm, model.gdim
 
     def total(values: Floats) -> Floats:
-        """Sum of values of the owned nodes over each part."""
+        """Return the sums over each part of values at the owned nodes."""
         sums = np.zeros((count, *values.shape[1:]))
         np.add.at(sums, part, values)
         return np.asarray(np.sum(comm.allgather(sums), axis=0))
@@ -256,7 +256,7 @@ def _against_rigid_motions(
     size = np.sqrt(total((arms**2).sum(axis=1)) / numbers)
     motions = _rigid_motions(arms / size[part][:, None])
     fixed = np.zeros(len(part) * gdim)
-    fixed[model.constraints.static_dofs] = fixed[held] = 1.0
+    fixed[model.constraints.static_dofs] = fixed[fixed_dofs] = 1.0
     fixed = fixed.reshape(-1, gdim)
     diagonal = model.stiffness.getDiagonal().getArray(readonly=True).reshape(-1, gdim)
     moved, forces = model.stiffness.createVecRight(), []
@@ -270,7 +270,7 @@ def _against_rigid_motions(
 
 
 def _rigid_motions(arms: Floats) -> Floats:
-    """Displacements of translations and rotations, shape (motions, n, gdim)."""
+    """Return displacements of translations and rotations, shape (motions, n, gdim)."""
     count, gdim = arms.shape
     motions = [np.tile(np.eye(gdim)[axis], (count, 1)) for axis in range(gdim)]
     for a, b in ((0, 1), (1, 2), (0, 2))[: 1 if gdim == 2 else 3]:

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
+from mpi4py import MPI
+
 import dolfinx_joints as dj
 from dolfinx_joints.simulation.monitor import Monitor
 
@@ -61,7 +63,7 @@ def valley():
     guide = Path(__file__).parents[1] / "docs/guide/water.md"
     blocks = re.findall("```python\n(.*?)```", guide.read_text("utf-8"), re.S)
     (block,) = (each for each in blocks if "bed =" in each)
-    names = {"dj": dj}
+    names = {"dj": dj, "np": np, "MPI": MPI}
     exec(block, names)
     return replace(names["valley"], group="y_min")
 

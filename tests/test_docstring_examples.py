@@ -38,8 +38,7 @@ def test_name_has_a_complete_example(name):
 
 def test_examples_are_found_by_make_doctest():
     public = [getattr(dj, name) for name in NAMES.split() if "." not in name]
-    for each in public:
-        tests = ExampleFinder().find(sys.modules[each.__module__])
-        assert f"{each.__module__}.{each.__name__}" in [
-            test.name for test in tests if test.examples
-        ]
+    modules = {owner.__module__ for owner in public}
+    tests = [test for name in modules for test in ExampleFinder().find(sys.modules[name])]
+    names = {test.name for test in tests if test.examples}
+    assert {f"{owner.__module__}.{owner.__name__}" for owner in public} <= names

@@ -202,7 +202,7 @@ lint: ## Check style, imports between wings, and types
 # Each example in an empty folder of its own; geometry, a link to a folder above, has none.
 EXAMPLES = $(sort $(shell grep -rl --include='*.py' '>>> ' dolfinx_joints))
 doctest: ## Run the examples in the docstrings
-	PYTHONPATH="tests$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON) -m pytest -q -p doctest_folders \
+	@PYTHONPATH="tests$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON) -m pytest -q -p doctest_folders \
 		-p no:cacheprovider --doctest-modules $(EXAMPLES)
 
 dist: ## Build source distribution and wheel in dist/ with a bill of materials, and try them

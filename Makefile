@@ -73,7 +73,7 @@ endef
 # $(call with_tool,FOLDER): $(PYTHON) that also finds the packages of a tool.
 with_tool = PYTHONPATH="$(TOOLS)/$(1)$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON)
 
-.PHONY: help demo paper studies validate test test-2 test-3 test-rounding test-0.11 verify coverage mutants bench bench-peers lint dist docs clean
+.PHONY: help demo paper studies validate test test-2 test-3 test-rounding test-0.11 verify coverage mutants bench bench-peers lint doctest dist docs clean
 .DEFAULT_GOAL := help
 
 help: ## Show this list
@@ -198,6 +198,12 @@ lint: ## Check style, imports between wings, and types
 	$(IMPORTS)
 	$(MYPY) dolfinx_joints
 	@if command -v shellcheck >/dev/null; then echo shellcheck; shellcheck -x $(BASH_SCRIPTS); fi
+
+# Each example in an empty folder of its own; geometry, a link to a folder above, has none.
+EXAMPLES = $(sort $(shell grep -rl --include='*.py' '>>> ' dolfinx_joints))
+doctest: ## Run the examples in the docstrings
+	@PYTHONPATH="tests$${PYTHONPATH:+:$$PYTHONPATH}" $(PYTHON) -m pytest -q -p doctest_folders \
+		-p no:cacheprovider --doctest-modules $(EXAMPLES)
 
 dist: ## Build source distribution and wheel in dist/ with a bill of materials, and try them
 	@$(call install_tool,$(BUILD_TOOL),$(BUILD_NEEDS))

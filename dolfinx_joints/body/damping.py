@@ -69,7 +69,14 @@ class ModalRatios:
 
 @checked
 def stiffness_proportional(*, ratio: Ratio, frequency: Frequency) -> Rayleigh:
-    """Return C = b K of a damping ratio at one frequency [Hz], in the paper 2 % at 5 Hz."""
+    """Return C = b K of a damping ratio at one frequency [Hz], in the paper 2 % at 5 Hz.
+
+    Example:
+        >>> import dolfinx_joints as dj
+        >>> damping = dj.stiffness_proportional(ratio=0.02, frequency=5.0)
+        >>> round(damping.ratio(10.0), 6)  # twice the ratio at twice the frequency
+        0.04
+    """
     return Rayleigh(stiffness_factor=2.0 * ratio / (2.0 * math.pi * frequency))
 
 
@@ -93,6 +100,12 @@ def rayleigh(
 
     Raises:
         ValueError: The frequencies are equal, or a or b would be negative.
+
+    Example:
+        >>> import dolfinx_joints as dj
+        >>> damping = dj.rayleigh(ratio=0.05, frequencies=(4.0, 16.0))
+        >>> [round(damping.ratio(f), 6) for f in (4.0, 8.0, 16.0)]  # smallest at 8 Hz
+        [0.05, 0.04, 0.05]
     """
     first, second = (float(value) for value in np.broadcast_to(ratio, 2))
     one, two = (2.0 * math.pi * frequency for frequency in frequencies)

@@ -57,6 +57,20 @@ class Fixed:
             or facet group that contains the node.
         components: Letters of the fixed axes (default: all axes).
         point: Coordinates of a node that is fixed instead of the whole group [m].
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.RigidJoint(friction_angle_deg=45.0)
+        >>> base = [dj.Fixed(group="base"), dj.Fixed(group="sides", components="xy")]
+        >>> loads = [dj.Pressure(group="top", value=1e6)]
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=base, loads=loads)
+        >>> state = dj.Simulation(model).statics()
+        >>> round(model.resultant(state.reaction, "base")[2])  # the load on 1 m^2 [N]
+        1000000
     """
 
     group: str | None = None
@@ -84,6 +98,20 @@ class Prescribed:
         value: Displacement [m] as a function ``value(t)`` of time [s], or ``value(x, t)`` of nodes
             (n, 3), [m], and time, which returns shape (n,).
         point: Coordinates of a node that is moved instead of the whole group [m].
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=20e9, poisson=0.0, density=2400.0)
+        >>> law = dj.KeyedJoint(normal_stiffness=1e11, shear_stiffness=1e11)
+        >>> top = dj.Prescribed(group="top", component="z", value=lambda t: -1.1e-4)  # [m]
+        >>> base = [dj.Fixed(group="base"), top]
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=base)
+        >>> state = dj.Simulation(model).statics()
+        >>> round(model.resultant(state.reaction, "top")[2])  # -1.1e-4 / (2 / E + 1 / k_n) [N]
+        -1000000
     """
 
     group: str | None = None
@@ -117,6 +145,20 @@ class Spring:
         group: Name of the facet group.
         normal_stiffness: k_n [Pa/m].
         tangential_stiffness: k_t [Pa/m].
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=20e9, poisson=0.0, density=2400.0)
+        >>> law = dj.KeyedJoint(normal_stiffness=1e11, shear_stiffness=1e11)
+        >>> base = [dj.Spring(group="base", normal_stiffness=1e9, tangential_stiffness=1e9)]
+        >>> loads = [dj.Pressure(group="top", value=1e6)]
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=base, loads=loads)
+        >>> state = dj.Simulation(model).statics()
+        >>> round(state.displacement.min()[1], 9)  # of the top, -p (1 / k + 2 / E + 1 / k_n) [m]
+        -0.00111
     """
 
     group: str

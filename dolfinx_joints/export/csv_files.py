@@ -51,6 +51,20 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
 
     Returns:
         Paths of the files.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.RigidJoint(friction_angle_deg=45.0)
+        >>> base = [dj.Fixed(group="base")]
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=base, loads=[dj.Gravity()])
+        >>> monitor = dj.ResultsMonitor("blocks.h5", points={"top": (0.5, 0.5, 2.0)})
+        >>> state = dj.Simulation(model, monitors=[monitor]).statics(name="weight")
+        >>> [path.name for path in dj.write_csv(dj.Results("blocks.h5"), "tables")]
+        ['stages.csv', 'stage_joints.csv']
     """
     folder, tables = Path(folder), tables_of(results)
     if not tables:

@@ -172,6 +172,17 @@ class FrictionNoTension(EnergyConsistentContact):
 
     Raises:
         ValueError: Angle and coefficient are both given, or both missing.
+
+    Example:
+        >>> import numpy as np
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.laws.law import JointState
+        >>> law = dj.FrictionNoTension(
+        ...     normal_stiffness=1e9, shear_stiffness=1e9, friction_angle_deg=45.0
+        ... )
+        >>> gap = np.array([[-0.001, 0.004, 0.0]])  # overlap 1 mm, tangential 4 mm [m]
+        >>> law.backward_euler(gap, JointState.at_rest(np.zeros((1, 3)))).traction.round()  # [Pa]
+        array([[-1000000.,  1000000.,        0.]])
     """
 
     loops: ClassVar[Mapping[str, Any]] = LOOPS
@@ -223,6 +234,15 @@ def frictionless(
 
     Args:
         normal_stiffness: k_n.
+
+    Example:
+        >>> import numpy as np
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.laws.law import JointState
+        >>> law = dj.frictionless(normal_stiffness=1e9)
+        >>> gap = np.array([[-0.001, 0.004, 0.0]])  # overlap 1 mm, tangential 4 mm [m]
+        >>> law.backward_euler(gap, JointState.at_rest(np.zeros((1, 3)))).traction.round()  # [Pa]
+        array([[-1000000.,        0.,        0.]])
     """
     return FrictionNoTension(
         normal_stiffness=normal_stiffness, shear_stiffness=0.0, friction_angle_deg=0.0

@@ -82,6 +82,15 @@ class KeyedJoint(EnergyConsistentContact):
     Attributes:
         normal_stiffness: k_n.
         shear_stiffness: k_s.
+
+    Example:
+        >>> import numpy as np
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.laws.law import JointState
+        >>> law = dj.KeyedJoint(normal_stiffness=1e9, shear_stiffness=2e9)
+        >>> gap = np.array([[0.003, 0.001, 0.0]])  # open by 3 mm, tangential 1 mm [m]
+        >>> law.backward_euler(gap, JointState.at_rest(np.zeros((1, 3)))).traction.round()  # [Pa]
+        array([[      0., 2000000.,       0.]])
     """
 
     loops: ClassVar[Mapping[str, Any]] = dict.fromkeys(RULES, closed_form_loop(keyed_on))

@@ -189,6 +189,20 @@ class MohrCoulombJoint(ElasticContact, CompiledLaw):
 
     Raises:
         ValueError: Parameters contradict each other.
+
+    Example:
+        >>> import numpy as np
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.laws.law import JointState
+        >>> law = dj.MohrCoulombJoint(
+        ...     normal_stiffness=1e11, shear_stiffness=4e10, friction_angle_deg=45.0, cohesion=2e6,
+        ...     tensile_strength=1e6,
+        ... )
+        >>> gap = np.array([[4e-6, 0.0, 0.0], [20e-6, 0.0, 0.0]])  # 0.4 and 2 times the strength
+        >>> state = JointState.at_rest(np.zeros((2, 3)), variables=2)
+        >>> law.backward_euler(gap, state).traction.round()  # the second bond breaks [Pa]
+        array([[400000.,      0.,      0.],
+               [     0.,      0.,      0.]])
     """
 
     points: ClassVar[Mapping[str, Any]] = {BACKWARD_EULER.name: bonded_point}

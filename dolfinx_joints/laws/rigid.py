@@ -49,6 +49,19 @@ class RigidJoint(CompiledEnergyConsistentLaw):
 
     Raises:
         ValueError: Angle and coefficient are both given, or both missing.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.RigidJoint(friction_angle_deg=45.0)
+        >>> base = [dj.Fixed(group="base")]
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=base, loads=[dj.Gravity()])
+        >>> joints = dj.Simulation(model).statics().joints
+        >>> float(abs(joints.state.gap[:, 0]).max())  # no overlap under the weight [m]
+        0.0
     """
 
     loops: ClassVar[Mapping[str, Any]] = LOOPS

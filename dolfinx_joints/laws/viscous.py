@@ -59,6 +59,17 @@ class ViscousJoint:
 
     Raises:
         ValueError: ``law`` is not a `Law`, has dashpots, or dilates.
+
+    Example:
+        >>> import numpy as np
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.laws.law import JointState
+        >>> contact = dj.frictionless(normal_stiffness=1e9)
+        >>> joint = dj.ViscousJoint(law=contact, normal_viscosity=1e6)
+        >>> gap = np.array([[-0.001, 0.0, 0.0]])  # overlap 1 mm after a step of 10 ms
+        >>> law = joint.for_step(0.01)
+        >>> law.backward_euler(gap, JointState.at_rest(np.zeros((1, 3)))).traction.round()  # [Pa]
+        array([[-1100000.,        0.,        0.]])
     """
 
     law: Law

@@ -29,6 +29,19 @@ class Gravity:
     Attributes:
         acceleration: g as a vector [m/s^2]; standard gravity along -z (-y in 2-D) by default.
         cells: Name of the loaded cell group; the whole body by default.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.RigidJoint(friction_angle_deg=45.0)
+        >>> base = [dj.Fixed(group="base")]
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=base, loads=[dj.Gravity()])
+        >>> state = dj.Simulation(model).statics()
+        >>> round(model.resultant(state.reaction, "base")[2])  # 2 m^3 * 2400 * 9.80665 [N]
+        47072
     """
 
     acceleration: Vector | None = None
@@ -84,6 +97,20 @@ class Pressure:
         group: Name of the facet group.
         value: Pressure [Pa].
         factor: Multiplier at a time [s]; 1 by default.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=20e9, poisson=0.0, density=2400.0)
+        >>> law = dj.KeyedJoint(normal_stiffness=1e11, shear_stiffness=1e11)
+        >>> base = [dj.Fixed(group="base")]
+        >>> loads = [dj.Pressure(group="top", value=1e6)]
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=base, loads=loads)
+        >>> state = dj.Simulation(model).statics()
+        >>> round(state.displacement.min()[1], 9)  # of the top, -p (2 / E + 1 / k_n) [m]
+        -0.00011
     """
 
     group: str

@@ -23,6 +23,12 @@ class Elastic:
         young: Young's modulus E.
         poisson: Poisson's ratio nu.
         density: Mass density rho.
+
+    Example:
+        >>> import dolfinx_joints as dj
+        >>> concrete = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> concrete.shear_modulus  # E / (2 (1 + nu)) [Pa]
+        10000000000.0
     """
 
     young: Annotated[float, at.Gt(0), at.Unit("Pa")]

@@ -158,6 +158,15 @@ def propose_stiffness(
         overlap: Bound on the interpenetration [m].
         friction_angle_deg: Friction angle [degrees], if the elastic slip is wanted.
         element_size: Cell size at the joints [m], if the loss of digits is to be judged.
+
+    Example:
+        >>> import dolfinx_joints as dj
+        >>> proposal = dj.propose_stiffness(young=24e9, poisson=0.0, block_size=12.0, pressure=2e6)
+        >>> law = proposal.law(friction_angle_deg=45.0)
+        >>> f"{law.normal_stiffness:.3g}"  # E / (0.01 * 12 m) [Pa/m]
+        '2e+11'
+        >>> f"{law.shear_stiffness:.3g}"  # half of it, as G = E / 2 [Pa/m]
+        '1e+11'
     """
     oedometric, shear = _moduli(young, poisson)
     bounds = {

@@ -82,6 +82,19 @@ def modes(system: MatrixSystem, count: Annotated[int, at.Ge(1)]) -> Modes:
     Args:
         system: The system; its joints enter with their elastic stiffness k_n, k_s.
         count: Number of modes.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=1e13, poisson=0.0, density=2400.0)  # 4800 kg, nearly rigid
+        >>> law = dj.KeyedJoint(normal_stiffness=1e13, shear_stiffness=1e13)
+        >>> guide = dj.Fixed(group="sides", components="xy")
+        >>> spring = dj.Spring(group="base", normal_stiffness=4800.0 * (2 * 3.14159 * 5.0) ** 2)
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=[guide, spring])
+        >>> dj.modes(model.system(), 1).frequencies.round(2)  # sqrt(k / m) / (2 pi) [Hz]
+        array([5.])
     """
     check_system(system)
     most = _number_of_modes(system)

@@ -34,6 +34,21 @@ class Joints:
         initial_gaps: Initial normal gap of named joints, a number or a function of the points [m].
         quadrature: Rule on the joints: ``auto``, ``nodal``, ``gauss``, or the degree that a Gauss
             rule is exact for; see `facet_rule`.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> base = [dj.Fixed(group="base")]
+        >>> law = dj.frictionless(normal_stiffness=1e11)
+        >>> joints = dj.Joints(law, initial_gaps={"joint_1": 0.001})  # open by 1 mm
+        >>> loads = [dj.Pressure(group="top", value=1e5)]
+        >>> model = dj.Model(mesh, material=solid, joints=joints, supports=base, loads=loads)
+        >>> state = dj.Simulation(model).statics()
+        >>> round(state.displacement.min()[1], 4)  # the upper block closes the gap [m]
+        -0.001
     """
 
     laws: AnyLaw | Mapping[str, AnyLaw] | None
@@ -56,6 +71,18 @@ class Body:
         symmetric: Whether the extra forms are symmetric.
         redistribute_mass: Give the mass of joint nodes to the body behind them, so that contact
             tractions do not ring (`Model.redistribution`); gravity acts where the mass then is.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.KeyedJoint(normal_stiffness=1e11, shear_stiffness=1e11)
+        >>> dj.Model(mesh, material=solid, joints=law).num_dofs  # 2 blocks of 3^3 nodes
+        162
+        >>> dj.Model(mesh, material=solid, joints=law, body=dj.Body(degree=2)).num_dofs  # 5^3
+        750
     """
 
     degree: Literal[1, 2] | None = None

@@ -71,6 +71,21 @@ class FieldMonitor(Monitor):
         path: ``NAME.vtkhdf``, or ``NAME``.
         every: Steps between two times.
         overwrite: Replace existing files.
+
+    Example:
+        >>> from pathlib import Path
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.frictionless(normal_stiffness=1e11)
+        >>> base = [dj.Fixed(group="base")]
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=base, loads=[dj.Gravity()])
+        >>> run = dj.Simulation(model, monitors=[dj.FieldMonitor("blocks.vtkhdf", every=10)])
+        >>> state = run.statics()
+        >>> sorted(path.name for path in Path().glob("*.vtkhdf"))
+        ['blocks_stages.vtkhdf', 'blocks_stages_joints.vtkhdf']
     """
 
     path: str | PathLike[str]

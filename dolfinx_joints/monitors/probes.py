@@ -40,6 +40,22 @@ class Probe:
         place: Coordinates [m].
         group: Name of a cell group, a facet group or a side of a joint that the node must belong
             to; any node by default.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=20e9, poisson=0.0, density=2400.0)
+        >>> law = dj.frictionless(normal_stiffness=1e9)
+        >>> base = [dj.Fixed(group="base")]
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=base, loads=[dj.Gravity()])
+        >>> sides = {side: dj.Probe((0.5, 0.5, 1.0), group=f"joint_1{side}") for side in "-+"}
+        >>> monitor = dj.ResultsMonitor("blocks.h5", points=sides)
+        >>> state = dj.Simulation(model, monitors=[monitor]).statics()
+        >>> below, above = dj.Results("blocks.h5").series("statics", "point_displacement")[0, :, 2]
+        >>> round(float(above - below), 9)  # overlap by the weight of the upper block / k_n [m]
+        -2.3536e-05
     """
 
     place: Annotated[Sequence[float], at.MinLen(2), at.MaxLen(3), at.Unit("m")]

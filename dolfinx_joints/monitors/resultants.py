@@ -73,6 +73,20 @@ class JointForces:
         geometry: Centroid, mean normal, area and flatness of each joint.
         areas: Areas of the local points, zero at tied ones, shape (n,), [m^2].
         free_area: Sum of the areas over each joint, shape (joints,), [m^2].
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.RigidJoint(friction_angle_deg=45.0)
+        >>> base = [dj.Fixed(group="base")]
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=base, loads=[dj.Gravity()])
+        >>> state = dj.Simulation(model).statics()
+        >>> forces = dj.JointForces(model)(state.joints)["joint_1"]
+        >>> round(forces.normal_force)  # weight of the upper block, 1 m^3 * 2400 * 9.80665 [N]
+        23536
     """
 
     def __init__(self, model: Model) -> None:

@@ -68,6 +68,21 @@ class ResultsMonitor(Monitor):
         resultants: Record force and moment of each joint and on each block at every step.
         static_part: Record the static part of the displacement under a `DifferingMotion`: of the
             points at every step and of all nodes with the states. Costs one solve per step.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.frictionless(normal_stiffness=1e11)
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=[dj.Fixed(group="base")])
+        >>> monitor = dj.ResultsMonitor("blocks.h5", points={"top": (0.5, 0.5, 2.0)})
+        >>> run = dj.Simulation(model, monitors=[monitor])
+        >>> outcome = run.dynamics(dt=0.01, steps=10, motion=lambda t: (1.0, 0.0, 0.0))
+        >>> u = dj.Results("blocks.h5").series("histories", "displacement")  # (records, points, 3)
+        >>> round(float(u[-1, 0, 0]), 5)  # the upper block slides, -0.5 * 1 m/s^2 * (0.1 s)^2 [m]
+        -0.005
     """
 
     path: str | PathLike[str]

@@ -45,6 +45,16 @@ class Motion(Summarised):
             stored as a read-only copy.
         dt: time between samples [s].
         name: name in logs and titles.
+
+    Example:
+        >>> import numpy as np
+        >>> import dolfinx_joints as dj
+        >>> t = np.linspace(0.0, 2.0, 201)
+        >>> acceleration = np.zeros((201, 3))
+        >>> acceleration[:, 0] = 3.0 * np.sin(2.0 * np.pi * 2.5 * t)  # stream, 2.5 Hz [m/s^2]
+        >>> motion = dj.Motion(acceleration=acceleration, dt=0.01)
+        >>> motion.duration, motion.peak.round(6)  # [s], [m/s^2]
+        (2.0, array([3., 0., 0.]))
     """
 
     acceleration: Floats
@@ -261,6 +271,12 @@ def synthetic_motion(
         dt: time between samples [s].
         peaks_g: largest absolute value of x, y, z, in units of standard gravity.
         band: lowest and highest frequency of the sines [Hz].
+
+    Example:
+        >>> import dolfinx_joints as dj
+        >>> motion = dj.synthetic_motion(duration=2.0, peaks_g=(0.2, 0.2, 0.1))
+        >>> (motion.peak / 9.80665).round(6)
+        array([0.2, 0.2, 0.1])
     """
     low, high = band
     if not 1.0 / duration <= low < high <= 0.5 / dt:

@@ -110,6 +110,17 @@ def read_record(
         directions: directions of the components in the order of files and columns: N, E, S, W, UP,
             DOWN, an azimuth [degrees], or x, y, z of the dam. They must agree with file headers.
         stream_azimuth_deg: azimuth of the dam's x axis, which points downstream [degrees].
+
+    Example:
+        >>> import numpy as np
+        >>> import dolfinx_joints as dj
+        >>> samples = [[0, 0, 0], [100, 0, 0], [0, 50, 0], [0, 0, -25]]  # N, E, up [cm/s^2]
+        >>> np.savetxt("record.txt", samples)
+        >>> motion = dj.read_record(
+        ...     "record.txt", unit="cm/s^2", columns="N E UP", dt=0.01, stream_azimuth_deg=0.0
+        ... )
+        >>> motion.peak.round(6)  # x points north, downstream [m/s^2]
+        array([1.  , 0.5 , 0.25])
     """
     files, title = _files(source, name, unit is not None)
     parts = [

@@ -274,6 +274,21 @@ def joint_measures(results: Results, *, tail: NotNegative = 1.0) -> dict[str, di
       without bonds.
 
     Tied points, at the end of a joint inside a body, and their area are excluded.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.frictionless(normal_stiffness=1e11)
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=[dj.Fixed(group="base")])
+        >>> monitor = dj.ResultsMonitor("blocks.h5", points={"top": (0.5, 0.5, 2.0)})
+        >>> run = dj.Simulation(model, monitors=[monitor])
+        >>> outcome = run.dynamics(dt=0.01, steps=10, motion=lambda t: (1.0, 0.0, 0.0))
+        >>> joint = dj.measures.joint_measures(dj.Results("blocks.h5"))["joint_1"]
+        >>> round(joint["slip_max"], 5)  # 0.5 * 1 m/s^2 * (0.1 s)^2 [m]
+        0.005
     """
     check_results(results)
     return {joint: _measures_of(results, joint, tail) for joint in results.joints}

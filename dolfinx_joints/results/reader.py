@@ -52,6 +52,21 @@ class Results(Summarised):
 
     Args:
         path: The file to read.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.RigidJoint(friction_angle_deg=45.0)
+        >>> base = [dj.Fixed(group="base")]
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=base, loads=[dj.Gravity()])
+        >>> monitor = dj.ResultsMonitor("blocks.h5", points={"top": (0.5, 0.5, 2.0)})
+        >>> state = dj.Simulation(model, monitors=[monitor]).statics(name="weight")
+        >>> with dj.Results("blocks.h5") as results:
+        ...     results.stage_names, results.unit("statics", "reaction/base")
+        (['weight'], 'N')
     """
 
     def __init__(self, path: str | Path) -> None:

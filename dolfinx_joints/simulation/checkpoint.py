@@ -60,6 +60,21 @@ class Checkpoints:
         every: Steps between two checkpoints.
         overwrite: Let a new run replace an existing checkpoint.
         resume: Continue from the checkpoint in the file.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.frictionless(normal_stiffness=1e11)
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=[dj.Fixed(group="base")])
+        >>> stage = {"dt": 0.01, "steps": 10, "motion": lambda t: (1.0, 0.0, 0.0)}
+        >>> kept = dj.Checkpoints("run.ckpt", every=5)
+        >>> outcome = dj.Simulation(model).dynamics(**stage, checkpoint=kept)
+        >>> kept = dj.Checkpoints("run.ckpt", every=5, resume=True)  # as after a crash
+        >>> round(dj.Simulation(model).dynamics(**stage, checkpoint=kept).state.time, 6)  # [s]
+        0.1
     """
 
     path: str | PathLike[str]

@@ -75,6 +75,21 @@ class Simulation:
         stages: Static stages so far, for monitors of dynamic stages and `save_static`. Clear the
             list if it takes too much memory, for example after many small steps in time.
         seconds: Wall time by phase [s].
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.frictionless(normal_stiffness=1e11)
+        >>> base = [dj.Fixed(group="base")]
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=base, loads=[dj.Gravity()])
+        >>> run = dj.Simulation(model)
+        >>> state = run.statics()
+        >>> end = run.dynamics(dt=0.01, steps=10, motion=lambda t: (1.0, 0.0, 0.0)).state
+        >>> round(end.displacement.min()[1], 5)  # the upper block slides, -0.5 * 1 * 0.1^2 [m]
+        -0.005
     """
 
     model: Model
@@ -242,10 +257,7 @@ class Simulation:
         return state
 
     def save_static(self, path: str | Path) -> None:
-        """Write the static stages so far to a file, to continue from the last one (collective).
-
-        An existing file is replaced.
-        """
+        """Write the static stages so far to a file, replacing an existing one (collective)."""
         if self.static is None:
             raise JointsError("There is no static state to save yet: run statics() first.")
         static_keeper(path, self.model).save_static(self.static, self.stages)

@@ -149,6 +149,20 @@ class Newmark(_Alpha):
     Attributes:
         beta: Weight of the end acceleration in the displacement of the step.
         gamma: Weight of the end acceleration in the velocity; below 1/2 the method is unstable.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.frictionless(normal_stiffness=1e11)
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=[dj.Fixed(group="base")])
+        >>> along = lambda t: (1.0, 0.0, 0.0)  # the ground moves, the upper block slides [m/s^2]
+        >>> run = dj.Simulation(model)
+        >>> end = run.dynamics(dt=0.01, steps=10, motion=along, scheme=dj.Newmark()).state
+        >>> round(end.displacement.min()[1], 5)  # relative to the ground, -0.5 * 1 * 0.1^2 [m]
+        -0.005
     """
 
     beta: Annotated[float, at.Gt(0), at.Le(0.5)] = 0.25

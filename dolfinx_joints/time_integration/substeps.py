@@ -42,6 +42,20 @@ class StepControl:
             (`joints.chatter`), the tolerance is ignored: shorter steps chatter more.
         landing: Halve steps in which a joint point opens or closes, so that such steps are short.
             Meant for few points: if many points change in every step, every step is short.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.Joints(dj.frictionless(normal_stiffness=1e9), initial_gaps={"joint_1": 0.001})
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=[dj.Fixed(group="base")])
+        >>> up = lambda t: (0.0, 0.0, 10.0)  # the ground hits the upper block [m/s^2]
+        >>> control = dj.StepControl(landing=True)
+        >>> outcome = dj.Simulation(model).dynamics(dt=0.001, steps=20, motion=up, control=control)
+        >>> outcome.counts.accepted > outcome.steps  # steps that close the joint are cut
+        True
     """
 
     max_halvings: Annotated[int, at.Ge(0), at.Le(30)] = 6

@@ -35,6 +35,20 @@ class HydrostaticPressure:
         density: Density of the water [kg/m^3].
         gravity: g [m/s^2].
         factor: Multiplier at a time [s]; 1 by default.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.RigidJoint(friction_angle_deg=45.0)
+        >>> base = [dj.Fixed(group="base")]
+        >>> loads = [dj.HydrostaticPressure(group="top", level=2.5)]  # 0.5 m above the top
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=base, loads=loads)
+        >>> state = dj.Simulation(model).statics()
+        >>> round(float(model.resultant(state.reaction, "base")[2]), 1)  # 1000 * 9.80665 * 0.5 [N]
+        4903.3
     """
 
     group: str

@@ -99,6 +99,20 @@ class Uplift:
         joint: Name of the joint.
         pressure: Number, at least 0, or function of points (n, 3), such as `SeepageLine` [Pa].
         factor: Multiplier at a time [s]; 1 by default.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.RigidJoint(friction_angle_deg=45.0)
+        >>> base = [dj.Fixed(group="base")]
+        >>> loads = [dj.Gravity(), dj.Uplift(joint="joint_1", pressure=10e3)]
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=base, loads=loads)
+        >>> joints = dj.Simulation(model).statics().joints
+        >>> round(dj.JointForces(model)(joints)["joint_1"].normal_force)  # 23536 N - 10 kPa * 1 m^2
+        13536
     """
 
     joint: str

@@ -40,6 +40,17 @@ def read_msh(path: str | Path, comm: Any, *, joints: list[str] | None = None) ->
     Raises:
         MeshError: The file cannot be read, mixes cell types or has no joint of a given name. A
             joint facet does not have one cell on each side.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> path = two_blocks("blocks.msh", size=0.5)  # two cubes of 1 m, one on the other
+        >>> mesh = dj.read_msh(path, MPI.COMM_WORLD)
+        >>> mesh.joint_names
+        ('joint_1',)
+        >>> sorted(mesh.facet_groups), sorted(mesh.cell_groups)
+        (['base', 'sides', 'top'], ['lower', 'upper'])
     """
     return distribute(comm, lambda: prepare(load_msh(Path(path)), joints))
 
@@ -68,6 +79,18 @@ def split_mesh(
     Raises:
         MeshError: No facet has a given tag, or a joint facet does not have one cell on each side.
         ValueError: Joints or groups are not given as tags or entities by name.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import numpy as np
+        >>> from dolfinx.mesh import create_unit_cube, locate_entities
+        >>> import dolfinx_joints as dj
+        >>> cube = create_unit_cube(MPI.COMM_WORLD, 2, 2, 2)
+        >>> middle = locate_entities(cube, 2, lambda x: np.isclose(x[2], 0.5))
+        >>> base = locate_entities(cube, 2, lambda x: np.isclose(x[2], 0.0))
+        >>> halves = dj.split_mesh(cube, joints={"joint": middle}, groups={"base": base})
+        >>> len(cube.geometry.x), len(halves.mesh.geometry.x)  # 9 nodes are duplicated
+        (27, 36)
     """
     joints, groups, cell_groups = joints or {}, groups or {}, cell_groups or {}
     every = _checked_groups(joints, groups, cell_groups, facet_tags, cell_tags)
@@ -167,6 +190,19 @@ def mesh_from_arrays(
     Raises:
         MeshError: An array has the wrong shape or invalid numbers. Nodes of cells are in the wrong
             order. A joint facet does not have one cell on each side.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import numpy as np
+        >>> import dolfinx_joints as dj
+        >>> x = np.array([[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]])  # two squares [m]
+        >>> cells = np.array([[0, 1, 3, 4], [1, 2, 4, 5]])
+        >>> groups = {"base": np.array([[0, 1], [1, 2]]), "joint": np.array([[1, 4]])}
+        >>> mesh = dj.mesh_from_arrays(
+        ...     MPI.COMM_WORLD, cell="quadrilateral", x=x, cells=cells, facet_groups=groups
+        ... )
+        >>> len(mesh.mesh.geometry.x)  # nodes 1 and 4 are duplicated
+        8
     """
 
     def prepared() -> PreparedMesh:

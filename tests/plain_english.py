@@ -69,6 +69,7 @@ PHRASES = {
     r"\bnothing holds\b": "unsupported",
     r"\b(?:hold|holds) (?:it|them|that|these|those)\b": "constrains, contains",
 }
+TEXTS = (tokenize.STRING, getattr(tokenize, "FSTRING_MIDDLE", tokenize.STRING))
 PATTERN = re.compile("|".join(f"(?P<p{i}>{p})" for i, p in enumerate(PHRASES)), re.IGNORECASE)
 PLAIN = list(PHRASES.values())
 
@@ -127,9 +128,8 @@ def _texts(source: str) -> Iterator[tuple[int, str]]:
             if comment:
                 yield start, "\n".join(comment)
             comment, start = [token.string], token.start[0]
-        elif token.type in (tokenize.STRING, getattr(tokenize, "FSTRING_MIDDLE", -1)):
-            if " " in token.string:  # others are values, not texts
-                yield token.start[0], token.string
+        elif token.type in TEXTS and " " in token.string:  # others are values, not texts
+            yield token.start[0], token.string
     if comment:
         yield start, "\n".join(comment)
 

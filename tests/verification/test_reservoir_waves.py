@@ -508,12 +508,10 @@ def test_what_waves_do_not_go_with(comm, jointed_dam):
         dj.Simulation(model).dynamics(**run, scheme=dj.EnergyConsistent(exact_modes=4))
     by_forms = dj.Simulation(model, solver="forms")
     by_forms.statics()  # the water is at rest: the body alone
-    with pytest.raises(
-        dj.JointsError, match=r"and a reservoir with waves\. Use solver=.monolithic"
-    ):
+    with pytest.raises(dj.JointsError, match="does not support a reservoir with waves"):
         by_forms.dynamics(**run)
     options = dj.SolverOptions(linear="iterative")
-    with pytest.raises(ValueError, match="without waves in"):
+    with pytest.raises(ValueError, match="does not support waves in"):
         dj.Simulation(model, options=options).dynamics(**run)
     given = dj.BaseMotion(acceleration=shaking)
     with pytest.raises(ValueError, match="need the velocity of the ground"):

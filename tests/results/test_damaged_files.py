@@ -142,7 +142,7 @@ def test_texts_without_a_checksum_are_errors(kind, tmp_path):
     write(path)
     with changing(path) as file:
         file.attrs["format"] = file.attrs["format"].decode()
-    with pytest.raises(error, match="the attribute 'format' is no text of fixed length and no"):
+    with pytest.raises(error, match="the attribute 'format' is neither a text of fixed length"):
         read(path)
 
 

@@ -176,14 +176,14 @@ def test_follow_ups_are_listed(capsys):
 def test_follow_ups_run(tmp_path, capsys):
     short = ["--steps", "40", "--size", "14", "--out", str(tmp_path), "--only", "paper", "gap=0.00"]
     follow_ups.main(short)
-    assert "8 cases run, 0 were there already, 0 failed" in capsys.readouterr().out
+    assert "8 cases run, 0 already complete, 0 failed" in capsys.readouterr().out
     table = read_table(tmp_path)
     assert table["case"].tolist()[:2] == ["paper_linear", "paper"]
     # The gaps only open farther.
     assert (np.diff(table["joints/opening_max"][1:]) > 0.0).all()
     assert (tmp_path / "sweep_gap.png").stat().st_size > 10_000
     follow_ups.main(short)
-    assert "0 cases run, 8 were there already, 0 failed" in capsys.readouterr().out
+    assert "0 cases run, 8 already complete, 0 failed" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -159,7 +159,10 @@ def test_a_free_field_is_shown_relative_to_its_surface(tmp_path):
 def test_runs_say_what_each_is_relative_to(tmp_path):
     paths = [write_run(tmp_path / f"{n}.h5", waves=n == "waves") for n in ("waves", "motion")]
     _, html = page_of(paths, tmp_path)
-    frames = "relative to the free surface in waves, relative to the ground in motion, minus the static state"
+    frames = (
+        "relative to the free surface in waves, relative to the ground in motion, minus the static "
+        "state"
+    )
     assert f"Displacements are {frames}" in html
 
 

@@ -78,7 +78,7 @@ def test_cells_of_motions_are_measures(two: tuple[str, dict[str, Results]]) -> N
             for c in "xyz":
                 row = f"{point}, {c}, {label}"
                 shown(tables.value(row, "strong phase"), until)
-                shown(tables.value(row, "largest", "until"), peaks[c]["strong"])
+                shown(tables.value(row, "largest", "before"), peaks[c]["strong"])
                 shown(tables.value(row, "largest", "after"), peaks[c]["later"])
                 found = measures.fourier_peaks(run, point, c)  # type: ignore[arg-type]
                 shown(tables.value(row, "Fourier", "[Hz]"), found.frequency)

@@ -150,7 +150,7 @@ def test_a_free_field_is_shown_relative_to_its_surface(tmp_path):
     assert named["free surface"].max() == pytest.approx(0.5 * (1 + np.exp(-0.05 * np.pi)), rel=0.01)
     row = page.cells.index("mid-crest, x, waves")
     assert page.cells[row + 2] == "1.3"
-    assert "69 less 69 GJ at the end" in html
+    assert "69 minus 69 GJ at the end" in html
     stored = {trace["name"]: unpacked(trace["y"]) for trace in plots["energies-1"]["data"]}
     assert stored["waves"][-1] == stored["kinetic"][-1] == 1.0  # kJ
     assert stored["viscous"][-1] == stored["input"][-1] == 0.0

@@ -133,7 +133,7 @@ def test_scatter_where_nothing_converges():
     assert np.isnan(found.order)
     assert found.limit == 1.1
     np.testing.assert_allclose(found.error, [2.9, 0.2, 0.2, 0.2])
-    with pytest.raises(ValueError, match="Extrapolation takes three values or more, got 2."):
+    with pytest.raises(ValueError, match="Extrapolation needs three values or more, got 2."):
         convergence.extrapolated(np.array([1.0, 2.0]), 2.0)
 
 
@@ -168,7 +168,7 @@ def test_follow_ups_are_listed(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split() == ["gap=0.0005", "joints,", "gap", "0.0005"]
     assert lines[-1] == "6 cases"
-    with pytest.raises(ValueError, match="No case starts with nonsense; --list names all"):
+    with pytest.raises(ValueError, match="No case starts with nonsense; --list prints all names"):
         follow_ups.main(["--list", "--only", "nonsense"])
 
 
@@ -199,7 +199,10 @@ def test_paper_in_one_command(tmp_path, capsys, monkeypatch):
     assert (errors["energy_error"][errors["scheme"] == "ec"] < 1e-8).all()
     capsys.readouterr()
     paper.main(["--quick", "--out", str(tmp_path)])
-    assert "not run again: paper_joints, paper_linear" in capsys.readouterr().out
+    assert (
+        f"kept from earlier runs in {tmp_path / 'runs'}: paper_joints, paper_linear"
+        in capsys.readouterr().out
+    )
 
 
 @pytest.mark.slow

@@ -60,7 +60,7 @@ def block(width: float, height: float, angle: float, shaking: object) -> Scene:
             path, length=width, width=width, lower_height=0.5, upper_height=height, size=1.0
         ),
         material=dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
-        held=["base"],
+        fixed=["base"],
         loads=[dj.Gravity(acceleration=(0.0, 0.0, -GRAVITY))],
         shear_ratio=1.0,
         load_steps=1,

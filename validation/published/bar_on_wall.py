@@ -31,9 +31,9 @@ LENGTH, YOUNG, DENSITY, VELOCITY, DISTANCE = 0.2, 2e11, 8000.0, 100.0, 2e-3
 STRIKES = {4e-5: -2.0, 1e-4: -2.0}
 FREE = {2e-5: -2.0, 8e-5: -4.0, 1.2e-4: 0.0}
 
-# Relative errors with 40 cells. Those of impulse and rebound are the change from 20 to 40 cells. The
-# bound of displacements is smaller than such an estimate: the bar moves 5 % of DISTANCE while a
-# wave crosses a cell.
+# Relative errors with 40 cells. Those of impulse and rebound are the change from 20 to 40 cells.
+# The bound of displacements is smaller than such an estimate: the bar moves 5 % of DISTANCE while
+# a wave crosses a cell.
 TURN, IMPULSE, REBOUND = 0.01, 0.005, 0.01
 
 

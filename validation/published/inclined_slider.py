@@ -6,11 +6,11 @@ A block of 40 x 20 mm, E = 2.1e11 Pa, nu = 0, is suspended 2 mm above a rigid pl
 degrees. It has two springs of 5 N/m across the plane and two of 2000 N/m along it, per mm of depth.
 A pressure of 300 MPa presses it onto the plane. Then a pressure on its side pushes it along the
 plane with 0.99 or 1.01 times the friction limit, mu = 0.3. With 0.99 it sticks, with some slip near
-the pushed side. With 1.01 it slides until the springs carry the excess, 36 N / 4000 N/m = 9 mm. The
-cells are 5 mm, k = 1e15 Pa/m. In our model the springs act on whole faces and the pressures act in
-sequence; in the source the springs act at corners and both pressures grow together.
+the pushed side. With 1.01 it slides until the springs carry the excess, 36 N / 4000 N/m = 9 mm.
+The cells are 5 mm, k = 1e15 Pa/m. In our model the springs act on whole faces and the pressures act
+in sequence; in the source the springs act at corners and both pressures grow together.
 
-The slip exceeds the cell size, and joint points keep their partners. On a plane this causes no error.
+The slip exceeds the cell size, and joint points keep their partners. This is no error on a plane.
 """
 
 from __future__ import annotations

@@ -9,9 +9,9 @@ and about 3 m from it. A run with a motion 1 + 1e-6 times as large shows the sca
 depend on the order of contacts. ``--finer`` adds a mesh of half the size (demo 03).
 
 For each component and band the program prints the peak. For each other run it prints the change of
-the peak, the largest change of the spectrum at periods above one over the band (raw: from 0.03 s)
-and also above ten steps, and the shortest period from which on the change is at most 5 %.
-``--figure FILE`` draws the component of the joint point across the valley.
+the peak. Two columns have the largest change of the spectrum: at periods above one over the band
+(raw: from 0.03 s), and at those also above ten steps. The last column is the shortest period from
+which on the change is at most 5 %. ``--figure FILE`` draws the joint's component across the valley.
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ from dolfinx_joints.simulation.record import Record
 
 Run = Mapping[str, NDArray[np.float64]]
 
-PARTS = (0.5, 1.0, 2.0, 4.0)  # steps per step of the demo
+PARTS = (0.5, 1.0, 2.0, 4.0)  # number of steps per step of demo 03
 REFERENCE = 32.0
 GOAL = 0.01
 SIZE = 5.5  # of the cells of the demo's mesh [m]
@@ -161,7 +161,7 @@ class Runs:
 
         Args:
             name: Name in `METHODS`.
-            part: Steps per step of the demo.
+            part: Number of steps per step of demo 03.
             size: Cell size [m].
         """
         label = f"{name}_{part:g}_{size:g}m_{self._intervals}".replace(" ", "_").replace(",", "")
@@ -235,7 +235,7 @@ def _explicitly(
 
 
 def errors(run: Run, reference: Run) -> dict[str, float]:
-    """Return the errors of `QUANTITIES`; the steps of the reference divide those of the run."""
+    """Return the errors of `QUANTITIES`; each step of the run has whole steps of the reference."""
     by_name = {}
     for name in ("crest", "opening", "slip"):
         mine, of = (r[name].reshape(len(r[name]), -1) for r in (run, reference))
@@ -271,14 +271,14 @@ class Line:
     errors: dict[str, NDArray[np.float64]]
 
     def time_for(self, goal: float, quantity: str) -> float:
-        """Return the processor time for an error, by straight lines of the logarithms [s]."""
+        """Return the processor time for an error [s], interpolated in the logarithms."""
         return steps_for(goal, list(self.seconds), list(self.errors[quantity]))
 
 
 def lines(
     runs: Runs, parts: tuple[float, ...], sizes: tuple[float, ...]
 ) -> Iterator[tuple[str, Line]]:
-    """Yield the lines of all methods, then that of the meshes."""
+    """Yield the lines of all methods, then the line of the meshes."""
     reference = runs.take(DEFAULT, REFERENCE)
     for name, method in METHODS.items():
         chosen = (1.0,) if method.single else parts

@@ -10,10 +10,10 @@ it on any number of ranks::
 
     mpirun -n 2 python3 -m benchmarks.large_bodies
 
-Columns: wall and processor time of the first step with its preparation, and the median of the
-others, of the slowest rank; iterations of the linear solver in a step (largest of the linear steps,
-mean of the jointed ones) and number of solves; Newton iterations in the first step and mean of the
-others; wall time of reading and assembly. The peak memory is the sum over the ranks.
+Times are wall and processor times of the slowest rank: of the first step with its preparation, and
+the median of the other steps. Iterations of the linear solver are per step: the largest number of
+the linear steps, the mean of the jointed steps. Newton iterations are those of the first step and
+the mean of the others. Set-up is reading and assembly. Peak memory is the sum over the ranks.
 
 The exit status is 1 if energies do not balance, the joint does not open, or a linear step needs a
 fifth more iterations than on the next smaller wall.

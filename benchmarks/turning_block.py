@@ -22,7 +22,7 @@ from dolfinx_joints.common.command_line import Parser
 
 Floats = NDArray[np.float64]
 
-FRICTION, CYCLES, OMEGA = 2.0, 3.0, 2.0 * math.pi  # [N], of 1 s, [1/s]
+FRICTION, CYCLES, OMEGA = 2.0, 3.0, 2.0 * math.pi  # [N], cycles of 1 s, [1/s]
 
 # A and B [m/s^2]: immediate reversals, two- or one-sided; with rest in between.
 MOTIONS = {"4, 0.5": (4.0, 0.5), "8, 0": (8.0, 0.0), "2.5, 0.3": (2.5, 0.3), "3, 0.7": (3.0, 0.7)}

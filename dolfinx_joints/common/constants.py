@@ -5,8 +5,8 @@
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of free fall [m/s^2] (3rd CGPM, 1901): the g in which records are given."""
 
-# Largest errors without a warning: the energy error relative to the largest energy (with joints,
-# the paper's is below 4 %), and the estimated error of a step relative to the largest displacement.
+# Largest errors without a warning. The energy error is relative to the largest energy; with joints
+# the paper's is below 4 %. The error of a single step is relative to the largest displacement.
 LARGE_ENERGY_ERROR = 0.05
 LARGE_LOCAL_ERROR = 0.05
 

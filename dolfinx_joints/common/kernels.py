@@ -291,8 +291,8 @@ os.register_at_fork(after_in_child=_number_functions)
 # For functions that only other loops call. Without an entry point for Python they compile faster.
 part = njit(cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
-# For functions that only other loops call and that neither create nor return arrays. numba then
-# counts no references to their array arguments; counting makes a joint point 2.5 times as slow.
+# For functions that only other loops call and that neither create nor return arrays. numba does not
+# count references to their array arguments; counting takes 2.5 times as long per joint point.
 inline = register_jitable(forceinline=True, _nrt=False)
 
 

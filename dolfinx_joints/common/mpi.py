@@ -168,7 +168,7 @@ class RowsAt:
         return received[self._place]
 
     def mark(self, marks: Flags, rows: Flags) -> None:
-        """Set those of this rank's rows that any rank marks where it has asked (collective)."""
+        """Set the flags in ``rows`` of this rank's rows that any rank has marked (collective)."""
         if self._comm.size == 1:
             rows[self._number[marks]] = True
             return

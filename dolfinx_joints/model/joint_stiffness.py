@@ -147,8 +147,8 @@ def propose_stiffness(
 ) -> StiffnessProposal:
     """Choose the softest joint that keeps compliance and interpenetration below their bounds.
 
-    k_n = max(M/(added_compliance L), p/overlap), k_s = k_n G/M with M the oedometric modulus, so
-    that joint and block have the same ratio of shear to normal stiffness.
+    k_n = max(M/(added_compliance L), p/overlap) and k_s = k_n G/M, with the oedometric modulus M.
+    Joint and block then have the same ratio of shear to normal stiffness.
 
     Args:
         young: Young's modulus E of the body [Pa].

@@ -25,9 +25,9 @@ NodalField: TypeAlias = PETSc.Vec | Expr | Callable[[NDArray[np.float64]], Any] 
 def nodal_vector(model: Model, name: str, field: NodalField) -> PETSc.Vec:
     """Return a field as a new vector of the model's unknowns (collective).
 
-    The field is one of: a vector of the model's unknowns; a DOLFINx function or UFL expression on
-    the model's mesh with one component per axis; a function of the nodes (n, 3) [m] that returns
-    (n, gdim); or one uniform value per axis. Otherwise a ValueError names the field by ``name``.
+    The field may be a vector of the unknowns, or a DOLFINx function or UFL expression on the mesh
+    with one component per axis. It may also be a function of the nodes (n, 3) [m] that returns
+    (n, gdim), or one uniform value per axis. Otherwise a ValueError names the field by ``name``.
     """
     vector = model.stiffness.createVecRight()
     if isinstance(field, PETSc.Vec):

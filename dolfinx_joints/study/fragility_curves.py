@@ -68,9 +68,9 @@ def fragility(intensity: ArrayLike, exceeded: ArrayLike) -> Fragility:
             that did, from 0 to 1; of the same shape.
 
     Raises:
-        ValueError: A shape or value is not allowed, or the runs do not determine the curve: no
-            run exceeds the limit, all do, exactly those above some intensity do, or the
-            exceedances do not increase with intensity.
+        ValueError: A shape or value is not allowed, or the runs do not determine the curve. This
+            is so if no run exceeds the limit, if all do, if exactly the runs above an intensity
+            do, or if exceedances do not increase with intensity.
     """
     flags = np.asarray(exceeded)
     x = numbers_of(intensity)

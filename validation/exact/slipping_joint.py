@@ -31,7 +31,7 @@ from validation.strip import Layer, Strip
 SOURCE = "exact, derived here; the problem of R. K. Miller, J. Appl. Mech. 44, 1977"
 
 ROCK = dj.Elastic(young=25e9, poisson=0.25, density=2500.0)
-WAVE, CYCLES, PRESSURE = 20.0, 4, 1e6  # [m], number, on the joint [Pa]
+WAVE, CYCLES, PRESSURE = 20.0, 4, 1e6  # wavelength [m], number, joint pressure [Pa]
 SOFTNESS = 0.005  # omega Z / k_s
 # Differences behind the joint over the strength, by s: 0.6 of the differences with cells and steps
 # twice as long, as the error is of first order at the corners of the cut-off wave.

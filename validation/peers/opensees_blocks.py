@@ -70,8 +70,8 @@ def block(width: float, height: float, angle: float, shaking: object) -> Scene:
     )
 
 
-OVERLAP = 1e-9  # of faces in OpenSees before the weight acts [m]
-FINE = 4  # parts of a step in the fine run
+OVERLAP = 1e-9  # overlap of faces in OpenSees before the weight acts [m]
+FINE = 4  # steps of the fine run per step
 # Scene, component, number of steps, number of steps of the quick run.
 CASES = {
     "sliding block, x": (block(2.0, 2.0, 10.0, along_x), 0, 160, 110),

@@ -62,7 +62,7 @@ NAMES = ("gap [m]", "slip [m]", "total traction [Pa]")
 GAP_CELLS = {0.0: 0.002, 1.3: 0.0033, 3.2: 0.001, 4.6: 0.001, 5.0: 0.005}
 SLIP_CELLS = {1.3: 0.011, 3.2: 0.0075, 4.6: 0.005}
 DRY_CELLS = 0.001
-OPEN = (0.0, 1.3)  # with uplift
+OPEN = (0.0, 1.3)  # distances at which the joint is open with uplift [m]
 # Deviations beyond the estimated errors on the finer cells, by source, quantity and distance.
 DIFFERS = {
     ("GEFDYN", "gap [m]", 0.0): 0.0705,

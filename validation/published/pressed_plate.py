@@ -32,8 +32,8 @@ SIDE, CELL = 0.04, 0.00125
 GRECO = {0.0: 28.6, 1.25: 27.2, 5.0: 22.8, 7.5: 19.8, 11.25: 15.0}
 CODE_ASTER = {0.0: 28.6488, 1.25: 27.2687, 5.0: 22.9236, 7.5: 19.9289, 11.25: 15.6085}
 
-# Relative errors: by cells of 1.25 mm, the change from 2.5 mm to 1.25 mm (twice as much with cells
-# of 2.5 mm); by the stiffness of the joint, a tenth of the change with a joint ten times softer.
+# Relative errors. By cells of 1.25 mm: the change from 2.5 mm to 1.25 mm; twice as much with cells
+# of 2.5 mm. By the stiffness of the joint: a tenth of the change with a joint ten times softer.
 CELLS, SOFTNESS = 0.001, 0.0002
 # Deviations beyond the estimated errors on the finer cells, by source and x [mm].
 DIFFERS = {

@@ -257,9 +257,7 @@ def cost(name: str, steps: int) -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Print tables."""
     parser = Parser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--dam", choices=DAM_SIZES, help="print the time per step of this dam instead"
-    )
+    parser.add_argument("--dam", choices=DAM_SIZES, help="print times per step of this dam")
     parser.add_argument("--steps", type=int, help="number of steps of each run")
     options = parser.parse_args(arguments)
     warnings.simplefilter("ignore")

@@ -122,18 +122,13 @@ def main(arguments: list[str] | None = None) -> None:
     parser = Parser(description="Thermal opening of the joints, then earthquake.")
     parser.add_argument("--record", help="folder with three AT2 files (default: synthetic motion)")
     parser.add_argument("--out", type=Path, default=Path("output/thermal_opening"))
-    parser.add_argument(
-        "--cooling", type=float, default=8.0, help="decrease of the temperature [K]"
-    )
+    parser.add_argument("--cooling", type=float, default=8.0, help="temperature decrease [K]")
     parser.add_argument("--size", type=float, default=8.0, help="cell size [m]")
     parser.add_argument(
         "--steps", type=at_least(1), default=ALL_STEPS, help="time steps of 0.00488 s"
     )
     parser.add_argument(
-        "--active-height",
-        type=float,
-        default=0.75,
-        help="relative height up to which the joints are cut",
+        "--active-height", type=float, default=0.75, help="relative height of the joints' top"
     )
     parser.add_argument("--quick", action="store_true", help="a coarse mesh and two seconds")
     options = parser.parse_args(arguments)

@@ -41,12 +41,7 @@ SOURCE = "closed form: d'Alembert's waves that go along with the ground; Fourier
 Floats = NDArray[np.float64]
 LENGTH, HEIGHT, WIDTH = 500.0, 50.0, 5.0  # [m]
 CONCRETE = dj.Elastic(young=20e9, poisson=0.25, density=2000.0)
-SHEAR, SPEED, PULSE, END = (
-    2000.0,
-    5000.0,
-    0.05,
-    0.12,
-)  # c_s, c [m/s]; duration of f, end of the run [s]
+SHEAR, SPEED, PULSE, END = 2000.0, 5000.0, 0.05, 0.12  # c_s, c [m/s]; pulse, run [s]
 RISING = 1.0 / np.sqrt(SHEAR**-2 - SPEED**-2)  # v [m/s]
 # Relative error by cells and steps: a third of the error with both twice as long, 0.8 %.
 STEPS = 0.003

@@ -1,17 +1,17 @@
 #!/usr/bin/env python3
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""How much accelerations and 5 % spectra change under half the step, raw and low-passed.
+"""Change of accelerations and 5 % spectra with half the step, raw and low-passed.
 
-The README's dam, at the crest on a joint and at its next node on none, 6 m away (the mesh has none
-nearer), and the dam of demo 03 at 0.65 of its height, on the crown's joint and some 3 m from it.
-Beside stands how much they change where the motion is 1 + 1e-6 times as large, the scatter of what
-hangs on the order of contacts, and with ``--finer`` on a mesh of half the size (demo 03).
+One dam is the README's, with points at the crest on a joint and at the nearest node off the joint,
+6 m away. The other is the dam of demo 03 at 0.65 of its height, with points on the crown's joint
+and about 3 m from it. A run with a motion 1 + 1e-6 times as large shows the scatter of results that
+depend on the order of contacts. ``--finer`` adds a mesh of half the size (demo 03).
 
-Printed are, for each component and band, the peak, and for each of the other runs the change of the
-peak and the largest change of the spectrum: at periods not below one over the band (raw: from
-0.03 s), not below that of ten steps as well, and last the shortest period from which on it is at
-most 5 %. ``--figure FILE`` draws the component across the valley of the joint.
+For each component and band the program prints the peak. For each other run it prints the change of
+the peak. Two columns have the largest change of the spectrum: at periods above one over the band
+(raw: from 0.03 s), and at those also above ten steps. The last column is the shortest period from
+which on the change is at most 5 %. ``--figure FILE`` draws the joint's component across the valley.
 """
 
 from __future__ import annotations
@@ -58,14 +58,14 @@ def demo03(path: Path, run: Run) -> None:
     case = study.Case(time_step=run.dt, size=study.Case.size * run.mesh)
     model = study.build(case, "joints", study.make_mesh(case, path.parent / path.stem))
     s = np.linspace(0.0, 0.3, 301)
-    line = np.array([case.dam().point(each, 0.0, 0.65) for each in s])
+    line = np.array([case.dam().point(position, 0.0, 0.65) for position in s])
     away = np.argmin(abs(np.linalg.norm(line - line[0], axis=1) - 3.0))
     march(model, path, run, (tuple(line[0]), tuple(line[away])), study.make_motion(case))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """How one of the runs that are compared differs; sizes are shares of the usual ones."""
+    """Parameters of a compared run; motion and mesh are relative to the usual ones."""
 
     dt: float
     seconds: float
@@ -76,7 +76,7 @@ class Run:
 
 
 def march(model: dj.Model, path: Path, run: Run, places: tuple, motion: dj.Motion) -> None:
-    """Weight, then the motion."""
+    """Run self weight, then the motion."""
     joint, away = run.places or places
     points = {"joint": dj.Probe(joint, group="joint_6+"), "off joint": away}
     recorded = dj.ResultsMonitor(path, points=points, every=1000, overwrite=True)
@@ -87,18 +87,18 @@ def march(model: dj.Model, path: Path, run: Run, places: tuple, motion: dj.Motio
 
 
 def changes(runs: dict[str, dj.Results], point: str, component: str, band: float | None) -> str:
-    """Line on a component in a band."""
-    found = {}
+    """Return the line of a component in a band."""
+    by_run = {}
     for name, results in runs.items():
         moved = measures.acceleration_history(results, point, component, band=band)
         dt, a = equally_spaced(*moved)
         spectrum = response_spectrum(a, dt, PERIODS, 0.05).pseudo_acceleration
-        found[name] = np.abs(a).max(), spectrum
-    peak, spectrum = found.pop("whole")
+        by_run[name] = np.abs(a).max(), spectrum
+    peak, spectrum = by_run.pop("whole")
     from_band = 0.0 if band is None else 1.0 / band
     from_step = max(from_band, 10.0 * np.diff(runs["whole"].time("histories")).max())
     line = f"{point:9} {component} {'raw' if band is None else f'{band:g} Hz':6} {peak:8.3g}"
-    for other_peak, other in found.values():
+    for other_peak, other in by_run.values():
         by = np.abs(spectrum / other - 1.0)
         tails = (by[shortest * (1 - 1e-9) <= PERIODS].max() for shortest in (from_band, from_step))
         worse = np.flatnonzero(by > 0.05)
@@ -109,7 +109,7 @@ def changes(runs: dict[str, dj.Results], point: str, component: str, band: float
 
 
 def draw(coarse: dj.Results, fine: dj.Results, path: Path) -> None:
-    """Acceleration across the valley at the joint, raw above, in the band below."""
+    """Draw the joint's acceleration across the valley: raw in the upper, band in the lower plot."""
     from matplotlib.figure import Figure
 
     axes = Figure(figsize=(7.5, 5.0), layout="constrained").subplots(2, 1, sharex=True)
@@ -126,17 +126,17 @@ def draw(coarse: dj.Results, fine: dj.Results, path: Path) -> None:
 
 
 def main() -> None:
-    """Make the runs and print the table."""
+    """Run the cases and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--dam", choices=tuple(STEPS), default="readme")
-    parser.add_argument("--seconds", type=float, default=2.0, help="of the motion")
+    parser.add_argument("--seconds", type=float, default=2.0, help="duration of the motion")
     parser.add_argument("--dt", type=float, help="the longer step [s]")
-    parser.add_argument("--exact-modes", type=int, default=0, help="of EnergyConsistent")
-    parser.add_argument("--mesh", type=float, default=1.0, help="share of the cell size (demo03)")
-    parser.add_argument("--finer", action="store_true", help="the finer mesh as well (demo03)")
+    parser.add_argument("--exact-modes", type=int, default=0, help="modes of EnergyConsistent")
+    parser.add_argument("--mesh", type=float, default=1.0, help="relative cell size (demo03)")
+    parser.add_argument("--finer", action="store_true", help="also run a finer mesh (demo03)")
     parser.add_argument("--out", type=Path, default=Path("output/acceleration_bands"))
-    parser.add_argument("--figure", type=Path, help="where to draw")
-    parser.add_argument("--again", action="store_true", help="of the files that are there")
+    parser.add_argument("--figure", type=Path, help="file of the figure")
+    parser.add_argument("--again", action="store_true", help="print from existing files")
     given = parser.parse_args()
     whole = Run(
         dt=given.dt or STEPS[given.dam],

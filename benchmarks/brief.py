@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Make the README's table of features: the files, the test and a measured number of each.
+"""Print the README's table of features, each with files, test and a measured number.
 
-Prints the table of the README; ``--write`` puts it there.
+``--write`` writes the table to the README.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ STEPS = 40
 
 
 class Row(NamedTuple):
-    """A feature of the package.
+    """Feature of the package.
 
     Attributes:
-        feature: What it is.
-        files: Files that do it, separated by blanks.
+        feature: Description of the feature.
+        files: Files that implement it, separated by spaces.
         test: Test that shows it.
-        number: Makes the number of the table.
+        number: Function that returns the number of the table.
     """
 
     feature: str
@@ -73,12 +73,12 @@ def elongation() -> str:
             loads=[dj.Pressure(group="x_max", value=pressure)],
         )
     moved = -dj.Simulation(model).statics().displacement.getArray().min()
-    right = pressure * 20.0 / young + pressure / stiffness
-    return f"bar and joint in series off by {abs(moved / right - 1.0):.0e}"
+    expected = pressure * 20.0 / young + pressure / stiffness
+    return f"bar and joint in series off by {abs(moved / expected - 1.0):.0e}"
 
 
 def shaken(solver: str, comm: MPI.Comm) -> np.ndarray:
-    """Return the crest's displacement of a small wall that is shaken [m] (collective)."""
+    """Return the crest displacement of a small shaken wall [m] (collective)."""
     from benchmarks.shared.measure import StepWatch
 
     scene = wall("tiny")
@@ -97,7 +97,7 @@ def forms() -> str:
 
 
 def order() -> str:
-    """Observe the order of Newmark's scheme on a mass that strikes a soft stop."""
+    """Measure the order of Newmark's scheme on a mass that strikes a soft stop."""
     problem = impact(1.0)
     off = [
         errors(problem, march(problem, SCHEMES["newmark"], problem.period / n), midpoint=False)
@@ -133,9 +133,9 @@ def stated(page: str, pattern: str, text: str) -> Callable[[], str]:
     """Return a reader of numbers that another benchmark wrote on a page."""
 
     def read() -> str:
-        found = re.search(pattern, (PROJECT / page).read_text("utf-8"))
-        assert found is not None, f"{page} has no {pattern}"
-        return text.format(*found.groups())
+        match = re.search(pattern, (PROJECT / page).read_text("utf-8"))
+        assert match is not None, f"{page} has no {pattern}"
+        return text.format(*match.groups())
 
     return read
 
@@ -215,9 +215,9 @@ def table() -> str:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Print the table, and write it into the README if asked."""
+    """Print the table; write it to the README with ``--write``."""
     parser = Parser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="into the README")
+    parser.add_argument("--write", action="store_true", help="write the table to the README")
     parser.add_argument("--crest", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.crest:
@@ -229,8 +229,8 @@ def main(arguments: list[str] | None = None) -> None:
     print(text)
     if options.write:
         readme = PROJECT / "README.md"
-        head, _, rest = readme.read_text("utf-8").partition("| feature |")
-        tail = rest.partition("\n\n")[2]
+        head, _, remainder = readme.read_text("utf-8").partition("| feature |")
+        tail = remainder.partition("\n\n")[2]
         readme.write_text(f"{head}{text}\n\n{tail}", "utf-8")
 
 

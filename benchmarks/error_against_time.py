@@ -3,15 +3,15 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Error against run time of an arch dam in an earthquake: time schemes, steps and meshes.
 
-The dam of demo 03 is shaken from its static state, where the motion is strong. Run time is the
-processor time of one thread for everything after the imports: mesh, assembly, statics, first step
-and all others; each run is repeated after a first one that is not counted, and the median is taken.
+The dam of demo 03 is shaken from its static state by the strong part of the motion. Run time is the
+processor time of one thread for everything after the imports: mesh, assembly, statics and all
+steps. It is the median of several runs after a first one that is not counted.
 
-Errors of the crest's displacement and of the largest opening and slip are the largest ones in time
-over the largest value of the reference; the error of the peak acceleration of the crest is that of
-its size, low-passed at 25 Hz. The reference of time schemes is the default scheme on the same mesh
-with steps 32 times shorter than the demo's, that of meshes the finest mesh. Runs are kept in
-``--out``; those found there are not repeated.
+Errors of the crest's displacement, the largest opening and the largest slip are the largest errors
+in time over the largest value of the reference. The peak acceleration of the crest is low-passed at
+25 Hz. The reference of time schemes is the default scheme on the same mesh with steps 32 times
+shorter than the demo's; the reference of meshes is the finest mesh. Runs are kept in ``--out`` and
+not repeated.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from dolfinx_joints.simulation.record import Record
 
 Run = Mapping[str, NDArray[np.float64]]
 
-PARTS = (0.5, 1.0, 2.0, 4.0)  # steps per step of the demo
+PARTS = (0.5, 1.0, 2.0, 4.0)  # number of steps per step of demo 03
 REFERENCE = 32.0
 GOAL = 0.01
 SIZE = 5.5  # of the cells of the demo's mesh [m]
@@ -72,7 +72,7 @@ class Method:
         solver: Solver of the steps; ``explicit`` for `CentralDifferences`.
         tolerances: Tolerance of the local error for each of `PARTS`; equal steps if empty.
         style: Line style of figures.
-        single: Whether it is slow and run once only, with the demo's step or its own.
+        single: Whether it is slow and run only once, with the demo's step or its own.
     """
 
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -82,7 +82,7 @@ class Method:
     single: bool = False
 
     def label(self, part: float, dt: float) -> str:
-        """Return what sets a run apart from the others of the method."""
+        """Return the label of a run among the runs of the method."""
         if self.tolerances:
             return f"tol. {self.tolerances[PARTS.index(part)]:g}"
         return f"{1e3 * dt:.3g} ms"
@@ -105,7 +105,7 @@ DEFAULT = next(iter(METHODS))
 
 
 class Histories(StepWatch):
-    """Watch that also keeps velocity, largest opening and largest slip of each step.
+    """Monitor that also records velocity, largest opening and largest slip of each step.
 
     Attributes:
         velocity: Velocity of the crest, (3,) each [m/s].
@@ -114,20 +114,20 @@ class Histories(StepWatch):
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Start without any step."""
+        """Create empty records."""
         super().__init__(scene)
         self.velocity: list[NDArray[np.float64]] = []
         self.opening: list[float] = []
         self.slip: list[float] = []
 
     def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
-        """Keep the gap at the start."""
+        """Store the initial gap."""
         super().start(model, stage, steps, first)
         assert first.joints is not None
         self._first = first.joints.state.gap.copy()
 
     def record(self, record: Record) -> None:
-        """Keep the histories of a step."""
+        """Store the histories of a step."""
         super().record(record)
         assert record.joints is not None
         gap = record.joints.state.gap
@@ -142,16 +142,16 @@ def _largest_slip(change: NDArray[np.float64]) -> float:
 
 
 class Runs:
-    """Runs of the dam, each made when first asked for.
+    """Runs of the dam, made on first use.
 
     Args:
-        seconds: Length of the motion [s].
-        repeats: Number of runs of which the median time is taken.
-        folder: Where runs are kept.
+        seconds: Duration of the motion [s].
+        repeats: Number of runs for the median time.
+        folder: Folder of the results of runs.
     """
 
     def __init__(self, seconds: float, repeats: int, folder: Path) -> None:
-        """Start without any run."""
+        """Create the folder."""
         self._intervals = round(seconds / (2.0 * TIME_STEP))
         self._repeats, self._folder = repeats, folder
         folder.mkdir(parents=True, exist_ok=True)
@@ -161,7 +161,7 @@ class Runs:
 
         Args:
             name: Name in `METHODS`.
-            part: Steps per step of the demo.
+            part: Number of steps per step of demo 03.
             size: Cell size [m].
         """
         label = f"{name}_{part:g}_{size:g}m_{self._intervals}".replace(" ", "_").replace(",", "")
@@ -201,21 +201,21 @@ class Runs:
             static = simulation.statics(steps=scene.load_steps)
             motion = scene.strong_shaking(steps * dt)
             if explicit:
-                found, own_dt = _explicitly(scene, model, static, motion, steps)
+                histories, own_dt = _explicitly(scene, model, static, motion, steps)
             else:
                 simulation.dynamics(dt=dt, steps=steps, motion=motion, **options)
-                found = {name: np.array(getattr(watch, name)) for name in HISTORIES}
+                histories = {name: np.array(getattr(watch, name)) for name in HISTORIES}
             spent = clock.process_time() - began
         times = dt * np.arange(steps + 1)
         ground = np.array([motion(0.5 * sum(ends)) for ends in pairwise(times)])
-        mean = np.diff(found.pop("velocity"), axis=0, prepend=0.0) / dt + ground
-        return {**found, "acceleration": mean, "cpu": spent, "interval": dt, "dt": own_dt}
+        mean = np.diff(histories.pop("velocity"), axis=0, prepend=0.0) / dt + ground
+        return {**histories, "acceleration": mean, "cpu": spent, "interval": dt, "dt": own_dt}
 
 
 def _explicitly(
     scene: Scene, model: dj.Model, static: Any, motion: Any, records: int
 ) -> tuple[dict[str, NDArray[np.float64]], float]:
-    """Return the histories by central differences at the demo's steps, and the own step [s]."""
+    """Return histories by central differences at the demo's steps, and the step used [s]."""
     from dolfinx_joints.mesh.node_numbering import NodeNumbering
     from dolfinx_joints.monitors.probes import PointProbe
 
@@ -224,29 +224,29 @@ def _explicitly(
     dt = TIME_STEP / every
     probe = PointProbe(model, [scene.crest], NodeNumbering(model.V))
     vector = static.displacement.copy()
-    first, found = probe.read(vector)[0].copy(), []
+    first, rows = probe.read(vector)[0].copy(), []
     for u, v, gap in body.march(dt, motion, every, records):
         vector.setArray(u)
         moved = probe.read(vector)[0] - first
         vector.setArray(v)
         slip = _largest_slip(gap - static.joints.state.gap)
-        found.append((moved, probe.read(vector)[0].copy(), gap[:, 0].max(), slip))
-    return dict(zip(HISTORIES, map(np.array, zip(*found, strict=True)), strict=True)), dt
+        rows.append((moved, probe.read(vector)[0].copy(), gap[:, 0].max(), slip))
+    return dict(zip(HISTORIES, map(np.array, zip(*rows, strict=True)), strict=True)), dt
 
 
-def errors(run: Run, right: Run) -> dict[str, float]:
-    """Return the errors of `QUANTITIES`; the steps of the reference divide those of the run."""
-    found = {}
+def errors(run: Run, reference: Run) -> dict[str, float]:
+    """Return the errors of `QUANTITIES`; each step of the run has whole steps of the reference."""
+    by_name = {}
     for name in ("crest", "opening", "slip"):
-        mine, of = (each[name].reshape(len(each[name]), -1) for each in (run, right))
+        mine, of = (r[name].reshape(len(r[name]), -1) for r in (run, reference))
         count = min(len(mine), len(of))
-        mine, of = (each[len(each) // count - 1 :: len(each) // count] for each in (mine, of))
+        mine, of = (rows[len(rows) // count - 1 :: len(rows) // count] for rows in (mine, of))
         off = np.linalg.norm(mine - of, axis=1).max()
-        found[name] = float(
-            off / np.linalg.norm(right[name].reshape(-1, of.shape[1]), axis=1).max()
+        by_name[name] = float(
+            off / np.linalg.norm(reference[name].reshape(-1, of.shape[1]), axis=1).max()
         )
-    found["peak"] = abs(_peak(run) / _peak(right) - 1.0)
-    return found
+    by_name["peak"] = abs(_peak(run) / _peak(reference) - 1.0)
+    return by_name
 
 
 def _peak(run: Run) -> float:
@@ -271,31 +271,31 @@ class Line:
     errors: dict[str, NDArray[np.float64]]
 
     def time_for(self, goal: float, quantity: str) -> float:
-        """Return the processor time for an error, by straight lines of the logarithms [s]."""
+        """Return the processor time for an error [s], interpolated in the logarithms."""
         return steps_for(goal, list(self.seconds), list(self.errors[quantity]))
 
 
 def lines(
     runs: Runs, parts: tuple[float, ...], sizes: tuple[float, ...]
 ) -> Iterator[tuple[str, Line]]:
-    """Yield the lines of all methods, then that of the meshes."""
-    right = runs.take(DEFAULT, REFERENCE)
+    """Yield the lines of all methods, then the line of the meshes."""
+    reference = runs.take(DEFAULT, REFERENCE)
     for name, method in METHODS.items():
         chosen = (1.0,) if method.single else parts
-        taken = [runs.take(name, part) for part in chosen]
-        labels = [method.label(p, run["dt"]) for p, run in zip(chosen, taken, strict=True)]
-        yield name, _line(labels, taken, right)
+        method_runs = [runs.take(name, part) for part in chosen]
+        labels = [method.label(p, run["dt"]) for p, run in zip(chosen, method_runs, strict=True)]
+        yield name, _line(labels, method_runs, reference)
     finest = runs.take(DEFAULT, parts[-1], FINEST)
     meshes = [runs.take(DEFAULT, parts[-1], size) for size in sizes]
     yield "cell size, default scheme", _line([f"{size:g} m" for size in sizes], meshes, finest)
 
 
-def _line(labels: list[str], taken: list[Run], right: Run) -> Line:
+def _line(labels: list[str], runs: list[Run], reference: Run) -> Line:
     """Return the line of some runs."""
-    off = [errors(run, right) for run in taken]
+    off = [errors(run, reference) for run in runs]
     return Line(
         labels=labels,
-        seconds=np.array([float(run["cpu"]) for run in taken]),
+        seconds=np.array([float(run["cpu"]) for run in runs]),
         errors={name: np.array([each[name] for each in off]) for name in QUANTITIES},
     )
 
@@ -304,27 +304,27 @@ HEAD = "".join(f" {name} |" for name in QUANTITIES.values())
 RULE = "|---" * len(QUANTITIES)
 
 
-def times(found: Mapping[str, Line]) -> str:
+def times(by_method: Mapping[str, Line]) -> str:
     """Return the time that each kind of run takes for 1 %, as a table in Markdown."""
-    seconds, goal = found[DEFAULT].time_for(GOAL, "crest"), f"{100 * GOAL:g} %"
+    seconds, goal = by_method[DEFAULT].time_for(GOAL, "crest"), f"{100 * GOAL:g} %"
     rows = [
         f"Default scheme: {seconds:.1f} s for an error of the step of {goal} at the crest.\n",
         f"| processor time [s] for an error of the step of {goal} |{HEAD}",
         f"|---{RULE}|",
     ]
-    for name, line in found.items():
+    for name, line in by_method.items():
         needed = " | ".join(_seconds(line.time_for(GOAL, q)) for q in QUANTITIES)
         rows.append(f"| {name} | {needed} |")
     return "\n".join(rows)
 
 
-def error_table(found: Mapping[str, Line]) -> str:
+def error_table(by_method: Mapping[str, Line]) -> str:
     """Return the errors of all runs as a table in Markdown."""
     rows = [f"| errors [%] | step or cell | time [s] |{HEAD}", f"|---|---|---{RULE}|"]
-    for name, line in found.items():
+    for name, line in by_method.items():
         for i, label in enumerate(line.labels):
-            each = " | ".join(f"{100 * line.errors[q][i]:.2g}" for q in QUANTITIES)
-            rows.append(f"| {name} | {label} | {line.seconds[i]:.1f} | {each} |")
+            errors_of_run = " | ".join(f"{100 * line.errors[q][i]:.2g}" for q in QUANTITIES)
+            rows.append(f"| {name} | {label} | {line.seconds[i]:.1f} | {errors_of_run} |")
     return "\n".join(rows)
 
 
@@ -333,7 +333,7 @@ def _seconds(value: float) -> str:
     return f"{value:.1f}" if math.isfinite(value) else "–"
 
 
-def draw(found: Mapping[str, Line], path: Path, quantities: tuple[str, ...]) -> Path:
+def draw(by_method: Mapping[str, Line], path: Path, quantities: tuple[str, ...]) -> Path:
     """Draw error against time, a panel for each quantity, with the goal as a line."""
     from matplotlib.figure import Figure
 
@@ -343,12 +343,12 @@ def draw(found: Mapping[str, Line], path: Path, quantities: tuple[str, ...]) -> 
     axes = np.atleast_1d(figure.subplots(1, len(quantities), sharey=True))
     styles = {name: method.style for name, method in METHODS.items()}
     for ax, quantity in zip(axes, quantities, strict=True):
-        for name, line in found.items():
+        for name, line in by_method.items():
             off, style = 100.0 * line.errors[quantity], styles.get(name, "-s")
             colour = {"color": "black", "linewidth": 2.0} if name == DEFAULT else {}
             ax.loglog(line.seconds, off, style, label=name, markersize=5, **colour)
         ax.axhline(100.0 * GOAL, color="0.4", linewidth=4.0, alpha=0.4)
-        needed = found[DEFAULT].time_for(GOAL, quantity)
+        needed = by_method[DEFAULT].time_for(GOAL, quantity)
         if math.isfinite(needed):
             text = f"time step, default scheme: {100 * GOAL:g} % in {needed:.1f} s"
             ax.text(0.98, 100.0 * GOAL, text, transform=ax.get_yaxis_transform(), ha="right")
@@ -365,28 +365,28 @@ def draw(found: Mapping[str, Line], path: Path, quantities: tuple[str, ...]) -> 
 def main(arguments: list[str] | None = None) -> None:
     """Run, print the tables, draw."""
     parser = Parser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=0.976, help="of the motion")
+    parser.add_argument("--seconds", type=float, default=0.976, help="duration of the motion")
     parser.add_argument("--repeats", type=at_least(1), default=3, help="runs of each kind")
     parser.add_argument("--quick", action="store_true", help="two steps and two meshes")
     parser.add_argument("--plot", type=Path, help="write figures to this folder")
     parser.add_argument("--write", action="store_true", help="write the table to docs/accuracy.md")
     parser.add_argument(
-        "--out", type=Path, default=Path("output/error_against_time"), help="where runs are kept"
+        "--out", type=Path, default=Path("output/error_against_time"), help="folder of the runs"
     )
     options: argparse.Namespace = parser.parse_args(arguments)
     warnings.simplefilter("ignore")
     runs = Runs(options.seconds, options.repeats, options.out)
     runs.warm_up()
     chosen = (PARTS[:2], SIZES[:2]) if options.quick else (PARTS, SIZES)
-    found = dict(lines(runs, *chosen))
-    print(times(found), error_table(found), sep="\n\n")
+    by_method = dict(lines(runs, *chosen))
+    print(times(by_method), error_table(by_method), sep="\n\n")
     if options.write:
         head, _, _ = PAGE.read_text("utf-8").partition("Default scheme: ")
-        PAGE.write_text(f"{head}{times(found)}\n", "utf-8")
+        PAGE.write_text(f"{head}{times(by_method)}\n", "utf-8")
     if options.plot:
         for name, quantities in (("crest", ("crest",)), ("all", tuple(QUANTITIES))):
             path = options.plot / f"error_against_time_{name}.png"
-            print(f"figure: {draw(found, path, quantities)}")
+            print(f"figure: {draw(by_method, path, quantities)}")
 
 
 if __name__ == "__main__":

@@ -1,18 +1,18 @@
 #!/usr/bin/env python3
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What `EnergyConsistent(exact_modes=...)` gains and costs, beside the plain scheme.
+"""Accuracy and cost of `EnergyConsistent(exact_modes=...)`, compared with the plain scheme.
 
 - Two rods tied by a closed joint: error of the lowest mode over ten periods, and the jump of the
   velocity across the joint over the largest velocity.
-- A mass that strikes a stop, two periods of that motion: error with steps of T/20 in flight and
-  T/1500 near the stop, and the fewest such steps for an error.
-- A bar of 40 cells, one end held, that strikes a stop with the other: error by the number of steps,
-  against the motion of the same cells without error in time.
+- A mass that strikes a stop, over two periods of the motion: error with steps of T/20 in flight and
+  T/1500 near the stop, and the smallest number of such steps for an error.
+- A bar of 40 cells, fixed at one end, that strikes a stop with the other end: error by number of
+  steps, relative to the motion of the same cells without error in time.
 - ``--cost``: processor time per step of a wall or dam.
 
-Errors are root mean squares in time over that of the right motion; of the rods the largest over
-the amplitude.
+Errors are root mean squares in time over that of the exact motion; for the rods they are the
+largest error over the amplitude.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from dolfinx_joints.time_integration.energy import EnergyLedger
 Floats = NDArray[np.float64]
 
 CELLS = 40
-# Of the bar: stiffness of its stop over its own, end of the march [s], and times that are compared.
+# Bar: stiffness of its stop over its own, end of the run [s], and number of compared times.
 STOP, END, SHOWN = 10.0, 16.0, 50
 
 
@@ -63,21 +63,21 @@ COST = (
 
 
 def scheme(modes: int) -> dj.EnergyConsistent:
-    """Return the scheme that is exact in some modes."""
+    """Return the scheme that is exact in the given number of modes."""
     return dj.EnergyConsistent(exact_modes=modes)
 
 
 def bars(*stiffnesses: float) -> tuple[Floats, Floats]:
-    """M and K of bars of unit length and density, not tied to each other."""
+    """Return M and K of separate bars of unit length and density."""
     parts = [bar_matrices(CELLS, young=young) for young in stiffnesses]
-    return tuple(block_diag(*each) for each in zip(*parts, strict=True))
+    return tuple(block_diag(*matrices) for matrices in zip(*parts, strict=True))
 
 
 # ---------------------------------------------------------------- closed joints
 
 
 def tied(joint_stiffness: float, steps: int, modes: int) -> tuple[float, float, float]:
-    """Error, jump of velocity and ledger of two rods that are pressed together."""
+    """Return error, velocity jump and energy imbalance of two rods pressed together."""
     mass, stiffness = (whole[1:-1, 1:-1] for whole in bars(1.0, 3.0))
     gap = np.zeros((3, len(mass)))
     gap[0, CELLS - 1 : CELLS + 1] = -1.0, 1.0
@@ -98,14 +98,14 @@ def tied(joint_stiffness: float, steps: int, modes: int) -> tuple[float, float, 
         velocity=np.zeros(len(mass)),
     )
     run = march(problem, scheme(modes), period / steps)
-    right = static + np.cos(omega * run.time)[:, None] * shape
-    off = float(np.abs(run.displacement - right).max()) / 0.1
+    reference = static + np.cos(omega * run.time)[:, None] * shape
+    off = float(np.abs(run.displacement - reference).max()) / 0.1
     jump = np.abs(run.velocity @ gap[0]).max() / np.abs(run.velocity).max()
     return off, float(jump), run.ledger or 0.0
 
 
 def closed_joints() -> None:
-    """Table of the rods."""
+    """Print the table of the rods."""
     rows = []
     for stiffness, steps in product((1.0, 1e2, 1e6), (20, 80)):
         plain, exact = (tied(stiffness, steps, modes) for modes in (0, 4))
@@ -119,7 +119,7 @@ def closed_joints() -> None:
 def struck(
     problem: Problem, exact: ImpactOscillator, modes: int, away: float, near: float
 ) -> tuple[int, float]:
-    """Steps and error of the mass: long steps where the stop is open before and after."""
+    """Return steps and error of the mass, with long steps if the stop is open before and after."""
     solver, ledger = make_solver(problem.system), EnergyLedger(problem.system)
     state = first_state(problem, solver)
     ledger.start(state)
@@ -138,7 +138,7 @@ def struck(
 
 
 def impacts() -> None:
-    """Table of the impact oscillator."""
+    """Print the table of the impact oscillator."""
     print("\nImpact          error with T/20, T/1500   fewest steps for 1e-2, 1e-3, 1e-4")
     grid = [
         (a, n) for a in (8, 12, 16, 40, 160, 320) for n in (160, 320, 480, 800, 1200, 3000) if n > a
@@ -148,21 +148,21 @@ def impacts() -> None:
         problem = impact(100.0, gap=gap, periods=2.0 * exact.period / exact.free_period)
         for modes in (0, 1):
             _, paper = struck(problem, exact, modes, 20, 1500)
-            found = [struck(problem, exact, modes, *each) for each in grid]
-            fewest = [min((n for n, e in found if e <= t), default=0) for t in (1e-2, 1e-3, 1e-4)]
+            runs = [struck(problem, exact, modes, *parts) for parts in grid]
+            fewest = [min((n for n, e in runs if e <= t), default=0) for t in (1e-2, 1e-3, 1e-4)]
             text = " ".join(f"{n:5d}" if n else " more" for n in fewest)
             print(f"gap {gap:4.2f} m, {modes} exact {paper:16.2e}             {text}")
 
 
 def bar_and_start() -> tuple[Floats, Floats, Floats]:
-    """M and K of a bar that is held at its far end, and the velocity with which it starts."""
+    """Return M and K of a bar that is fixed at its far end, and its initial velocity."""
     mass, stiffness = (whole[:-1, :-1] for whole in bars(1.0))
     shape = eigh(stiffness, mass)[1][:, 0]
     return mass, stiffness, -shape / shape[0]
 
 
 def striking_bar(modes: int, steps: int) -> Floats:
-    """Displacements of the bar at `SHOWN` times of a march, shape (`SHOWN`, dofs)."""
+    """Return the bar's displacements at `SHOWN` times of a run, shape (`SHOWN`, dofs)."""
     mass, stiffness, velocity = bar_and_start()
     gap = np.zeros((3, len(mass)))
     gap[0, 0] = 1.0
@@ -181,18 +181,18 @@ def striking_bar(modes: int, steps: int) -> Floats:
 
 
 def right_bar(scan: float = 2e-4) -> tuple[Floats, int]:
-    """The same without error in time, and how often it strikes.
+    """Return the bar's displacements without error in time, and the number of impacts.
 
-    It is linear between the times at which it strikes and leaves, each found where the gap changes
-    its sign in steps of ``scan`` [s] and then as a root.
+    The bar is linear between impact and release. These times are found by sign changes of the gap
+    in steps of ``scan`` [s] and then as roots.
     """
     mass, stiffness, velocity = bar_and_start()
     touched = stiffness.copy()
     touched[0, 0] += STOP
-    forms = [eigh(each, mass) for each in (stiffness, touched)]
+    forms = [eigh(matrix, mass) for matrix in (stiffness, touched)]
     displacement, begin, closed, strikes = np.zeros(len(mass)), 0.0, True, 1
     times = END / SHOWN * np.arange(1, SHOWN + 1)
-    found = np.empty((SHOWN, len(mass)))
+    displacements = np.empty((SHOWN, len(mass)))
     while begin < END:
         squares, shapes = forms[closed]
         omega = np.sqrt(squares)
@@ -207,33 +207,34 @@ def right_bar(scan: float = 2e-4) -> tuple[Floats, int]:
         last = float(after[turned[0]]) if len(turned) else float(after[-1])
         if len(turned):
             last = brentq(lambda s, of=moved: of(s)[0], max(last - scan, 1e-9), last, xtol=1e-15)
-        here = (times > begin) & (times <= begin + last)
-        found[here] = moved(times[here] - begin)
+        in_interval = (times > begin) & (times <= begin + last)
+        displacements[in_interval] = moved(times[in_interval] - begin)
         displacement = moved(last)
         angle = omega * last
         velocity = shapes @ (omega * (sine * np.cos(angle) - cosine * np.sin(angle)))
         begin, closed = begin + last, not closed
         strikes += closed and begin < END
-    return found, strikes
+    return displacements, strikes
 
 
 def bar() -> None:
-    """Table of the bar."""
-    right, strikes = right_bar()
+    """Print the table of the bar."""
+    reference, strikes = right_bar()
     counts = [SHOWN * 2**power for power in range(1, 9)]
     print(f"\nBar of {CELLS} cells, {strikes} impacts: error by the number of steps")
     print("steps    " + "".join(f"{steps:9d}" for steps in counts) + "   for 1e-2, 1e-3")
     for modes in (0, 5, 10, 40):
-        off = [float(np.linalg.norm(striking_bar(modes, n) - right)) for n in counts]
-        off = [error / float(np.linalg.norm(right)) for error in off]
+        off = [float(np.linalg.norm(striking_bar(modes, n) - reference)) for n in counts]
+        off = [error / float(np.linalg.norm(reference)) for error in off]
         needed = " ".join(f"{steps_for(goal, counts, off):7.0f}" for goal in (1e-2, 1e-3))
         print(f"{modes:2d} exact " + "".join(f"{e:9.1e}" for e in off) + f"  {needed}", flush=True)
 
 
 def steps_for(goal: float, steps: list[int], off: list[float]) -> float:
-    """Fewest steps from which on errors stay below a goal, between two runs on a straight line.
+    """Return the number of steps for an error, interpolated between two runs.
 
-    The line is that of the logarithms; infinite where the finest run is not below the goal.
+    The interpolation is linear in the logarithms. The result is infinite if the finest run does not
+    reach the goal.
     """
     if off[-1] > goal:
         return math.inf
@@ -245,7 +246,7 @@ def steps_for(goal: float, steps: list[int], off: list[float]) -> float:
 
 
 def cost(name: str, counts: list[int], steps: int) -> None:
-    """Processor time of steps of a wall or a dam, plain and exact in turn."""
+    """Print the processor time of steps of a wall or a dam, plain and exact in turn."""
     scene, dt = (dam(name) if name in DAM_SIZES else wall(name)), 0.4 * TIME_STEP
     with scene.mesh_file() as path:
         model = scene.model(scene.read(path), scene.law())

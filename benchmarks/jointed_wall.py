@@ -1,16 +1,16 @@
 #!/usr/bin/env python3
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What joints cost: time per step of a wall and a dam, tied and with joints, in one process.
+"""Cost of joints: time per step of a wall and a dam, tied and with joints, in one process.
 
-The wall has 20 x 4 x 20 m in four blocks, base clamped, self weight, then three sines per axis
-that reach 0.4, 0.4 and 0.3 g: severe enough that most of the joint points are open at once.
-``--pressure`` presses its end faces as well, through the whole run, so that joints close and slide.
-The crest peaks of the tied wall are compared with the values that independent programs gave for the
-same scene. ``--dam`` is the arch dam of demo 03 from where its synthetic motion is strong.
+The wall is 20 x 4 x 20 m in four blocks with a fixed base. After self weight it is shaken by three
+sines per axis up to 0.4, 0.4 and 0.3 g, so that most joint points are open at the same time.
+``--pressure`` also loads its end faces during the whole run, so that joints close and slide. The
+crest peaks of the tied wall are compared with values of independent programs. ``--dam`` is the arch
+dam of demo 03, starting at the strong part of its synthetic motion.
 
-Times are medians over ``--repeat`` runs, linear and jointed in turn. Of several ranks the slowest
-counts; memory is their sum.
+Times are medians over ``--repeat`` alternating linear and jointed runs, of the slowest rank. Memory
+is the sum over the ranks.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ from dolfinx_joints.solvers.choice import SolverKind
 Row = dict[str, Any]
 
 DAMS = {
-    "dam": "also the dam of demo 03, 8k dofs",
-    "dam middle": "also a finer one, 15k dofs",
-    "dam fine": "also the finest, 43k dofs",
+    "dam": "also run the dam of demo 03, 8k dofs",
+    "dam middle": "also run a finer dam, 15k dofs",
+    "dam fine": "also run the finest dam, 43k dofs",
 }
 
-# Of `march`: medians over the repeats, for the linear and the jointed runs.
+# Numbers of `march` whose medians over the repeats are reported, for linear and jointed runs.
 TIMES = ("ms", "cpu_ms", "solve_ms", "iteration_ms", "over_solve")
 TIMES += ("total_s", "total_cpu_s", "setup_s", "peaks_mb", "peak_mb")
 FACTS = ("dofs", "joint_points", "solver", "newton_mean", "newton_max", "accepted", "cut")
@@ -63,9 +63,9 @@ def measure(
     repeat: int = 1,
     supernodal: bool = False,
 ) -> Row:
-    """Return the row of both runs of a scene, ``repeat`` times in turn (collective).
+    """Return the row of a scene's linear and jointed runs, repeated alternately (collective).
 
-    With ``supernodal`` also by CHOLMOD's factor alone.
+    With ``supernodal`` the runs are repeated with CHOLMOD's factor alone.
     """
 
     def both(mesh: Path) -> tuple[Row, Row]:
@@ -89,7 +89,7 @@ def measure(
 
 
 def summary(pairs: Sequence[tuple[Row, Row]], steps: int) -> Row:
-    """Return a row of JSON: medians over the repeats, facts of the last jointed run."""
+    """Return the row: medians over the repeats, and facts of the last jointed run."""
     linear, last = pairs[-1]
     ratios = [jointed["ms"] / tied["ms"] for tied, jointed in pairs]
     row = {
@@ -147,15 +147,15 @@ SUPERNODAL = (
 
 def runs_of(rows: dict[str, Row]) -> list[Row]:
     """Return a row for the linear and one for the jointed runs of each scene."""
-    found = []
+    lines = []
     for name, row in rows.items():
         for kind, label in (("linear_", "linear"), ("joints_", "jointed")):
             own = {key.removeprefix(kind): row[key] for key in row if key.startswith(kind)}
             if "supernodal_ms" in own:
                 solve = own["supernodal_solve_ms"]
                 own |= {"over": own["supernodal_ms"] / solve, "above_over": own["ms"] / solve}
-            found.append({"name": name, "run": label, **own})
-    return found
+            lines.append({"name": name, "run": label, **own})
+    return lines
 
 
 def print_tables(rows: dict[str, Row], *, supernodal: bool) -> None:
@@ -165,37 +165,36 @@ def print_tables(rows: dict[str, Row], *, supernodal: bool) -> None:
     print(
         f"{first['ranks']} rank(s), {first['repeats']} repeat(s), load average "
         f"{first['load_average']:.1f} on {os.cpu_count()} processors.\n\n"
-        "Milliseconds per step, medians, the first step left out. Ratios are jointed over\n"
-        "linear: of wall times, with their range over the repeats; of processor times, which\n"
-        "others on the machine disturb less; least: were a jointed step the linear one, a second\n"
-        "back-substitution and its iteration on the joints [ms] alone. Over solve: a step over\n"
-        "one back-substitution of the same run, median wall times; 1 is the limit of a linear\n"
-        "step, 2 of a jointed one.\n"
+        "Milliseconds per step, medians without the first step. Ratios are jointed over linear:\n"
+        "of wall times, with their range over the repeats, and of processor times, which depend\n"
+        "less on other processes. Least is the ratio if a jointed step took only a linear step,\n"
+        "a second back-substitution and the iteration on the joints [ms]. Over solve is a step\n"
+        "over one back-substitution of the same run, median wall times; its lower limit is 1 for\n"
+        "a linear step and 2 for a jointed step.\n"
     )
     print(table(STEPS, named))
     print_disturbance(named)
     print(
-        "\nNewton iterations per step; mean share of the joint points by state; rejected\n"
-        "attempts; ledger: what all energy lines leave unexplained, over the largest energy;\n"
-        "peaks of the crest [mm].\n"
+        "\nNewton iterations per step; mean fraction of joint points by state; rejected steps;\n"
+        "ledger: unexplained energy over the largest energy; peaks of the crest [mm].\n"
     )
     print(table(JOINTS, named))
     print(
         "\nSeconds of the set-up and of the whole run, from reading the mesh to the last step;\n"
-        "compliance is what the first step takes besides the factor. Peak memory [MiB] by phase,\n"
-        "with what earlier phases still hold.\n"
+        "compliance is the additional time of the first step without the factor. Peak memory\n"
+        "[MiB] by phase, including memory of earlier phases.\n"
     )
     print(table(SETUP, runs_of(rows)))
     if supernodal:
         print(
-            "\nThe same runs by CHOLMOD's factor alone, in turn: steps and back-substitutions\n"
-            "[ms]; these steps and those above over one of these back-substitutions.\n"
+            "\nAlternating runs with CHOLMOD's factor alone: steps and back-substitutions [ms];\n"
+            "these steps, and the steps above, over one of these back-substitutions.\n"
         )
         print(table(SUPERNODAL, runs_of(rows)))
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    """Options of the command line."""
+    """Return the options of the command line."""
     parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--mesh", nargs="*", default=["coarse"], choices=sorted(DIVISIONS))
     parser.add_argument(
@@ -204,7 +203,7 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         type=float,
         default=[],
         metavar="MPA",
-        help="run the walls with these pressures on their end faces as well",
+        help="also run the walls with these pressures on their end faces",
     )
     for name, text in DAMS.items():
         parser.add_argument(f"--{name.replace(' ', '-')}", action="store_true", help=text)
@@ -212,18 +211,16 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
         "--steps",
         type=at_least(1),
         default=TIED_STEPS,
-        help=f"time steps of 0.00488 s ({DAM_STEPS} are the whole motion of the dam)",
+        help=f"time steps of 0.00488 s ({DAM_STEPS} for the whole motion of the dam)",
     )
-    parser.add_argument(
-        "--repeat", type=at_least(1), default=1, help="runs over which medians are taken"
-    )
+    parser.add_argument("--repeat", type=at_least(1), default=1, help="number of runs for medians")
     parser.add_argument(
         "--supernodal",
         action="store_true",
-        help="also the same runs by CHOLMOD's factor alone, in turn",
+        help="also run with CHOLMOD's factor alone",
     )
     parser.add_argument("--solver", default="auto", choices=get_args(SolverKind))
-    parser.add_argument("--quick", action="store_true", help="the tiny wall alone")
+    parser.add_argument("--quick", action="store_true", help="only the tiny wall")
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     return parser.parse_args(arguments)
 

@@ -3,20 +3,20 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Bodies too large for a factor: iterations, time and memory of linear and jointed steps.
 
-Walls with one joint of some 1e5, 3e5 and 1e6 dofs are shaken from rest, tied and with the joint,
-which opens in the first step; the bulk is solved by iteration. Two more walls, not run unless
-asked for, are cut into so many blocks that 1e4 and 1e5 joint points carry most of the nodes. Run it
-on any number of ranks::
+Walls with one joint and about 1e5, 3e5 and 1e6 dofs are shaken from rest, tied and with the joint,
+which opens in the first step. The bulk is solved iteratively. Two further walls, selected by
+``--sizes``, are cut into so many blocks that 1e4 and 1e5 joint points are at most of the nodes. Run
+it on any number of ranks::
 
     mpirun -n 2 python3 -m benchmarks.large_bodies
 
-Columns: wall and processor time of the first step with all that is made for it, and the median of
-the others, of the slowest rank; iterations of the linear solver in a step (the largest of the
-linear steps, the mean of the jointed ones) and solves in it; Newton's iterations in the first step
-and the mean of the others; wall time of reading and assembly. The peak is the sum over the ranks.
+Times are wall and processor times of the slowest rank: of the first step with its preparation, and
+the median of the other steps. Iterations of the linear solver are per step: the largest number of
+the linear steps, the mean of the jointed steps. Newton iterations are those of the first step and
+the mean of the others. Set-up is reading and assembly. Peak memory is the sum over the ranks.
 
-Exit status 1 if energies do not balance, the joint does not open, or a linear step takes a fifth
-more iterations than on the next smaller wall.
+The exit status is 1 if energies do not balance, the joint does not open, or a linear step needs a
+fifth more iterations than on the next smaller wall.
 """
 
 from __future__ import annotations
@@ -66,20 +66,20 @@ LARGEST_LEDGER, LARGEST_GROWTH = 1e-10, 1.2
 
 
 class IterationWatch(StepWatch):
-    """Monitor that also keeps what the linear solver did in each step.
+    """Monitor that also records the iterations of the linear solver in each step.
 
     Attributes:
-        counts: Iterations of each of its solves, a list for each step.
+        counts: Iterations of each solve, a list for each step.
     """
 
     def __init__(self, scene: Any, solves: list[int]) -> None:
-        """Nothing is seen yet."""
+        """Create empty records."""
         super().__init__(scene)
         self._solves = solves
         self.counts: list[list[int]] = []
 
     def record(self, record: Record) -> None:
-        """Take what was solved since the last step."""
+        """Store the iterations since the last step."""
         super().record(record)
         self.counts.append(self._solves.copy())
         self._solves.clear()
@@ -87,28 +87,28 @@ class IterationWatch(StepWatch):
 
 @contextmanager
 def counted() -> Iterator[list[int]]:
-    """Iterations of each solve of an iterative solver, as long as the context lasts."""
-    found: list[int] = []
+    """Collect the iterations of each solve of an iterative solver within the context."""
+    iterations: list[int] = []
     one, whole = IterativeSolver.solve, TangentMultigrid.solve
 
     def counting(original: Any) -> Any:
         def solve(solver: Any, *arguments: Any, **named: Any) -> Any:
             answer = original(solver, *arguments, **named)
-            found.append(solver.iterations)
+            iterations.append(solver.iterations)
             return answer
 
         return solve
 
     IterativeSolver.solve, TangentMultigrid.solve = counting(one), counting(whole)
     try:
-        yield found
+        yield iterations
     finally:
         IterativeSolver.solve, TangentMultigrid.solve = one, whole
 
 
 def measure(kind: str, body: Wall, mesh: Path, options: argparse.Namespace) -> dict[str, Any]:
-    """A run, tied or with the joint (collective)."""
-    warnings.filterwarnings("ignore", "Loads act suddenly")  # only the cost of steps is measured
+    """Run a wall, tied or with the joint; return its row (collective)."""
+    warnings.filterwarnings("ignore", "Loads act suddenly")  # the accuracy does not matter here
     free_memory()
     divisions, joints = body
     scene = wall("large", divisions=divisions, joints=joints)
@@ -154,7 +154,7 @@ def measure(kind: str, body: Wall, mesh: Path, options: argparse.Namespace) -> d
 
 
 def passed(rows: list[dict[str, Any]]) -> bool:
-    """Whether energies balance, joints open, and iterations hardly grow in walls of one shape."""
+    """Return True if energies balance, joints open, and iterations hardly grow with the size."""
     sound = all(
         row["ledger"] <= LARGEST_LEDGER and (row["kind"] == "linear" or row["opened"] > 0.0)
         for row in rows
@@ -168,15 +168,18 @@ def passed(rows: list[dict[str, Any]]) -> bool:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Print the table; 1 if a run is not sound."""
+    """Print the table; return 1 if a run did not pass."""
     parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--sizes", nargs="+", choices=[*BODIES, *POINTS], default=list(BODIES))
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=KINDS)
     parser.add_argument("--solver", default="auto", choices=("auto", "condensed", "monolithic"))
-    parser.add_argument("--stiffness", type=float, default=1e11, help="of the joint [Pa/m]")
+    parser.add_argument("--stiffness", type=float, default=1e11, help="k_n of the joint [Pa/m]")
     parser.add_argument("--steps", type=at_least(2), default=5)
     parser.add_argument(
-        "--iterations", type=at_least(1), default=60, help="of Newton's method before a step is cut"
+        "--iterations",
+        type=at_least(1),
+        default=60,
+        help="Newton iterations before a step is halved",
     )
     parser.add_argument("--quick", action="store_true", help="tiny walls")
     parser.add_argument("--json", action="store_true", help="a JSON array as the last line")

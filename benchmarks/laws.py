@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Processor time of a step by joint law, beside that of `FrictionNoTension` on the same scene."""
+"""Processor time of a step by joint law, compared with `FrictionNoTension` on the same scene."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SCENES = {"wall": lambda: wall("coarse"), "dam": dam}
 
 
 def laws(scene: Scene) -> Mapping[str, Law]:
-    """Return laws of the same elasticity and, those that slide, of the same friction."""
+    """Return laws with the same elasticity and, if they slide, with the same friction."""
     elastic = {"normal_stiffness": 1e11, "shear_stiffness": scene.shear_ratio * 1e11}
     sliding = {**elastic, "friction_angle_deg": scene.friction_angle}
     friction = dj.FrictionNoTension(**sliding)
@@ -38,19 +38,19 @@ def laws(scene: Scene) -> Mapping[str, Law]:
 
 
 def main() -> None:
-    """Print a table for each scene; the laws take turns, so that all see the same machine."""
+    """Print a table for each scene; the laws run alternately under the same conditions."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--steps", type=int, default=200, help="steps of a run (default 200)")
     parser.add_argument("--repeats", type=int, default=3, help="runs of a law (default 3)")
     parser.add_argument("--scene", choices=SCENES, nargs="+", default=list(SCENES))
     options = parser.parse_args()
-    warnings.simplefilter("ignore")  # of steps whose error does not matter here
+    warnings.simplefilter("ignore")  # warnings of inaccurate steps do not matter here
     for name in options.scene:
         scene = SCENES[name]()
         named = laws(scene)
         with scene.mesh_file() as mesh:
             for law in named.values():
-                march(scene, mesh, 2, law=law)  # compiles what is not in the cache
+                march(scene, mesh, 2, law=law)  # compiles code that is not cached
             runs = [
                 {kind: march(scene, mesh, options.steps, law=law) for kind, law in named.items()}
                 for _ in range(options.repeats)

@@ -74,7 +74,7 @@ def first_step(scene: str) -> Any:
 
 
 def measure(scene: str) -> dict[str, Any]:
-    """Return modules, seconds and memory of a scene, run in a process of its own."""
+    """Return modules, seconds and memory of a scene, run in a separate process."""
     command = [sys.executable, "-m", "benchmarks.lean", scene]
     return json.loads(subprocess.check_output(command, cwd=ROOT, text=True).splitlines()[-1])
 
@@ -82,11 +82,11 @@ def measure(scene: str) -> dict[str, Any]:
 def main() -> None:
     """Print the table of all scenes, or run one scene."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scene", nargs="?", choices=SCENES, help="run this scene alone")
+    parser.add_argument("scene", nargs="?", choices=SCENES, help="run only this scene")
     parser.add_argument("--quick", action="store_true", help="run each scene once")
     options = parser.parse_args()
     if options.scene:
-        warnings.simplefilter("ignore")  # of one step whose error does not matter
+        warnings.simplefilter("ignore")  # warnings of an inaccurate step do not matter here
         began = clock.perf_counter()
         first_step(options.scene)
         row: dict[str, Any] = {"seconds": clock.perf_counter() - began}

@@ -1,20 +1,21 @@
 #!/usr/bin/env python3
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The wall of `jointed_wall` in OpenSees: motion of the crest and time per step, side by side.
+"""Comparison with OpenSees on the wall of `jointed_wall`: crest motion and time per step.
 
-`make bench-peers` brings OpenSees and runs this. Both codes have the same nodes, bricks with full
-integration, consistent mass, damping and joint points: in OpenSees a `zeroLengthContactASDimplex`
-at each pair of nodes, with stiffness times area. Self weight, then the motion from its beginning.
+`make bench-peers` installs OpenSees and runs this. Both programs have the same nodes, bricks with
+full integration, consistent mass, damping and joint points. OpenSees has a
+`zeroLengthContactASDimplex` at each pair of nodes, with stiffness times area. Self weight is
+followed by the motion from its start.
 
-Without joints the two are to agree to 1e-6: average acceleration and the midpoint rule give the
-same displacements but for how the load is averaged. With joints to 1e-2: the laws are the same,
-but OpenSees takes contact at the end of a step and its tangent from differences. With contact
-extrapolated from the last steps, a step of OpenSees is one linear system, and its joints lag
-behind: of that run the time alone is of use.
+Without joints the programs must agree to 1e-6: average acceleration and the midpoint rule give the
+same displacements except for the averaging of the load. With joints they must agree to 1e-2: the
+laws are the same, but OpenSees has contact at the end of a step and its tangent by differences. If
+OpenSees extrapolates contact from the last steps, a step is one linear system and the joints lag
+behind; only the time of that run is meaningful.
 
-Processor times, medians of all steps but the first; each code in a process of its own, in turn.
-OpenSees keeps the factor in linear steps; what else was tried of its solvers is in
+Processor times are medians of all steps except the first. The programs run alternately in separate
+processes. OpenSees keeps the factor in linear steps; other solver options that were tried are in
 docs/decisions/time_per_step.md.
 """
 
@@ -53,30 +54,30 @@ COLUMNS = (
 )
 KINDS = ("linear", "jointed", "extrapolated")
 BOUNDS = {"linear": 1e-6, "jointed": 1e-2, "extrapolated": np.inf}
-TO_BRICK = [0, 1, 3, 2, 4, 5, 7, 6]  # corners in tensor order to two rounds, below and above
+TO_BRICK = [0, 1, 3, 2, 4, 5, 7, 6]  # from tensor order to bottom and top corners in turn
 
 
 class SceneFile(StepWatch):
-    """Watch that also writes the model for OpenSees, and keeps displacements of all nodes.
+    """Monitor that also writes the model for OpenSees and stores displacements of all nodes.
 
     Args:
-        scene: What is run.
-        path: Where the model is written to.
-        steps: Of the run.
-        overlap: Of the faces of joints in OpenSees before any displacement [m]: its contact that
-            just touches has no stiffness, and a block on it alone no static state.
-        dt: Step [s].
+        scene: The scene.
+        path: File for the model.
+        steps: Number of steps of the run.
+        overlap: Initial overlap of the joint faces in OpenSees [m]. Without it, contact has no
+            stiffness there, and a block that is supported by it alone has no static state.
+        dt: Time step [s].
 
     Attributes:
-        top: Nodes at the point on the crest, two if it is on a joint.
+        top: Nodes at the crest point, two if it is on a joint.
         static: Displacements of the static state, shape (nodes, 3), [m].
-        last: Those of the last step from it, shape (nodes, 3), [m].
+        last: Displacements of the last step minus ``static``, shape (nodes, 3), [m].
     """
 
     def __init__(
         self, scene: Scene, path: Path, steps: int, overlap: float = 0.0, dt: float = TIME_STEP
     ) -> None:
-        """Take where to write."""
+        """Store the path and the motion."""
         super().__init__(scene)
         self._overlap, self._dt = overlap, dt
         self._path, self._motion = path, scene.shaking(steps * dt)
@@ -96,15 +97,15 @@ class SceneFile(StepWatch):
         super().start(model, stage, steps, first)
 
     def record(self, record: Record) -> None:
-        """Keep the displacements."""
+        """Store the displacements."""
         super().record(record)
         self.last = record.displacement.getArray(readonly=True).reshape(-1, 3) - self.static
 
 
 def arrays(scene: Scene, model: dj.Model) -> dict[str, Any]:
-    """What OpenSees needs of a wall on one rank: nodes, bricks, pairs of nodes at joints."""
+    """Return the input of OpenSees for a wall on one rank: nodes, bricks, node pairs at joints."""
     nodes = model.V.tabulate_dof_coordinates().copy()
-    found: dict[str, Any] = {
+    model_arrays: dict[str, Any] = {
         "nodes": nodes,
         "cells": model.V.dofmap.list[:, TO_BRICK],
         "clamped": np.flatnonzero(nodes[:, 2] < 1e-9 * np.ptp(nodes[:, 2])),
@@ -118,45 +119,45 @@ def arrays(scene: Scene, model: dj.Model) -> dict[str, Any]:
     }
     operator = model.operator
     if operator is None:
-        return found
+        return model_arrays
     law = scene.law()
     angle = np.radians(law.friction_angle_deg)
-    found["law"] = [law.normal_stiffness, law.shear_stiffness, np.tan(angle)]
-    found |= {"areas": operator.areas, "normals": operator.frames[:, 0]}
+    model_arrays["law"] = [law.normal_stiffness, law.shear_stiffness, np.tan(angle)]
+    model_arrays |= {"areas": operator.areas, "normals": operator.frames[:, 0]}
     # A row of the normal gap, n . (u+ - u-), is -n at one node and n at the other.
     pairs = []
-    for point, normal in enumerate(found["normals"]):
+    for point, normal in enumerate(model_arrays["normals"]):
         columns, values = operator.matrix.getRow(3 * point)
         along = np.argsort(values * normal[columns % 3])
         pairs.append(columns[along[[0, -1]]] // 3)
-    return found | {"pairs": np.array(pairs)}
+    return model_arrays | {"pairs": np.array(pairs)}
 
 
 def missing() -> str:
-    """Why OpenSees cannot be imported, in one line; empty if it can."""
+    """Return why OpenSees cannot be imported, in one line; empty if it can."""
     code = "import openseespy.opensees"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     return done.stderr.strip().splitlines()[-1] if done.returncode else ""
 
 
 def opensees(kind: str, scene: Path) -> dict[str, np.ndarray]:
-    """A run of OpenSees in a process of its own.
+    """Run OpenSees in a separate process; return its results.
 
     Raises:
-        SystemExit: It failed.
+        SystemExit: The run failed.
     """
-    found = scene.with_name(f"{kind}_found.npz")
-    command = [sys.executable, "-m", "benchmarks.shared.opensees", kind, str(scene), str(found)]
+    output = scene.with_name(f"{kind}_found.npz")
+    command = [sys.executable, "-m", "benchmarks.shared.opensees", kind, str(scene), str(output)]
     root = Path(__file__).resolve().parents[1]
     done = subprocess.run(command, capture_output=True, text=True, cwd=root)
     if done.returncode:
         raise SystemExit(f"OpenSees, {kind}: {done.stderr.strip()[-2000:]}")
-    with np.load(found) as numbers:
+    with np.load(output) as numbers:
         return dict(numbers)
 
 
 def compare(scene: Scene, steps: int, repeat: int) -> list[Row]:
-    """A row for each kind of run."""
+    """Return a row for each kind of run."""
     ours: dict[str, list[Row]] = {"linear": [], "jointed": []}
     theirs: dict[str, list[dict[str, np.ndarray]]] = {kind: [] for kind in KINDS}
     with TemporaryDirectory() as name, scene.mesh_file() as mesh:
@@ -173,7 +174,7 @@ def compare(scene: Scene, steps: int, repeat: int) -> list[Row]:
 
 
 def row(kind: str, ours: list[Row], theirs: list[dict[str, np.ndarray]], steps: int) -> Row:
-    """Times, iterations and displacements of one kind of run."""
+    """Return times, iterations and displacements of one kind of run."""
     watch = ours[-1]["watch"]
     last, crest = theirs[-1], watch.top
     off = {name: last[name] - getattr(watch, name) for name in ("static", "last")}
@@ -200,7 +201,7 @@ def row(kind: str, ours: list[Row], theirs: list[dict[str, np.ndarray]], steps: 
 
 
 def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
-    """Options of the command line."""
+    """Return the options of the command line."""
     parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--mesh", default="coarse", choices=sorted(DIVISIONS))
     parser.add_argument("--steps", type=at_least(2), default=12)
@@ -211,13 +212,13 @@ def parse_arguments(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Print a line for each kind of run; 1 if the codes disagree."""
+    """Print a line for each kind of run; return 1 if the programs disagree."""
     options = parse_arguments(arguments)
     if MPI.COMM_WORLD.size > 1:
         raise SystemExit("opensees_wall: OpenSees runs on one rank; start this on one.")
     reason = missing()
     if reason:
-        print(f"OpenSees is left out ({reason}); make bench-peers brings it.")
+        print(f"OpenSees is left out ({reason}); make bench-peers installs it.")
         return 0
     if options.quick:
         options.mesh, options.repeat = "tiny", 1
@@ -229,7 +230,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     if options.json:
         print(json.dumps(rows))
-    return int(any(each["crest_difference"] > BOUNDS[each["kind"]] for each in rows))
+    return int(any(line["crest_difference"] > BOUNDS[line["kind"]] for line in rows))
 
 
 if __name__ == "__main__":

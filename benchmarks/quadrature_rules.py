@@ -3,12 +3,11 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Quadrature rules on joints, compared on two problems with exact solutions.
 
-The inclined frictional crack asks for tractions that do not oscillate however stiff the joint is;
-the section without tension asks where a contact ends within a face. The problems are those of
+The inclined frictional crack tests whether tractions oscillate if the joint is stiff. The section
+without tension tests contact that ends within a face. The problems are those of
 ``tests/verification``.
 
-``--plot PATH`` writes the figure of the documentation, which takes the crack at the largest
-stiffness.
+``--plot PATH`` writes the figure of the documentation, with the crack at the largest stiffness.
 """
 
 from __future__ import annotations
@@ -31,13 +30,13 @@ from tests.verification.inclined_crack import CrackResult, InclinedCrack, solve_
 from tests.verification.no_tension_section import NoTensionSection, SectionState, move_force
 
 CRACK = InclinedCrack()
-REACH = 0.9 * CRACK.half_length  # the tips are left out
+REACH = 0.9 * CRACK.half_length  # the crack tips are left out
 SECTION = NoTensionSection(rigidity=1e4)
-EDGE_CASE = 0.49  # e/h of a force near the edge: the contact is 0.03 h long
+EDGE_CASE = 0.49  # e/h of a force near the edge, with a contact of 0.03 h
 
 CRACK_CELLS = ("quad", "tri", "hex", "tet")
 CRACK_RULES = {1: ("nodal", "gauss", 4), 2: ("nodal", 2, "gauss", 6)}
-OWN_DEFAULT = ("tet", 2)  # where ``auto`` is none of the others
+OWN_DEFAULT = ("tet", 2)  # cell and order for which ``auto`` is a different rule
 SECTION_RULES = {
     "hex": ("nodal", 2, 4, 6, 8, 10, 12),
     "tet": ("nodal", 2, 3, 5, 6, 8, 10, 12),
@@ -47,7 +46,7 @@ Row = dict[str, Any]
 
 
 def crack_rows(*, quick: bool) -> tuple[list[Row], dict[tuple[str, int, str], CrackResult]]:
-    """Errors on the crack for each cell, order, rule and stiffness, and the stiffest results."""
+    """Return crack errors by cell, order, rule and stiffness, and the stiffest results."""
     size, growth = (0.2, 2.0) if quick else (0.1, 1.5)
     ratios = (1.0, 1e6) if quick else (1.0, 1e2, 1e4, 1e6)
     rows, kept = [], {}
@@ -58,31 +57,31 @@ def crack_rows(*, quick: bool) -> tuple[list[Row], dict[tuple[str, int, str], Cr
         rules = (*CRACK_RULES[order], *["auto"] * ((cell, order) == OWN_DEFAULT))
         for rule, ratio in product(rules, ratios):
             stiffness = ratio * CRACK.young / size
-            found = solve_crack(CRACK, quadrature=rule, normal_stiffness=stiffness, **mesh)
-            traction, slip = CRACK.elastic(found.x, stiffness, stiffness)
+            result = solve_crack(CRACK, quadrature=rule, normal_stiffness=stiffness, **mesh)
+            traction, slip = CRACK.elastic(result.x, stiffness, stiffness)
             rows.append(
                 {
                     "cell": cell,
                     "order": order,
                     "rule": rule,
-                    "points_per_facet": len(found.x) / found.num_facets,
+                    "points_per_facet": len(result.x) / result.num_facets,
                     "stiffness": ratio,
-                    "deviation": found.deviation(traction, REACH),
-                    "oscillation": found.oscillation(traction, REACH),
-                    "slip_error": found.slip_error(slip),
-                    "iterations": found.iterations,
+                    "deviation": result.deviation(traction, REACH),
+                    "oscillation": result.oscillation(traction, REACH),
+                    "slip_error": result.slip_error(slip),
+                    "iterations": result.iterations,
                 }
             )
             if ratio == max(ratios):
-                kept[cell, order, str(rule)] = found
+                kept[cell, order, str(rule)] = result
     return rows, kept
 
 
 def section_rows(*, quick: bool) -> list[Row]:
-    """Errors of the section for each cell, order and rule.
+    """Return errors of the section by cell, order and rule.
 
-    Root mean squares over eccentricities that end the contact at many places within a cell, and
-    the edge stress for a force near the edge.
+    They are root mean squares over eccentricities for which the contact ends at many places within
+    a cell, and the error of the edge stress for a force near the edge.
     """
     cells, count = (8, 6) if quick else (16, 16)
     shares = [*np.linspace(0.20, 0.42, count), 0.44, 0.46, 0.47, 0.48, 0.485, EDGE_CASE]
@@ -112,7 +111,7 @@ def section_rows(*, quick: bool) -> list[Row]:
 
 
 def reached(force: Iterator[SectionState]) -> list[SectionState]:
-    """States up to the one without equilibrium: the force beyond the last point of the rule."""
+    """Return the states with equilibrium, up to a force beyond the last point of the rule."""
     states = []
     with suppress(JointsError):
         for state in force:
@@ -121,7 +120,7 @@ def reached(force: Iterator[SectionState]) -> list[SectionState]:
 
 
 def section_errors(states: list[SectionState], eccentricities: list[float], count: int) -> Row:
-    """Root mean squares of the first states, and the last one if it was reached."""
+    """Return root mean squares over the first states, and the last error if it was reached."""
     exact = [SECTION.exact(e) for e in eccentricities]
 
     def relative(name: str) -> np.ndarray:
@@ -147,9 +146,9 @@ SECTION_ERRORS = (
 
 
 def print_crack(rows: list[Row]) -> None:
-    """Print a line per rule, its stiffnesses side by side."""
+    """Print a line per rule, with all stiffnesses next to each other."""
     ratios = sorted({row["stiffness"] for row in rows})
-    # Rows of a rule follow each other, the softest joint first.
+    # Rows of a rule are consecutive, with the softest joint first.
     groups = [rows[i : i + len(ratios)] for i in range(0, len(rows), len(ratios))]
     heads, cells = RULE
     for k, ratio in enumerate(ratios):
@@ -168,13 +167,13 @@ def print_section(rows: list[Row]) -> None:
         "point)"
     )
     last = [f"{r['edge_case']:+.1%}" if r["edge_case"] is not None else "none" for r in rows]
-    shown = [row | {"edge_case": each} for row, each in zip(rows, last, strict=True)]
+    shown = [row | {"edge_case": text} for row, text in zip(rows, last, strict=True)]
     form = "\n".join(map("".join, zip(RULE, SECTION_ERRORS, strict=True)))
     print(table(form, shown))
 
 
 def draw(path: Path, cracks: dict[tuple[str, int, str], CrackResult], sections: list[Row]) -> None:
-    """Tractions along the crack, and the errors of the section against the points."""
+    """Draw tractions along the crack, and errors of the section by number of points."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -189,15 +188,15 @@ def draw(path: Path, cracks: dict[tuple[str, int, str], CrackResult], sections: 
     )
     for axis, (cell, order), title in zip(axes.flat, shown, titles, strict=False):
         for name, marker, colour in (("Gauss", "x", "tab:orange"), ("nodal", "o", "tab:blue")):
-            found = cracks[cell, order, name.lower()]
+            result = cracks[cell, order, name.lower()]
             axis.plot(
-                found.x / CRACK.half_length,
-                found.normal_traction / CRACK.normal_traction,
+                result.x / CRACK.half_length,
+                result.normal_traction / CRACK.normal_traction,
                 marker,
                 color=colour,
                 markersize=5,
                 markerfacecolor="none",
-                label=f"{name}: {len(found.x) / found.num_facets:.1f} points per facet",
+                label=f"{name}: {len(result.x) / result.num_facets:.1f} points per facet",
             )
         axis.axhline(1.0, color="black", linewidth=1.0, label="exact", zorder=0)
         axis.set(
@@ -213,7 +212,7 @@ def draw(path: Path, cracks: dict[tuple[str, int, str], CrackResult], sections: 
 
 
 def draw_section(axis: Any, sections: list[Row]) -> None:
-    """Errors of the section; those of Gauss rules do not depend on the order."""
+    """Draw errors of the section; those of Gauss rules do not depend on the order."""
     faces = (
         ("hex", "tab:green", "quadrilaterals", (4, 9)),
         ("tet", "tab:red", "triangles", (3, 6)),

@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What `ReservoirWaves` computes and costs: forces on a rigid face, a jointed dam, time per step.
+"""Accuracy and cost of `ReservoirWaves`: forces on a rigid face, a jointed dam, time per step.
 
-- Force on a rigid vertical face 100 m high, in 16 elements, under a pulse of the ground in time,
-  over 0 to 3 times the reservoir's first frequency, against closed forms (`exact`). Errors are the
-  largest over the largest exact force; without absorption at the bottom they leave out 3 % around
-  the poles, and the last four fifths of the force, which dies away for ever, are faded out.
-- A jointed dam: its energy ledger, and processor time per step with joints and without (tied), in
-  water and dry, in turn.
+- Force on a rigid vertical face 100 m high, with 16 elements, under a pulse of the ground. It is
+  compared with closed forms (`exact`) from 0 to 3 times the reservoir's first frequency. Errors are
+  the largest error over the largest exact force. Without absorption at the bottom, 3 % around the
+  poles are left out, and the last four fifths of the slowly decaying force are faded out.
+- Jointed dam: its energy ledger, and processor time per step with joints and tied, in water and
+  dry, in alternating runs.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ Complex = NDArray[np.complex128]
 
 HEIGHT, DENSITY, SOUND = 100.0, 1000.0, 1440.0
 FIRST = SOUND / (4.0 * HEIGHT)
-STEPS_PER_PERIOD = 40  # of three times the first frequency
+STEPS_PER_PERIOD = 40  # at three times the first frequency
 NEAR_POLES = 0.03
 FADES = 0.2
 
-# Direction, reflection, length and absorbing part over the height, far end, steps.
+# Direction, reflection, length and absorbing length over the height, far end, steps.
 CASES = (
     ("stream", 0.75, 5.0, 0.0, "radiating", 2000),
     ("stream", 0.75, 10.0, 0.0, "radiating", 2000),
@@ -58,7 +58,7 @@ CASES = (
 
 
 class _Forces(Monitor):
-    """Times and forces of the water along x."""
+    """Monitor of the times and of the force of the water along x."""
 
     def __init__(self) -> None:
         self.times: list[float] = []
@@ -76,22 +76,22 @@ class _Forces(Monitor):
 def exact(direction: str, frequency: Floats, alpha: float, length: float = np.inf) -> Complex:
     r"""Return the force per unit acceleration along x [N s^2/m per m].
 
-    A rigid vertical face of depth H accelerates by a e^{i w t} before an endless reservoir with an
+    A rigid vertical face of depth H accelerates by a e^{i w t} at an endless reservoir with an
     absorbing floor (Fenves and Chopra 1984; Chopra 1967 without absorption). With q = (1 - alpha) /
     ((1 + alpha) c) and p_m = sin l_m (H - z), l_m cos l_m H + i w q sin l_m H = 0,
 
         F = -rho a sum I_m^2 / (N_m k_m),  k_m^2 = l_m^2 - (w / c)^2,  I_m = int p_m dz
         = (1 - cos l_m H) / l_m,  N_m = int p_m^2 dz = H / 2 - sin(2 l_m H) / (4 l_m).
 
-    A floor that accelerates upwards under such water, all alike along the reservoir, makes
+    A floor that accelerates upwards, uniformly along the reservoir, gives
 
         p = rho a sin k (H - z) / (k cos k H + i w q sin k H),  k = w / c.
 
     Args:
         direction: ``stream`` or ``upwards``.
-        frequency: [Hz].
-        alpha: Reflection of the bottom.
-        length: Distance of a wall that moves with the ground as well [m].
+        frequency: Frequencies [Hz].
+        alpha: Reflection coefficient of the bottom.
+        length: Distance of a wall that also moves with the ground [m].
     """
     omega = 2.0 * np.pi * frequency
     damped = 1j * omega * (1.0 - alpha) / ((1.0 + alpha) * SOUND)
@@ -106,18 +106,18 @@ def exact(direction: str, frequency: Floats, alpha: float, length: float = np.in
         slope = cosine - rates * HEIGHT * sine + damped * HEIGHT * cosine
         rates -= (rates * cosine + damped * sine) / slope
     decay = np.sqrt(rates**2 - k**2)
-    # Waves that travel, where nothing is absorbed, travel away.
+    # Without absorption, choose the waves that travel away from the face.
     back = (decay.real < 0.0) | ((np.abs(decay.real) < 1e-12) & (decay.imag < 0.0))
     decay = np.where(back, -decay, decay)
     moment = (1.0 - np.cos(rates * HEIGHT)) / rates
     size = HEIGHT / 2.0 - np.sin(2.0 * rates * HEIGHT) / (4.0 * rates)
-    # Between two walls that move alike p is odd about the middle.
+    # Between two walls with the same motion, p is antisymmetric about the middle.
     ended = 1.0 if np.isinf(length) else np.tanh(decay * length / 2.0)
     return np.asarray(-DENSITY * np.sum(moment**2 / size / decay * ended, axis=1))
 
 
 def rigid_dam(waves: dj.ReservoirWaves) -> dj.Model:
-    """A dam that does not give way, 20 m thick."""
+    """Return a rigid dam, 20 m thick."""
     corners = [[0.0, 0.0], [20.0, HEIGHT]]
     mesh = create_rectangle(MPI.COMM_SELF, corners, [1, 16], CellType.quadrilateral)
     up = locate_entities_boundary(mesh, 1, lambda x: x[0] < 1e-9)
@@ -139,7 +139,7 @@ def spectrum(
     steps: int,
     layers: int | None = None,
 ) -> tuple[Floats, Complex, Complex, float]:
-    """Frequencies over the first, force found and exact, and the ledger's imbalance."""
+    """Return frequencies over the first one, computed and exact force, and energy imbalance."""
     waves = dj.ReservoirWaves(
         group="up",
         level=HEIGHT,
@@ -159,28 +159,30 @@ def spectrum(
     outcome = dj.Simulation(rigid_dam(waves), monitors=[forces]).dynamics(
         dt=dt, steps=steps, motion=pulse
     )
-    times, found = np.array(forces.times), np.array(forces.forces)
+    times, computed = np.array(forces.times), np.array(forces.forces)
     ratio = np.linspace(0.02, 3.0, 299)
     if alpha == 1.0:
         poles = np.array([1.0, 3.0])
         near = np.abs(ratio[:, None] - poles).min(axis=1) < NEAR_POLES
         ratio = np.sort(np.append(ratio[~near], [1 - NEAR_POLES, 1 + NEAR_POLES, 3 - NEAR_POLES]))
         late = np.maximum(times / times[-1] - FADES, 0.0) / (1.0 - FADES)
-        found = found * 0.5 * (1.0 + np.cos(np.pi * late))
+        computed = computed * 0.5 * (1.0 + np.cos(np.pi * late))
     transform = np.exp(-2j * np.pi * FIRST * np.outer(ratio, times))
-    found = (transform @ found) / (transform @ [pulse(t)[axis] for t in times])
+    computed = (transform @ computed) / (transform @ [pulse(t)[axis] for t in times])
     end = length * HEIGHT if far_end == "rigid" else np.inf
-    right = exact(direction, ratio * FIRST, alpha, end)
+    reference = exact(direction, ratio * FIRST, alpha, end)
     assert outcome.imbalance is not None
-    return ratio, found, right, outcome.imbalance
+    return ratio, computed, reference, outcome.imbalance
 
 
 def force(
     direction: str, alpha: float, length: float, absorbing: float, far_end: Any, steps: int
 ) -> tuple[float, float, float]:
-    """Largest error, where it is over the first frequency, and the ledger's imbalance."""
-    ratio, found, right, imbalance = spectrum(direction, alpha, length, absorbing, far_end, steps)
-    errors = np.abs(found - right) / np.abs(right).max()
+    """Return the largest error, its frequency over the first one, and the energy imbalance."""
+    ratio, computed, reference, imbalance = spectrum(
+        direction, alpha, length, absorbing, far_end, steps
+    )
+    errors = np.abs(computed - reference) / np.abs(reference).max()
     return float(errors.max()), float(ratio[errors.argmax()]), imbalance
 
 
@@ -210,7 +212,7 @@ def face(steps: int | None) -> None:
 
 
 def cost(name: str, steps: int) -> None:
-    """Print the time per step of a dam, wet and dry, with joints and tied, in turn; its ledger."""
+    """Print time per step and energy imbalance of a dam: dry or in water, tied or with joints."""
     scene, dt = dam(name), TIME_STEP
     level = float(scene.crest[2]) - 3.0
     shaking = scene.strong_shaking(steps * dt)
@@ -255,8 +257,8 @@ def cost(name: str, steps: int) -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Print tables."""
     parser = Parser(description=__doc__.splitlines()[0])
-    parser.add_argument("--dam", choices=DAM_SIZES, help="time per step of this dam instead")
-    parser.add_argument("--steps", type=int, help="of each run")
+    parser.add_argument("--dam", choices=DAM_SIZES, help="print times per step of this dam")
+    parser.add_argument("--steps", type=int, help="number of steps of each run")
     options = parser.parse_args(arguments)
     warnings.simplefilter("ignore")
     if options.dam:

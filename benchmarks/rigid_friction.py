@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Friction work and displacement of rigid joints against their limit, by the length of steps.
+"""Friction work and displacement of rigid joints, compared with their limit, by time step.
 
-Two scenes: two masses on a spring, thrown obliquely, the motion of which is known (`Thrown`); and a
-block of hexahedra thrown on another one, of which the limit is that of steps to zero, for joints
-without mass also that of stiffness to infinity.
+There are two scenes. Two masses on a spring are thrown obliquely; their motion is known (`Thrown`).
+A block of hexahedra is thrown on another one; its limit is for steps to zero, and for joints
+without mass also for stiffness to infinity.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ STEPS = (2e-5, 1e-5, 5e-6, 2.5e-6, 1.25e-6, 6.25e-7)
 
 
 class End(NamedTuple):
-    """End of a run: displacement [m], friction work, loss of impacts [J], ledger."""
+    """End of a run: displacement [m], friction work [J], loss in impacts [J], imbalance."""
 
     displacement: Floats
     friction: float
@@ -38,12 +38,12 @@ class End(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Thrown:
-    r"""Two masses, one above the other on a spring, thrown obliquely on the ground; no gravity.
+    r"""Two masses connected by a vertical spring, thrown obliquely on the ground; no gravity.
 
-    They fall at V and go along at U together. The lower one, m1, strikes and stops. The upper one
-    turns on the spring, y = -(V/w) sin(w t) with w^2 = k / m2, pressing by k V/w sin(w t), and
-    lifts the lower one at w t = pi. In flight the mean is at m2 V / M with M = m1 + m2, and the
-    spring swings with W^2 = k M / (m1 m2). Friction takes mu of all normal impulse:
+    Both fall at V and move horizontally at U. The lower one, m1, strikes and stops. The upper one
+    reverses on the spring, y = -(V/w) sin(w t) with w^2 = k / m2, presses by k V/w sin(w t), and
+    lifts the lower one at w t = pi. In flight the mean velocity is m2 V / M with M = m1 + m2, and
+    the spring oscillates with W^2 = k M / (m1 m2). The friction impulse is mu times the normal one:
 
         U -> U - mu m1 V / M at once, - mu m2 V / M (1 - cos(w t)) in contact.
 
@@ -52,7 +52,7 @@ class Thrown:
         upper: m2 [kg].
         spring: k [N/m].
         friction: mu.
-        height: Of the lower mass at the start [m].
+        height: Initial height of the lower mass [m].
         fall: V [m/s].
         along: U [m/s], more than mu V (m1 + 2 m2) / M.
     """
@@ -66,23 +66,23 @@ class Thrown:
     along: float = 2.0
 
     def at_end(self, flight: float) -> End:
-        """Heights of both masses, less the spring's length, and way along, after a flight [s]."""
+        """Return heights (without the spring's length) and horizontal path after a flight [s]."""
         m1, m2, k, v = self.lower, self.upper, self.spring, self.fall
         mass, w = m1 + m2, math.sqrt(k / m2)
         turn = math.sqrt(k * mass / (m1 * m2))
         rise, swing = m2 * v / mass * flight, math.sin(turn * flight) / turn * v / mass
         after, slower = self.along - self.friction * m1 * v / mass, self.friction * m2 * v / mass
-        left = after - 2.0 * slower
-        way = self.along * self.height / v + (after - slower) * math.pi / w + left * flight
+        final_speed = after - 2.0 * slower
+        path = self.along * self.height / v + (after - slower) * math.pi / w + final_speed * flight
         return End(
-            displacement=np.array([rise - m2 * swing, rise + m1 * swing, way]),
-            friction=0.5 * mass * (self.along**2 - left**2),
+            displacement=np.array([rise - m2 * swing, rise + m1 * swing, path]),
+            friction=0.5 * mass * (self.along**2 - final_speed**2),
             lost=0.5 * m1 * v**2,
             ledger=0.0,
         )
 
     def problem(self, law: CondensedLaw, flight: float) -> Problem:
-        """The masses on a joint of an area of 1 m^2."""
+        """Return the masses on a joint with an area of 1 m^2."""
         m1, m2, k = self.lower, self.upper, self.spring
         stiffness = np.zeros((4, 4))
         stiffness[:2, :2] = [[k, -k], [-k, k]]
@@ -103,38 +103,38 @@ class Thrown:
 
 
 def thrown_error(steps: int, flight: float = 0.01) -> tuple[float, float, float, float]:
-    """Of the two masses, errors relative to displacement, friction work and loss; the ledger."""
+    """Return relative errors of the masses' displacement, friction work and loss; imbalance."""
     scene = Thrown()
     law = dj.RigidJoint(friction_coefficient=scene.friction, restitution=0)
     problem, exact = scene.problem(law, flight), scene.at_end(flight)
     end = run(problem, problem.end / steps)
-    found = end.displacement[:3] + np.array([scene.height, scene.height, 0.0])
-    off = np.linalg.norm(found - exact.displacement) / np.linalg.norm(exact.displacement)
+    displacement = end.displacement[:3] + np.array([scene.height, scene.height, 0.0])
+    off = np.linalg.norm(displacement - exact.displacement) / np.linalg.norm(exact.displacement)
     friction, lost = end.friction / exact.friction - 1.0, end.lost / exact.lost - 1.0
     return float(off), abs(friction), abs(lost), end.ledger
 
 
 def run(problem: Problem, dt: float) -> End:
-    """March a problem by the energy-consistent scheme in steps of dt [s]."""
+    """Integrate a problem by the energy-consistent scheme in steps of dt [s]."""
     end = march(problem, dj.EnergyConsistent(), dt)
     assert end.ledger is not None
     return End(end.displacement[-1], end.row.friction, end.row.impact, end.ledger)
 
 
 def rigid(restitution: int) -> dj.RigidJoint:
-    """The rigid joint of the blocks."""
+    """Return the rigid joint of the blocks."""
     return dj.RigidJoint(friction_coefficient=FRICTION, restitution=restitution)
 
 
 def stiff(stiffness: float) -> dj.FrictionNoTension:
-    """A joint of k_n = k_s [Pa/m]."""
+    """Return a joint with k_n = k_s [Pa/m]."""
     return dj.FrictionNoTension(
         normal_stiffness=stiffness, shear_stiffness=stiffness, friction_coefficient=FRICTION
     )
 
 
 def _show(label: str, ends: list[End], limit: End) -> None:
-    """Print errors of runs against a limit, in per cent."""
+    """Print errors of runs relative to a limit, in per cent."""
     size = np.linalg.norm(limit.displacement)
     u = [100 * np.linalg.norm(e.displacement - limit.displacement) / size for e in ends]
     f = [100 * abs(e.friction / limit.friction - 1.0) for e in ends]
@@ -161,14 +161,14 @@ def main() -> None:
         _show(label, ends, limit)
         if massless:
             stiffer = [blocks(end=2e-3, law=stiff(k), massless=True) for k in (1e12, 1e13, 1e14)]
-            _show("k = 1e12, 1e13, 1e14 Pa/m", [run(each, STEPS[-2]) for each in stiffer], limit)
+            _show("k = 1e12, 1e13, 1e14 Pa/m", [run(case, STEPS[-2]) for case in stiffer], limit)
 
 
 def _limit(longer: End, shorter: End, *, order: int) -> End:
-    """Richardson's limit of runs with steps of 2 and 1."""
-    more = 1.0 / (2.0**order - 1.0)
+    """Return Richardson's limit of runs with steps in the ratio 2 to 1."""
+    weight = 1.0 / (2.0**order - 1.0)
     pairs = zip(longer, shorter, strict=True)
-    return End(*((1.0 + more) * np.asarray(y) - more * np.asarray(x) for x, y in pairs))
+    return End(*((1.0 + weight) * np.asarray(y) - weight * np.asarray(x) for x, y in pairs))
 
 
 if __name__ == "__main__":

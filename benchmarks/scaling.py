@@ -1,19 +1,18 @@
 #!/usr/bin/env python3
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Where the time goes, and how it grows with the dofs and with the joint points.
+"""Parts of the run time, and their growth with the dofs and with the joint points.
 
-Two series of the jointed wall: refined with fewer and fewer joints, so that the number of joint
-points stays near one thousand (except with ``--large``, where a single joint has 2800), and one
-mesh cut by more and more joints. Each case runs tied and with joints.
+There are two series of the jointed wall. One is refined with fewer joints, so that the number of
+joint points remains near one thousand (with ``--large``, a single joint has 2800). The other is one
+mesh with more and more joints. Each case runs tied and with joints.
 
-Beside the time of a step are those of one back-substitution with the bulk and of the compiled
-iteration on the joints, medians over the steps but the first; of several ranks the slowest counts.
-Growth is the exponent p of time ~ n^p, fitted over the series.
+The table also has the times of one back-substitution with the bulk and of the compiled iteration on
+the joints. Times are medians over all steps except the first, of the slowest rank. Growth is the
+exponent p of time ~ n^p, fitted over the series.
 
-One rank uses CHOLMOD where PETSc has it, several use MUMPS, unless ``--linear mumps`` has one rank
-use it too. What waits for memory is compared with the bandwidth of a triad, a = b + s c, on as many
-ranks.
+One rank uses CHOLMOD if PETSc has it, or MUMPS with ``--linear mumps``; several ranks use MUMPS.
+For parts limited by memory, the table has the bandwidth of a triad, a = b + s c, on the same ranks.
 """
 
 from __future__ import annotations
@@ -88,20 +87,20 @@ def times(row: dict[str, Any]) -> dict[str, float]:
 
 
 def growth(rows: Sequence[dict[str, Any]], over: str) -> dict[str, float]:
-    """Exponents p of time ~ n^p for every time above 0, n the dofs or the joint points."""
+    """Return exponents p of time ~ n^p for all times above 0, with n dofs or joint points."""
     size = np.log([row[over] for row in rows])
-    found = {}
+    exponents = {}
     for name in times(rows[0]):
         values = np.array([times(row)[name] for row in rows])
         if len(rows) > 1 and np.all(values > 0.0):
-            found[name] = float(np.polyfit(size, np.log(values), 1)[0])
-    return found
+            exponents[name] = float(np.polyfit(size, np.log(values), 1)[0])
+    return exponents
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
-    """All series (collective)."""
+    """Run all series (collective)."""
     table: Series = QUICK if options.quick else SERIES
-    found: dict[str, Any] = {}
+    by_series: dict[str, Any] = {}
     for series in options.series:
         cases = dict(table[series])
         if options.large:
@@ -113,16 +112,16 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         }
         over = "dofs" if series == "dofs" else "joint_points"
         if rows:
-            found[series] = {"cases": rows, "growth": growth(list(rows.values()), over)}
-    return found
+            by_series[series] = {"cases": rows, "growth": growth(list(rows.values()), over)}
+    return by_series
 
 
 # ---------------------------------------------------------------- tables
 
 
-def print_series(name: str, found: dict[str, Any]) -> None:
+def print_series(name: str, series: dict[str, Any]) -> None:
     """Print a column for each case, a row for each number, the growth in the last column."""
-    rows = found["cases"]
+    rows = series["cases"]
     of = "dofs" if name == "dofs" else "joint points"
     first = next(iter(rows.values()))
     print(
@@ -143,7 +142,7 @@ def print_series(name: str, found: dict[str, Any]) -> None:
     }
     exponents = {
         f"{time} [s]" if time in PHASES else f"step: {time} [ms]": exponent
-        for time, exponent in found["growth"].items()
+        for time, exponent in series["growth"].items()
     }
     print(head(f"| | {' | '.join(rows)} | growth |"))
     for label, form in lines.items():
@@ -154,7 +153,7 @@ def print_series(name: str, found: dict[str, Any]) -> None:
 
 
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:
-    """Options of the command line."""
+    """Return the options of the command line."""
     parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--series", nargs="+", default=list(SERIES), choices=list(SERIES))
     parser.add_argument("--steps", type=at_least(1), default=30)
@@ -162,7 +161,7 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
         "--large", action="store_true", help="also 1M dofs, 7k and 10k joint points"
     )
     parser.add_argument("--quick", action="store_true", help="tiny walls")
-    parser.add_argument("--cases", nargs="+", choices=CASES, help="some of the walls alone")
+    parser.add_argument("--cases", nargs="+", choices=CASES, help="run only these walls")
     parser.add_argument("--linear", choices=get_args(LinearSolver), default="auto")
     parser.add_argument("--compliance", choices=get_args(ComplianceKind), default="auto")
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
@@ -172,12 +171,12 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
 def main(arguments: list[str] | None = None) -> None:
     """Print tables, or one JSON object as the last line."""
     options = parse_arguments(sys.argv[1:] if arguments is None else arguments)
-    found = run(options)
+    by_series = run(options)
     if MPI.COMM_WORLD.rank == 0:
-        for name in found:
-            print_series(name, found[name])
+        for name in by_series:
+            print_series(name, by_series[name])
         if options.json:
-            print(json.dumps(found))
+            print(json.dumps(by_series))
 
 
 if __name__ == "__main__":

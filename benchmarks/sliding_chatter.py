@@ -1,11 +1,11 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Mean friction of an elastic block that slides, by damping, joint, length of steps.
+"""Mean friction of a sliding elastic block, by damping, joint and time step.
 
-A block of 1 x 0.1 x 0.5 m on a base of 0.2 m, cells of 0.1 m, slides at 0.02 m/s under its weight
-with mu = 0.5, driven by just as much: in 0.02 s it should neither gain nor lose speed, and friction
-be mu times the weight. Friction that slides feeds short waves; what damps them is compared in units
-of h/c, the time of sound along a cell.
+A block of 1 x 0.1 x 0.5 m on a base of 0.2 m, with cells of 0.1 m, slides at 0.02 m/s under its
+weight with mu = 0.5. The driving force equals the friction, so in 0.02 s the speed should not
+change and friction should be mu times the weight. Sliding friction excites short waves. Their
+damping is given in units of h/c, the travel time of sound along a cell.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ TRANSIT = SIZE / math.sqrt(CONCRETE.young / CONCRETE.density)  # h/c [s]
 
 
 class Slide(NamedTuple):
-    """Mean friction over its limit in the second half; steps; joints that chatter."""
+    """Mean friction over its limit in the second half, number of steps, chattering joints."""
 
     late: float
     steps: int
@@ -43,14 +43,14 @@ def slide(
     control: dj.StepControl | None = None,
     end: float = END,
 ) -> Slide:
-    """Slide in equal steps, or such that ``control`` cuts.
+    """Run the sliding block with equal steps, or with step control.
 
     Args:
-        law: The joint, with mu = `FRICTION`.
-        steps: Their number.
+        law: Law of the joint, with mu = `FRICTION`.
+        steps: Number of steps.
         damping: Factor of K over `TRANSIT`.
-        control: When steps are cut.
-        end: Time [s].
+        control: Step control, equal steps by default.
+        end: End of the run [s].
     """
     problem = replace(_block(law, damping), end=end)
     areas = problem.system.contact.operator.areas
@@ -62,7 +62,7 @@ def slide(
 
 
 def _block(law: CondensedLaw, damping: float) -> Problem:
-    """The block after self weight, at its speed."""
+    """Return the block after self weight, at its initial speed."""
     sizes = {"length": 1.0, "width": SIZE, "size": SIZE, "lower_height": 0.2, "upper_height": 0.5}
     model = dj.Model(
         mesh_of(two_blocks, cell="hex", **sizes),
@@ -85,7 +85,7 @@ def _block(law: CondensedLaw, damping: float) -> Problem:
 
 
 def stiff(stiffness: float) -> dj.FrictionNoTension:
-    """A joint of k_n [Pa/m] and 0.4 of that in shear."""
+    """Return a joint with k_n [Pa/m] and k_s = 0.4 k_n."""
     return dj.FrictionNoTension(
         normal_stiffness=stiffness,
         shear_stiffness=0.4 * stiffness,
@@ -114,21 +114,21 @@ def main() -> None:
     print(f"{'damping [h/c]':34s}" + "".join(f"{n:7d}{'t' if c else ' '} " for n, c in runs))
     for name, law in JOINTS.items():
         for damping in (0.0, 0.2, 1.0):
-            found = []
+            cells = []
             for steps, control in runs:
                 try:
                     end = slide(law, steps, damping, control)
-                    found.append(f"{end.late:7.3f}{'*' if end.chatter else ' '}")
+                    cells.append(f"{end.late:7.3f}{'*' if end.chatter else ' '}")
                 except dj.JointsError:
-                    found.append("      - ")
-            print(f"{name:24s} {damping:8.1f} {' '.join(found)}", flush=True)
+                    cells.append("      - ")
+            print(f"{name:24s} {damping:8.1f} {' '.join(cells)}", flush=True)
     tolerances = None, 1e-3, 1e-4
     print("the same without damping over 0.1 s, 100 steps cut by tolerances: friction (steps)")
     print(f"{'':24s}" + "".join(f"{'none' if t is None else t:>15}" for t in tolerances))
     for name, law in JOINTS.items():
         ends = [slide(law, 100, control=_cut(tolerance), end=0.1) for tolerance in tolerances]
-        found = [f"{end.late:7.3f}{'*' if end.chatter else ' '} ({end.steps:4d})" for end in ends]
-        print(f"{name:24s} {' '.join(found)}", flush=True)
+        cells = [f"{end.late:7.3f}{'*' if end.chatter else ' '} ({end.steps:4d})" for end in ends]
+        print(f"{name:24s} {' '.join(cells)}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,20 +1,20 @@
 #!/usr/bin/env python3
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Stiff and extreme cases: how many runs fail, and how far energies are out of balance.
+"""Stability in stiff and extreme cases: number of failed runs, and imbalance of the energies.
 
 Scenes:
 
-- blocks: an elastic block on another one, without damping; the upper block is thrown at 0.25 m/s,
-  down and sideways, after self weight or from above a gap that closes in five steps, and the base
-  is shaken by 2 g;
-- wall, dam: the small scenes of `benchmarks.shared.scenes`, shaken strongly from the first step on;
-- mass: one mass on a spring that bounces on a stop.
+- blocks: an elastic block on another one, without damping. The upper block is thrown at 0.25 m/s,
+  down and sideways, after self weight or from above a gap that closes in five steps. The base is
+  shaken by 2 g.
+- wall, dam: the small scenes of `benchmarks.shared.scenes`, with strong motion from the first step.
+- mass: a mass on a spring that bounces on a stop.
 
-A run fails if its static stage fails, if a step neither converges nor balances however often it is
-halved, or if the stored energy exceeds twice the energy that was ever put in. The imbalance is what
-all energy lines leave unexplained over the largest energy, in runs that complete; schemes with
-numerical damping have none. ``--page`` replaces the table of docs/stability.md.
+A run fails if its static stage fails, if a step fails after all halvings, or if the stored energy
+exceeds twice the energy supplied so far. The imbalance is the unexplained energy of completed runs
+over the largest energy; schemes with numerical damping have none. ``--page`` replaces the table of
+docs/stability.md.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ CONSISTENT = list(SCHEMES)[:2]  # schemes that accept rigid joints
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One run.
+    """Parameters of a run.
 
     Attributes:
         scene: ``blocks``, ``wall``, ``dam`` or ``mass``.
@@ -89,9 +89,9 @@ SHORT = (1e-5, 1e-3)
 
 
 def cases(**values: Sequence[Any]) -> list[Case]:
-    """Return the cases of all combinations of values, with all `JOINTS` unless given."""
+    """Return the cases of all combinations of values, with all `JOINTS` by default."""
     values = {"stiffness": JOINTS} | values
-    return [Case(**dict(zip(values, each, strict=True))) for each in product(*values.values())]
+    return [Case(**dict(zip(values, items, strict=True))) for items in product(*values.values())]
 
 
 def of_scene(name: str) -> list[Case]:
@@ -154,7 +154,7 @@ def jointed_scene(name: str, aspect: float, reach: float) -> tuple[Scene, dj.Joi
             name=name,
             write=partial(two_blocks, size=0.5, **size),
             material=dj.Elastic(young=30e9, poisson=0.2, density=2400.0),
-            held=["base"],
+            fixed=["base"],
             loads=[dj.Gravity()],
             shear_ratio=0.5,
             load_steps=1,
@@ -168,7 +168,7 @@ def jointed_scene(name: str, aspect: float, reach: float) -> tuple[Scene, dj.Joi
 
 
 def problem(case: Case) -> Problem:
-    """Return the system of a case and the start of its motion.
+    """Return the system of a case with its initial state.
 
     Raises:
         JointsError: The static stage fails.
@@ -193,7 +193,7 @@ def problem(case: Case) -> Problem:
 
 
 def run(case: Case) -> tuple[str, Run | None]:
-    """Run a case; return what ended the run, empty if it completed, and a completed run."""
+    """Run a case; return the reason of failure (empty without failure) and the completed run."""
     try:
         end = march(problem(case), SCHEMES[case.scheme], case.dt)
     except dj.JointsError as error:
@@ -202,7 +202,7 @@ def run(case: Case) -> tuple[str, Run | None]:
 
 
 def measure(name: str, chosen: list[Case]) -> dict[str, Any]:
-    """Return the line of a row; print the runs that fail."""
+    """Run the cases of a table row and return it; print the failed runs."""
     failed, ledgers = 0, []
     for case in chosen:
         failure, end = run(case)
@@ -218,8 +218,8 @@ def measure(name: str, chosen: list[Case]) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Print the table; write the page if asked."""
-    # Soft joints slip far and long steps are inaccurate: that is not the question.
+    """Print the table; write the page with ``--page``."""
+    # Ignore warnings of large slip and inaccurate steps, which are expected here.
     warnings.simplefilter("ignore")
     parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="every 7th run of each row")
@@ -227,7 +227,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--page", action="store_true", help="write docs/stability.md")
     options = parser.parse_args(arguments)
     if options.quick and options.page:
-        parser.error("--page needs all runs; leave out --quick")
+        parser.error("--page needs all runs; omit --quick")
     lines = []
     for name, chosen in ROWS.items():
         part = [replace(case, steps=min(case.steps, 100)) for case in chosen[::7]]

@@ -4,8 +4,8 @@
 """Error against work of every time scheme on problems with contact and friction.
 
 Displacement, velocity and joint force are compared with exact motions, or for the solids with a
-run of much finer steps (`_problems.errors` says in which norms); the energy error is the paper's.
-Lines that are not said to be adaptive have equal steps.
+run of much finer steps; `shared.problems.errors` defines the norms. The energy error is the
+paper's. Runs have equal steps unless they are labelled adaptive.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ CONSISTENT = ("ec", "ec_exact")
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A problem and how it is marched.
+    """Problem with the runs to make.
 
     Attributes:
-        title: For the figures.
-        problem: Makes the problem.
+        title: Title in the figures.
+        problem: Function that returns the problem.
         steps: Steps per period of the runs with equal steps, coarse to fine.
         schemes: Names in `SCHEMES`.
         control: (steps per period, tolerance, halvings) of the adaptive runs.
@@ -72,14 +72,14 @@ class Case:
 
 
 def cases(*, quick: bool) -> dict[str, Case]:
-    """All problems by name."""
+    """Return all problems by name."""
     impact_steps = (20, 200) if quick else (20, 60, 200, 700)
     friction_steps = (60, 250) if quick else (60, 250, 1000)
     courant = (0.5,) if quick else (0.25, 0.5, 1, 2)
     elements = 50 if quick else 100
-    found = {}
+    by_name = {}
     for power in (0, 2, 4, 8, 12):
-        found[f"impact_1e{power}"] = Case(
+        by_name[f"impact_1e{power}"] = Case(
             title=f"impact, $k_{{stop}}/k = 10^{{{power}}}$",
             problem=lambda ratio=10.0**power: impact(ratio),
             steps=impact_steps,
@@ -90,7 +90,7 @@ def cases(*, quick: bool) -> dict[str, Case]:
         ("bouncing_bar", "bouncing bar", BOUNCING, 5.0),
     ):
         for massless in (False, True):
-            found[name + "_massless" * massless] = Case(
+            by_name[name + "_massless" * massless] = Case(
                 title=title + ", mass redistributed" * massless,
                 problem=lambda exact=exact, end=end, massless=massless: bar(
                     exact, elements=elements, end=end, massless=massless
@@ -102,7 +102,7 @@ def cases(*, quick: bool) -> dict[str, Case]:
         ("coulomb_1e8", "Coulomb oscillator, $k_s/k = 10^8$", 1e8),
         ("coulomb_rigid", "Coulomb oscillator, rigid joint", math.inf),
     ):
-        found[name] = Case(
+        by_name[name] = Case(
             title=title,
             problem=lambda ratio=ratio: coulomb(ratio),
             steps=friction_steps,
@@ -114,37 +114,37 @@ def cases(*, quick: bool) -> dict[str, Case]:
         ("sliding_block", "sliding block, $k_s = 10^8$ N/m", 1e8),
         ("sliding_block_rigid", "sliding block, rigid joint", math.inf),
     ):
-        found[name] = Case(
+        by_name[name] = Case(
             title=title,
             problem=lambda stiffness=stiffness: sliding(stiffness),
             steps=(50, 200) if quick else (20, 50, 200, 1000),
             schemes=tuple(SCHEMES) if math.isfinite(stiffness) else CONSISTENT,
         )
-    found["blocks"] = Case(
+    by_name["blocks"] = Case(
         title="two blocks, impact and friction",
         problem=lambda: with_fine_motion(blocks(), 2e-6 if quick else 5e-7, 1e-4),
         steps=(20, 80) if quick else (10, 20, 40, 80, 160, 320),
     )
     refinement = 16 if quick else 64
-    found["jointed_wall"] = Case(
+    by_name["jointed_wall"] = Case(
         title="jointed wall, shaken",
         problem=lambda: with_fine_motion(
             shaken_wall(quick=quick), WALL_STEP / refinement, WALL_STEP
         ),
         steps=(1, 4) if quick else (1, 2, 4, 8),
     )
-    return found
+    return by_name
 
 
 def ground(time: float) -> np.ndarray:
-    """A motion of the ground along the three axes, setting in smoothly [m/s^2]."""
+    """Return the ground acceleration along the three axes, with a smooth onset [m/s^2]."""
     onset = math.sin(math.pi * time / 0.2) ** 2 if time < 0.1 else 1.0
     phases = 2.0 * math.pi * time * np.array([4.1, 5.2, 7.9]) + np.array([0.0, 0.7, 1.9])
     return onset * np.array([2.0, 2.0, 1.0]) * np.sin(phases)
 
 
 def shaken_wall(*, quick: bool) -> Problem:
-    """A free-standing wall in four blocks, after self weight, on a shaken base."""
+    """Return a free-standing wall in four blocks, after self weight, on a shaken base."""
     scene = replace(wall(divisions=(4, 1, 4) if quick else (8, 2, 8)), loads=[dj.Gravity()])
     with scene.mesh_file() as path:
         model = scene.model(scene.read(path), scene.law())
@@ -159,7 +159,7 @@ def shaken_wall(*, quick: bool) -> Problem:
 def take(
     problem: Problem, name: str, steps: float, control: tuple[float, int] | None = None
 ) -> Row:
-    """One run as a row; errors are null where it failed."""
+    """Make a run and return it as a row; a failed run has no errors."""
     tolerance, halvings = control or (None, None)
     row: Row = {
         "scheme": name,
@@ -167,25 +167,25 @@ def take(
         "max_halvings": halvings,
         "dt_max": problem.period / steps,
     }
-    asked = dj.StepControl(tolerance=tolerance, max_halvings=halvings) if control else None
+    step_control = dj.StepControl(tolerance=tolerance, max_halvings=halvings) if control else None
     try:
-        run = march(problem, SCHEMES[name], problem.period / steps, asked)
+        run = march(problem, SCHEMES[name], problem.period / steps, step_control)
     except JointsError as failure:
         return row | {"failure": str(failure)}
-    found = errors(problem, run, midpoint=name in MIDPOINT)
+    relative_errors = errors(problem, run, midpoint=name in MIDPOINT)
     return row | {
         "steps": run.steps,
         "solves": run.solves,
         "iterations": run.iterations,
         "seconds": run.seconds,
-        **{f"error_{key}": value for key, value in found.items()},
+        **{f"error_{key}": value for key, value in relative_errors.items()},
         "error_energy": run.energy_error,
         "ledger": run.ledger,
     }
 
 
 def rows_of(case: Case) -> Iterator[Row]:
-    """All runs of a case."""
+    """Yield all runs of a case."""
     problem = case.problem()
     for name in case.schemes:
         for steps in case.steps:
@@ -236,7 +236,7 @@ FIGURES = {
 
 
 def draw(folder: Path, problems: dict[str, list[Row]], titles: dict[str, str]) -> None:
-    """One figure per error, one panel per problem."""
+    """Draw one figure per error, with one panel per problem."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -269,7 +269,7 @@ def draw(folder: Path, problems: dict[str, list[Row]], titles: dict[str, str]) -
 
 
 def draw_panel(axis: Any, rows: list[Row], error: str, limits: tuple[float, float]) -> None:
-    """A line per scheme, dashed where it is adaptive; what is beyond the axis sits on its edge."""
+    """Draw a line per scheme, dashed if adaptive; clip values to the range of the axis."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     for adaptive in (False, True):
@@ -305,7 +305,9 @@ def main() -> None:
     """Print a table, or one JSON object as the last line."""
     parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="few runs, less than a minute")
-    parser.add_argument("--only", nargs="+", default=[], help="problems whose name begins so")
+    parser.add_argument(
+        "--only", nargs="+", default=[], help="problems whose names begin with one of these"
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     parser.add_argument("--plot", type=Path, help="write figures to this folder")
     options = parser.parse_args()

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Seismic response of jointed structures on FEniCSx: friction no-tension joints in dams.
 
-The public names are listed in ``__init__.pyi`` and imported on first use, so that
-``import dolfinx_joints`` is light and records, spectra, results and plots work without DOLFINx.
+The public names are listed in ``__init__.pyi`` and imported on first use. ``import dolfinx_joints``
+is therefore fast, and records, spectra, results and plots work without DOLFINx.
 """
 
 import lazy_loader
@@ -18,7 +18,7 @@ _public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> object:
-    """Return a public name, imported on first use."""
+    """Import and return a public name."""
     from dolfinx_joints.common.errors import refuse_removed_name
 
     refuse_removed_name(name)

@@ -20,9 +20,9 @@ from dolfinx_joints.common.progress import set_log_level
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command: 0, or 2 where a file cannot be used or written.
+    """Run a command; return 0, or 2 if a file cannot be used or written.
 
-    Wrong usage ends the program with 2.
+    Wrong usage exits with 2.
     """
     options = _parser().parse_args(arguments)
     if not options.quiet:
@@ -35,9 +35,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"dolfinx-joints: {printable(str(error))}", file=sys.stderr)
         return 2
     except OSError as error:
-        if not isinstance(error, BrokenPipeError):  # as of `| head`, which has read enough
+        if not isinstance(error, BrokenPipeError):  # for example with `| head`
             print(f"dolfinx-joints: The output cannot be written: {error}.", file=sys.stderr)
-        # What is still buffered would fail again at the end of the process.
+        # Discard buffered output; flushing it at exit would fail again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 2
     return 0
@@ -45,28 +45,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _warnings_in_lines(*, quiet: bool) -> Iterator[None]:
-    """Print each warning once and as one line, those of plausibility unless it is to be quiet."""
-    told: set[str] = set()
+    """Print each warning once, in one line; with ``quiet`` leave out plausibility warnings."""
+    printed: set[str] = set()
 
-    def tell(message: Any, category: type[Warning], *_: Any, **__: Any) -> None:
+    def show(message: Any, category: type[Warning], *_: Any, **__: Any) -> None:
         text = printable(" ".join(str(message).split()))
-        if text not in told and not (quiet and issubclass(category, PlausibilityWarning)):
+        if text not in printed and not (quiet and issubclass(category, PlausibilityWarning)):
             print(f"dolfinx-joints: {text}", file=sys.stderr)
-        told.add(text)
+        printed.add(text)
 
     with warnings.catch_warnings():
-        warnings.showwarning = tell
+        warnings.showwarning = show
         yield
 
 
 def _parser() -> Parser:
     parser = Parser(
         prog="dolfinx-joints",
-        description="Split meshes at their joints, and look at the results files of runs.",
+        description="Split meshes at their joints; read, report and export results files.",
     )
     parser.add_argument("--version", action="version", version=f"dolfinx_joints {__version__}")
     parser.add_argument(
-        "--quiet", action="store_true", help="tell neither how far it is nor what is implausible"
+        "--quiet", action="store_true", help="suppress progress and plausibility warnings"
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for add in (_add_report, _add_split, _add_info, _add_csv, _add_vtk, _add_completion):
@@ -85,7 +85,7 @@ def _add_report(commands: Any) -> None:
         "--out", type=Path, default=Path("report.html"), help="HTML file (default %(default)s)"
     )
     report.add_argument(
-        "--no-3d", action="store_true", help="leave out the view in space and pictures of the body"
+        "--no-3d", action="store_true", help="leave out the 3-D view and the pictures of the body"
     )
     report.set_defaults(run=_report)
 
@@ -95,23 +95,26 @@ def _report(options: Any) -> None:
 
     path = report.write(options.results, options.out, with_3d=not options.no_3d)
     folder = report.picture_folder(path)
-    beside = f", pictures in {folder}" if folder.is_dir() else ""
-    print(f"{path}, {path.stat().st_size / 1e6:.1f} MB{beside}")
+    pictures = f", pictures in {folder}" if folder.is_dir() else ""
+    print(f"{path}, {path.stat().st_size / 1e6:.1f} MB{pictures}")
 
 
 def _add_split(commands: Any) -> None:
     split = commands.add_parser(
         "split",
-        help="split a mesh of Gmsh at its joints",
-        description="Split a mesh and write it for read_split, with which each rank reads only its "
-        "share.",
+        help="split a Gmsh mesh at its joints",
+        description="Split a mesh at its joints and write it to a file. read_split reads it in "
+        "parallel: each rank reads only its part.",
     )
-    split.add_argument("mesh", type=Path, metavar="MESH", help=".msh file of Gmsh")
+    split.add_argument("mesh", type=Path, metavar="MESH", help="Gmsh .msh file")
     split.add_argument("out", type=Path, metavar="FILE", help="HDF5 file to write")
     split.add_argument(
-        "--joints", nargs="*", metavar="NAME", help="those named joint... unless given"
+        "--joints",
+        nargs="*",
+        metavar="NAME",
+        help="joints to split (default: groups named joint...)",
     )
-    split.add_argument("--force", action="store_true", help="replace a file of this name")
+    split.add_argument("--force", action="store_true", help="replace an existing file")
     split.set_defaults(run=_split)
 
 
@@ -130,10 +133,10 @@ def _add_info(commands: Any) -> None:
     info = commands.add_parser(
         "info",
         help="list the contents of a results file",
-        description="List the contents of a file.",
+        description="List the contents of a results file.",
     )
     info.add_argument("file", type=Path, metavar="FILE", help="results file")
-    info.add_argument("--all", action="store_true", help="every array, with unit and meaning")
+    info.add_argument("--all", action="store_true", help="list every array with unit and meaning")
     info.set_defaults(run=_info)
 
 
@@ -146,15 +149,15 @@ def _info(options: Any) -> None:
 def _add_csv(commands: Any) -> None:
     tables = commands.add_parser(
         "csv",
-        help="write tables that any program reads",
-        description="Write histories, energies, joint measures, resultants and what else a file "
-        "holds as CSV, units in the headers.",
+        help="write CSV tables",
+        description="Write histories, energies, joint measures, resultants and all other tables of "
+        "a results file as CSV, with units in the headers.",
     )
     tables.add_argument("file", type=Path, metavar="FILE", help="results file")
     tables.add_argument(
         "--out", type=Path, required=True, metavar="FOLDER", help="folder of the tables"
     )
-    tables.add_argument("--force", action="store_true", help="replace files of the same names")
+    tables.add_argument("--force", action="store_true", help="replace existing files")
     tables.set_defaults(run=_csv)
 
 
@@ -171,13 +174,13 @@ def _add_vtk(commands: Any) -> None:
     fields = commands.add_parser(
         "vtk",
         help="write files for ParaView",
-        description="Write body and joints in all recorded states as VTKHDF.",
+        description="Write the body and the joints in all recorded states as VTKHDF.",
     )
     fields.add_argument("file", type=Path, metavar="FILE", help="results file")
     fields.add_argument(
-        "--out", type=Path, metavar="NAME", help="NAME.vtkhdf; that of FILE unless given"
+        "--out", type=Path, metavar="NAME", help="write NAME.vtkhdf (default: the name of FILE)"
     )
-    fields.add_argument("--force", action="store_true", help="replace files of the same names")
+    fields.add_argument("--force", action="store_true", help="replace existing files")
     fields.set_defaults(run=_vtk)
 
 
@@ -195,10 +198,10 @@ def _vtk(options: Any) -> None:
 def _add_completion(commands: Any) -> None:
     completion = commands.add_parser(
         "completion",
-        help="print what completes this command in a shell",
-        description='Print the completion of a shell: eval "$(dolfinx-joints completion bash)".',
+        help="print the shell completion script",
+        description='Print the completion script: eval "$(dolfinx-joints completion bash)".',
     )
-    completion.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="the shell")
+    completion.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="name of the shell")
     completion.set_defaults(run=_completion)
 
 

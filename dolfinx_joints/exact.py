@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Exact solutions of small contact and friction problems, to verify against."""
+"""Exact solutions of small contact and friction problems, for verification."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ Positive = Annotated[float, at.Gt(0)]
 @dataclass(frozen=True, kw_only=True)
 @checked
 class ImpactOscillator:
-    """A mass on a spring that strikes an elastic stop, again and again.
+    """Mass on a spring that repeatedly strikes an elastic stop.
 
     m u'' + k u + k_stop <u - gap> = 0,  u(0) = 0,  u'(0) = v0 > 0,  <x> = max(x, 0)
 
-    The motion is periodic and made of two harmonics that meet at u = gap with equal velocity,
+    The motion is periodic. It has two harmonic phases, which meet at u = gap with equal velocity,
     v1 = sqrt(v0^2 - omega^2 gap^2):
 
-    - in flight, u = (v0/omega) sin(omega t), omega = sqrt(k/m); one flight lasts
-      (pi + 2 asin(omega gap/v0)) / omega;
-    - in contact, s after it began, u = u_e + (gap - u_e) cos(w s) + (v1/w) sin(w s) about
-      u_e = k_stop gap / (k + k_stop), w = sqrt((k + k_stop)/m); one contact lasts
+    - In flight, u = (v0/omega) sin(omega t) with omega = sqrt(k/m). A flight lasts
+      (pi + 2 asin(omega gap/v0)) / omega.
+    - In contact, at a time s after its start, u = u_e + (gap - u_e) cos(w s) + (v1/w) sin(w s) with
+      u_e = k_stop gap / (k + k_stop) and w = sqrt((k + k_stop)/m). A contact lasts
       (2/w) atan2(v1/w, gap - u_e).
 
     Attributes:
@@ -39,7 +39,7 @@ class ImpactOscillator:
         stiffness: k of the spring [N/m].
         stop_stiffness: k_stop [N/m].
         initial_velocity: v0 [m/s].
-        gap: Distance of the stop from the mass at u = 0, below the amplitude [m].
+        gap: Distance of the stop from the mass at u = 0; less than the amplitude [m].
     """
 
     mass: Positive
@@ -54,12 +54,12 @@ class ImpactOscillator:
 
     @property
     def frequency(self) -> float:
-        """Omega of the free mass on its spring [rad/s]."""
+        """Circular frequency omega of the mass on its spring [rad/s]."""
         return math.sqrt(self.stiffness / self.mass)
 
     @property
     def contact_frequency(self) -> float:
-        """W of the mass on spring and stop [rad/s]."""
+        """Circular frequency w of the mass on spring and stop [rad/s]."""
         return math.sqrt((self.stiffness + self.stop_stiffness) / self.mass)
 
     @property
@@ -79,7 +79,7 @@ class ImpactOscillator:
 
     @property
     def impact_velocity(self) -> float:
-        """Velocity v1 at which the stop is struck [m/s]."""
+        """Velocity v1 at impact [m/s]."""
         return math.sqrt(self.initial_velocity**2 - (self.frequency * self.gap) ** 2)
 
     @property
@@ -89,7 +89,7 @@ class ImpactOscillator:
 
     @property
     def contact_duration(self) -> float:
-        """Time from touching to leaving the stop [s]."""
+        """Duration of a contact [s]."""
         w = self.contact_frequency
         return 2.0 / w * math.atan2(self.impact_velocity / w, self._offset)
 
@@ -115,29 +115,29 @@ class ImpactOscillator:
 
     @property
     def _offset(self) -> float:
-        """Gap - u_e, the distance of the touching point from equilibrium in contact [m]."""
+        """Distance gap - u_e of the first contact from the equilibrium in contact [m]."""
         return self.gap * self.stiffness / (self.stiffness + self.stop_stiffness)
 
     def displacement(self, time: ArrayLike) -> Floats:
-        """U at times [s], [m]."""
+        """Return u at times [s], [m]."""
         return self._motion(time)[0]
 
     def velocity(self, time: ArrayLike) -> Floats:
-        """U' at times [s], [m/s]."""
+        """Return u' at times [s], [m/s]."""
         return self._motion(time)[1]
 
     def force(self, time: ArrayLike) -> Floats:
-        """Force of the stop at times [s], positive in compression, [N]."""
+        """Return the force of the stop at times [s], positive in compression, [N]."""
         return self.stop_stiffness * np.maximum(self.displacement(time) - self.gap, 0.0)
 
     def _motion(self, time: ArrayLike) -> tuple[Floats, Floats]:
-        """Displacement and velocity."""
+        """Return displacement [m] and velocity [m/s] at times [s]."""
         since = np.mod(np.asarray(time, dtype=np.float64) - self.impact_time, self.period)
         omega, w = self.frequency, self.contact_frequency
         v1, offset = self.impact_velocity, self._offset
         u_c = self.gap - offset + offset * np.cos(w * since) + v1 / w * np.sin(w * since)
         v_c = v1 * np.cos(w * since) - w * offset * np.sin(w * since)
-        # A flight leaves the stop with -v1, which the free oscillation has at pi - omega t_hit.
+        # A flight starts with -v1, which is the velocity of a free oscillation at pi - omega t_hit.
         phase = math.pi - omega * self.impact_time + omega * (since - self.contact_duration)
         touching = since < self.contact_duration
         u = np.where(touching, u_c, self.amplitude * np.sin(phase))
@@ -148,10 +148,11 @@ class ImpactOscillator:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class SlidingBlock:
-    """Newmark's rigid block on a base that is shaken by one rectangular pulse.
+    """Newmark's rigid block on a base with a rectangular acceleration pulse.
 
-    While the base accelerates with A > a_y the block lags behind, s'' = A - a_y; then friction
-    alone acts, s'' = -a_y, until it stops at A t_p / a_y, with a_y = mu g on a level base:
+    While the base accelerates with A > a_y, the block slides with s'' = A - a_y. After the pulse,
+    friction alone acts, s'' = -a_y, until the block stops at A t_p / a_y. On a level base
+    a_y = mu g. The final slip is
 
     s_end = (A - a_y) A t_p^2 / (2 a_y)
 
@@ -167,7 +168,7 @@ class SlidingBlock:
 
     @property
     def stop_time(self) -> float:
-        """Time at which the block stops on its base; 0 where it never slides [s]."""
+        """Time at which the block stops sliding, 0 if it never slides [s]."""
         if self.pulse <= self.yield_acceleration:
             return 0.0
         return self.duration * self.pulse / self.yield_acceleration
@@ -178,7 +179,7 @@ class SlidingBlock:
         return float(self.slip(self.stop_time))
 
     def slip(self, time: ArrayLike) -> Floats:
-        """Slip s of the block on its base at times [s], [m]."""
+        """Return the slip s of the block on its base at times [s], [m]."""
         pushed, braked = self._phases(time)
         excess = max(self.pulse - self.yield_acceleration, 0.0)
         at_end_of_pulse = excess * self.duration
@@ -189,13 +190,13 @@ class SlidingBlock:
         )
 
     def velocity(self, time: ArrayLike) -> Floats:
-        """Sliding velocity s' at times [s], [m/s]."""
+        """Return the sliding velocity s' at times [s], [m/s]."""
         pushed, braked = self._phases(time)
         excess = max(self.pulse - self.yield_acceleration, 0.0)
         return excess * pushed - self.yield_acceleration * braked
 
     def _phases(self, time: ArrayLike) -> tuple[Floats, Floats]:
-        """Time spent in the pulse, and braking after it [s]."""
+        """Return the time spent in the pulse, and the time of sliding after it [s]."""
         t = np.asarray(time, dtype=np.float64)
         braking = max(self.stop_time - self.duration, 0.0)
         return np.clip(t, 0.0, self.duration), np.clip(t - self.duration, 0.0, braking)
@@ -204,12 +205,12 @@ class SlidingBlock:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class CoulombOscillator:
-    """A mass on a spring with dry friction, released at rest.
+    """Mass on a spring with dry friction, released at rest.
 
     m x'' + k x + F sign(x') = 0,  x(0) = x0,  x'(0) = 0
 
-    Each half period pi/omega is a cosine about +-F/k that turns 2 F/k nearer to zero; the mass
-    stays where it turns at |x| <= F/k.
+    In each half period pi/omega the motion is a cosine about +-F/k, and the amplitude decreases by
+    2 F/k. The mass stops at the first turning point with |x| <= F/k.
 
     Attributes:
         mass: m [kg].
@@ -230,7 +231,7 @@ class CoulombOscillator:
 
     @property
     def turning_points(self) -> Floats:
-        """Displacements at 0, pi/omega, 2 pi/omega, ... up to rest, shape (n + 1,), [m]."""
+        """Displacements at 0, pi/omega, 2 pi/omega, ... until rest, shape (n + 1,), [m]."""
         band = self.friction / self.stiffness
         count = max(0, math.ceil((abs(self.start) / band - 1.0) / 2.0))
         turns = np.arange(count + 1)
@@ -239,11 +240,11 @@ class CoulombOscillator:
 
     @property
     def rest_time(self) -> float:
-        """Time from which the mass rests [s]."""
+        """Time at which the mass comes to rest [s]."""
         return self.half_period * (len(self.turning_points) - 1)
 
     def displacement(self, time: ArrayLike) -> Floats:
-        """X at times [s], [m]."""
+        """Return x at times [s], [m]."""
         turns, last = self.turning_points, len(self.turning_points) - 1
         t = np.asarray(time, dtype=np.float64) / self.half_period
         half = np.clip(np.floor(t), 0, last).astype(np.int64)

@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The arch dam of the 1992 paper as a case: numbers in, a results file out.
+"""Arch dam of the 1992 paper: computes a results file from the parameters of a case.
 
-The dam stands on a rigid base, its basin is empty. Self weight acts first, with the joints active
-or before they are grouted; then the ground shakes in three directions. Damping is a constant
-matrix, 2 % at 5 Hz. Another dam is made by other numbers::
+The dam has a rigid base and an empty basin. Self weight acts first, with active joints or before
+the joints are grouted. Then the ground shakes in three directions. Damping is a constant matrix,
+2 % at 5 Hz. Other parameters give another dam::
 
     run(Case(height=100.0, crest_length=300.0, joints=20, size=12.0, steps=410), "joints", folder)
 """
@@ -38,9 +38,9 @@ DAMPING = dj.stiffness_proportional(ratio=0.02, frequency=5.0)
 SUPPORTS = (dj.Fixed(group="base"), dj.Fixed(group="abutments"))
 SCHEMES: dict[str, Scheme] = {"ec": dj.EnergyConsistent(), "newmark": dj.Newmark()}
 TAPER = 0.25  # s, at both ends of a record
-RECORD_TURN = 25.0  # degrees: puts the largest peak of the Tolmezzo record on the stream axis
+RECORD_TURN = 25.0  # degrees: turns the largest peak of the Tolmezzo record to the stream axis
 
-# Share of the height at which bodies with and without a crest arch are compared.
+# Relative height at which bodies with and without a crest arch are compared.
 COMPARED_LEVEL = 0.75
 
 _POSITIVE = ("height", "crest_length", "base_width", "base_thickness", "crest_thickness", "size")
@@ -54,36 +54,36 @@ _CHOICES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A dam, its mesh, its joints, its motion and how time goes on; the defaults are the paper's.
+    """Dam, mesh, joints, ground motion and time steps; the defaults are the paper's.
 
     Args:
-        height: Of the dam [m].
-        crest_length: Along the upstream edge [m].
+        height: Height of the dam [m].
+        crest_length: Length of the crest along the upstream edge [m].
         base_width: Chord of the arch at the base [m].
-        base_thickness: At the crown [m].
-        crest_thickness: At the crown [m].
-        crest_half_angle: Of the arch at the crest [degrees].
-        crest_arch: Whether the body goes on, uncut, above the active height. If not, it ends there.
+        base_thickness: Thickness of the crown at the base [m].
+        crest_thickness: Thickness of the crown at the crest [m].
+        crest_half_angle: Half angle of the arch at the crest [degrees].
+        crest_arch: Whether an uncut arch is above the active height; else the body ends there.
         joints: Number of vertical joints, radial at the crest.
-        active_height: Share of the height up to which the joints are cut; 1.0 is the crest.
-        size: Of the cells, in elevation [m].
-        order: Of the cells and of the displacement, 1 or 2.
+        active_height: Relative height up to which the joints are cut; 1.0 is the crest.
+        size: Cell size in elevation [m].
+        order: Degree of the cells and of the displacement, 1 or 2.
         cell: ``hex`` or ``tet``.
-        layers: Cells through the thickness.
-        friction_angle_deg: Of the joints [degrees].
+        layers: Number of cells through the thickness.
+        friction_angle_deg: Friction angle of the joints [degrees].
         normal_stiffness: k_n of the joints [Pa/m].
         shear_ratio: k_s/k_n.
-        gap: Of all joints [m]: before self weight acts (where it stays open afterwards, the first
-            state of the results file says), or what the grout leaves.
-        self_weight: ``finished``: it acts on the finished dam, and the joints with it. ``grouted``:
-            the blocks carry it alone, then their joints are closed without stress. A crest arch is
-            not cut, and ties the blocks in both.
+        gap: Gap of all joints [m], before self weight acts or after grouting. The first state of
+            the results file shows where it remains open under self weight.
+        self_weight: ``finished``: it acts on the finished dam with active joints. ``grouted``: it
+            acts on separate blocks, whose joints are then closed without stress. An uncut crest
+            arch ties the blocks in both.
         scheme: ``ec``, energy-consistent, or ``newmark``, average acceleration.
-        time_step: [s].
+        time_step: Time step [s].
         steps: Number of time steps.
-        record_folder: Where the AT2 files of a record are; None for the built-in synthetic motion.
-        record_name: Part of their names, where the folder holds several records.
-        rotate: Turn of the horizontal axes [degrees]; 25 for a record and 0 otherwise unless given.
+        record_folder: Folder of the AT2 files of a record; None for the built-in synthetic motion.
+        record_name: Part of the file names, if the folder has several records.
+        rotate: Rotation of the horizontal axes [degrees]; by default 25 for a record, else 0.
         scale: Factor on the motion.
 
     Raises:
@@ -117,7 +117,7 @@ class Case:
     scale: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check what nothing behind checks in the same words."""
+        """Check the parameters, so that messages use their names."""
         for name in _POSITIVE:
             check_number(name, getattr(self, name), lambda v: v > 0, "positive", unit="m")
         for name, choices in _CHOICES.items():
@@ -131,14 +131,14 @@ class Case:
         check_number("scale", self.scale, lambda _: True, "a number")
         for name, least in (("joints", 1), ("layers", 1), ("steps", 1)):
             check_count(name, getattr(self, name), least, f"it must be at least {least}")
-        check_kind_of("crest_arch", self.crest_arch, isinstance(self.crest_arch, bool), "a truth")
+        check_kind_of("crest_arch", self.crest_arch, isinstance(self.crest_arch, bool), "a bool")
         named = self.record_folder is not None or self.record_name is None
         check_kind_of("record_name", self.record_name, named, "given with a record_folder")
         self.law()
         self.dam()
 
     def dam(self) -> ArchDam:
-        """The shape."""
+        """Return the shape of the dam."""
         return ArchDam.of_crest(
             self.crest_length,
             height=self.height,
@@ -149,7 +149,7 @@ class Case:
         )
 
     def law(self) -> dj.FrictionNoTension:
-        """The law of all joints."""
+        """Return the law of all joints."""
         return dj.FrictionNoTension(
             normal_stiffness=self.normal_stiffness,
             shear_stiffness=self.shear_ratio * self.normal_stiffness,
@@ -158,38 +158,38 @@ class Case:
 
     @property
     def turn(self) -> float:
-        """Turn of the horizontal axes [degrees]."""
+        """Rotation of the horizontal axes [degrees]."""
         if self.rotate is not None:
             return self.rotate
         return 0.0 if self.record_folder is None else RECORD_TURN
 
     @property
     def top(self) -> float:
-        """Share of the height at which the body ends."""
+        """Relative height at which the body ends."""
         return 1.0 if self.crest_arch else self.active_height
 
     def points(self) -> dict[str, tuple[float, float, float]]:
-        """Points on the upstream edge of the top, and one at a level that all bodies have [m].
+        """Return points at the upstream edge of the top, and one at a height of all bodies [m].
 
-        Left and right as seen by somebody who looks downstream; y grows to the left.
+        Left and right are as seen looking downstream; y points to the left.
         """
         dam, places = self.dam(), {"mid-crest": (0.0, self.top)}
         places |= {"left-quarter": (0.5, self.top), "right-quarter": (-0.5, self.top)}
         places["crown-75"] = (0.0, min(COMPARED_LEVEL, self.top))
-        found = {}
+        coordinates = {}
         for name, (s, zeta) in places.items():
             x, y, z = dam.point(s, 0.0, zeta)
-            found[name] = (float(x), float(y), float(z))
-        return found
+            coordinates[name] = (float(x), float(y), float(z))
+        return coordinates
 
 
 NAMES = tuple(field.name for field in fields(Case))
 
 
 def make_motion(case: Case) -> dj.Motion:
-    """The ground motion in the axes of the dam at the time step of the analysis.
+    """Return the ground motion in the axes of the dam at the time step of the analysis.
 
-    A record is detrended, tapered, turned to the dam's axes (x downstream, y across the valley,
+    A record is detrended, tapered, rotated to the dam's axes (x downstream, y across the valley,
     z up) and resampled.
     """
     if case.record_folder is None:
@@ -201,7 +201,7 @@ def make_motion(case: Case) -> dj.Motion:
 
 
 def make_mesh(case: Case, folder: str | Path, comm: Any = MPI.COMM_WORLD) -> Path:
-    """Write the mesh into a folder, which is made where missing (collective)."""
+    """Write the mesh to a folder, which is created if missing (collective)."""
     place = Path(folder)
 
     def make() -> Path:
@@ -229,14 +229,14 @@ def build(
     *,
     loads: Sequence[Any] = (),
 ) -> dj.Model:
-    """The dam as a monolith ("linear") or cut at its joints ("joints") (collective).
+    """Return the dam as a monolith ("linear") or cut at its joints ("joints") (collective).
 
     Args:
         case: The case.
-        which: One of the two.
+        which: ``linear`` or ``joints``.
         mesh: Mesh file of `make_mesh`.
         comm: MPI communicator of the mesh.
-        loads: Loads besides self weight.
+        loads: Loads in addition to self weight.
     """
     check_kind_of("which", which, which in get_args(Which), " or ".join(get_args(Which)))
     cut = which == "joints"
@@ -256,12 +256,12 @@ def build(
 
 @dataclass(frozen=True, kw_only=True)
 class Finished:
-    """A run that has reached its end.
+    """Completed run.
 
     Attributes:
         results: The results file.
-        outcome: How it ended.
-        report: Closing lines.
+        outcome: Outcome of the dynamic stage.
+        report: Final report as text.
     """
 
     results: Path
@@ -279,14 +279,14 @@ def simulate(
     envelopes: bool = False,
     monitors: Sequence[Any] = (),
 ) -> Finished:
-    """Static loads in four steps, then the earthquake (collective).
+    """Run the static loads in four steps, then the earthquake (collective).
 
     Args:
         case: The case.
         which: Name of the results file, ``linear.h5`` or ``joints.h5``; replaced.
         model: Model of `build`.
-        folder: Where to write.
-        solver: Of the time steps.
+        folder: Output folder.
+        solver: Solver of the time steps.
         envelopes: Whether to record envelopes of stresses.
         monitors: Further monitors.
     """
@@ -316,7 +316,7 @@ def simulate(
 
 
 def run(case: Case, which: Which, folder: str | Path, *, envelopes: bool = False) -> Path:
-    """Mesh, model and simulation; the path of the results file (collective)."""
+    """Mesh, build and simulate a case; return the path of the results file (collective)."""
     model = build(case, which, make_mesh(case, folder))
     finished = simulate(case, which, model, folder, envelopes=envelopes)
     if MPI.COMM_WORLD.rank == 0:
@@ -327,14 +327,14 @@ def run(case: Case, which: Which, folder: str | Path, *, envelopes: bool = False
 def study_row(
     folder: Path, *, run_as: Which, envelopes: bool = False, keep: bool = True, **numbers: Any
 ) -> dict[str, Any]:
-    """A case of a study: runs it, and measures the response.
+    """Run a case of a study; return the measures of its response.
 
     Args:
-        folder: Where to write.
+        folder: Output folder.
         run_as: ``linear`` or ``joints``.
         envelopes: Whether to record envelopes of stresses.
-        keep: Whether the results file stays.
-        numbers: Those of `Case`.
+        keep: Whether to keep the results file.
+        numbers: Parameters of `Case`.
     """
     case = Case(**numbers)
     path = run(case, run_as, folder, envelopes=envelopes)
@@ -347,5 +347,5 @@ def study_row(
 
 
 def parameters(case: Case, which: Which, **options: Any) -> dict[str, Any]:
-    """Arguments that a study passes to `study_row`."""
+    """Return the arguments that a study passes to `study_row`."""
     return {"run_as": which, **options, **asdict(case)}

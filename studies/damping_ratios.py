@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Damping ratios that each kind of damping gives the modes of Koyna.
+"""Damping ratios of the modes of Koyna for each kind of damping.
 
 ./with-dolfinx python3 -m studies.damping_ratios
 """
@@ -18,7 +18,7 @@ RATIO, NAMED, MODES = 0.05, 4, 8
 
 
 def kinds(first: float, last: float) -> dict[str, dj.Rayleigh | dj.ModalRatios]:
-    """Damping of 5 % where it can be chosen, by name.
+    """Return kinds of damping by name, each 5 % at the frequencies where it can be chosen.
 
     Args:
         first: Frequency of the first mode [Hz].
@@ -35,17 +35,17 @@ def kinds(first: float, last: float) -> dict[str, dj.Rayleigh | dj.ModalRatios]:
 
 
 def table(size: float = 4.0) -> str:
-    """Frequencies of the first modes [Hz] and their ratios [%] by each kind (collective)."""
+    """Return the first frequencies [Hz] and their ratios [%] by kind, as text (collective)."""
 
     def system(damping: dj.Rayleigh | dj.ModalRatios | None = None) -> dj.MatrixSystem:
         return build(ABAQUS_KOYNA, size=size, damping=damping).system()
 
     modes = dj.modes(system(), MODES)
-    asked = kinds(modes.frequencies[0], modes.frequencies[NAMED - 1])
-    found = {name: dj.modal_damping(system(each), modes).ratios for name, each in asked.items()}
-    lines = ["mode      Hz  " + "  ".join(f"{name:>15}" for name in found)]
+    chosen = kinds(modes.frequencies[0], modes.frequencies[NAMED - 1])
+    by_kind = {name: dj.modal_damping(system(kind), modes).ratios for name, kind in chosen.items()}
+    lines = ["mode      Hz  " + "  ".join(f"{name:>15}" for name in by_kind)]
     for i, frequency in enumerate(modes.frequencies):
-        ratios = "  ".join(f"{100.0 * each[i]:15.2f}" for each in found.values())
+        ratios = "  ".join(f"{100.0 * kind[i]:15.2f}" for kind in by_kind.values())
         lines.append(f"{i + 1:4d}  {frequency:6.2f}  {ratios}")
     return "\n".join(lines)
 

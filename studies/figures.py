@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The figures of the 1992 paper, 3 to 19, from the results of a run without and one with joints."""
+"""Figures 3 to 19 of the 1992 paper, from the results of runs without and with joints."""
 
 from __future__ import annotations
 
@@ -17,35 +17,35 @@ from studies.tables import POINT
 
 
 def largest_time(results: Results) -> float:
-    """Time at which the mid-crest is farthest from its place in the static state [s]."""
+    """Return the time of the largest mid-crest displacement from the static state [s]."""
     u = np.stack([measures.displacement_history(results, POINT, c)[1] for c in measures.COMPONENTS])
     return float(results.time("histories")[np.argmax(np.linalg.norm(u, axis=0))])
 
 
 def mixed_time(results: Results, joint: str) -> float:
-    """Time [s] at which open, sliding and sticking points of a joint are most evenly mixed.
+    """Return the time [s] at which open, sliding and sticking points are most evenly mixed.
 
     It is the recorded time with the largest entropy of the three shares. As in maps of tractions,
-    a point is open if it has no traction. It slides if its ratio of shear to pressure is that of
-    sliding, the largest of the run, to 1 %.
+    a point without traction is open. A point slides if its ratio of shear to pressure is within 1 %
+    of the largest ratio of the run.
     """
     traction = results.series("states", f"joints/{joint}/traction")
     pressure, shear = -traction[..., 0], np.linalg.norm(traction[..., 1:], axis=-1)
     is_open = pressure == 0.0
     ratio = np.divide(shear, pressure, out=np.zeros_like(shear), where=~is_open)
     sliding = ratio > 0.99 * ratio.max()
-    shares = [each.mean(axis=1) for each in (is_open, sliding, ~is_open & ~sliding)]
+    shares = [flags.mean(axis=1) for flags in (is_open, sliding, ~is_open & ~sliding)]
     return float(results.time("states")[np.argmax(entr(shares).sum(axis=0))])
 
 
 def shown_joint(results: Results) -> str:
-    """The joint nearest to the middle of the dam."""
+    """Return the joint closest to the middle of the dam."""
     across = {j: abs(results.static(f"joints/{j}/points")[:, 1].mean()) for j in results.joints}
     return min(across, key=lambda name: across[name])
 
 
 def body_figures(joints: Results, out: Path) -> list[Path]:
-    """Figure 3, the mesh with its joints, and 4, its shape when the mid-crest is farthest out."""
+    """Draw figure 3, the mesh with its joints, and 4, the shape at the largest displacement."""
     from dolfinx_joints.postprocessing import views
 
     return [
@@ -55,9 +55,9 @@ def body_figures(joints: Results, out: Path) -> list[Path]:
 
 
 def joint_figures(joints: Results, out: Path) -> list[Path]:
-    """Figures 5 to 7: tractions on the middle joint at the time of figure 4, and their ratio.
+    """Draw figures 5 to 7: tractions on the middle joint at the time of figure 4, and their ratio.
 
-    The paper's figure 5 shows normal and tangential traction side by side; here they are two files.
+    Figure 5 is two files: normal and tangential traction.
     """
     moment, name = largest_time(joints), shown_joint(joints)
     maps = (("normal", "05_normal"), ("tangential", "05_tangential"))
@@ -72,9 +72,9 @@ def joint_figures(joints: Results, out: Path) -> list[Path]:
 
 
 def response_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
-    """Figures 8 to 13, histories, and 14 to 19, Fourier amplitudes: x, y, z, each linear first.
+    """Draw figures 8 to 13, histories, and 14 to 19, Fourier amplitudes: x, y, z, linear first.
 
-    The two figures of a component have the same axes, so that they can be compared.
+    The two figures of a component have the same axes for comparison.
     """
     written, names = [], ("linear", "with joints")
     for start, draw in ((8, plots.history), (14, plots.fourier)):
@@ -93,7 +93,7 @@ def response_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
 
 
 def paper_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
-    """All of them, ``figure_03.png`` to ``figure_19.png``."""
+    """Draw all figures, ``figure_03.png`` to ``figure_19.png``."""
     out.mkdir(parents=True, exist_ok=True)
     return [
         *body_figures(joints, out),
@@ -103,7 +103,7 @@ def paper_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
 
 
 def moment_figures(joints: Results, out: Path) -> list[Path]:
-    """The dam when its mid-crest is farthest out; joints when the middle one is most mixed."""
+    """Draw the dam at its largest displacement, and joints at the middle joint's `mixed_time`."""
     from dolfinx_joints.postprocessing import views
 
     name = shown_joint(joints)
@@ -123,7 +123,7 @@ def moment_figures(joints: Results, out: Path) -> list[Path]:
 
 
 def comparison_figures(linear: Results, joints: Results, out: Path) -> list[Path]:
-    """The response with both runs in one picture, energies, and states of the joints."""
+    """Draw responses with both runs in one picture, energies, and states of the joints."""
     written = []
     for component in measures.COMPONENTS:
         ax = plots.history(joints, POINT, component, reference=linear)

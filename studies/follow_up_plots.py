@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Plots of the table of `follow_ups`: what each parameter does to response and joints."""
+"""Plots of the table of `follow_ups`: influence of each parameter on response and joints."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dolfinx_joints.study import Table
 
 Rows = NDArray[np.int64]
 
-# Label of the axis, factor to its unit, whether it is logarithmic.
+# Axis label, factor from SI to its unit, whether the axis is logarithmic.
 SWEPT = {
     "active_height": ("height up to which the joints are active / H [-]", 1.0, False),
     "gap": ("initial gap [mm]", 1e3, False),
@@ -32,13 +32,13 @@ BLACK, RED = "black", "#b2182b"
 
 
 def row_of(table: Table, name: str) -> int | None:
-    """Number of a complete case, None where there is none."""
-    found = np.flatnonzero((table["case"] == name) & (table["status"] == "complete"))
-    return int(found[0]) if len(found) else None
+    """Return the row number of a complete case, None if the case is not in the table."""
+    matches = np.flatnonzero((table["case"] == name) & (table["status"] == "complete"))
+    return int(matches[0]) if len(matches) else None
 
 
 def sweep(table: Table, name: str, prefix: str = "") -> Rows:
-    """Rows of one parameter's cases and of the one they differ from, in rising order."""
+    """Return the rows of a parameter's cases and of their base case, in ascending order."""
     start = f"{prefix}{name}="
     bases = {prefix.rstrip("_") or "paper"}
     if name == "active_height":
@@ -52,7 +52,7 @@ def sweep(table: Table, name: str, prefix: str = "") -> Rows:
 
 
 def ratios(table: Table, rows: Rows, column: str) -> NDArray[np.float64]:
-    """A column over that of the linear run of the same motion and body; NaN where there is none."""
+    """Return a column divided by the linear run's of the same motion and body, NaN without it."""
     return np.array([_ratio(table, int(row), column) for row in rows])
 
 
@@ -71,14 +71,13 @@ def _ratio(table: Table, row: int, column: str) -> float:
 
 
 def draw_sweep(table: Table, name: str, path: Path) -> Path:
-    """Peaks at the mid-crest over the linear ones, and the joints, against one parameter.
+    """Plot peaks at the mid-crest over the linear ones, and joint extremes, by one parameter.
 
-    Full lines: joints below the crest arch, as in the paper. Broken: joints up to the crest.
-    Dotted: joints closed after self weight.
-    An opening holds the initial gap.
+    Solid lines: joints below the crest arch, as in the paper. Dashed: joints up to the crest.
+    Dotted: joints closed after self weight. Openings include the initial gap.
     """
     figure = Figure(figsize=(7.4, 3.6), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    peak_axes, joint_axes = figure.subplots(1, 2)
     label, factor, logarithmic = SWEPT[name]
     for prefix, line, note in (
         ("", "-", ""),
@@ -91,20 +90,20 @@ def draw_sweep(table: Table, name: str, path: Path) -> Path:
         x = factor * table[name][rows]
         for component, colour in COLOURS.items():
             y = ratios(table, rows, PEAK.format(component))
-            left.plot(x, y, line, marker="o", ms=4, color=colour, label=f"{component}{note}")
-        for column, colour, what in (
+            peak_axes.plot(x, y, line, marker="o", ms=4, color=colour, label=f"{component}{note}")
+        for column, colour, measure in (
             ("joints/opening_max", BLACK, "opening"),
             ("joints/slip_max", RED, "slip"),
         ):
             y = 1e3 * table[column][rows]
-            right.plot(x, y, line, marker="o", ms=4, color=colour, label=f"{what}{note}")
-    left.axhline(1.0, color="#8c8c8c", linewidth=0.8)
-    left.set_ylabel("peak at the mid-crest / linear [-]")
-    right.set_ylabel("largest of all joints [mm]")
-    left.set_yscale("log")
-    left.yaxis.set_major_formatter("{x:g}")
-    right.set_ylim(bottom=0.0)
-    for ax in (left, right):
+            joint_axes.plot(x, y, line, marker="o", ms=4, color=colour, label=f"{measure}{note}")
+    peak_axes.axhline(1.0, color="#8c8c8c", linewidth=0.8)
+    peak_axes.set_ylabel("peak at the mid-crest / linear [-]")
+    joint_axes.set_ylabel("largest of all joints [mm]")
+    peak_axes.set_yscale("log")
+    peak_axes.yaxis.set_major_formatter("{x:g}")
+    joint_axes.set_ylim(bottom=0.0)
+    for ax in (peak_axes, joint_axes):
         if logarithmic:
             ax.set_xscale("log")
         ax.set_xlabel(label)
@@ -114,34 +113,34 @@ def draw_sweep(table: Table, name: str, path: Path) -> Path:
 
 
 def draw_cases(table: Table, names: dict[str, str], path: Path) -> Path:
-    """The same as bars, one group for each case.
+    """Draw the quantities of `draw_sweep` as bars, one group per case.
 
     Args:
         table: The table.
-        names: Name of each case in the picture.
-        path: The file.
+        names: Label of each case in the picture.
+        path: The picture file.
     """
-    known = [name for name in names if row_of(table, name) is not None]
-    rows = np.array([row_of(table, name) for name in known], dtype=np.int64)
-    figure = Figure(figsize=(7.4, 0.9 + 0.55 * len(known)), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
-    places = np.arange(len(known), dtype=float)
+    complete = [name for name in names if row_of(table, name) is not None]
+    rows = np.array([row_of(table, name) for name in complete], dtype=np.int64)
+    figure = Figure(figsize=(7.4, 0.9 + 0.55 * len(complete)), layout="constrained")
+    peak_axes, joint_axes = figure.subplots(1, 2, sharey=True)
+    places = np.arange(len(complete), dtype=float)
     for k, (component, colour) in enumerate(COLOURS.items()):
         values = ratios(table, rows, PEAK.format(component))
-        left.barh(places + 0.26 * (k - 1), values, height=0.24, color=colour, label=component)
-    left.axvline(1.0, color="#8c8c8c", linewidth=0.8)
-    left.set_xlabel("peak at the mid-crest / linear [-]")
-    left.set_xscale("log")
-    left.xaxis.set_major_formatter("{x:g}")
-    for k, (column, colour, what) in enumerate(
+        peak_axes.barh(places + 0.26 * (k - 1), values, height=0.24, color=colour, label=component)
+    peak_axes.axvline(1.0, color="#8c8c8c", linewidth=0.8)
+    peak_axes.set_xlabel("peak at the mid-crest / linear [-]")
+    peak_axes.set_xscale("log")
+    peak_axes.xaxis.set_major_formatter("{x:g}")
+    for k, (column, colour, measure) in enumerate(
         (("joints/opening_max", BLACK, "opening"), ("joints/slip_max", RED, "slip"))
     ):
         values = 1e3 * table[column][rows]
-        right.barh(places + 0.36 * (k - 0.5), values, height=0.34, color=colour, label=what)
-    right.set_xlabel("largest of all joints [mm]")
-    left.set_yticks(places, [names[name] for name in known])
-    left.invert_yaxis()
-    for ax in (left, right):
+        joint_axes.barh(places + 0.36 * (k - 0.5), values, height=0.34, color=colour, label=measure)
+    joint_axes.set_xlabel("largest of all joints [mm]")
+    peak_axes.set_yticks(places, [names[name] for name in complete])
+    peak_axes.invert_yaxis()
+    for ax in (peak_axes, joint_axes):
         _finish_bars(ax)
     return plots.save(figure, path)
 
@@ -153,7 +152,7 @@ def _finish_bars(ax: Axes) -> None:
 
 
 def question_names() -> dict[str, str]:
-    """The paper's questions, and what to call the cases that answer them."""
+    """Return the labels of the cases that answer the paper's questions."""
     return {
         "paper": "paper: joints to 0.75 H",
         "grouted": "closed after self weight",
@@ -166,17 +165,17 @@ def question_names() -> dict[str, str]:
 
 
 def record_cases(table: Table) -> dict[str, str]:
-    """Cases of all motions, and what to call them."""
-    found = {"paper": "paper", "crest_joints": "paper, to the crest"}
+    """Return the labels of the cases of all motions."""
+    labels = {"paper": "paper", "crest_joints": "paper, to the crest"}
     for name in table["case"]:
         if "record=" in name and not name.endswith("_linear"):
             place = ", to the crest" if name.startswith("crest_joints") else ""
-            found[name] = name.split("record=")[1].replace("_", " ") + place
-    return found
+            labels[name] = name.split("record=")[1].replace("_", " ") + place
+    return labels
 
 
 def draw_all(table: Table, out: Path) -> list[Path]:
-    """Every plot that the table has at least two cases for."""
+    """Draw every plot for which the table has at least two cases."""
     written = [
         draw_sweep(table, name, out / f"sweep_{name}.png")
         for name in SWEPT

@@ -1,24 +1,25 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Open questions of the 1992 paper, as a grid of cases that differ from its own in one thing each.
+"""Open questions of the 1992 paper: cases that differ from the paper's in one parameter each.
 
     ./with-dolfinx python3 -m studies.follow_ups --records DIRECTORY --workers 2
     ./with-dolfinx python3 -m studies.follow_ups --list
     ./with-dolfinx python3 -m studies.follow_ups --only gap friction
 
 The paper asks three questions. *Joints up to the crest*: all joints are cut through the full
-height. *No crest arch*: the uncut band above the joints is taken away, so that the body ends at
-0.75 of the height and its joints reach its top; response is compared with that of the linear body
-of the same shape, and at the crown at 0.75 of the height with the full dam. *Initial gaps*: every
-joint is open by so much before self weight acts; openings in the table hold that gap. Then come
-what the paper leaves out: up to which height its joints were active, and whether self weight had
-been carried before they were closed (*grouted*) or opens and closes them; and friction, stiffness
-and number of the joints, the size of the motion, and other records.
+height. *No crest arch*: the uncut band above the joints is removed, so that the body ends at 0.75
+of the height, at the top of its joints. Its response is compared with the linear body of the same
+shape, and at the crown at 0.75 of the height also with the full dam. *Initial gaps*: every joint
+has a gap before self weight acts; openings in the table include this gap.
 
-Of the records in the folder and its subfolders the paper's, if there (its name holds TMZ), is the
-one that all other sweeps use. Each other is turned so that its largest horizontal peak lies on the
-stream axis, lasts until 95 % of its Arias intensity has arrived, and is run as recorded and scaled
-to the largest horizontal peak of the paper's.
+Other cases vary what the paper leaves open: the active height of the joints, and whether the blocks
+carried self weight before the joints were closed (*grouted*) or with active joints. Further cases
+vary friction, stiffness and number of the joints, the amplitude of the motion, and the record.
+
+All sweeps use the paper's record if it is in the folder or its subfolders (its name contains TMZ).
+Each other record is rotated so that its largest horizontal peak is on the stream axis, and is cut
+at 95 % of its Arias intensity. It is run as recorded, and scaled to the largest horizontal peak of
+the paper's record.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from studies.follow_up_plots import draw_all
 PAPER_RECORD = "TMZ"
 CREST = {"active_height": 1.0}
 
-# Values of one parameter each; the paper's own value is the case "paper".
+# Values of one parameter each; the paper's value is the case "paper".
 SWEEPS: dict[str, tuple[float, ...]] = {
     "active_height": (0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.9),
     "gap": (0.0005, 0.001, 0.002, 0.003, 0.004, 0.005),
@@ -53,20 +54,20 @@ SWEEPS: dict[str, tuple[float, ...]] = {
     "joints": (3, 5, 7, 9, 15, 21),
     "scale": (0.25, 0.5, 0.75, 1.25, 1.5, 2.0),
 }
-# The same with joints up to the crest.
+# Sweeps with joints up to the crest.
 CREST_SWEEPS: dict[str, tuple[float, ...]] = {"gap": (0.001, 0.002, 0.005), "scale": (0.5, 2.0)}
-# The same with joints grouted after self weight.
+# Sweeps with joints grouted after self weight.
 GROUTED_SWEEPS: dict[str, tuple[float, ...]] = {"active_height": (0.4, 0.5, 0.6)}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """A case of the grid.
+    """Case of the grid.
 
     Attributes:
         case: The case.
         run_as: ``linear`` or ``joints``.
-        keep: Whether its results file stays.
+        keep: Whether to keep the results file.
     """
 
     case: Case
@@ -75,20 +76,20 @@ class Entry:
 
 
 def records_below(folder: str | Path) -> dict[str, Path]:
-    """Records in a folder and its subfolders by name, and where they are.
+    """Return the folders of all records in a folder and its subfolders, by record name.
 
     Raises:
-        RecordError: There is none.
+        RecordError: There is no record.
     """
     folders = [Path(folder), *sorted(p for p in Path(folder).rglob("*") if p.is_dir())]
-    found = {name: place for place in folders for name in record_names(place)}
-    if not found:
+    places = {name: place for place in folders for name in record_names(place)}
+    if not places:
         raise RecordError(f"There are no records, three AT2 files each, in {folder}.")
-    return found
+    return places
 
 
 def strongest_direction(motion: Motion) -> float:
-    """Turn of the axes, 0 to 179 degrees, that puts the largest horizontal peak on x [degrees]."""
+    """Return the rotation, 0 to 179 degrees, that turns the largest horizontal peak to x."""
     angles = np.deg2rad(np.arange(180.0))
     x, y, _ = motion.acceleration.T
     peaks = [np.abs(np.cos(a) * x + np.sin(a) * y).max() for a in angles]
@@ -96,16 +97,16 @@ def strongest_direction(motion: Motion) -> float:
 
 
 def grid(base: Case, others: dict[str, Path] | None = None) -> dict[str, Entry]:
-    """Every case by name.
+    """Return all cases by name.
 
     Args:
         base: The paper's case.
-        others: Further records by name, and where they are.
+        others: Folders of further records by name.
     """
     cut = replace(base, crest_arch=False)
     crest = replace(base, **CREST)
     grouted = replace(base, self_weight="grouted")
-    found = {
+    entries = {
         "paper_linear": Entry(case=base, run_as="linear", keep=True),
         "paper": Entry(case=base, keep=True),
         "crest_joints": Entry(case=crest, keep=True),
@@ -123,20 +124,20 @@ def grid(base: Case, others: dict[str, Path] | None = None) -> dict[str, Entry]:
     for prefix, start, sweeps in swept:
         for name, values in sweeps.items():
             for value in values:
-                found[f"{prefix}{name}={value:g}"] = Entry(case=replace(start, **{name: value}))
+                entries[f"{prefix}{name}={value:g}"] = Entry(case=replace(start, **{name: value}))
     synthetic = replace(base, record_folder=None, record_name=None, rotate=None)
     motions = {"synthetic": synthetic} if base.record_folder is not None else {}
     for name, folder in (others or {}).items():
         motions |= dict(_of_record(base, name, folder))
     for name, case in motions.items():
-        found[f"record={name}_linear"] = Entry(case=case, run_as="linear")
-        found[f"record={name}"] = Entry(case=case)
-        found[f"crest_joints_record={name}"] = Entry(case=replace(case, **CREST))
-    return found
+        entries[f"record={name}_linear"] = Entry(case=case, run_as="linear")
+        entries[f"record={name}"] = Entry(case=case)
+        entries[f"crest_joints_record={name}"] = Entry(case=replace(case, **CREST))
+    return entries
 
 
 def _of_record(base: Case, name: str, folder: Path) -> Iterator[tuple[str, Case]]:
-    """A record as recorded, and scaled to the largest horizontal peak of the base's motion."""
+    """Yield a record unscaled, and scaled to the largest horizontal peak of the base's motion."""
     case = replace(
         base, record_folder=str(folder), record_name=name, rotate=0.0, scale=1.0, steps=1
     )
@@ -152,7 +153,7 @@ def _of_record(base: Case, name: str, folder: Path) -> Iterator[tuple[str, Case]
 
 
 def make_study(entries: dict[str, Entry], out: Path) -> Study:
-    """The grid as a study in a folder."""
+    """Return the grid as a study in a folder."""
     cases: dict[str, dict[str, Any]] = {
         name: parameters(e.case, e.run_as, keep=e.keep, envelopes=True)
         for name, e in entries.items()
@@ -161,7 +162,7 @@ def make_study(entries: dict[str, Entry], out: Path) -> Study:
 
 
 def base_case(records: str | None, **numbers: Any) -> tuple[Case, dict[str, Path]]:
-    """The paper's case with the paper's record where there is one, and the other records."""
+    """Return the paper's case, with the paper's record if it exists, and the other records."""
     if records is None:
         return Case(**numbers), {}
     others = records_below(records)
@@ -173,25 +174,23 @@ def base_case(records: str | None, **numbers: Any) -> tuple[Case, dict[str, Path
 
 
 def differences(entry: Entry, base: Case) -> str:
-    """In which numbers a case differs from the paper's."""
+    """Return the parameters in which a case differs from the paper's, as text."""
     own, paper = asdict(entry.case), asdict(base)
     parts = [f"{name} {value}" for name, value in own.items() if value != paper[name]]
     return ", ".join([entry.run_as, *parts])
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """List, run, draw."""
+    """List or run the cases, and draw the plots."""
     parser = Parser(description="Open questions of the 1992 paper.")
     parser.add_argument("--records", help="folder with AT2 files, searched with its subfolders")
-    parser.add_argument(
-        "--out", type=Path, default=Path("output/follow_ups"), help="where to write"
-    )
-    parser.add_argument("--workers", type=at_least(1), default=2, help="cases at once (default 2)")
-    parser.add_argument("--list", action="store_true", help="name the cases and run nothing")
+    parser.add_argument("--out", type=Path, default=Path("output/follow_ups"), help="output folder")
+    parser.add_argument("--workers", type=at_least(1), default=2, help="parallel cases (default 2)")
+    parser.add_argument("--list", action="store_true", help="list the cases without running them")
     parser.add_argument("--only", nargs="+", help="cases whose names start with one of these")
     parser.add_argument("--retry-failed", action="store_true", help="run failed cases again")
     parser.add_argument(
-        "--again", action="store_true", help="run again what was run with other numbers"
+        "--again", action="store_true", help="repeat cases whose parameters have changed"
     )
     parser.add_argument(
         "--steps", type=at_least(1), default=Case().steps, help="time steps of 0.00488 s"
@@ -203,7 +202,7 @@ def main(arguments: list[str] | None = None) -> None:
     starts = tuple(options.only or ("",))
     chosen = [name for name in entries if name.startswith(starts)]
     if not chosen:
-        raise ValueError(f"No case starts with {' or '.join(starts)}; --list names all of them.")
+        raise ValueError(f"No case starts with {' or '.join(starts)}; --list prints all names.")
     if options.list:
         for name in chosen:
             print(f"{name:<34} {differences(entries[name], base)}")

@@ -1,13 +1,13 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""How probable it is that a joint of the 1992 paper's dam opens by more than 5 mm.
+"""Probability that a joint of the 1992 paper's dam opens by more than 5 mm.
 
     ./with-dolfinx python3 -m studies.fragility                  # 12 short motions, a minute
     ./with-dolfinx python3 -m studies.fragility --seeds 20 --scales 0.5 1 1.5 2 3 --steps 2288
 
-One model under synthetic motions of several seeds, each at several scales, from one static state.
-Fragility curves over three intensities of the motion; the figure shows that over the spectral
-acceleration. Killed and started again, it goes on where it was.
+One model is run under synthetic motions of several seeds and scales, from one static state. The
+results are fragility curves for three intensity measures; the figure shows the curve for the
+spectral acceleration. An interrupted study continues when it is started again.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from dolfinx_joints.study.table import Table
 from studies.ambiesta import ALL_STEPS, LOAD_STEPS, TIME_STEP, Case, build, make_mesh
 
 LIMIT = 5e-3  # m
-PERIOD = 0.2  # s, of the dam as a monolith
+PERIOD = 0.2  # s, period of the monolithic dam
 INTENSITIES = {"Sa(0.2 s)": "sa [m/s^2]", "PGA": "pga [m/s^2]", "Arias": "arias [m/s]"}
 SHORTEST = 410  # steps: the synthetic motion has waves of 2 s
 CREST = "mid-crest"
 
 
 def motions(seeds: int, scales: list[float], steps: int) -> dict[str, dj.Motion]:
-    """Synthetic motions of seeds 1, 2, ... at scales; seed 1 of all steps is that of demo 03."""
+    """Return motions of seeds 1, 2, ... and scales; seed 1 with all steps is that of demo 03."""
     duration = round(steps * TIME_STEP, 3)
     of_seeds = {
         seed: dj.synthetic_motion(seed=seed, duration=duration).resampled(TIME_STEP)
@@ -49,7 +49,7 @@ def motions(seeds: int, scales: list[float], steps: int) -> dict[str, dj.Motion]
 
 
 def suite_of(case: Case, chosen: dict[str, dj.Motion], folder: Path) -> MotionSuite:
-    """The dam under its own weight, and its motions (collective)."""
+    """Return the suite of motions on the dam under self weight (collective)."""
     model = build(case, "joints", make_mesh(case, folder))
     simulation = dj.Simulation(model)
     simulation.statics(steps=LOAD_STEPS)
@@ -57,7 +57,7 @@ def suite_of(case: Case, chosen: dict[str, dj.Motion], folder: Path) -> MotionSu
 
 
 def show(table: Table, folder: Path, limit: float) -> None:
-    """Medians and dispersions, the table as CSV and the figure."""
+    """Print medians and dispersions, write the table as CSV and the figure."""
     write_csv(table, folder / "fragility.csv")
     opening = table["opening [m]"]
     exceeded = opening > limit
@@ -71,7 +71,7 @@ def show(table: Table, folder: Path, limit: float) -> None:
         try:
             curve = fragility(table[column], exceeded)
         except ValueError as error:
-            print(f"{name:<12} none: {error}")
+            print(f"{name:<12} no curve: {error}")
             continue
         print(f"{name:<12} {curve.median:8.3f} {unit:<6} {curve.dispersion:10.3f}")
         if column == "sa [m/s^2]":
@@ -81,27 +81,27 @@ def show(table: Table, folder: Path, limit: float) -> None:
 
 
 def main(arguments: list[str] | None = None) -> Tally:
-    """Run the suite, print, draw (collective)."""
-    parser = Parser(description="Fragility of a dam: how probable an opening is.")
+    """Run the suite, print and draw the results (collective)."""
+    parser = Parser(description="Fragility of a dam: probability of a joint opening.")
     parser.add_argument("--seeds", type=at_least(1), default=4, help="number of motions")
     parser.add_argument("--scales", type=float, nargs="+", default=[1.0, 1.5, 2.0])
     parser.add_argument(
         "--steps",
         type=at_least(SHORTEST),
         default=820,
-        help=f"time steps of {TIME_STEP} s that motions last; {ALL_STEPS} in demo 03",
+        help=f"duration in time steps of {TIME_STEP} s; {ALL_STEPS} in demo 03",
     )
-    parser.add_argument("--limit", type=float, default=LIMIT, help="of the opening [m]")
+    parser.add_argument("--limit", type=float, default=LIMIT, help="limit of the opening [m]")
     parser.add_argument("--size", type=float, default=5.5, help="cell size [m]")
     parser.add_argument("--order", type=int, default=2, choices=(1, 2), help="element order")
-    parser.add_argument("--at-once", type=at_least(1), default=16, help="runs side by side")
+    parser.add_argument("--at-once", type=at_least(1), default=16, help="concurrent runs")
     parser.add_argument("--out", type=Path, default=Path("output/fragility"))
     options = parser.parse_args(arguments)
     check_number("limit", options.limit, lambda v: v > 0, "positive", unit="m")
     for scale in options.scales:
         check_number("scale", scale, lambda v: v > 0, "positive")
     case = Case(size=options.size, order=options.order)
-    # Complete runs are kept whatever became of the model, so that each mesh has its folder.
+    # A suite does not detect changes of the model in complete runs; use a folder per mesh.
     folder = options.out / f"cells_{case.size:g}m_order_{case.order}"
     chosen = motions(options.seeds, options.scales, options.steps)
     longest = max(motion.duration for motion in chosen.values())
@@ -113,7 +113,7 @@ def main(arguments: list[str] | None = None) -> Tally:
     def conclude() -> None:
         print(
             f"{len(chosen)} motions of {longest:.2f} s: {len(tally.done)} run in {wall:.1f} s "
-            f"({cpu:.1f} s of processor time), {len(tally.skipped)} were there, "
+            f"({cpu:.1f} s of processor time), {len(tally.skipped)} kept, "
             f"{len(tally.failed)} failed"
         )
         for name, reason in tally.failed.items():

@@ -1,12 +1,12 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Natural frequencies of the gravity dams Koyna and Pine Flat beside published ones.
+"""Natural frequencies of the gravity dams Koyna and Pine Flat, compared with published values.
 
     ./with-dolfinx python3 -m studies.gravity_dams
     ./with-dolfinx python3 -m studies.gravity_dams --quick
 
-One monolith each, on rigid ground, with an empty reservoir, with Westergaard's added mass or with
-that of an endless reservoir by finite elements.
+Each dam is one monolith on rigid ground. Its reservoir is empty or represented by Westergaard's
+added mass or by the added mass of an endless reservoir by finite elements.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from dolfinx_joints.geometry.gravity_dam import (
 from studies.convergence import extrapolated
 
 SOUND = 1440.0  # speed in water [m/s]
-REPEATS = 50  # of the frequency with compressible water
+REPEATS = 50  # iterations for the frequency with compressible water
 SIZES = (8.0, 4.0, 2.0)  # of cells [m]
 PSI = 6894.757293168  # [Pa]
 CLOSED = dj.FrictionNoTension(normal_stiffness=1e12, shear_stiffness=4e11, friction_angle_deg=45.0)
@@ -46,23 +46,23 @@ CLOSED = dj.FrictionNoTension(normal_stiffness=1e12, shear_stiffness=4e11, frict
 
 @dataclass(frozen=True, kw_only=True)
 class Dam:
-    """A monolith on rigid ground.
+    """Monolith on rigid ground.
 
     Attributes:
-        section: Its cross-section.
-        young: [Pa].
+        section: Cross-section.
+        young: Young's modulus [Pa].
         poisson: Poisson's ratio.
-        density: [kg/m^3].
+        density: Density [kg/m^3].
         plane: ``stress`` or ``strain``.
-        water: Level of the reservoir above the base [m]; empty unless given.
+        water: Level of the reservoir above the base [m]; empty by default.
         joints: Heights of closed lift joints by name [m].
-        width: Extent across the valley of a body in space [m]; in the plane unless given.
-        endless: Whether the water is a reservoir by finite elements, instead of Westergaard's mass.
-        vibration: Frequency of a vibration, to which compressible water resists in a reservoir by
-            finite elements [Hz]; zero for incompressible water.
-        length: Of such a reservoir, up to a rigid end at rest [m]; endless unless given.
-        constrained_sides: Its sides that cannot move across the valley: both for plane strain; one,
-            the plane of symmetry of half a monolith, leaves out its bending across the valley.
+        width: Width across the valley of a 3-D model [m]; 2-D by default.
+        endless: Use a reservoir by finite elements instead of Westergaard's mass.
+        vibration: Frequency at which the mass of compressible water in a reservoir by finite
+            elements is evaluated [Hz]; zero for incompressible water.
+        length: Length of such a reservoir up to a fixed rigid wall [m]; endless by default.
+        constrained_sides: Sides that cannot move across the valley. Both sides give plane strain.
+            One side is the plane of symmetry of half a monolith, without bending across the valley.
     """
 
     section: GravitySection
@@ -81,12 +81,12 @@ class Dam:
 
 @dataclass(frozen=True, kw_only=True)
 class Published:
-    """Frequencies of a dam as somebody else found them.
+    """Published frequencies of a dam.
 
     Attributes:
         dam: The dam.
-        frequencies: The lowest ones [Hz].
-        source: Who published it.
+        frequencies: The lowest frequencies [Hz].
+        source: Source of the values.
     """
 
     dam: Dam
@@ -163,10 +163,10 @@ INFLUENCES = {
     "Pine Flat, full": {"plane strain": replace(SAMII_PINE_FLAT, plane="strain")},
 }
 
-# Kinds of water: added masses by formula, and of an endless reservoir by finite elements.
+# Kinds of water: Westergaard's formula, and an endless reservoir by finite elements.
 WATERS = ("Westergaard", "incompressible", "compressible")
 
-# Dams that they are compared on, with published frequencies [Hz].
+# Dams on which the kinds of water are compared, with published frequencies [Hz].
 FULL = {
     "Koyna": (GORAI_KOYNA, 1 / 0.393),
     "Pine Flat": (SAMII_PINE_FLAT, 2.5267),
@@ -175,7 +175,7 @@ FULL = {
 
 
 def waves(reflection: float) -> dj.ReservoirWaves:
-    """Thirty depths of water before Koyna, the last 25 of them absorbing."""
+    """Return the reservoir of Koyna: 30 depths long, absorbing over the last 25."""
     return dj.ReservoirWaves(
         group="upstream",
         level=103.0,
@@ -186,7 +186,7 @@ def waves(reflection: float) -> dj.ReservoirWaves:
     )
 
 
-# What may stand behind the period published for Koyna with water, which says neither.
+# Possible assumptions behind the published period of Koyna with water; the source gives none.
 ASSUMED = {
     "plane strain, endless reservoir": GORAI_KOYNA,
     "plane stress": replace(GORAI_KOYNA, plane="stress"),
@@ -196,7 +196,7 @@ ASSUMED = {
     "modulus 9.6 % lower": replace(GORAI_KOYNA, young=0.904 * GORAI_KOYNA.young),
 }
 
-# Water with waves before Koyna: none, and over a bottom that reflects all, and three quarters.
+# Reservoirs of Koyna with waves: empty, and with a bottom that reflects all or three quarters.
 SHAKEN = {
     "empty": None,
     "full, bottom reflects all": waves(1.0),
@@ -211,17 +211,17 @@ MEASURED_PINE_FLAT = {94.0: 0.288, 105.0: 0.306}
 def frequencies(
     dam: Dam, *, size: float, order: int = 2, count: int = 1, comm: MPI.Comm = MPI.COMM_WORLD
 ) -> NDArray[np.float64]:
-    """The lowest natural frequencies [Hz], shape (count,) (collective).
+    """Return the lowest natural frequencies [Hz], shape (count,) (collective).
 
     Args:
         dam: The dam.
-        size: Of the cells [m].
-        order: Of the elements, 1 or 2.
+        size: Cell size [m].
+        order: Degree of the elements, 1 or 2.
         count: Number of frequencies.
         comm: Communicator of the mesh.
     """
-    found = dj.modes(build(dam, size=size, order=order, comm=comm).system(), count)
-    return found.frequencies
+    lowest = dj.modes(build(dam, size=size, order=order, comm=comm).system(), count)
+    return lowest.frequencies
 
 
 def build(
@@ -234,7 +234,7 @@ def build(
     reservoir: dj.ReservoirWaves | None = None,
     damping: dj.Rayleigh | dj.ModalRatios | None = None,
 ) -> dj.Model:
-    """The model of a dam with a clamped base (collective)."""
+    """Return the model of a dam with a fixed base (collective)."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "dam.msh"
         options: dict[str, Any] = {"joints": dam.joints, "width": dam.width}
@@ -264,33 +264,33 @@ def build(
 
 
 def crest_response(reservoir: dj.ReservoirWaves | None, size: float) -> NDArray[np.float64]:
-    """Acceleration of Koyna's crest over that of the ground, at `FREQUENCIES` (collective)."""
+    """Return the ratio of crest to ground acceleration of Koyna at `FREQUENCIES` (collective)."""
     model = build(replace(GORAI_KOYNA, water=None), size=size, reservoir=reservoir)
     crest = {"crest": (0.0, 103.0)}
-    found = dj.frequency_response(model, FREQUENCIES, points=crest, hysteretic_ratio=0.05)
-    return np.abs(found.acceleration("crest")[:, 0])
+    response = dj.frequency_response(model, FREQUENCIES, points=crest, hysteretic_ratio=0.05)
+    return np.abs(response.acceleration("crest")[:, 0])
 
 
 def convergence(dam: Dam, order: int, sizes: Sequence[float]) -> str:
-    """The first frequency on ever finer meshes, its limit and the order of its error."""
-    found = np.array([frequencies(dam, size=size, order=order)[0] for size in sizes])
-    estimate = extrapolated(found, sizes[0] / sizes[1])
-    values = "  ".join(f"{f:8.4f}" for f in found)
+    """Return the first frequency on finer and finer meshes, with limit and order, as text."""
+    first = np.array([frequencies(dam, size=size, order=order)[0] for size in sizes])
+    estimate = extrapolated(first, sizes[0] / sizes[1])
+    values = "  ".join(f"{f:8.4f}" for f in first)
     share = 100 * estimate.error[-1] / estimate.limit
     rate = f"order {estimate.order:.2f}" if np.isfinite(estimate.order) else "no steady order"
     return f"{values}   limit {estimate.limit:.4f}, {rate}, error of the finest {share:.1g} %"
 
 
-def deviation(found: float, reference: float) -> str:
-    """The difference in percent of the reference, with its sign."""
-    return f"{100 * (found / reference - 1):+6.2f} %"
+def deviation(value: float, reference: float) -> str:
+    """Return the signed difference in percent of the reference, as text."""
+    return f"{100 * (value / reference - 1):+6.2f} %"
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Compute and print everything."""
+    """Compute and print all comparisons."""
     parser = Parser(description="Frequencies of Koyna and Pine Flat dams.")
     parser.add_argument("--quick", action="store_true", help="coarser meshes")
-    parser.add_argument("--figure", type=Path, help="picture of the crest's response to be written")
+    parser.add_argument("--figure", type=Path, help="file for a picture of the crest response")
     options = parser.parse_args(arguments)
     sizes = [size * (2.0 if options.quick else 1.0) for size in SIZES]
     abort_on_error(MPI.COMM_WORLD)
@@ -307,31 +307,31 @@ def main(arguments: list[str] | None = None) -> None:
     show(f"\nagainst published values, order 2, {sizes[1]:g} m")
     for name, published in PUBLISHED.items():
         count = len(published.frequencies)
-        found = frequencies(published.dam, count=count, **cells)
+        computed = frequencies(published.dam, count=count, **cells)
         show(f"  {name} ({published.source})")
-        for mode, (ours, theirs) in enumerate(zip(found, published.frequencies, strict=True), 1):
+        for mode, (ours, theirs) in enumerate(zip(computed, published.frequencies, strict=True), 1):
             against = f"published {theirs:8.4f}, {deviation(ours, theirs)}"
             show(f"    mode {mode}  {ours:8.4f} Hz, {1 / ours:.3f} s, {against}")
-    show("\nwhat moves the first frequency")
+    show("\ninfluences on the first frequency")
     for name, others in INFLUENCES.items():
         reference = frequencies(PUBLISHED[name].dam, **cells)[0]
         show(f"  {name}: {reference:.4f} Hz")
-        for what, dam in others.items():
-            found = frequencies(dam, **cells)[0]
-            show(f"    {what:<42} {found:8.4f} Hz, {deviation(found, reference)}")
+        for label, dam in others.items():
+            computed = frequencies(dam, **cells)[0]
+            show(f"    {label:<42} {computed:8.4f} Hz, {deviation(computed, reference)}")
     show("\nwater: Westergaard's mass, and an endless reservoir by finite elements")
     for name, (dam, published) in FULL.items():
         show(f"  {name}, at {dam.water:g} m: {waters(dam, cells, published)}")
-    show("\nKoyna with compressible water: what may stand behind the published 2.5445 Hz")
-    for what, dam in ASSUMED.items():
-        found = with_water(dam, "compressible", cells)
-        show(f"  {what:<34} {found:8.4f} Hz, {deviation(found, 1 / 0.393)}")
+    show("\nKoyna with compressible water: possible assumptions behind the published 2.5445 Hz")
+    for label, dam in ASSUMED.items():
+        computed = with_water(dam, "compressible", cells)
+        show(f"  {label:<34} {computed:8.4f} Hz, {deviation(computed, 1 / 0.393)}")
     show("\nKoyna shaken along the stream, 5 % hysteretic: peaks of the crest's acceleration")
-    shaken = {what: crest_response(water, sizes[0]) for what, water in SHAKEN.items()}
-    for what, ratios in shaken.items():
-        tops, _ = find_peaks(ratios, prominence=0.5)  # ripples of the absorbing length have less
+    shaken = {label: crest_response(water, sizes[0]) for label, water in SHAKEN.items()}
+    for label, ratios in shaken.items():
+        tops, _ = find_peaks(ratios, prominence=0.5)  # the absorbing length causes smaller ripples
         peaks = (f"{ratios[i]:.1f} at {FREQUENCIES[i]:.2f} Hz" for i in tops)
-        show(f"  {what:<34} {', '.join(peaks)}")
+        show(f"  {label:<34} {', '.join(peaks)}")
     if options.figure and MPI.COMM_WORLD.rank == 0:
         first = FREQUENCIES[np.argmax(shaken["empty"])]
         ax = dj.motion_plots.frequency_response(FREQUENCIES, shaken, first=first)
@@ -341,25 +341,25 @@ def main(arguments: list[str] | None = None) -> None:
     show("\nPine Flat with water, measured on the whole dam")
     for kind in WATERS:
         show(f"  {kind}")
-        found = [
+        computed = [
             with_water(replace(CHOPRA_PINE_FLAT, water=level), kind, cells)
             for level in MEASURED_PINE_FLAT
         ]
         measured = [1 / period for period in MEASURED_PINE_FLAT.values()]
-        for level, ours, theirs in zip(MEASURED_PINE_FLAT, found, measured, strict=True):
+        for level, ours, theirs in zip(MEASURED_PINE_FLAT, computed, measured, strict=True):
             young = CHOPRA_PINE_FLAT.young / 1e9 * (theirs / ours) ** 2
             show(
                 f"    level {level:g} m: {ours:.4f} Hz, measured {theirs:.4f} Hz, "
                 f"the same with {young:.1f} GPa"
             )
         show(
-            f"    the second over the first: {found[1] / found[0]:.4f}, measured "
+            f"    ratio of the second to the first: {computed[1] / computed[0]:.4f}, measured "
             f"{measured[1] / measured[0]:.4f}"
         )
 
 
 def waters(dam: Dam, cells: Mapping[str, Any], published: float) -> str:
-    """The first frequency of a dam without water and with water of each kind."""
+    """Return the first frequency of a dam without water and with each kind of water, as text."""
     empty = frequencies(replace(dam, water=None), **cells)[0]
     own = SOUND / (4 * (dam.water or np.inf))
     lines = [
@@ -377,20 +377,22 @@ def waters(dam: Dam, cells: Mapping[str, Any], published: float) -> str:
 
 
 def with_water(dam: Dam, kind: str, cells: Mapping[str, Any]) -> float:
-    """The first frequency of a dam with one of `WATERS` [Hz] (collective).
+    """Return the first frequency of a dam with one of `WATERS` [Hz] (collective).
 
-    That of compressible water is the frequency at which its mass gives this same frequency.
+    The mass of compressible water depends on the frequency, so the frequency is found by iteration.
     """
     dam = replace(dam, endless=kind != "Westergaard", vibration=0.0)
-    found = float(frequencies(dam, **cells)[0])
+    frequency = float(frequencies(dam, **cells)[0])
     if kind != "compressible":
-        return found
+        return frequency
     for _ in range(REPEATS):
-        last = found
-        found = float(frequencies(replace(dam, vibration=last), **cells)[0])
-        if abs(found - last) < 1e-5 * found:
-            return found
-    raise RuntimeError(f"{REPEATS} repetitions did not settle the frequency, at last {found} Hz.")
+        last = frequency
+        frequency = float(frequencies(replace(dam, vibration=last), **cells)[0])
+        if abs(frequency - last) < 1e-5 * frequency:
+            return frequency
+    raise RuntimeError(
+        f"The frequency did not converge in {REPEATS} iterations; the last value is {frequency} Hz."
+    )
 
 
 if __name__ == "__main__":

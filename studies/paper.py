@@ -1,13 +1,13 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The analysis of the 1992 paper in one command: runs, figures 3 to 19, report.
+"""Analysis of the 1992 paper in one command: runs, figures 3 to 19, report.
 
     ./with-dolfinx python3 -m studies.paper --record DIRECTORY   # three AT2 files of one record
     ./with-dolfinx python3 -m studies.paper --quick              # a coarse mesh, two seconds
 
-The linear and the jointed dam are run on the paper's step with the energy-consistent scheme and
-with Newmark's, the paper's kind; and again on a finer mesh and at half the step, which estimates
-the error. Runs that are in the folder already, with the same numbers, are kept.
+The linear and the jointed dam are run at the paper's step with the energy-consistent scheme and
+with Newmark's scheme, which is closer to the paper's. Runs on a finer mesh and at half the step
+give an error estimate. Existing runs with the same parameters are kept.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ QUICK = {"size": 8.0, "steps": 410}
 
 
 def grid(base: Case) -> dict[str, tuple[Case, Which]]:
-    """Cases by name: the paper's, in both schemes, on a finer mesh, at half the step."""
+    """Return the cases by name: the paper's, in both schemes, on a finer mesh, at half the step."""
     variants = {
         "paper": base,
         "newmark": replace(base, scheme="newmark"),
@@ -44,18 +44,18 @@ def grid(base: Case) -> dict[str, tuple[Case, Which]]:
 
 
 def make_study(base: Case, out: Path) -> Study:
-    """The runs as a study in a folder."""
+    """Return the runs as a study in a folder."""
     cases = {name: parameters(c, kind, envelopes=True) for name, (c, kind) in grid(base).items()}
     return Study(out / "runs", study_row, cases)
 
 
 def result(study: Study, name: str) -> Path:
-    """The results file of a case."""
+    """Return the results file of a case."""
     return study.folder(name) / f"{name.rsplit('_', 1)[1]}.h5"
 
 
 def print_costs(table: Table) -> None:
-    """Dofs, energy error, iterations, seconds and memory of each run."""
+    """Print dofs, energy error, iterations, seconds and memory of each run."""
     print("run                   dofs   energy error   iterations/step   run [s]   peak [MB]")
     for row in zip(
         *(table[n] for n in ("case", "dofs", "energy_error", "iterations", "steps")),
@@ -63,25 +63,25 @@ def print_costs(table: Table) -> None:
         strict=True,
     ):
         name, dofs, error, iterations, steps, seconds, peak = row
-        each = iterations / steps
-        print(f"{name:<18} {dofs:7.0f} {error:14.1e} {each:17.2f} {seconds:9.1f} {peak:11.0f}")
+        per_step = iterations / steps
+        print(f"{name:<18} {dofs:7.0f} {error:14.1e} {per_step:17.2f} {seconds:9.1f} {peak:11.0f}")
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run, draw, report."""
+    """Run the cases, draw the figures, write the report."""
     parser = Parser(description="The analysis of the 1992 paper.")
-    parser.add_argument("--record", help="folder with three AT2 files; a synthetic motion if none")
-    parser.add_argument("--out", type=Path, default=Path("output/paper"), help="where to write")
+    parser.add_argument("--record", help="folder with three AT2 files (default: synthetic motion)")
+    parser.add_argument("--out", type=Path, default=Path("output/paper"), help="output folder")
     parser.add_argument(
         "--active-height",
         type=float,
         default=Case().active_height,
-        help="share of the height up to which the joints are active (default %(default)s)",
+        help="relative height up to which the joints are active (default %(default)s)",
     )
     parser.add_argument("--quick", action="store_true", help="a coarse mesh and two seconds")
-    parser.add_argument("--workers", type=at_least(1), default=2, help="runs at once (default 2)")
+    parser.add_argument("--workers", type=at_least(1), default=2, help="parallel runs (default 2)")
     parser.add_argument(
-        "--again", action="store_true", help="run again what was run with other numbers"
+        "--again", action="store_true", help="repeat runs whose parameters have changed"
     )
     options = parser.parse_args(arguments)
     began = clock.perf_counter()
@@ -93,7 +93,7 @@ def main(arguments: list[str] | None = None) -> None:
     study = make_study(base, options.out)
     tally = study.run(workers=options.workers, retry_failed=True, rerun_changed=options.again)
     if tally.skipped:
-        print(f"in {study.path} already, not run again: {', '.join(tally.skipped)}")
+        print(f"kept from earlier runs in {study.path}: {', '.join(tally.skipped)}")
     if tally.failed:
         raise JointsError(f"Runs in {study.path} have failed: {tally}")
     print_costs(study.table())

@@ -3,8 +3,8 @@
 """Statements of the paper on the Ambiesta dam, and whether a pair of runs agrees.
 
 Bolognini, Masarati, Dusi and Galimberti (1992), sections 4 and 5. Each statement is a number of
-the runs that must lie within bounds; where the paper says "about", "a bit" or "almost", the
-bounds are ours and are printed beside the verdict.
+the runs that must be within bounds. If the paper says "about", "a bit" or "almost", the bounds are
+our choice and are printed next to the verdict.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from dolfinx_joints.report.runs import Addition, Run
 CASE = "ambiesta"
 POINT = "mid-crest"
 SHORTEST = 10.0  # of the paper's 11.165 s [s]
-BIN = 1.0 / (2288 * 0.00488)  # distance of two frequencies of the paper's spectra [Hz]
-BELOW = 5.0 - BIN  # "lower than 5.0 Hz", and not the peak there [Hz]
-CREST = 0.9  # share of the height above which a node belongs to the crest arch
+BIN = 1.0 / (2288 * 0.00488)  # frequency interval of the paper's spectra [Hz]
+BELOW = 5.0 - BIN  # "lower than 5.0 Hz", excluding the peak at 5.0 Hz [Hz]
+CREST = 0.9  # relative height above which a node belongs to the crest arch
 
-# Discretisation, not physics: runs that differ only in these estimate the error.
+# Parameters of the discretisation; runs that differ only in these give the error estimate.
 _DISCRETISATION = ("size", "order", "cell", "layers", "time_step", "scheme")
 # Facts of the machine and the files, and consequences of the discretisation.
 _NEITHER = {
@@ -36,7 +36,7 @@ _NEITHER = {
     *("solver", "out", "every", "workers", "envelopes", "manifest"),
 }
 
-# Of the metadata of a run: what makes another dam, other joints or another motion.
+# Metadata that must equal the paper's: dam, joints and motion.
 _PAPER = {
     "height": 57.0,
     "crest_length": 144.6,
@@ -51,18 +51,18 @@ Verdict = Literal["agrees", "does not agree", "not comparable"]
 
 @dataclass(frozen=True)
 class Pair:
-    """The same case without and with joints, on one mesh and in the same steps."""
+    """Runs of a case without and with joints, on the same mesh and with the same steps."""
 
     linear: Run
     joints: Run
 
     def __iter__(self) -> Iterator[Run]:
-        """First the linear run."""
+        """Yield the linear run, then the run with joints."""
         return iter((self.linear, self.joints))
 
     @property
     def discretisation(self) -> str:
-        """Text on mesh and step."""
+        """Text that describes mesh and step."""
         facts = self.joints.results.metadata
         words = [f"{key.replace('_', ' ')} {facts[key]}" for key in _DISCRETISATION if key in facts]
         return ", ".join(words)
@@ -70,16 +70,16 @@ class Pair:
 
 @dataclass(frozen=True)
 class Check:
-    """A number of a pair of runs, and where it must lie for the paper's statement to hold.
+    """Number of a pair of runs, with the bounds that correspond to the paper's statement.
 
     Attributes:
-        statement: the paper's.
-        quantity: what is measured, with its unit.
-        rule: text on the bounds.
-        low: lower bound.
-        high: upper bound.
-        measure: the number; NaN where the files do not hold what it takes.
-        response: whether it depends on model and motion, not on the program alone.
+        statement: The paper's statement.
+        quantity: Name of the number, with its unit.
+        rule: Text on the bounds.
+        low: Lower bound.
+        high: Upper bound.
+        measure: Function that returns the number, NaN if the files lack the data.
+        response: Whether the number depends on model and motion, and not only on the program.
     """
 
     statement: str
@@ -93,13 +93,13 @@ class Check:
 
 @dataclass(frozen=True)
 class Judgement:
-    """A check's number, and what follows.
+    """Result of a check.
 
     Attributes:
-        check: the check.
-        value: the number.
+        check: The check.
+        value: The number.
         verdict: ``agrees``, ``does not agree`` or ``not comparable``.
-        reason: why it cannot be compared, else empty.
+        reason: Reason why the number is not comparable, or empty.
     """
 
     check: Check
@@ -109,41 +109,41 @@ class Judgement:
 
 
 def add_statements(runs: Sequence[Run]) -> Addition:
-    """Sections of a report on the statements; further pairs of runs estimate the error."""
-    found = pairs(runs)
-    if not found:
+    """Return report sections on the statements; further pairs of runs estimate the error."""
+    run_pairs = pairs(runs)
+    if not run_pairs:
         return Addition()
-    judgements = [judged(pair) for pair in found]
+    judgements = [judged(pair) for pair in run_pairs]
     return Addition(
-        first=[section(found, judgements)],
+        first=[section(run_pairs, judgements)],
         last=[departures()],
         note=count(judgements[0]),
-        reference=found[0].linear,
-        main=found[0].joints,
+        reference=run_pairs[0].linear,
+        main=run_pairs[0].joints,
     )
 
 
 def pairs(runs: Sequence[Run]) -> list[Pair]:
-    """Pairs of a linear and a jointed run, those of the first pair's physics and duration.
+    """Return pairs of a linear and a jointed run with the first pair's physics and duration.
 
     Args:
-        runs: in the order given; the first linear and jointed runs that fit make the first pair.
+        runs: The runs; the first linear and jointed runs that match are the first pair.
     """
     chosen = [run for run in runs if run.results.metadata.get("case") == CASE]
     linear = [run for run in chosen if run.results.metadata.get("run") == "linear"]
     joints = [run for run in chosen if run.results.metadata.get("run") == "joints"]
-    found: list[Pair] = []
+    matched: list[Pair] = []
     for one in joints:
-        partner = next((other for other in linear if _alike(one, other, same_mesh=True)), None)
+        partner = next((other for other in linear if _comparable(one, other, same_mesh=True)), None)
         if partner is not None and all(
-            _alike(one, other.joints, same_mesh=False) for other in found[:1]
+            _comparable(one, other.joints, same_mesh=False) for other in matched[:1]
         ):
-            found.append(Pair(partner, one))
-    return found
+            matched.append(Pair(partner, one))
+    return matched
 
 
-def _alike(one: Run, other: Run, *, same_mesh: bool) -> bool:
-    """Whether two runs differ in nothing but joints, or mesh and step, and last equally long."""
+def _comparable(one: Run, other: Run, *, same_mesh: bool) -> bool:
+    """Return True if two runs of equal duration differ only in joints, or also in mesh and step."""
     first, second = one.results.metadata, other.results.metadata
     left_out = _NEITHER if same_mesh else {*_NEITHER, *_DISCRETISATION}
     keys = (set(first) | set(second)) - left_out
@@ -160,57 +160,57 @@ def _step(run: Run) -> float:
 
 
 def judged(pair: Pair) -> list[Judgement]:
-    """Every statement of the paper, judged on one pair of runs."""
+    """Judge every statement of the paper on one pair of runs."""
     unlike = departure(pair)
-    found = []
+    judgements = []
     for check in CHECKS:
-        known = all(run.moves and POINT in run.results.point_names for run in pair)
-        value = check.measure(pair) if known or not check.response else math.nan
+        has_point = all(run.moves and POINT in run.results.point_names for run in pair)
+        value = check.measure(pair) if has_point or not check.response else math.nan
         if math.isnan(value):
-            reason = "the files do not hold what it takes"
+            reason = "the files lack the data"
         else:
             reason = unlike if check.response else _unfinished(pair)
         if reason:
-            found.append(Judgement(check, value, "not comparable", reason))
+            judgements.append(Judgement(check, value, "not comparable", reason))
         else:
             inside = check.low <= value <= check.high
-            found.append(Judgement(check, value, "agrees" if inside else "does not agree"))
-    return found
+            judgements.append(Judgement(check, value, "agrees" if inside else "does not agree"))
+    return judgements
 
 
 def departure(pair: Pair) -> str:
-    """Why a pair's response is not to be compared with the paper's, empty if it is."""
+    """Return why a pair's response is not comparable with the paper's, empty if it is."""
     facts = pair.joints.results.metadata
     if unfinished := _unfinished(pair):
         return unfinished
     if pair.joints.end < SHORTEST:
-        return f"the runs last {plain(pair.joints.end)} s, the paper's about 11 s"
+        return f"the runs last {plain(pair.joints.end)} s, but the paper's about 11 s"
     record = str(facts.get("record"))
     if not any(name in record.upper() for name in ("TMZ", "TOLMEZZO")):
         return f"the motion, {record}, is not the record of Tolmezzo"
     for key, value in _PAPER.items():
         if facts.get(key, value) != value:
-            return f"{key} is {plain(facts[key])}, the paper's {plain(value)}"
+            return f"{key} is {plain(facts[key])}, but the paper's is {plain(value)}"
     if not facts.get("active_height", 0.0) < 1.0:
-        return "the joints are active up to the crest, the paper's in the lower part"
+        return "the joints are active up to the crest, but in the paper only in the lower part"
     return ""
 
 
 def count(judgements: Sequence[Judgement]) -> str:
-    """How many statements agree, in one sentence."""
-    found = Counter(j.verdict for j in judgements)
+    """Return the numbers of statements that agree and do not, in one sentence."""
+    verdicts = Counter(j.verdict for j in judgements)
     return (
-        f"Of {len(judgements)} numbers behind the paper's statements {found['agrees']} agree, "
-        f"{found['does not agree']} do not, {found['not comparable']} are not comparable."
+        f"Of {len(judgements)} numbers behind the paper's statements {verdicts['agrees']} agree, "
+        f"{verdicts['does not agree']} do not, {verdicts['not comparable']} are not comparable."
     )
 
 
 def section(pairs: Sequence[Pair], judgements: Sequence[Sequence[Judgement]]) -> Section:
-    """The table "the paper says, we find, error estimate".
+    """Return the section with the table of the paper's statements and our numbers.
 
     Args:
-        pairs: the pair that is judged, then others of the same case on other meshes or steps.
-        judgements: of each pair.
+        pairs: The judged pair, then pairs of the same case with other meshes or steps.
+        judgements: The judgements of each pair.
     """
     rows: list[list[Any]] = []
     for number, judgement in enumerate(judgements[0]):
@@ -222,10 +222,10 @@ def section(pairs: Sequence[Pair], judgements: Sequence[Sequence[Judgement]]) ->
         rows.append([check.quantity, judgement.value, error, check.rule, verdict])
     others = [f"{pair.joints.label} ({pair.discretisation})" for pair in pairs[1:]]
     estimate = (
-        "One mesh, one step: the error is not estimated."
+        "There is only one mesh and one step, so the error is not estimated."
         if not others
-        else "The error estimate is the largest difference from the same number of these runs on "
-        f"other meshes, with other steps or another scheme: {'; '.join(others)}."
+        else "The error estimate is the largest difference from the number in these runs with "
+        f"another mesh, step or scheme: {'; '.join(others)}."
     )
     main = pairs[0]
     return Section(
@@ -239,13 +239,13 @@ def section(pairs: Sequence[Pair], judgements: Sequence[Sequence[Judgement]]) ->
                 + count(judgements[0])
             ),
             paragraph(estimate),
-            table("The paper says, we find", _HEAD, rows),
+            table("The paper's statements and our values", _HEAD, rows),
         ],
     )
 
 
 def departures() -> Section:
-    """Differences from the paper, and what the unknowns can explain."""
+    """Return the section on differences from the paper and on what they can explain."""
     return Section(
         "departures",
         "Departures from the paper, and what they can explain",
@@ -254,49 +254,50 @@ def departures() -> Section:
 
 
 _HEAD = (
-    "the paper says; measured",
-    "we find",
+    "the paper's statement; measured quantity",
+    "our value",
     "error estimate",
-    "agrees where",
+    "agreement bounds",
     "verdict",
 )
 
 _DEPARTURES = (
-    "Record. The paper names a nearby site's earthquake of 6/7/1976, which some read as 7 June. "
-    "The record of Tolmezzo of 6 May 1976 has the printed peaks (0.395 g after a turn of 25°, and "
-    "0.277 g up, against 0.4 g and 0.3 g), so the date is taken for a misprint. Which way the "
-    "paper turned its components is not known.",
-    "Geometry. Published are the height, 57.0 m, and the length of the crest, 144.6 m. The shape "
-    "and the thicknesses are a fit to the paper's peak frequencies; base and abutments are "
-    "clamped. That the linear frequencies agree is therefore no independent finding.",
+    "Record. The paper names an earthquake of 6/7/1976 at a nearby site, which some read as "
+    "7 June. The record of Tolmezzo of 6 May 1976 has almost the printed peaks: 0.395 g after a "
+    "rotation by 25° and 0.277 g vertically, compared with 0.4 g and 0.3 g. We therefore assume "
+    "that the date is a misprint. The rotation of the paper's components is not known.",
+    "Geometry. The height, 57.0 m, and the length of the crest, 144.6 m, are published. The shape "
+    "and the thicknesses are fitted to the paper's peak frequencies; base and abutments are "
+    "fixed. The agreement of the linear frequencies is therefore not an independent result.",
     "Materials. The paper gives neither the elastic constants of the concrete nor the stiffness "
-    "of the joints; those of the runs are ours.",
-    "Joints. Their number and places, and how high they were active, are read from a small "
-    "figure: the lower part, here below a share of the height. That share decides the response: "
-    "on this dam the paper's statements are met most nearly with joints active up to 0.5 or 0.6 of "
-    "the height and closed after self weight.",
-    "Self weight. Whether it acted before the joints were closed or after is not said. On the "
-    "finished dam it opens them before the earthquake, since the crown overhangs upstream.",
-    "Signs. The paper prints compression as positive, these files hold it as negative.",
+    "of the joints; we chose them.",
+    "Joints. Their number, their places and their active height are read from a small figure. "
+    "They are active in the lower part, here below a given fraction of the height. This fraction "
+    "governs the response: on this dam the paper's statements agree best with joints active up to "
+    "0.5 or 0.6 of the height and closed after self weight.",
+    "Self weight. The paper does not state whether it acted before or after the joints were "
+    "closed. On the finished dam it opens the joints before the earthquake, because the crown "
+    "overhangs upstream.",
+    "Signs. Compression is positive in the paper and negative in these files.",
     "Sliding. At 30° the ratio of shear to pressure is tan 30° = 0.57735; the paper's figure 7 "
-    "says 0.578.",
-    "Time scheme. The paper has a constant step with an implicit scheme that it does not name, "
-    "and does not define its energy error. The energy-consistent scheme here balances energies "
-    "by construction; runs with Newmark's are nearer to the paper's.",
-    "Element. The paper's elements are not named; its mesh is coarser.",
+    "has 0.578.",
+    "Time scheme. The paper uses a constant step and an implicit scheme that it does not name, "
+    "and it does not define its energy error. The energy-consistent scheme used here balances "
+    "energies by construction; runs with Newmark's scheme are closer to the paper's.",
+    "Element. The paper does not name its elements; its mesh is coarser.",
 )
 _UNKNOWN = (
-    "The record and its turn act on every amplitude, and on the balance of x and z, which the "
-    "symmetric modes carry, against y. The thicknesses act on the frequencies and on how much the "
-    "crest arch carries without the joints. The mesh and the step act through the error that the "
-    "table estimates. The damping matrix, 2 % at 5 Hz, is the paper's, but whether it is "
-    "proportional to the stiffness, the mass or both is not said; that acts on what follows the "
-    "strong motion. None of these can be separated by the paper's few numbers."
+    "The record and its rotation affect every amplitude, and the ratio of x and z (symmetric "
+    "modes) to y. The thicknesses affect the frequencies and the part of the load that the crest "
+    "arch carries. The influence of mesh and step is the error estimated in the table. The damping "
+    "matrix, 2 % at 5 Hz, is the paper's. The paper does not state whether it is proportional to "
+    "stiffness, mass or both, which affects the response after the strong motion. The few numbers "
+    "in the paper cannot separate these influences."
 )
 
 
 def _spread(number: int, judgements: Sequence[Sequence[Judgement]]) -> float | None:
-    """Largest difference of a number from that of the other pairs, None if there are none."""
+    """Return the largest difference of a number from the other pairs', None without others."""
     values = [judgement[number].value for judgement in judgements]
     differences = [abs(v - values[0]) for v in values[1:] if not math.isnan(v)]
     return max(differences) if differences else None
@@ -309,7 +310,7 @@ def _verdict(judgement: Judgement, spread: float | None) -> Html:
     if not judgement.reason and spread is not None:
         near = min(abs(value - bound) for bound in (check.low, check.high))
         if near <= spread:
-            words = "; the error estimate reaches the bound"
+            words = "; the error estimate includes the bound"
     label = f'<span class="verdict {kind}">{judgement.verdict}</span>'
     return Html(label + paragraph(words)[3:-4])
 
@@ -317,7 +318,7 @@ def _verdict(judgement: Judgement, spread: float | None) -> Html:
 def _unfinished(pair: Pair) -> str:
     for run in pair:
         if not run.results.complete:
-            return f"{run.label} did not reach its end"
+            return f"{run.label} is incomplete"
     return ""
 
 
@@ -331,7 +332,7 @@ def _peak(run: Run, component: str, phase: str) -> float:
 
 
 def _ratio(measure: Callable[[Run], float]) -> Callable[[Pair], float]:
-    """With joints over without; NaN where that is not a number."""
+    """Return the ratio of a measure with joints to without, NaN if it is undefined."""
 
     def of(pair: Pair) -> float:
         linear, joints = (measure(run) for run in pair)
@@ -341,7 +342,7 @@ def _ratio(measure: Callable[[Run], float]) -> Callable[[Pair], float]:
 
 
 def _crest_stress(run: Run) -> float:
-    """Largest arch tension or compression in the crest arch [Pa], NaN without envelopes."""
+    """Return the largest arch tension or compression in the crest arch [Pa], or NaN."""
     if not run.has("envelopes", "arch_max", "arch_min"):
         return math.nan
     nodes = run.results.static("mesh/nodes")
@@ -365,7 +366,7 @@ def _frequency_checks() -> list[Check]:
                 Check(
                     "The maximum peak frequencies are identical: 5.22 Hz (x, z), 5.0 Hz (y)",
                     f"{component}, {name}: frequency of the largest Fourier amplitude [Hz]",
-                    f"{wanted} ± {BIN:.2f} Hz, the distance of two frequencies",
+                    f"{wanted} ± {BIN:.2f} Hz, one frequency interval",
                     wanted - BIN,
                     wanted + BIN,
                     measure,
@@ -405,7 +406,7 @@ def _component_checks(
 
 
 def _program_checks() -> list[Check]:
-    """Energy errors and cost, which do not depend on the motion."""
+    """Return the checks of energy errors and cost, which do not depend on the motion."""
 
     def error(name: str) -> Callable[[Pair], float]:
         return lambda pair: 100.0 * _number(getattr(pair, name).results.summary.get("energy_error"))

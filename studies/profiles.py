@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Tractions along the height of a joint, as the paper draws them."""
+"""Tractions along the height of a joint, drawn as in the paper."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ def traction_profile(
     index: int = -1,
     position: float = 0.5,
 ) -> Axes:
-    """Tractions along the height of a joint, at a share of its width.
+    """Draw tractions along the height of a joint, at a relative width.
 
-    Draws the joint points nearest to the line, normal and tangential traction or their ratio
-    -|t_s|/|t_n|; open points are black, at zero or, as a ratio, at 1.
+    It shows the joint points closest to this line: normal and tangential traction, or their ratio
+    -|t_s|/|t_n|. Open points are black, at zero traction or at ratio 1.
 
     Args:
-        results: the run.
-        joint: name of the joint.
+        results: The run.
+        joint: Name of the joint.
         quantity: ``"tractions"`` or ``"ratio"``.
-        time: draw the record of the stream ``states`` nearest to it [s].
-        index: number of the record where no time is given.
-        position: 0 at the upstream (left) edge of the joint, 1 at the other.
+        time: Time of the record of ``states``; the nearest one is drawn [s].
+        index: Number of the record, if no time is given.
+        position: 0 at the upstream (left) edge of the joint, 1 at the other edge.
     """
     number = record_number(results, time, index)
     surface = JointSurface(results, joint)
@@ -75,7 +75,7 @@ def traction_profile(
 
 
 def points_along(joint: JointSurface, position: float) -> NDArray[np.integer[Any]]:
-    """Points whose patches a line at a share of the width meets, from bottom to top."""
+    """Return the points whose patches a line at a relative width meets, from bottom to top."""
     from matplotlib.path import Path as Outline
 
     height = np.linspace(joint.facets[..., 1].min(), joint.facets[..., 1].max(), 801)[1::2, None]
@@ -85,11 +85,11 @@ def points_along(joint: JointSurface, position: float) -> NDArray[np.integer[Any
     share = (height - start[:, 1]) / np.where(rise == 0.0, np.inf, rise)
     crossed = (start[:, 1] - height) * (end[:, 1] - height) <= 0.0
     across = start[:, 0] + share * (end[:, 0] - start[:, 0])
-    left = np.where(crossed, across, np.inf).min(axis=1)
-    right = np.where(crossed, across, -np.inf).max(axis=1)
-    # Between two columns of patches the line keeps to the left one.
+    left_edge = np.where(crossed, across, np.inf).min(axis=1)
+    right_edge = np.where(crossed, across, -np.inf).max(axis=1)
+    # Between two columns of patches, choose the left one.
     inner = np.clip(position - 1e-6, 1e-6, 1.0 - 1e-6)
-    line = np.stack([left + inner * (right - left), height[:, 0]], axis=1)
+    line = np.stack([left_edge + inner * (right_edge - left_edge), height[:, 0]], axis=1)
     met = [Outline(patch).contains_points(line).any() for patch in joint.patches()]
     numbers = np.flatnonzero(met)
     return numbers[np.argsort(joint.points[numbers, 1], kind="stable")]

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A run as one row of a table of runs."""
+"""Summary of a run as one table row."""
 
 from __future__ import annotations
 
@@ -18,23 +18,24 @@ def summary_row(
     strong_until: float | None = None,
     band: float | None = ACCELERATION_BAND,
 ) -> dict[str, float]:
-    """One row of a table of runs: the same names for every run with the same points.
+    """Return a table row of a run; runs with the same points have the same columns.
 
-    - ``POINT/C/peak_strong``, ``POINT/C/peak_later`` [m], ``POINT/C/acceleration, BAND`` (largest
-      absolute one, such as ``low-passed at 25 Hz``) [m/s^2], ``POINT/C/frequency`` [Hz] and
-      ``POINT/C/amplitude`` [m s] of the Fourier peak, for each point and component C; displacements
-      are relative to the ground, under waves that rise to the free surface, absolute only where
-      supports move (`frames`);
-    - ``joints/NAME`` of `all_joints`;
-    - ``stress/NAME`` of `measures.stress_extremes`;
-    - ``strong_until`` [s], ``energy_error``, ``iterations``, ``steps``, ``seconds``: NaN where the
-      summary of the file has none.
+    - For each point and component C: ``POINT/C/peak_strong``, ``POINT/C/peak_later`` [m],
+      ``POINT/C/acceleration, BAND`` (the largest absolute value in a band such as ``low-passed at
+      25 Hz``) [m/s^2], ``POINT/C/frequency`` [Hz] and ``POINT/C/amplitude`` [m s] of the Fourier
+      peak. Displacements are relative to the ground, or to the free surface under incident waves.
+      They are absolute only if supports move (`frames`).
+    - ``joints/NAME`` of `all_joints`.
+    - ``stress/NAME`` of `measures.stress_extremes`.
+    - ``strong_until`` [s], ``energy_error``, ``iterations``, ``steps``, ``seconds``: NaN if the
+      file's summary lacks them.
 
     Args:
         results: The run.
-        strong_until: End of the strong motion [s]; from the file's ground motion unless given, and
-            the end of the run where the ground rests.
-        band: Of the accelerations [Hz], at most `measures.common_band`; None for raw ones.
+        strong_until: End of the strong motion [s]. By default it is computed from the file's ground
+            motion, or is the end of the run if the ground does not move.
+        band: Cut-off frequency of the accelerations [Hz], at most `measures.common_band`; None for
+            raw accelerations.
     """
     if band is not None:
         band = measures.common_band(results, band=band)
@@ -62,18 +63,18 @@ def summary_row(
 
 
 def all_joints(results: Results) -> dict[str, float]:
-    """Measures of all joints together: the largest, of shares the mean over the area.
+    """Return measures over all joints: the largest value, or for shares the mean over the area.
 
-    By the names of ``measures.JOINT_MEASURES`` but those of times; zero without joints.
+    The names are those of ``measures.JOINT_MEASURES`` without times; all are zero without joints.
     """
     names = [name for name in measures.JOINT_MEASURES if not name.endswith("_time")]
-    each = measures.joint_measures(results)
-    if not each:
+    by_joint = measures.joint_measures(results)
+    if not by_joint:
         return dict.fromkeys(names, 0.0)
-    areas = np.array([results.static(f"joints/{joint}/areas").sum() for joint in each])
-    found = {}
+    areas = np.array([results.static(f"joints/{joint}/areas").sum() for joint in by_joint])
+    combined = {}
     for name in names:
-        values = np.array([of_joint[name] for of_joint in each.values()])
+        values = np.array([of_joint[name] for of_joint in by_joint.values()])
         shared = name.startswith("share_")
-        found[name] = float(values @ areas / areas.sum() if shared else values.max())
-    return found
+        combined[name] = float(values @ areas / areas.sum() if shared else values.max())
+    return combined

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The printed comparison of a run with joints and a run without, and with the paper."""
+"""Printed comparison of a run with joints with a run without joints and with the paper."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ Numbers = dict[str, list[float]]
 
 
 def comparison(linear: Results, joints: Results) -> Numbers:
-    """Numbers of both runs: name, then linear, with joints, and their ratio.
+    """Return numbers of both runs by name: linear, with joints, and their ratio.
 
-    Peaks are displacements from the self-weight state relative to the base [mm]; the strong phase
-    lasts until 95 % of the Arias intensity has arrived.
+    Peaks are displacements relative to the base, minus the self-weight state [mm]. The strong phase
+    ends at 95 % of the Arias intensity.
     """
     until = measures.strong_motion_end(linear)
-    found: Numbers = {}
+    numbers: Numbers = {}
     for axis in measures.COMPONENTS:
         values = [_of_run(run, axis, until) for run in (linear, joints)]
         for name in values[0]:
             pair = [run[name] for run in values]
-            found[f"{name} {axis}"] = [*pair, pair[1] / pair[0] if pair[0] else float("nan")]
-    return found
+            numbers[f"{name} {axis}"] = [*pair, pair[1] / pair[0] if pair[0] else float("nan")]
+    return numbers
 
 
 def _of_run(run: Results, axis: measures.Component, until: float) -> dict[str, float]:
@@ -44,7 +44,7 @@ def _of_run(run: Results, axis: measures.Component, until: float) -> dict[str, f
 
 
 def joint_rows(joints: Results) -> Numbers:
-    """Largest opening [mm], slip [mm] and pressure [MPa] of each joint."""
+    """Return the largest opening [mm], slip [mm] and pressure [MPa] of each joint."""
     return {
         name: [1e3 * m["opening_max"], 1e3 * m["slip_max"], 1e-6 * m["pressure_max"]]
         for name, m in measures.joint_measures(joints).items()
@@ -52,29 +52,29 @@ def joint_rows(joints: Results) -> Numbers:
 
 
 def print_tables(linear: Results, joints: Results) -> dict[str, Any]:
-    """Print both tables and give their numbers."""
-    rows, each = comparison(linear, joints), joint_rows(joints)
+    """Print both tables and return their numbers."""
+    rows, by_joint = comparison(linear, joints), joint_rows(joints)
     until = measures.strong_motion_end(linear)
     print(f"mid-crest, strong phase until {until:.2f} s     linear   with joints   ratio")
     for name, (one, other, ratio) in rows.items():
         print(f"{name:<40} {one:8.3f}     {other:8.3f}  {ratio:6.2f}")
     width = measures.fourier_peaks(linear, POINT, "x").bin_width
-    print(f"Fourier peaks stand at multiples of {width:.2g} Hz, one over the duration of the run.")
+    print(f"Fourier peaks are at multiples of {width:.2g} Hz, one over the duration of the run.")
     print("joint      largest opening [mm]   largest slip [mm]   largest pressure [MPa]")
-    for name, (opening, slip, pressure) in each.items():
+    for name, (opening, slip, pressure) in by_joint.items():
         print(f"{name:<10} {opening:20.3f} {slip:19.3f} {pressure:24.3f}")
-    return {**rows, **each}
+    return {**rows, **by_joint}
 
 
 def print_statements(linear: Results, joints: Results) -> None:
-    """The paper's statements, the numbers behind them, and whether they agree."""
+    """Print the paper's statements, the numbers behind them, and whether they agree."""
     judgements = judged(Pair(Run(linear, "linear"), Run(joints, "joints")))
     statement = ""
-    for found in judgements:
-        check = found.check
+    for judgement in judgements:
+        check = judgement.check
         if check.statement != statement:
             statement = check.statement
             print(f"\n{statement}")
-        verdict = found.verdict + (f": {found.reason}" if found.reason else "")
-        print(f"  {check.quantity:<76} {found.value:9.3g}   {verdict} ({check.rule})")
+        verdict = judgement.verdict + (f": {judgement.reason}" if judgement.reason else "")
+        print(f"  {check.quantity:<76} {judgement.value:9.3g}   {verdict} ({check.rule})")
     print(f"\n{count(judgements)}")

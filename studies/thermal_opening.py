@@ -1,14 +1,14 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Joints that winter opens, then an earthquake: the dam of the 1992 paper with an empty basin.
+"""Joint opening in winter followed by an earthquake: the 1992 paper's dam, with an empty basin.
 
     ./with-dolfinx python3 -m studies.thermal_opening                      # synthetic motion
     ./with-dolfinx python3 -m studies.thermal_opening --record DIRECTORY   # three AT2 files
     ./with-dolfinx python3 -m studies.thermal_opening --quick              # two seconds
 
-The blocks carry their weight alone, the joints are grouted at the closure temperature, the dam
-cools as a whole, then the ground shakes. The same earthquake is run without the cooling. Printed
-are the largest openings of each joint: before, in the cold, during and after the shaking.
+The blocks carry their weight alone and the joints are grouted at the closure temperature. Then the
+whole dam cools, and the ground shakes. The earthquake is also run without cooling. The program
+prints the largest opening of each joint before and after cooling, and during and after the shaking.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Openings:
     """Largest opening of the points of each joint.
 
     Attributes:
-        joints: Names.
+        joints: Names of the joints.
         values: Shape (joints, 4): grouted under self weight, after cooling, at any time of the
             shaking, and in the mean of its last second [m].
     """
@@ -53,12 +53,12 @@ class Openings:
 
 
 def run(case: Case, cooling: float, folder: Path) -> Finished:
-    """The dam cooled by so much after grouting, then shaken (collective).
+    """Cool the dam after grouting, then run the earthquake (collective).
 
     Args:
-        case: Self weight of the kind ``grouted``.
-        cooling: Fall of the temperature [K].
-        folder: Where to write.
+        case: The case, with ``self_weight="grouted"``.
+        cooling: Decrease of the temperature [K].
+        folder: Output folder.
     """
     cold = dj.Temperature(value=CLOSURE - cooling, reference=CLOSURE, expansion=EXPANSION)
     mesh = make_mesh(case, folder)
@@ -67,7 +67,7 @@ def run(case: Case, cooling: float, folder: Path) -> Finished:
 
 
 def openings(results: dj.Results, warm: dj.Results) -> Openings:
-    """Facts from results files whose first states are the dam at rest.
+    """Return the openings from results files whose first states are the dam at rest.
 
     Args:
         results: A run.
@@ -83,52 +83,52 @@ def openings(results: dj.Results, warm: dj.Results) -> Openings:
     return Openings(joints=names, values=np.array(rows))
 
 
-def print_table(title: str, found: Openings) -> None:
-    """Openings of all joints in mm."""
+def print_table(title: str, table: Openings) -> None:
+    """Print the openings of all joints in mm."""
     print(f"{title}\nlargest opening [mm]" + "".join(f"{stage:>10}" for stage in STAGES))
-    for name, row in zip(found.joints, 1e3 * found.values, strict=True):
+    for name, row in zip(table.joints, 1e3 * table.values, strict=True):
         print(f"{name:<20}" + "".join(f"{value:10.2f}" for value in row))
-    most = 1e3 * found.values.max(axis=0)
+    most = 1e3 * table.values.max(axis=0)
     print(f"{'all':<20}" + "".join(f"{value:10.2f}" for value in most) + "\n", flush=True)
 
 
 def draw(cold: dj.Results, warm: dj.Results, cooling: float, path: Path) -> Path:
-    """Openings by joint and stage, and those of the middle joint in time with and without cold."""
+    """Draw openings by joint and stage, and histories of the middle joint with and without cold."""
     from matplotlib import pyplot as plt
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 3.8), layout="constrained")
-    found = openings(cold, warm)
-    place = np.arange(len(found.joints))
+    figure, (bar_axes, time_axes) = plt.subplots(1, 2, figsize=(10.0, 3.8), layout="constrained")
+    table = openings(cold, warm)
+    place = np.arange(len(table.joints))
     for k, (stage, color) in enumerate(zip(STAGES[1:], ("C0", "C3", "C7"), strict=True)):
-        heights = 1e3 * found.values[:, k + 1]
-        left.bar(place + 0.27 * (k - 1), heights, 0.27, label=stage, color=color)
-    left.set_xticks(place, [name.removeprefix("joint_") for name in found.joints])
-    left.set(xlabel="joint", ylabel="largest opening [mm]")
-    left.set_title(f"cooled by {cooling:g} K", loc="left")
-    left.legend(frameon=False)
+        heights = 1e3 * table.values[:, k + 1]
+        bar_axes.bar(place + 0.27 * (k - 1), heights, 0.27, label=stage, color=color)
+    bar_axes.set_xticks(place, [name.removeprefix("joint_") for name in table.joints])
+    bar_axes.set(xlabel="joint", ylabel="largest opening [mm]")
+    bar_axes.set_title(f"cooled by {cooling:g} K", loc="left")
+    bar_axes.legend(frameon=False)
     name = shown_joint(cold)
     runs = ((cold, f"cooled by {cooling:g} K", "C0"), (warm, "not cooled", "C1"))
     for results, label, color in runs:
         time, opening, _ = measures.joint_history(results, name)
-        right.plot(time, 1e3 * opening.max(axis=1), color=color, lw=0.8, label=label)
-    right.set(xlabel="time [s]", ylabel="largest opening [mm]")
-    right.set_title(name.replace("_", " "), loc="left")
-    right.legend(frameon=False)
+        time_axes.plot(time, 1e3 * opening.max(axis=1), color=color, lw=0.8, label=label)
+    time_axes.set(xlabel="time [s]", ylabel="largest opening [mm]")
+    time_axes.set_title(name.replace("_", " "), loc="left")
+    time_axes.legend(frameon=False)
     return plots.save(figure, path)
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run both, print, draw."""
+    """Run both cases, print and draw the openings."""
     parser = Parser(description="Thermal opening of the joints, then earthquake.")
-    parser.add_argument("--record", help="folder with three AT2 files; a synthetic motion if none")
+    parser.add_argument("--record", help="folder with three AT2 files (default: synthetic motion)")
     parser.add_argument("--out", type=Path, default=Path("output/thermal_opening"))
-    parser.add_argument("--cooling", type=float, default=8.0, help="fall of temperature [K]")
+    parser.add_argument("--cooling", type=float, default=8.0, help="temperature decrease [K]")
     parser.add_argument("--size", type=float, default=8.0, help="cell size [m]")
     parser.add_argument(
         "--steps", type=at_least(1), default=ALL_STEPS, help="time steps of 0.00488 s"
     )
     parser.add_argument(
-        "--active-height", type=float, default=0.75, help="share of the height that joints cut"
+        "--active-height", type=float, default=0.75, help="relative height of the joints' top"
     )
     parser.add_argument("--quick", action="store_true", help="a coarse mesh and two seconds")
     options = parser.parse_args(arguments)
@@ -147,7 +147,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def show(cold: Finished, warm: Finished, options: Any) -> None:
-    """Tables and figure."""
+    """Print the tables and draw the figure."""
     with dj.Results(cold.results) as one, dj.Results(warm.results) as other:
         print_table(f"cooled by {options.cooling:g} K after grouting", openings(one, other))
         print_table("not cooled", openings(other, other))

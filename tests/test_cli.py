@@ -41,7 +41,7 @@ def test_a_file_for_paraview_is_called_that(tmp_path, capsys):
     path = tmp_path / "run.vtkhdf"
     VtkFile(path, uniform_grid(np.eye(4, 3), np.arange(4)[None], 10, {}))  # a tetrahedron
     assert cli.main(["info", str(path)]) == 2
-    text = "is a file for ParaView; results are in the .h5 file of ResultsMonitor."
+    text = "is a file for ParaView; give the .h5 file of ResultsMonitor instead."
     assert capsys.readouterr().err == f"dolfinx-joints: {path} {text}\n"
 
 
@@ -110,7 +110,7 @@ def test_wrong_usage_is_status_2(arguments, capsys):
     assert ended.value.code == 2
     message = capsys.readouterr().err
     assert message.startswith("dolfinx-joints")
-    assert message.endswith("; --help tells what is allowed.\n")
+    assert message.endswith("; see --help for the allowed values.\n")
     assert message.count("\n") == 1
 
 

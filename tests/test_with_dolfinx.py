@@ -57,7 +57,7 @@ def host_python(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ([], "which command shall be run?"),
+        ([], "no command is given"),
         (["--frobnicate"], "unknown option --frobnicate"),
         (["--dolfinx", "0.10", "true"], "--dolfinx must be 0.9 or 0.11, not '0.10'"),
     ],
@@ -71,10 +71,10 @@ def test_wrong_usage_is_one_line_and_status_2(arguments, text):
 
 READY = {"report": "ready 0.9.0", "DOLFINX_JOINTS_PRIVATE": "1"}
 SET_UP_ERRORS = [
-    ({**INSIDE, "TMPDIR": "/nowhere"}, [], "TMPDIR is '/nowhere', where there is no folder"),
+    ({**INSIDE, "TMPDIR": "/nowhere"}, [], "TMPDIR is '/nowhere', which is not a folder"),
     (INSIDE, ["--dolfinx", "0.11"], "inside the private Debian with DOLFINx 0.9 already"),
     ({"report": "lacks 0.10.0 gmsh tqdm"}, [], "has DOLFINx 0.10.0 but not: gmsh tqdm"),
-    ({**READY, "HOME": None, "XDG_CACHE_HOME": None}, [], "HOME is not set; set it, or XDG_CACHE"),
+    ({**READY, "HOME": None, "XDG_CACHE_HOME": None}, [], "HOME is not set; set it or XDG_CACHE"),
 ]
 
 
@@ -187,7 +187,7 @@ def test_half_built_root_is_not_taken_for_whole(tmp_path, name):
     group = "sleep 0.2" if name == "KILL" else "kill -INT $BASHPID; sleep 5"
     stopped = build(tmp_path, f"kill -{name} $$; {group}")
     assert stopped.returncode != 0
-    assert ("nothing half done is kept" in stopped.stderr) == (name == "INT")
+    assert ("removing the incomplete files" in stopped.stderr) == (name == "INT")
     assert not list(tmp_path.glob("dolfinx_joints/root-*"))
     again, once_more = build(tmp_path), build(tmp_path)
     assert again.returncode == once_more.returncode == 0, again.stderr
@@ -209,7 +209,7 @@ def test_concurrent_call_waits_and_says_so(tmp_path):
 @pytest.mark.parametrize(
     ("code", "text"),
     [
-        ('root_megabytes=999999999; need_space "$1"', "make room, or choose another place"),
+        ('root_megabytes=999999999; need_space "$1"', "free some space, or choose another place"),
         ("have() { false; }; need_build_tools", "this system lacks mmdebstrap"),
     ],
 )

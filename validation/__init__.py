@@ -1,3 +1,3 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The atlas of validation: comparisons with numbers that others published, see `atlas`."""
+"""Validation atlas: comparisons with exact solutions, published numbers and other programs."""

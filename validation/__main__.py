@@ -1,14 +1,14 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Run the atlas of validation: ``make validate``, or with names of cases.
+"""Run the validation atlas: ``make validate``, or with names of cases.
 
     ./with-dolfinx python3 -m validation
     ./with-dolfinx python3 -m validation grouted_blocks rigid_dam
     ./with-dolfinx python3 -m validation --fine impounded_dam
 
-Writes a page with a figure for each case into ``output/validation``, prints all rows and the table
-of all cases, and ends with 1 if a deviation exceeds its tolerance,
-or if a deviation that is stated has changed.
+It writes a page with a figure for each case to ``output/validation`` and prints all rows and the
+table of all cases. The exit status is 1 if a deviation exceeds its tolerance or if a stated
+deviation has changed.
 """
 
 from __future__ import annotations
@@ -23,22 +23,24 @@ from validation.atlas import Result, names, refines, run_case, summary, table, w
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run cases; 1 if a deviation exceeds its tolerance."""
-    parser = Parser(description="Run the atlas of validation.")
-    parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(names())}")
+    """Run cases; return 1 if a deviation exceeds its tolerance."""
+    parser = Parser(description="Run the validation atlas.")
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=f"one of {', '.join(names())}")
     parser.add_argument("--quick", action="store_true", help="shorter runs")
     parser.add_argument(
-        "--fine", action="store_true", help="finer cells or shorter steps, which some cases have"
+        "--fine", action="store_true", help="finer cells or shorter steps, if the case has them"
     )
-    parser.add_argument("--out", type=Path, default=Path("output/validation"), help="of the pages")
+    parser.add_argument(
+        "--out", type=Path, default=Path("output/validation"), help="folder of the pages"
+    )
     options = parser.parse_args(arguments)
     unknown = [name for name in options.cases if name not in names()]
     if unknown:
-        parser.error(f"{unknown[0]!r} is no case; there are {', '.join(names())}")
+        parser.error(f"{unknown[0]!r} is not a case; the cases are {', '.join(names())}")
     chosen = options.cases or [name for name in names() if not options.fine or refines(name)]
     rigid = [name for name in chosen if options.fine and not refines(name)]
     if rigid or (options.fine and options.quick):
-        parser.error(f"--fine is not for {rigid[0] if rigid else '--quick'}")
+        parser.error(f"--fine cannot be used with {rigid[0] if rigid else '--quick'}")
     if MPI.COMM_WORLD.size > 1:
         parser.error("the atlas runs on one rank")
     options.out.mkdir(parents=True, exist_ok=True)
@@ -49,10 +51,10 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"\n{result.title} ({name}, {result.seconds:.0f} s)", flush=True)
         print(table(result.outcome.rows) if result.outcome else f"left out: {result.missing}")
         write_page(result, options.out)
-    found = summary(results)
-    text = f"# Atlas of validation\n\n{found}\n"
+    overview = summary(results)
+    text = f"# Atlas of validation\n\n{overview}\n"
     (options.out / "index.md").write_text(text, encoding="utf-8")
-    print(f"\n{found}\n\npages: {options.out}, {sum(r.seconds for r in results):.0f} s in all")
+    print(f"\n{overview}\n\npages: {options.out}, {sum(r.seconds for r in results):.0f} s in total")
     for result in results:
         for row in result.wrong:
             print(f"{result.name}: {row.quantity} deviates by {row.deviation:.3g}", file=sys.stderr)

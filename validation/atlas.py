@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What a case of the atlas gives, and the pages made of it.
+"""Cases of the validation atlas, their results, and their pages.
 
 A case is a module with a docstring (title, set-up), `SOURCE` and ``run(quick) -> Outcome``. Each
-row of its outcome has a number of ours, one of theirs, and a tolerance with the reason for it.
+row of its outcome has our number, the source's number, and a tolerance with its reason.
 """
 
 from __future__ import annotations
@@ -40,28 +40,28 @@ GROUPS: dict[str, tuple[str, ...]] = {
 
 
 class LeftOutError(Exception):
-    """A case cannot run here; the message says what is missing."""
+    """Error for a case that cannot run here; the message states what is missing."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """A number of ours beside that of others.
+    """Comparison of our number with the source's.
 
-    A deviation larger than the tolerance is stated by `differs` and `cause`. Such a row fails if
-    its deviation is not the stated one, to the tolerance.
+    `differs` and `cause` state a known deviation larger than the tolerance. Such a row fails if its
+    deviation differs from the stated one by more than the tolerance.
 
     Attributes:
-        quantity: What is compared, with its unit.
+        quantity: Compared quantity, with its unit.
         ours: The number computed here.
         theirs: The number of the source.
         tolerance: Estimated error of ours and of the printed number, relative to `theirs`.
-        reason: Where the tolerance comes from, as from `estimate`.
-        scale: What the deviation is relative to where `theirs` is zero, and only there.
+        reason: Origin of the tolerance, for example from `estimate`.
+        scale: Reference of the deviation if `theirs` is zero, and only then.
         differs: Known deviation that exceeds the tolerance.
-        cause: Of this deviation.
+        cause: Cause of this deviation.
 
     Raises:
-        ValueError: There is a scale beside a number other than zero, or none beside zero.
+        ValueError: A scale is given although `theirs` is not zero, or missing although it is.
     """
 
     quantity: str
@@ -74,7 +74,7 @@ class Row:
     cause: str = "cause not known"
 
     def __post_init__(self) -> None:
-        """Check what the deviation is relative to."""
+        """Check that the reference of the deviation is not zero."""
         if (self.scale is None) == (self.theirs == 0.0):
             raise ValueError(
                 f"{self.quantity}: the deviation is relative to the number of the source, "
@@ -83,16 +83,16 @@ class Row:
 
     @property
     def deviation(self) -> float:
-        """Ours less theirs, relative to theirs, or to `scale` where theirs is zero."""
+        """Ours minus theirs, relative to theirs, or to `scale` if theirs is zero."""
         return (self.ours - self.theirs) / (abs(self.theirs) if self.scale is None else self.scale)
 
     @property
     def holds(self) -> bool:
-        """Whether the deviation is allowed or the stated one; one that is not a number is not."""
+        """Whether the deviation is within the tolerance of zero or of `differs`; False for NaN."""
         return bool(abs(self.deviation - (self.differs or 0.0)) <= self.tolerance)
 
 
-# Parts of an estimate that are not listed beside larger ones.
+# Smaller parts of an estimate are not listed if there are larger ones.
 SMALL = 1e-5
 
 
@@ -101,7 +101,7 @@ def estimate(theirs: float = 1.0, *, digits: int | None = None, **errors: float)
 
     Args:
         theirs: The number of the source.
-        digits: Number of digits printed in the source: half a unit of the last one is its error.
+        digits: Number of digits printed in the source; its error is half a unit of the last one.
         errors: Relative errors of ours by name, such as ``cells`` and ``steps``.
     """
     if digits is not None:
@@ -114,11 +114,11 @@ def estimate(theirs: float = 1.0, *, digits: int | None = None, **errors: float)
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What a case found.
+    """Outcome of a case.
 
     Attributes:
-        rows: Its numbers.
-        figure: Its picture.
+        rows: Compared numbers.
+        figure: Picture of the case.
     """
 
     rows: Sequence[Row]
@@ -128,18 +128,18 @@ class Outcome:
 def curve(
     quantity: str, ours: ArrayLike, theirs: ArrayLike, *, tolerance: float, reason: str
 ) -> Row:
-    """The row of a curve: its largest difference over the largest value of theirs.
+    """Return the row of a curve: the largest difference over the largest value of theirs.
 
     Args:
-        quantity: What the curve is.
-        ours: Values, real or complex.
-        theirs: Values at the same places.
-        tolerance: Largest difference allowed, relative.
-        reason: Where it comes from.
+        quantity: Name of the curve.
+        ours: Our values, real or complex.
+        theirs: The source's values at the same places.
+        tolerance: Largest relative difference allowed.
+        reason: Origin of the tolerance.
     """
-    found, exact = np.asarray(ours), np.asarray(theirs)
+    computed, exact = np.asarray(ours), np.asarray(theirs)
     scale = float(np.abs(exact).max())
-    largest = float(np.abs(found - exact).max()) / scale
+    largest = float(np.abs(computed - exact).max()) / scale
     return Row(
         quantity=f"{quantity}, largest difference / largest value",
         ours=largest,
@@ -152,14 +152,14 @@ def curve(
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """A case that has run.
+    """Result of a case.
 
     Attributes:
-        name: Of the case.
-        module: The case.
-        outcome: What it found; None where it was left out.
-        seconds: Processor time of this process and those it started [s].
-        missing: Why it was left out.
+        name: Name of the case.
+        module: Module of the case.
+        outcome: Outcome of the case, None if it was left out.
+        seconds: Processor time of this process and its child processes [s].
+        missing: Reason why it was left out.
     """
 
     name: str
@@ -170,33 +170,33 @@ class Result:
 
     @property
     def title(self) -> str:
-        """First line of the case's docstring."""
+        """Title of the case, the first line of its docstring."""
         return title_of(self.module)
 
     @property
     def wrong(self) -> list[Row]:
-        """Rows that deviate by more than is allowed."""
+        """Rows whose deviation is too large."""
         return [row for row in self.outcome.rows if not row.holds] if self.outcome else []
 
 
 def names() -> list[str]:
-    """Names of all cases in the order of the atlas."""
+    """Return the names of all cases in the order of the atlas."""
     return [name for group in GROUPS.values() for name in group]
 
 
 def module_of(name: str) -> ModuleType:
-    """The module of a case."""
+    """Return the module of a case."""
     group = next(group for group, members in GROUPS.items() if name in members)
     return import_module(f"validation.{group}.{name}")
 
 
 def title_of(module: ModuleType) -> str:
-    """First line of a case's docstring."""
+    """Return the first line of a case's docstring."""
     return (inspect.getdoc(module) or "").splitlines()[0].rstrip(".")
 
 
 def refines(name: str) -> bool:
-    """Return whether a case can run on finer cells or in shorter steps."""
+    """Return True if a case can run on finer cells or in shorter steps."""
     return "fine" in inspect.signature(module_of(name).run).parameters
 
 
@@ -205,15 +205,15 @@ def run_case(name: str, *, quick: bool = False, fine: bool = False) -> Result:
 
     Args:
         name: One of `names`.
-        quick: A shorter run with the same rows.
-        fine: The run on finer cells or in shorter steps, of a case that `refines`.
+        quick: Make a shorter run with the same rows.
+        fine: Use finer cells or shorter steps, if the case `refines`.
     """
     module = module_of(name)
     run: Callable[..., Outcome] = module.run
     began = processor_time()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what matters of them is on the page
+            warnings.simplefilter("ignore")  # the page of the case states the relevant ones
             outcome = run(quick, fine=True) if fine else run(quick)
     except LeftOutError as missing:
         return Result(name=name, module=module, outcome=None, seconds=0.0, missing=str(missing))
@@ -222,12 +222,12 @@ def run_case(name: str, *, quick: bool = False, fine: bool = False) -> Result:
 
 
 def processor_time() -> float:
-    """Of this process and of those it started and waited for [s]."""
+    """Return the processor time of this process and its completed child processes [s]."""
     return sum(os.times()[:4])
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Rows as a Markdown table."""
+    """Return rows as a Markdown table."""
     lines = [
         "| quantity | ours | theirs | deviation | tolerance | reason |",
         "|---|---|---|---|---|---|",
@@ -243,12 +243,12 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def share(value: float) -> str:
-    """A relative number in percent, or as a power of ten where it is very small."""
+    """Return a relative number in percent, or as a power of ten if it is very small."""
     return f"{100 * value:.2g} %" if abs(value) >= 5e-6 or value == 0.0 else f"{value:.0e}"
 
 
 def write_page(result: Result, out: Path) -> None:
-    """Write the page of a case and its figure into a folder."""
+    """Write the page of a case and its figure to a folder."""
     if result.outcome is None:
         return
     _, _, text = (inspect.getdoc(result.module) or "").partition("\n")
@@ -267,7 +267,7 @@ def write_page(result: Result, out: Path) -> None:
 
 
 def summary(results: Sequence[Result]) -> str:
-    """All cases as a Markdown table: the row farthest beyond or nearest to its tolerance, time."""
+    """Return a Markdown table of all cases, with the worst row relative to its tolerance."""
     lines = [
         "| case | against | numbers | beyond tolerance | worst | deviation | tolerance | [s] |",
         "|---|---|---|---|---|---|---|---|",
@@ -290,12 +290,12 @@ def summary(results: Sequence[Result]) -> str:
 
 
 def new_figure(columns: int = 1, *, width: float = 6.4, height: float = 3.8) -> tuple[Figure, Any]:
-    """A figure with a row of axes, which needs no display.
+    """Return a figure with a row of axes; it needs no display.
 
     Args:
         columns: Number of axes.
-        width: [inch].
-        height: [inch].
+        width: Width of the figure [inch].
+        height: Height of the figure [inch].
     """
     figure = Figure(figsize=(width * (1.0 if columns == 1 else 0.75 * columns), height))
     axes = figure.subplots(1, columns)

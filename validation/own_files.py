@@ -1,14 +1,14 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A comparison with numbers that may not be passed on: benchmark workshops, measured dams.
+"""Comparison with data that may not be redistributed: benchmark workshops, measured dams.
 
     ./with-dolfinx python3 -m validation.own_files FOLDER [--out DIRECTORY]
 
-For those who have the files of a case, such as the ICOLD benchmark workshops, Pacoima or Morrow
-Point: the folder holds a mesh, what acts and what others found. Rows, page and exit status are
-those of the atlas; the page is written into the folder unless ``--out`` says where.
+For users who have the files of a case, such as the ICOLD benchmark workshops, Pacoima or Morrow
+Point. The folder contains a mesh, the loads and the published results. Rows, page and exit status
+are those of the atlas. The page is written to the folder, or to the folder of ``--out``.
 
-``case.json``, SI units, angles in degrees; what is not needed is left out:
+``case.json`` has SI units and angles in degrees. Omit entries that are not needed:
 
     {
       "title": "...", "source": "...",
@@ -26,14 +26,14 @@ those of the atlas; the page is written into the folder unless ``--out`` says wh
                     "motion": "motion.csv", "dt": 0.005}
     }
 
-- ``mesh``: Gmsh's format, groups named; groups whose name begins with ``joint`` are joints.
-- ``materials``: by cell group. ``water``: pressure on a face, and Westergaard's mass when shaken.
-- ``points``: the nearest node to each place is taken.
-- ``modes.csv``: a line ``frequency``, then the lowest frequencies in their order [Hz].
-- ``static.csv``: a line ``point,component,displacement``, then such lines, component x, y or z [m].
-- ``motion.csv``: a line ``time,x,y,z``, then times [s] and ground accelerations [m/s^2]; the model
-  moves along its axes. In the plane ``time,x,y``.
-- ``histories.csv``: a line such as ``time,crest_x,crest_z``, then times [s] and displacements from
+- ``mesh``: Gmsh file with named groups; groups whose names begin with ``joint`` are joints.
+- ``materials``: by cell group. ``water``: pressure on a face, and Westergaard's mass in dynamics.
+- ``points``: coordinates [m]; the nearest node is used.
+- ``modes.csv``: header ``frequency``, then the lowest frequencies in ascending order [Hz].
+- ``static.csv``: header ``point,component,displacement``, then rows with x, y or z and [m].
+- ``motion.csv``: header ``time,x,y,z``, in 2-D ``time,x,y``, then times [s] and ground
+  accelerations [m/s^2] along the axes of the model.
+- ``histories.csv``: header such as ``time,crest_x,crest_z``, then times [s] and displacements from
   the static state, relative to the ground [m].
 """
 
@@ -73,19 +73,19 @@ KNOWN = NEEDED | {"joints", "gravity", "water", "damping", "points", "modes", "s
 
 
 class _Points(Monitor):
-    """Displacements of nodes from the static state in all steps."""
+    """Monitor of nodal displacements from the static state in all steps."""
 
     def __init__(self, nodes: NDArray[np.int64]) -> None:
         self._nodes = nodes
 
     def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
-        """Keep the static state."""
+        """Store the static state."""
         self._dim, self.times, self.moved = model.gdim, [], []
         self._first = self._read(first)
         self.record(first)
 
     def record(self, record: Record) -> None:
-        """Keep the step."""
+        """Store the step."""
         self.times.append(record.time)
         self.moved.append(self._read(record) - self._first)
 
@@ -95,16 +95,16 @@ class _Points(Monitor):
 
 
 def read_case(folder: Path) -> dict[str, Any]:
-    """The case of a folder.
+    """Read the case of a folder.
 
     Raises:
-        ValueError: An entry is missing or not known.
+        ValueError: An entry is missing or unknown.
     """
     path = folder / "case.json"
     case: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     for entries, fault in (
         (NEEDED - case.keys(), "lacks"),
-        (case.keys() - KNOWN, "has no use for"),
+        (case.keys() - KNOWN, "has unknown entries:"),
     ):
         if entries:
             raise ValueError(f"{path} {fault} {', '.join(sorted(entries))}.")
@@ -112,16 +112,16 @@ def read_case(folder: Path) -> dict[str, Any]:
 
 
 def columns(path: Path) -> dict[str, list[str]]:
-    """The columns of a CSV file by their names in its first line."""
+    """Return the columns of a CSV file by the names in its header."""
     with path.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file, skipinitialspace=True))
     if not rows:
-        raise ValueError(f"{path} has no line below its names of columns.")
+        raise ValueError(f"{path} has no rows below its header.")
     return {name: [row[name] for row in rows] for name in rows[0]}
 
 
 def build(folder: Path, case: Mapping[str, Any]) -> dj.Model:
-    """The model that a case describes."""
+    """Return the model of a case."""
     jointed = dj.read_msh(folder / case["mesh"], MPI.COMM_SELF)
     water, joints, damping = (case.get(name) for name in ("water", "joints", "damping"))
     return dj.Model(
@@ -139,7 +139,7 @@ def build(folder: Path, case: Mapping[str, Any]) -> dj.Model:
 
 
 def compare(folder: Path, case: Mapping[str, Any]) -> Outcome:
-    """Run what a case asks for."""
+    """Run all comparisons of a case."""
     model = build(folder, case)
     places = model.V.tabulate_dof_coordinates()[:, : model.gdim]
     nodes = {
@@ -157,31 +157,33 @@ def compare(folder: Path, case: Mapping[str, Any]) -> Outcome:
     if "histories" in case:
         rows += histories(simulation, points, list(nodes), folder, case["histories"], ax)
     else:
-        ax.barh([each.quantity for each in rows], [100.0 * each.deviation for each in rows])
+        ax.barh([line.quantity for line in rows], [100.0 * line.deviation for line in rows])
         ax.set_xlabel("deviation [%]")
     return Outcome(rows=rows, figure=figure)
 
 
 def row(quantity: str, ours: float, theirs: float, given: Mapping[str, Any]) -> Row:
-    """A row with the tolerance that a part of the case gives."""
+    """Return a row with the tolerance of a part of the case."""
     limits = {"tolerance": given["tolerance"], "reason": given["reason"]}
     return Row(quantity=quantity, ours=float(ours), theirs=float(theirs), **limits)
 
 
 def modes(model: dj.Model, folder: Path, given: Mapping[str, Any]) -> list[Row]:
-    """Natural frequencies."""
+    """Compare natural frequencies."""
     theirs = np.array(columns(folder / given["file"])["frequency"], float)
-    found = dj.modes(model.system(), len(theirs)).frequencies
-    pairs = enumerate(zip(found, theirs, strict=True), 1)
+    ours = dj.modes(model.system(), len(theirs)).frequencies
+    pairs = enumerate(zip(ours, theirs, strict=True), 1)
     return [row(f"mode {i} [Hz]", a, b, given) for i, (a, b) in pairs]
 
 
 def statics(
     u: Floats, nodes: Mapping[str, int], folder: Path, given: Mapping[str, Any]
 ) -> list[Row]:
-    """Static displacements."""
-    found = columns(folder / given["file"])
-    lines = zip(*(found[name] for name in ("point", "component", "displacement")), strict=True)
+    """Compare static displacements."""
+    table_columns = columns(folder / given["file"])
+    lines = zip(
+        *(table_columns[name] for name in ("point", "component", "displacement")), strict=True
+    )
     return [
         row(f"{point}, {axis} [m]", u[nodes[point], "xyz".index(axis)], float(value), given)
         for point, axis, value in lines
@@ -196,7 +198,7 @@ def histories(
     given: Mapping[str, Any],
     ax: Any,
 ) -> list[Row]:
-    """Displacements in time and their peaks, drawn as well."""
+    """Compare and draw displacement histories and their peaks."""
     motion, theirs = (
         {name: np.array(v, float) for name, v in columns(folder / given[key]).items()}
         for key in ("motion", "file")
@@ -225,10 +227,10 @@ def histories(
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Compare; 1 if a deviation exceeds its tolerance."""
-    parser = Parser(description="Compare with the files of a case of your own.")
-    parser.add_argument("folder", type=Path, help="with case.json and the files it names")
-    parser.add_argument("--out", type=Path, help="where the page goes, the folder unless given")
+    """Compare a case; return 1 if a deviation exceeds its tolerance."""
+    parser = Parser(description="Compare with the files of a user-defined case.")
+    parser.add_argument("folder", type=Path, help="folder with case.json and the files it names")
+    parser.add_argument("--out", type=Path, help="folder of the page (default: the case's folder)")
     options = parser.parse_args(arguments)
     try:
         case = read_case(options.folder)

@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A strip of layers along x that lets one kind of plane wave through, and its exact answer.
+"""Strip of layers along x with one kind of plane wave, and its exact solution.
 
-A wave v_i(t) enters at x = 0 through dashpots that take what comes back; the other end takes the
-wave as well, or is unconstrained. Joints may lie between layers.
+A wave v_i(t) enters at x = 0 through dashpots that absorb the reflected wave. The other end absorbs
+the wave too, or is unconstrained. There may be joints between the layers.
 """
 
 from __future__ import annotations
@@ -29,38 +29,38 @@ AXIS = {"P": 0, "S": 1}
 
 @dataclass(frozen=True, kw_only=True)
 class Layer:
-    """A part of the strip.
+    """Layer of the strip.
 
     Attributes:
-        length: [m].
-        material: Of it.
+        length: Length along x [m].
+        material: Material of the layer.
     """
 
     length: float
     material: dj.Elastic
 
     def speed(self, wave: str) -> float:
-        """Of P or S waves in plane strain [m/s]."""
+        """Return the speed of P or S waves in plane strain [m/s]."""
         m = self.material
         modulus = m.first_lame("strain") * (wave == "P") + m.shear_modulus * (1 + (wave == "P"))
         return float(np.sqrt(modulus / m.density))
 
     def impedance(self, wave: str) -> float:
-        """Density times speed [Pa s/m]."""
+        """Return density times wave speed [Pa s/m]."""
         return float(self.material.density * self.speed(wave))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Strip:
-    """Layers from x = 0 on.
+    """Strip of layers that begins at x = 0.
 
     Attributes:
-        layers: One after the other.
+        layers: Consecutive layers.
         wave: ``P`` or ``S``.
         size: Length of the cells, of degree 2 [m].
-        joint: Law of joints between all layers; none unless given.
+        joint: Law of joints between all layers; no joints by default.
         open_end: Whether the far end is unconstrained instead of absorbing.
-        overlap: By how much unstressed faces of a joint would overlap [m].
+        overlap: Overlap of the unstressed faces of a joint, which puts it under pressure [m].
     """
 
     layers: Sequence[Layer]
@@ -71,13 +71,13 @@ class Strip:
     overlap: float = 0.0
 
     def mesh(self) -> dj.JointedMesh:
-        """One row of quadrilaterals, with a joint between every two layers if there is a law."""
+        """Return a row of quadrilaterals, with a joint between any two layers if there is a law."""
         counts = [round(layer.length / self.size) for layer in self.layers]
         ends = np.cumsum([0, *counts])
         at = np.concatenate(
             [
                 [0.0],
-                *(np.full(n, each.length / n) for n, each in zip(counts, self.layers, strict=True)),
+                *(np.full(n, part.length / n) for n, part in zip(counts, self.layers, strict=True)),
             ]
         )
         x = np.cumsum(at)
@@ -100,25 +100,25 @@ class Strip:
         )
 
     def model(self) -> dj.Model:
-        """The model; nodes move along the wave's axis only."""
+        """Return the model; nodes move only along the wave's axis."""
         jointed = self.mesh()
         across = "xy"[1 - AXIS[self.wave]]
         ends = ["near"] if self.open_end else ["near", "far"]
         faces = [name + side for name in jointed.joint_names for side in "+-"]
         groups = ["sides", "near", "far", *faces]
-        held = [dj.Fixed(group=group, components=across) for group in groups]
+        fixed = [dj.Fixed(group=group, components=across) for group in groups]
         return dj.Model(
             jointed,
-            material={f"layer_{i}": each.material for i, each in enumerate(self.layers)},
+            material={f"layer_{i}": layer.material for i, layer in enumerate(self.layers)},
             joints=dj.Joints(
                 self.joint, initial_gaps={name: -self.overlap for name in jointed.joint_names}
             ),
-            supports=[*(dj.ViscousBoundary(group=group) for group in ends), *held],
+            supports=[*(dj.ViscousBoundary(group=group) for group in ends), *fixed],
             body=dj.Body(degree=2),
         )
 
     def send(self, incident: Callable[[float], float], *, dt: float, steps: int) -> Sent:
-        """Let a wave of velocity v_i(t) [m/s] in at x = 0."""
+        """Run a wave of velocity v_i(t) [m/s] that enters at x = 0."""
         model, ends = self.model(), _Ends(AXIS[self.wave])
         run = dj.Simulation(model, monitors=[ends])
         if self.joint is not None:
@@ -136,12 +136,12 @@ class Strip:
         )
 
     def transfer(self, frequencies: Floats, stiffness: float = np.inf) -> Complex:
-        """Velocity at the far end over the incident one, linear joints of a stiffness [Pa/m].
+        """Return the ratio of far-end to incident velocity for linear joints of a stiffness [Pa/m].
 
-        Velocity and stress of a harmonic wave go through layers and joints by their matrices, as in
-        Haskell 1953 and Schoenberg 1980.
+        Velocity and stress of a harmonic wave are propagated by matrices of layers and joints, as
+        in Haskell 1953 and Schoenberg 1980.
         """
-        found = []
+        ratios = []
         for omega in 2.0 * np.pi * frequencies:
             path = np.eye(2, dtype=complex)
             for i, layer in enumerate(self.layers):
@@ -154,21 +154,21 @@ class Strip:
             last = 0.0 if self.open_end else self.layers[-1].impedance(self.wave)
             into, start = path @ [1.0, z], path @ [0.0, -2.0 * z]
             first = -(start[1] + last * start[0]) / (into[1] + last * into[0])
-            found.append(into[0] * first + start[0])
-        return np.array(found)
+            ratios.append(into[0] * first + start[0])
+        return np.array(ratios)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sent:
-    """What a wave did.
+    """Response of the strip to a wave.
 
     Attributes:
-        times: Of the steps [s], shape (n,).
-        near: Velocity at x = 0 [m/s], at the middle of each step.
-        far: Velocity at the far end, likewise.
-        slips: Slip of the first joint [m], at the times.
-        outcome: Of the run.
-        area: Of the cross-section [m^2].
+        times: Times of the steps [s], shape (n,).
+        near: Velocity at x = 0 in the middle of each step [m/s].
+        far: Velocity at the far end in the middle of each step [m/s].
+        slips: Slip of the first joint at the times [m].
+        outcome: Outcome of the run.
+        area: Area of the cross-section [m^2].
     """
 
     times: Floats
@@ -184,13 +184,13 @@ class Sent:
         return np.asarray((self.times[1:] + self.times[:-1]) / 2.0)
 
     def ratio(self, frequencies: Floats, incident: Callable[[float], float]) -> Complex:
-        """Velocity at the far end over the incident one at frequencies [Hz]."""
+        """Return the ratio of far-end to incident velocity at frequencies [Hz]."""
         waves = np.exp(-2j * np.pi * np.outer(frequencies, self.middles))
         return np.asarray((waves @ self.far) / (waves @ [incident(t) for t in self.middles]))
 
 
 class _Ends(Monitor):
-    """Mean velocities of the steps at both ends, slips of the first joint."""
+    """Monitor of the mean velocities of steps at both ends and of the first joint's slip."""
 
     def __init__(self, axis: int) -> None:
         self._axis = axis
@@ -206,7 +206,7 @@ class _Ends(Monitor):
         self._slip(first)
 
     def record(self, record: Record) -> None:
-        """Keep the step."""
+        """Store the step."""
         now = self._displacements(record)
         near, far = (now - self._last) / (record.time - self.times[-1])
         self.near.append(float(near))
@@ -225,5 +225,5 @@ class _Ends(Monitor):
 
 
 def pulse(length: float, height: float = 1.0) -> Callable[[float], float]:
-    """sin^4 over a time [s], of a height [m/s]."""
+    """Return a sin^4 pulse with a duration [s] and a height [m/s]."""
     return lambda t: height * float(np.sin(np.pi * t / length) ** 4) if 0.0 < t < length else 0.0

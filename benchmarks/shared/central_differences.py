@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Explicit central differences for a jointed body: a reference in work and error.
+"""Explicit central differences for a jointed body, as a reference for work and error.
 
-The mass is lumped by rows, the joints are elastic contact with friction, and stiffness-proportional
-damping acts on the velocity of the last half step:
+The mass is lumped by row sums. The joints have elastic contact with friction. Stiffness-
+proportional damping acts on the velocity of the last half step:
 
     M a_n = f - K (u_n + beta v_{n-1/2}) - B^T (w t(B u_n)),
     v_{n+1/2} = v_{n-1/2} + dt a_n,    u_{n+1} = u_n + dt v_{n+1/2}.
@@ -24,19 +24,19 @@ from dolfinx_joints.simulation.outcome import StaticState
 
 Floats = NDArray[np.float64]
 
-# Step over the limit of stability, which the power method finds from below.
+# Step relative to the stability limit, which the power method slightly overestimates.
 SAFETY = 0.9
 POWER_STEPS = 100
 
 
 class CentralDifferences:
-    """A jointed body with its mass lumped, on one rank.
+    """Jointed body with lumped mass, on one rank.
 
     Args:
-        model: The model; all joints have one `FrictionNoTension`.
-        law: Their law.
+        model: The model; all joints have the same `FrictionNoTension`.
+        law: Law of the joints.
         beta: Factor of the stiffness in the damping matrix [s].
-        static: State to start from, at rest.
+        static: Initial state, at rest.
 
     Attributes:
         limit: Longest stable step [s].
@@ -85,7 +85,7 @@ class CentralDifferences:
             u = u + dt * v
 
     def _traction(self, gap: Floats) -> Floats:
-        """Return the tractions of a step that ends at a gap, and keep the slip of friction."""
+        """Return the tractions of a step that ends at a gap, and update the slip."""
         law = self._law
         shear = law.shear_stiffness * (gap[:, 1:] - self._slip)
         normal = law.normal_stiffness * np.minimum(gap[:, 0], 0.0)
@@ -106,6 +106,6 @@ class CentralDifferences:
 
 
 def _csr(matrix: PETSc.Mat) -> sp.csr_matrix:
-    """Return a matrix of one rank as SciPy's."""
+    """Return a matrix of one rank as a SciPy matrix."""
     plain = matrix if matrix.getType() == "seqaij" else matrix.copy().convert("seqaij")
     return sp.csr_matrix(plain.getValuesCSR()[::-1], shape=plain.getSize())

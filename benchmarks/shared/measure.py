@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Runs of a scene with what they cost: wall and processor time, PETSc's own times, peak memory."""
+"""Runs of a scene with their cost: wall and processor time, PETSc's times, peak memory."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ InterfaceSolver._iterate = PETSc.Log.EventDecorator(ITERATION)(  # type: ignore[
 
 
 def petsc_seconds(names: Sequence[str]) -> float:
-    """What PETSc's log has under these events on this rank so far [s]; the log is switched on."""
+    """Return PETSc's logged time of these events on this rank [s]; switch the log on if needed."""
     return sum(info["time"] for info in _logged(names))
 
 
 def back_substitution(since: tuple[float, int] = (0.0, 0)) -> tuple[float, int]:
-    """Seconds of back-substitutions on this rank [s] and their number, less those before."""
+    """Return the time of back-substitutions on this rank [s] and their number, minus ``since``."""
     whole, forward, backward = _logged(SINGLE)
     spent = sum(info["time"] for info in (whole, forward, backward))
     return spent - since[0], whole["count"] + backward["count"] - since[1]
@@ -61,7 +61,7 @@ def _logged(names: Sequence[str]) -> list[dict[str, Any]]:
 
 @contextmanager
 def supernodal_factors_alone() -> Iterator[None]:
-    """Steps solve with CHOLMOD's factor even where that in blocks of a node is faster."""
+    """Make steps use CHOLMOD's factor even if the factor in blocks of a node is faster."""
     before, limits.NODE_BLOCK_ROWS = limits.NODE_BLOCK_ROWS, 0
     try:
         yield
@@ -69,52 +69,52 @@ def supernodal_factors_alone() -> Iterator[None]:
         limits.NODE_BLOCK_ROWS = before
 
 
-# Wall time over processor time of a step above which wall times are not to be trusted.
+# Ratio of wall to processor time of a step above which wall times are not reliable.
 DISTURBED = 1.1
 
 
 def print_disturbance(rows: Iterable[dict[str, Any]]) -> None:
-    """Say so if others used the processors; of several ranks, which wait busily, nothing."""
+    """Warn if other processes used the processors; on one rank only, as ranks wait actively."""
     busy = max(row["wall_over_cpu"] for row in rows)
     if MPI.COMM_WORLD.size == 1 and busy > DISTURBED:
         print(
-            f"\nOthers used the machine: wall times are up to {busy:.2f} times the processor times."
-            "\nGo by the latter, or measure again."
+            f"\nOther processes ran: wall times are up to {busy:.2f} times the processor times."
+            "\nUse the processor times, or measure again."
         )
 
 
 def progress(text: str) -> None:
-    """Say on rank 0, on the error stream, what is done."""
+    """Print the progress on rank 0 to standard error."""
     if MPI.COMM_WORLD.rank == 0:
         print(text, file=sys.stderr, flush=True)
 
 
 def free_memory() -> None:
-    """Hand back what earlier runs left, so that it does not count for the next (collective)."""
+    """Free the memory of earlier runs, so that it does not count for the next (collective)."""
     gc.collect()
     free_petsc_garbage(MPI.COMM_WORLD)
     ctypes.CDLL(None).malloc_trim(0)
 
 
 def reset_peak() -> None:
-    """Let the kernel's largest resident size of this process start anew."""
+    """Reset the kernel's largest resident size of this process."""
     Path("/proc/self/clear_refs").write_text("5")
 
 
 def peak_mb() -> float:
-    """Largest resident size since `reset_peak`, summed over the ranks, [MiB] (collective)."""
+    """Return the largest resident size since `reset_peak`, summed over ranks [MiB] (collective)."""
     lines = Path("/proc/self/status").read_text().splitlines()
     mine = next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
     return MPI.COMM_WORLD.allreduce(mine) / 1024.0
 
 
 def slowest(value: float) -> float:
-    """The largest of all ranks (collective)."""
+    """Return the largest value of all ranks (collective)."""
     return MPI.COMM_WORLD.allreduce(value, op=MPI.MAX)
 
 
 def bandwidth() -> float:
-    """Memory bandwidth that all ranks have together in a triad, w = y + s x [B/s] (collective)."""
+    """Measure the memory bandwidth of all ranks in a triad, w = y + s x [B/s] (collective)."""
     vectors = [PETSc.Vec().createSeq(10_000_000) for _ in range(3)]
     for vector in vectors:
         vector.set(1.0)
@@ -136,7 +136,7 @@ class Phases:
 
     Attributes:
         seconds: Wall time of the slowest rank [s].
-        peaks_mb: Largest memory of the phase, with what earlier phases still hold [MiB].
+        peaks_mb: Peak memory in the phase, memory of earlier phases included [MiB].
     """
 
     seconds: dict[str, float] = field(default_factory=dict)
@@ -144,7 +144,7 @@ class Phases:
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
-        """Account a block to a phase (collective)."""
+        """Measure a block as a phase (collective)."""
         reset_peak()
         began = clock.perf_counter()
         yield
@@ -153,24 +153,24 @@ class Phases:
 
 
 class StepWatch(Monitor):
-    """Monitor that keeps what each step took, and the crest's displacement.
+    """Monitor that records the cost of each step and the crest's displacement.
 
-    The clock runs from the end of one call to the beginning of the next: it sees the whole loop
-    but for this monitor.
+    The clock runs from the end of one call to the beginning of the next. It measures the whole loop
+    except this monitor.
 
     Attributes:
         wall: Wall time of each step [ms].
         cpu: Processor time of each step [ms].
         iterations: Newton iterations of each step's last substep.
-        shares: Joint points open, sticking and sliding after each step, over all.
-        crest: Displacement of the crest from the start of each step's end, (3,) each [m].
-        factor: Seconds that PETSc factored in the first step [s].
+        shares: Fractions of joint points open, sticking and sliding after each step.
+        crest: Displacement of the crest from the start at the end of each step, (3,) each [m].
+        factor: Time of PETSc's factorization in the first step [s].
         solves: Mean wall time of a back-substitution in each step [ms].
         iterating: Wall time of the compiled iteration on the joints in each step [ms].
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Nothing is seen yet."""
+        """Create empty records."""
         self._scene = scene
         self.wall: list[float] = []
         self.cpu: list[float] = []
@@ -216,7 +216,7 @@ class StepWatch(Monitor):
         self._last = clock.perf_counter(), clock.process_time()
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:
-        """Let go of the model."""
+        """Release the model."""
         del self._probe
 
 
@@ -231,19 +231,19 @@ def march(
     watch: StepWatch | None = None,
     dt: float = TIME_STEP,
 ) -> dict[str, Any]:
-    """Take static loads, then the motion, with a law for the joints or without joints (collective).
+    """Run statics, then the motion, with a law for the joints or without joints (collective).
 
     Returns:
-        Numbers alone, so that the next run finds the memory free. Of several ranks the slowest
-        counts; times of steps leave out the first one.
+        Only numbers, so that no memory is kept for the next run. Times are those of the slowest
+        rank; times of steps leave out the first step.
 
         - ``dofs``, constrained ones included, and ``joint_points``;
         - ``ms``, ``cpu_ms``: median wall and processor time of a step;
         - ``solve_ms``, ``iteration_ms``: median wall time of a back-substitution, and of the
           iteration on the joints in a step; ``over_solve``: step over back-substitution;
         - ``setup_s``: wall time by phase: ``mesh`` (read and split), ``assembly``, ``statics``,
-          ``factor`` of the bulk, and ``compliance``, what else the first step takes more than the
-          median; ``total_s``, ``total_cpu_s``: from reading the mesh to the last step;
+          ``factor`` of the bulk, and ``compliance``, the additional time of the first step without
+          factor; ``total_s``, ``total_cpu_s``: from reading the mesh to the last step;
         - ``peaks_mb``: peak memory of ``model`` (mesh and assembly), ``statics`` and ``steps``;
           ``peak_mb``: the largest;
         - ``peaks_mm``: largest displacement of the crest from the static state along each axis;
@@ -254,7 +254,7 @@ def march(
         ValueError: There are fewer than 2 steps.
     """
     if steps < 2:
-        raise ValueError(f"steps is {steps}; the first is not measured, so take at least 2.")
+        raise ValueError(f"steps is {steps}; the first is not measured, so give at least 2.")
     free_memory()
     phases, watch = Phases(), watch if watch is not None else StepWatch(scene)
     began = clock.perf_counter(), clock.process_time()
@@ -315,18 +315,18 @@ def median_of(runs: Sequence[dict[str, Any]], name: str) -> Any:
 
 
 class Marching:
-    """A run in small steps, each timed, so that several runs can take theirs in turn.
+    """Run with timed steps that can alternate with the steps of other runs.
 
     Args:
         system: The system.
         dt: Time step [s].
-        static: State to start from.
+        static: Initial state.
         scheme: The time scheme.
 
     Attributes:
         ms: Processor time of each step [ms].
         iterations: Newton iterations of all steps.
-        ledger: The energies.
+        ledger: The energy ledger.
     """
 
     def __init__(
@@ -343,7 +343,7 @@ class Marching:
         self.iterations = 0
 
     def step(self) -> None:
-        """Take a step."""
+        """Compute a step."""
         began = clock.process_time()
         self._state, report = self._scheme.advance(self._solver, self._state, self._dt)
         self.ms.append(1e3 * (clock.process_time() - began))

@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A body with joints in OpenSees: a program that reads arrays and writes arrays.
+"""Body with joints in OpenSees: a program that reads and writes arrays.
 
-    python3 -m benchmarks.shared.opensees KIND SCENE.npz FOUND.npz
+    python3 -m benchmarks.shared.opensees KIND SCENE.npz RESULT.npz
 
-It imports neither DOLFINx nor mpi4py, whose MPI does not live in one process with that of OpenSees.
+It imports neither DOLFINx nor mpi4py, because their MPI conflicts with that of OpenSees.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ import numpy as np
 
 Arrays = Mapping[str, Any]
 
-# Of an increment's norm over that of the first in the step.
+# Norm of an increment relative to the first one in the step.
 TOLERANCE, MOST_ITERATIONS = 1e-6, 60
 LINE_SEARCH = ("NewtonLineSearch", "-type", "Bisection")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """How OpenSees solves.
+    """Solution method of OpenSees.
 
     Attributes:
-        system: Linear solver; SparseSYM takes symmetric tangents only.
+        system: Linear solver; SparseSYM needs symmetric tangents.
         static: Algorithm of the static state.
-        repeats: Static steps, all under the whole load.
-        steps: Algorithms of a time step, the next where one does not converge.
-        extrapolated: Whether contact is that of the last steps extrapolated (IMPL-EX), so that a
-            step is one linear system, or that at the end of the step.
+        repeats: Number of static steps, each with the full load.
+        steps: Algorithms of a time step; the next one is used if one does not converge.
+        extrapolated: Whether the contact state is extrapolated from the last steps (IMPL-EX), so
+            that a step is one linear system. Otherwise it is the state at the end of the step.
     """
 
     system: str
@@ -58,7 +58,7 @@ KINDS = {
 
 
 def build(ops: Any, scene: Arrays, kind: Kind) -> None:
-    """Nodes, bricks with their weight, and a contact element at each pair of nodes."""
+    """Create nodes, bricks with their weight, and a contact element at each pair of nodes."""
     ops.model("basic", "-ndm", 3, "-ndf", 3)
     for tag, place in enumerate(scene["nodes"].tolist(), 1):
         ops.node(tag, *place)
@@ -82,7 +82,7 @@ def build(ops: Any, scene: Arrays, kind: Kind) -> None:
 
 
 def prepare(ops: Any, kind: Kind) -> None:
-    """What static and time steps have in common."""
+    """Set the options common to static and time steps."""
     ops.constraints("Plain")
     ops.numberer("RCM")
     ops.system(kind.system)
@@ -90,18 +90,18 @@ def prepare(ops: Any, kind: Kind) -> None:
 
 
 def displacements(ops: Any, count: int) -> np.ndarray:
-    """Of all nodes, shape (count, 3), [m]."""
+    """Return the displacements of all nodes, shape (count, 3), [m]."""
     return np.array([ops.nodeDisp(tag) for tag in range(1, count + 1)])
 
 
 def statics(ops: Any, kind: Kind) -> None:
-    """The static state; the weight of the bricks acts as a whole in each step."""
+    """Compute the static state; each step has the full weight of the bricks."""
     prepare(ops, kind)
     ops.algorithm(*kind.static)
     ops.integrator("LoadControl", 1.0)
     ops.analysis("Static")
     if ops.analyze(kind.repeats):
-        raise SystemExit("OpenSees found no static state.")
+        raise SystemExit("OpenSees did not converge in statics.")
     ops.loadConst("-time", 0.0)
     ops.wipeAnalysis()
 
@@ -109,13 +109,13 @@ def statics(ops: Any, kind: Kind) -> None:
 def dynamics(
     ops: Any, scene: Arrays, kind: Kind
 ) -> tuple[list[float], list[int], list[list[list[float]]]]:
-    """The steps, by the average acceleration method.
+    """Compute the time steps by the average acceleration method.
 
     Returns:
         Processor time [ms], iterations, and displacements of the watched nodes [m] of each step.
     """
     dt, ground = float(scene["dt"]), scene["acceleration"]
-    ops.rayleigh(0.0, 0.0, float(scene["damping"]), 0.0)  # of the first stiffness of the bricks
+    ops.rayleigh(0.0, 0.0, float(scene["damping"]), 0.0)  # proportional to the initial stiffness
     for axis in (1, 2, 3):
         ops.timeSeries(
             "Path", axis, "-dt", dt, "-values", *ground[:, axis - 1].tolist(), "-useLast"
@@ -144,10 +144,10 @@ def dynamics(
 
 
 def main() -> None:
-    """Read, run, write."""
+    """Read the scene, run it, write the results."""
     import openseespy.opensees as ops
 
-    name, given, found = sys.argv[1:]
+    name, given, output = sys.argv[1:]
     kind = KINDS[name]
     with np.load(given) as scene:
         arrays = dict(scene)
@@ -158,7 +158,7 @@ def main() -> None:
     spent, iterations, history = dynamics(ops, arrays, kind)
     last = displacements(ops, count) - static
     moved = np.array(history) - static[arrays["watched"]]
-    np.savez(found, static=static, last=last, history=moved, cpu_ms=spent, iterations=iterations)
+    np.savez(output, static=static, last=last, history=moved, cpu_ms=spent, iterations=iterations)
 
 
 if __name__ == "__main__":

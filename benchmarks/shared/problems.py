@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Small dynamic problems with known motions, and how to march them: shared by the benchmarks."""
+"""Small dynamic problems with known motions, and their time integration, for the benchmarks."""
 
 from __future__ import annotations
 
@@ -41,17 +41,17 @@ SCHEMES: dict[str, Scheme] = {
     "generalized_alpha": dj.GeneralizedAlpha(),
 }
 
-# Schemes whose traction is the mean over a step, not that at its end.
+# Schemes whose traction is the mean over a step instead of the value at its end.
 MIDPOINT = ("ec", "ec_exact", "implicit")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """Motion to compare with: functions of times (t,) [s] for the n dofs that are compared.
+    """Reference motion: functions of times (t,) [s] for the n compared dofs.
 
     Attributes:
-        displacement: Shape (t, n), [m].
-        velocity: Shape (t, n), [m/s].
+        displacement: Displacements, shape (t, n), [m].
+        velocity: Velocities, shape (t, n), [m/s].
         force: Joint force, shape (t,), [N].
     """
 
@@ -71,19 +71,20 @@ def one_dof(displacement: History, velocity: History, force: History) -> Motion:
 
 @dataclass(frozen=True, kw_only=True)
 class Problem:
-    """A system, how its motion starts, and what it should be.
+    """System with initial conditions and reference motion.
 
     Attributes:
-        system: What is marched.
-        period: What time steps are given as fractions of [s].
+        system: The system to integrate.
+        period: Reference time; time steps are fractions of it [s].
         end: Time of the last step [s].
-        displacement: At the start, shape (n,), [m].
-        velocity: At the start, shape (n,), [m/s].
-        motion: What the motion should be; None where nothing is compared.
-        joints: Response of the joints at the start; at rest there unless given.
-        component: Of the joint traction, whose force is compared: 0 normal, 1 or 2 shear.
+        displacement: Initial displacements, shape (n,), [m].
+        velocity: Initial velocities, shape (n,), [m/s].
+        motion: Reference motion, None without comparison.
+        joints: Response of the joints at the start; by default they are at rest.
+        component: Compared component of the joint force: 0 normal, 1 or 2 shear.
         compared: Dofs that are compared.
-        sampling: Compare displacements and velocities at its multiples only [s]; else at all steps.
+        sampling: Compare displacements and velocities only at multiples of this time [s]; else at
+            all steps.
     """
 
     system: dj.MatrixSystem
@@ -100,23 +101,23 @@ class Problem:
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """A march: histories with one row per accepted step, and what it took.
+    """Completed run: histories with one row per accepted step, and the cost.
 
     Attributes:
         time: Ends of the steps, shape (t,), [s].
-        dt: Their lengths, shape (t,), [s].
-        displacement: Of the dofs compared, shape (t, n), [m].
-        velocity: Of the same, shape (t, n), [m/s].
-        force: Joint force as the scheme has it in the step, shape (t,), [N].
-        steps: Steps accepted.
-        solves: Attempts.
-        iterations: Newton iterations of the steps accepted.
-        seconds: Processor time of the march, factorizations included [s].
+        dt: Lengths of the steps, shape (t,), [s].
+        displacement: Displacements of the compared dofs, shape (t, n), [m].
+        velocity: Velocities of the compared dofs, shape (t, n), [m/s].
+        force: Joint force as the scheme defines it in the step, shape (t,), [N].
+        steps: Number of accepted steps.
+        solves: Number of attempted steps.
+        iterations: Newton iterations of the accepted steps.
+        seconds: Processor time, factorizations included [s].
         energy_error: The paper's energy error.
-        ledger: Largest sum of all energy lines; None where the scheme loses energy of the body.
-        growth: Largest stored energy over the energy at the start and the largest input.
+        ledger: Largest imbalance of the energy ledger; None if the scheme does not conserve energy.
+        growth: Largest stored energy over the initial energy plus the largest input.
         row: Energies at the end.
-        chatter: Share of each joint that chatters, of joints that do.
+        chatter: Fraction of points that chatter, for each joint that chatters.
     """
 
     time: Floats
@@ -136,7 +137,7 @@ class Run:
 
 
 def first_state(problem: Problem, solver: object) -> DynamicState:
-    """The state that a problem starts from."""
+    """Return the initial state of a problem."""
     u, v = problem.system.mass.createVecRight(), problem.system.mass.createVecRight()
     u.setArray(problem.displacement)
     v.setArray(problem.velocity)
@@ -149,10 +150,10 @@ def march(
     dt: float,
     control: dj.StepControl | None = None,
 ) -> Run:
-    """March a problem to its end in steps of dt [s], cut where ``control`` says.
+    """Integrate a problem to its end in steps of dt [s]; ``control`` determines substeps.
 
     Raises:
-        JointsError: A step did not converge or lost energy, however often it was cut.
+        JointsError: A step did not converge or lost energy in all substeps allowed.
     """
     contact = problem.system.contact
     began = clock.process_time()
@@ -194,12 +195,12 @@ def march(
 
 
 def errors(problem: Problem, run: Run, *, midpoint: bool) -> dict[str, float]:
-    """Relative errors of a run.
+    """Return the relative errors of a run.
 
-    ``displacement`` is the largest error (2-norm over the dofs) over the largest displacement;
-    ``velocity`` and ``force`` are root mean squares in time, that of the velocity weighted with the
-    mass, over those of the right motion. A force that is the mean over a step counts at its middle;
-    it is compared with the larger of both, so that about 1 says it is not resolved at all.
+    ``displacement`` is the largest error (2-norm over the dofs) over the largest displacement.
+    ``velocity`` and ``force`` are root mean squares in time over those of the reference; velocities
+    are weighted with the mass. A force that is the mean over a step is compared at its middle. The
+    force error is relative to the larger of both forces, so a value near 1 means not resolved.
     """
     motion, shown = problem.motion, np.ones(len(run.time), dtype=bool)
     if problem.sampling is not None:
@@ -221,7 +222,7 @@ def errors(problem: Problem, run: Run, *, midpoint: bool) -> dict[str, float]:
 
 
 def lumped_mass(system: dj.MatrixSystem) -> Floats:
-    """Row sums of the mass matrix, shape (n,), [kg]."""
+    """Return the row sums of the mass matrix, shape (n,), [kg]."""
     ones, sums = system.mass.createVecRight(), system.mass.createVecLeft()
     ones.set(1.0)
     system.mass.mult(ones, sums)
@@ -232,14 +233,14 @@ def lumped_mass(system: dj.MatrixSystem) -> Floats:
 
 
 def oscillator(ratio: float, gap: float = 0.0) -> ImpactOscillator:
-    """Return a mass on a spring before a stop ``ratio`` times as stiff."""
+    """Return a mass on a spring and a stop ``ratio`` times as stiff."""
     return ImpactOscillator(
         mass=100.0, stiffness=1e4, stop_stiffness=1e4 * ratio, initial_velocity=1.0, gap=gap
     )
 
 
 def impact(ratio: float, *, gap: float = 0.0, periods: float = 2.0) -> Problem:
-    """The mass of `oscillator` over periods of the free mass."""
+    """Return the problem of `oscillator` over periods of the free mass."""
     exact = oscillator(ratio, gap)
     system = dj.MatrixSystem.from_arrays(
         mass=exact.mass,
@@ -263,25 +264,25 @@ def impact(ratio: float, *, gap: float = 0.0, periods: float = 2.0) -> Problem:
 
 @dataclass(frozen=True, kw_only=True)
 class BouncingBar:
-    r"""An elastic bar, unstrained, falls on a rigid wall and bounces (Doyen, Ern, Piperno 2011).
+    r"""Elastic, initially unstrained bar that falls on a rigid wall (Doyen, Ern, Piperno 2011).
 
-    With x in [0, L] from the end that strikes, u(x, t) its height above the undeformed bar that
-    touches the wall, and c = sqrt(E / rho):
+    x in [0, L] is measured from the striking end, u(x, t) is the height above the undeformed bar in
+    contact with the wall, and c = sqrt(E / rho):
 
         u_tt = c^2 u_xx - g,   u_x(L) = 0,   u(0) >= 0,   u(x, 0) = h0,   u_t(x, 0) = -v
 
-    - It touches at t1, when h0 = v t1 + g t1^2 / 2, with the speed v1 = v + g t1.
-    - In contact, tau = t - t1, a wave runs up the bar and back: with f(y) = v1 y + g y^2/2 for
+    - Contact begins at t1 with h0 = v t1 + g t1^2 / 2 and the speed v1 = v + g t1.
+    - In contact, tau = t - t1, a wave travels up the bar and back. With f(y) = v1 y + g y^2/2 for
       y > 0, u = f(tau - x/c) + f(tau - (2L - x)/c) - f(tau) (d'Alembert, even at the free end).
-      The wall pushes with E f'(tau) / c = rho c (v1 + g tau), until the wave is back at
+      The force of the wall is E f'(tau) / c = rho c (v1 + g tau), until the wave returns at
       tau = 2L/c.
-    - There u_t = v1 everywhere and u = (g / c^2) (x^2 - 2 L x), twice the sag of the bar at rest.
-      In flight, s = t - t1 - 2L/c, the mean is v1 s - g s^2/2 - 2 g L^2 / (3 c^2), and the rest
-      oscillates freely: (g / 2c^2) (P(x - c s) + P(x + c s)), P(x) = x^2 - 2 L x + 2 L^2/3
-      continued with the period 2L; its cosine series is sum 4 / lambda^2 cos(lambda x),
+    - Then u_t = v1 everywhere and u = (g / c^2) (x^2 - 2 L x), twice the sag of the bar at rest.
+      In flight, s = t - t1 - 2L/c, the mean of u is v1 s - g s^2/2 - 2 g L^2 / (3 c^2). The
+      remainder oscillates freely: (g / 2c^2) (P(x - c s) + P(x + c s)), with P(x) = x^2 - 2 L x +
+      2 L^2/3 continued with the period 2L. Its cosine series is sum 4 / lambda^2 cos(lambda x),
       lambda = n pi / L.
-    - With g > 0 the flight takes 2 v1 / g. If these are whole periods 2L/c, the bar touches just as
-      it left, and all runs backwards to where it began.
+    - With g > 0 the flight lasts 2 v1 / g. If this is a multiple of 2L/c, the bar lands in the
+      state in which it left, and the motion runs backwards to its start.
 
     Attributes:
         length: L [m].
@@ -292,7 +293,7 @@ class BouncingBar:
         speed: v, downward [m/s].
 
     Raises:
-        ValueError: The bar would not touch twice in the same way.
+        ValueError: The flight is not a multiple of 2L/c, so the motion is not periodic.
     """
 
     length: float
@@ -303,7 +304,7 @@ class BouncingBar:
     speed: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check that the motion is one of those solved."""
+        """Check that the exact solution applies."""
         if self.gravity > 0.0:
             cycles = 2.0 * self.impact_speed / self.gravity / self.contact_duration
             if abs(cycles - round(cycles)) > 1e-9:
@@ -313,7 +314,7 @@ class BouncingBar:
 
     @property
     def wave_speed(self) -> float:
-        """The wave speed c [m/s]."""
+        """Wave speed c [m/s]."""
         return math.sqrt(self.young / self.density)
 
     @property
@@ -323,12 +324,12 @@ class BouncingBar:
 
     @property
     def impact_time(self) -> float:
-        """Begin t1 of the first contact [s]."""
+        """Start t1 of the first contact [s]."""
         return 2.0 * self.height / (self.speed + self.impact_speed)
 
     @property
     def contact_duration(self) -> float:
-        """2L/c [s]."""
+        """Duration of a contact, 2L/c [s]."""
         return 2.0 * self.length / self.wave_speed
 
     @property
@@ -338,21 +339,21 @@ class BouncingBar:
 
     @property
     def period(self) -> float:
-        """After which all is as at the start; infinite without gravity [s]."""
+        """Period of the motion, infinite without gravity [s]."""
         if self.gravity == 0.0:
             return math.inf
         return 2.0 * (self.release_time + self.impact_speed / self.gravity)
 
     def displacement(self, time: ArrayLike, x: ArrayLike) -> Floats:
-        """U at times (t,) [s] and places (n,) [m], shape (t, n), [m]."""
+        """Return u at times (t,) [s] and places (n,) [m], shape (t, n), [m]."""
         return self._motion(time, x)[0]
 
     def velocity(self, time: ArrayLike, x: ArrayLike) -> Floats:
-        """U_t at times (t,) [s] and places (n,) [m], shape (t, n), [m/s]."""
+        """Return u_t at times (t,) [s] and places (n,) [m], shape (t, n), [m/s]."""
         return self._motion(time, x)[1]
 
     def force(self, time: ArrayLike) -> Floats:
-        """Push of the wall at times (t,) [s], shape (t,), [N]."""
+        """Return the force of the wall at times (t,) [s], shape (t,), [N]."""
         t, _ = self._folded(time)
         tau = t - self.impact_time
         touching = (tau >= 0.0) & (tau <= self.contact_duration)
@@ -360,7 +361,7 @@ class BouncingBar:
         return np.where(touching, impedance * (self.impact_speed + self.gravity * tau), 0.0)
 
     def _folded(self, time: ArrayLike) -> tuple[Floats, Floats]:
-        """Times in the first half of the period, and the sense in which they run, shape (t,)."""
+        """Return equivalent times in the first half period, and the time direction, shape (t,)."""
         t = np.atleast_1d(np.asarray(time, dtype=np.float64))
         if self.gravity == 0.0:
             return t, np.ones_like(t)
@@ -381,11 +382,11 @@ class BouncingBar:
         return u, sense[:, None] * v
 
     def _contact(self, tau: Floats, x: Floats) -> tuple[Floats, Floats]:
-        """From the start to the end of the contact; tau is negative in the fall."""
+        """Return u and u_t until the end of the contact; tau is negative in the fall."""
         c, g, v1 = self.wave_speed, self.gravity, self.impact_speed
         u, v = -(v1 + 0.5 * g * tau) * tau, -(v1 + g * tau)
-        for way in (x, 2.0 * self.length - x):
-            y = np.maximum(tau - way / c, 0.0)
+        for distance in (x, 2.0 * self.length - x):
+            y = np.maximum(tau - distance / c, 0.0)
             u, v = u + (v1 + 0.5 * g * y) * y, v + np.where(y > 0.0, v1 + g * y, 0.0)
         return u, v
 
@@ -400,7 +401,7 @@ class BouncingBar:
         return u, v
 
 
-# The bar of Doyen, Ern and Piperno, and a fast steel bar.
+# Bar of Doyen, Ern and Piperno, and a fast steel bar.
 BOUNCING = BouncingBar(length=10.0, young=900.0, density=1.0, height=5.0, gravity=10.0)
 ON_WALL = BouncingBar(length=0.2, young=2e11, density=8000.0, height=2e-3, speed=100.0)
 
@@ -412,9 +413,9 @@ def bar_matrices(
     size = length / elements
     mass, stiffness = np.zeros((2, elements + 1, elements + 1))
     for e in range(elements):
-        here = slice(e, e + 2)
-        mass[here, here] += density * size / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
-        stiffness[here, here] += young / size * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        dofs = slice(e, e + 2)
+        mass[dofs, dofs] += density * size / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
+        stiffness[dofs, dofs] += young / size * np.array([[1.0, -1.0], [-1.0, 1.0]])
     return mass, stiffness
 
 
@@ -426,14 +427,14 @@ def bar(
     stiffness_ratio: float = 1e3,
     massless: bool = False,
 ) -> Problem:
-    """A bar of linear elements over a wall.
+    """Return a bar of linear elements above a wall.
 
     Args:
         exact: The bar.
-        elements: Their number.
+        elements: Number of elements.
         end: Time of the last step [s].
-        stiffness_ratio: k_n h / E of the contact, h being the element size.
-        massless: Take the mass from the struck node.
+        stiffness_ratio: k_n h / E of the contact, with the element size h.
+        massless: Remove the mass of the striking node by redistribution.
     """
     mass, stiffness = bar_matrices(
         elements, length=exact.length, young=exact.young, density=exact.density
@@ -450,7 +451,7 @@ def bar(
     )
     if massless:
         system = redistribute(system, nodes[:, None])
-    # Gravity acts where the mass is, so that the bar falls without strain.
+    # Apply gravity to the redistributed mass, so that the bar falls without strain.
     weight = system.mass.createVecRight()
     weight.setArray(-exact.gravity * lumped_mass(system))
     start = exact.displacement(0.0, np.zeros(elements + 1))[0]
@@ -477,7 +478,7 @@ def dry_friction(exact: CoulombOscillator) -> Motion:
     omega = math.sqrt(exact.stiffness / exact.mass)
 
     def half(time: ArrayLike) -> tuple[Floats, NDArray[np.int64], Floats]:
-        """Return times in half cycles, their number, and the sense of the motion, 0 at rest."""
+        """Return time in half cycles, number of the half cycle, and direction, 0 at rest."""
         t = np.asarray(time, dtype=np.float64) / exact.half_period
         number = np.clip(np.floor(t), 0, last).astype(np.int64)
         return t, number, np.where(number == last, 0.0, np.sign(turns[number]))
@@ -488,7 +489,7 @@ def dry_friction(exact: CoulombOscillator) -> Motion:
         return -omega * swing * np.sin(math.pi * (t - number))
 
     def force(time: ArrayLike) -> Floats:
-        """Return the force of the mass on the ground: that of the spring where it rests."""
+        """Return the force of the mass on the ground; at rest it is the spring force."""
         sense = half(time)[2]
         return np.where(sense == 0.0, -exact.stiffness * turns[-1], -sense * exact.friction)
 
@@ -496,17 +497,19 @@ def dry_friction(exact: CoulombOscillator) -> Motion:
 
 
 class Phase(NamedTuple):
-    """Sliding or sticking: x = origin + centre + cosine cos(W t) + sine sin(W t) from its begin.
+    """Phase of sliding or sticking: x = origin + centre + cosine cos(W t) + sine sin(W t).
+
+    t is the time since the start of the phase.
 
     Attributes:
-        begin: Time [s].
-        origin: Place where it sticks, 0 where it slides [m].
-        centre: Place about which it swings, from the origin [m].
-        cosine: Of the swing [m].
-        sine: Of the swing [m].
-        frequency: W [rad/s].
-        way: Direction of sliding, 1 or -1; 0 where it sticks.
-        elastic_slip: e at the begin [m].
+        begin: Start of the phase [s].
+        origin: Place where the mass sticks, 0 if it slides [m].
+        centre: Centre of the oscillation, relative to the origin [m].
+        cosine: Cosine amplitude [m].
+        sine: Sine amplitude [m].
+        frequency: Circular frequency W [rad/s].
+        way: Direction of sliding, 1 or -1; 0 if it sticks.
+        elastic_slip: Elastic slip e at the start [m].
     """
 
     begin: float
@@ -529,15 +532,15 @@ class Phase(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ElasticFriction:
-    """The Coulomb oscillator with elastic sticking of stiffness k_s, as one dof.
+    """Coulomb oscillator with one dof and elastic sticking of stiffness k_s.
 
-    Friction is k_s e, |e| <= r = F / k_s, and e = -r at the release from x0 > 0. Sliding in the
-    direction w, e = w r and m x'' + k x + w F = 0, until it turns. From a turning point x_t on it
-    sticks, m y'' + (k + k_s) y + k x_t + w F = 0 with y = x - x_t and e = w r + y, until e = -w r;
-    if it never gets there it trembles for good.
+    The friction force is k_s e with |e| <= r = F / k_s, and e = -r at the release from x0 > 0. If
+    the mass slides in direction w, e = w r and m x'' + k x + w F = 0, until it turns. From the
+    turning point x_t on it sticks: m y'' + (k + k_s) y + k x_t + w F = 0 with y = x - x_t and
+    e = w r + y, until e = -w r. If e does not reach -w r, it oscillates there forever.
 
     Attributes:
-        rigid: The oscillator.
+        rigid: The Coulomb oscillator.
         shear_stiffness: k_s [N/m].
     """
 
@@ -551,7 +554,7 @@ class ElasticFriction:
 
     @cached_property
     def phases(self) -> list[Phase]:
-        """Sliding and sticking in turns; the last phase has no end."""
+        """Alternating phases of sliding and sticking; the last phase does not end."""
         m, k, force, r = self.rigid.mass, self.rigid.stiffness, self.rigid.friction, self.limit
         both = k + self.shear_stiffness
         omega, fast = math.sqrt(k / m), math.sqrt(both / m)
@@ -579,7 +582,7 @@ class ElasticFriction:
         return Phase(*table[np.searchsorted(table[:, 0], t, side="right") - 1].T).at(t)
 
     def motion(self) -> Motion:
-        """Return the motion to compare with."""
+        """Return the reference motion."""
         return one_dof(
             lambda time: self.at(time)[0],
             lambda time: self.at(time)[1],
@@ -590,10 +593,10 @@ class ElasticFriction:
 def on_ground(
     *, stiffness: float, shear_stiffness: float, friction: float, push: Callable[[float], float]
 ) -> tuple[dj.MatrixSystem, float]:
-    """1 kg on a spring along x, pressed by 10 N on a joint; and the penetration [m].
+    """Return 1 kg on a spring along x, pressed by 10 N on a joint, and the penetration [m].
 
-    The dofs are x, the height, and y, along which nothing happens; the joint is as stiff in
-    compression as in shear, or rigid.
+    The dofs are x, the height, and y, in which nothing moves. The joint has equal stiffness in
+    compression and shear, or is rigid.
     """
     angle = math.degrees(math.atan(friction / 10.0))
     rigid = math.isinf(shear_stiffness)
@@ -617,7 +620,7 @@ def on_ground(
 
 
 def coulomb(ratio: float) -> Problem:
-    """A mass on a spring with dry friction, k_s / k = ``ratio`` (infinite: rigid).
+    """Return a mass on a spring with dry friction, k_s / k = ``ratio`` (infinite: rigid).
 
     Friction is at its limit when the mass is released.
     """
@@ -649,12 +652,12 @@ def coulomb(ratio: float) -> Problem:
 
 
 def sliding(shear_stiffness: float = math.inf) -> Problem:
-    """Newmark's block, 1 kg, on a base shaken by a pulse; rigid joint by default, k_s [N/m]."""
+    """Return Newmark's block of 1 kg on a base with a pulse; k_s [N/m], rigid by default."""
     exact = SlidingBlock(pulse=4.0, yield_acceleration=2.0, duration=0.5)
 
     def push(time: float) -> float:
-        left = exact.duration - time
-        return exact.pulse * (0.5 if abs(left) < 1e-9 else float(left > 0.0))
+        remaining = exact.duration - time
+        return exact.pulse * (0.5 if abs(remaining) < 1e-9 else float(remaining > 0.0))
 
     system, depth = on_ground(
         stiffness=0.0, shear_stiffness=shear_stiffness, friction=2.0, push=push
@@ -679,10 +682,10 @@ def sliding(shear_stiffness: float = math.inf) -> Problem:
 
 
 def with_fine_motion(problem: Problem, dt: float, sampling: float) -> Problem:
-    """Return the problem to be compared with its own energy-consistent run in steps of dt [s].
+    """Return the problem with its energy-consistent run in steps of dt [s] as reference.
 
-    Displacements and velocities are known at the ends of these steps only; forces are interpolated
-    between their middles.
+    Displacements and velocities are available only at the ends of these steps. Forces are
+    interpolated between the middles of the steps.
     """
     run = march(problem, dj.EnergyConsistent(), dt)
 
@@ -690,7 +693,7 @@ def with_fine_motion(problem: Problem, dt: float, sampling: float) -> Problem:
         wanted = np.asarray(time)
         rows = np.searchsorted(run.time, wanted - 1e-6 * sampling)
         if np.abs(run.time[rows] - wanted).max() > 1e-6 * sampling:
-            raise ValueError("The fine run has no step that ends at a time asked for.")
+            raise ValueError("No step of the fine run ends at a requested time.")
         return values[rows]
 
     motion = Motion(
@@ -717,8 +720,8 @@ def of_model(
         model: The model.
         period: See `Problem`.
         end: See `Problem`.
-        static: State to start from; undeformed unless given.
-        upper: Velocity at the start of the cell group ``upper``, shape (3,), [m/s]; else at rest.
+        static: Initial state; undeformed by default.
+        upper: Initial velocity of the cell group ``upper``, shape (3,), [m/s]; zero by default.
         motion: Acceleration of the base [m/s^2].
         component: See `Problem`.
     """
@@ -745,10 +748,10 @@ STIFF = dj.FrictionNoTension(normal_stiffness=1e11, shear_stiffness=4e10, fricti
 
 
 def blocks(*, end: float = 3e-3, law: CondensedLaw = STIFF, massless: bool = False) -> Problem:
-    """A block of 1 m thrown obliquely on another one, 0.2 m/s down and 0.15 m/s along.
+    """Return a block of 1 m thrown obliquely on another one, 0.2 m/s down and 0.15 m/s along.
 
-    Hexahedra of half a metre, 9 joint points, a gap of 0.1 mm: the upper block strikes, slides
-    and rebounds within 3 ms. The nodes of a joint may be without mass.
+    The blocks have hexahedra of 0.5 m, 9 joint points and a gap of 0.1 mm. The upper block strikes,
+    slides and rebounds within 3 ms. ``massless`` removes the mass of joint nodes.
     """
     model = dj.Model(
         mesh_of(two_blocks, size=0.5),

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The jointed wall and the arch dam as scenes: what is meshed, loaded and shaken."""
+"""Jointed wall and arch dam as scenes: mesh, loads and ground motion."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ DAM_SIZES: dict[str, dict[str, Any]] = {
     "dam fine": {"size": 3.0, "layers": 2},
 }
 DAM_STEPS = 2288
-# Where the motion of the dam is strong: where runs of fewer steps begin [s].
+# Start of the strong motion of the dam; runs with fewer steps begin here [s].
 STRONG_START = 3.0
 
 
@@ -48,7 +48,7 @@ Wall = tuple[tuple[int, int, int], int]  # cells along x, y, z; number of joints
 
 @contextmanager
 def mesh_file(write: Callable[[Path], object]) -> Iterator[Path]:
-    """Write a mesh file that exists as long as the context lasts (collective)."""
+    """Write a mesh file that exists within the context (collective)."""
     comm = MPI.COMM_WORLD
     with TemporaryDirectory() as folder:
         path = Path(comm.bcast(folder)) / "scene.msh"
@@ -65,27 +65,27 @@ def mesh_of(write: Callable[..., object], **options: Any) -> dj.JointedMesh:
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """A body with joints, its loads and its shaking.
+    """Body with joints, its loads and its ground motion.
 
     Attributes:
-        name: As in tables and JSON.
-        write: Writes the mesh to a path.
-        material: Of the body.
-        held: Facet groups that are clamped.
-        loads: Static loads, held through the motion.
+        name: Name in tables and JSON.
+        write: Function that writes the mesh to a path.
+        material: Material of the body.
+        fixed: Facet groups that are fixed.
+        loads: Static loads, which remain during the motion.
         shear_ratio: k_s / k_n of the joints.
         load_steps: Steps of the static stage.
-        shaking: Ground acceleration, given how long the run is to last [s].
+        shaking: Function that returns the ground acceleration for the duration of a run [s].
         crest: Point whose peaks are reported [m].
-        friction_angle: Of the joints [degrees].
-        onset: How long it takes to become strong [s].
-        tied_peaks_mm: What these are without joints in `TIED_STEPS` steps, where others know it.
+        friction_angle: Friction angle of the joints [degrees].
+        onset: Time until the motion is strong [s].
+        tied_peaks_mm: Known peaks without joints in `TIED_STEPS` steps, or None.
     """
 
     name: str
     write: Callable[[Path], object]
     material: dj.Elastic
-    held: Sequence[str]
+    fixed: Sequence[str]
     loads: Sequence[Any]
     shear_ratio: float
     load_steps: int
@@ -100,12 +100,12 @@ class Scene:
         return mesh_file(self.write)
 
     def strong_shaking(self, length: float) -> Acceleration:
-        """Ground acceleration that is strong from the first step on, for ``length`` [s]."""
+        """Return a ground acceleration of ``length`` [s] that is strong from the first step."""
         shaking = self.shaking(self.onset + length)
         return lambda time: shaking(self.onset + time)
 
     def law(self, stiffness: float = 1e11, angle: float | None = None) -> Law:
-        """Friction without tension, k_n in [Pa/m] and the angle in degrees; rigid if infinite."""
+        """Return a law with k_n [Pa/m] and angle [degrees]; a rigid one for infinite k_n."""
         angle = self.friction_angle if angle is None else angle
         if math.isinf(stiffness):
             return dj.RigidJoint(friction_angle_deg=angle, stiffness_ratio=1.0 / self.shear_ratio)
@@ -118,20 +118,20 @@ class Scene:
     def read(
         self, path: Path, *, tied: bool = False, comm: MPI.Comm = MPI.COMM_WORLD
     ) -> dj.JointedMesh:
-        """The mesh, split at the joints unless they are tied (collective)."""
+        """Read the mesh, split at the joints unless they are tied (collective)."""
         return dj.read_msh(path, comm, joints=[] if tied else None)
 
     def model(self, jointed: dj.JointedMesh, law: Law | None, **options: Any) -> dj.Model:
-        """The assembled model, with the law of all joints or without joints (collective).
+        """Return the model with a law for all joints, or without joints (collective).
 
-        Further options are those of `Model`.
+        ``options`` are those of `Model`.
         """
         options.setdefault("damping", dj.stiffness_proportional(ratio=0.02, frequency=5.0))
         return dj.Model(
             jointed,
             material=self.material,
             joints=law,
-            supports=[dj.Fixed(group=name) for name in self.held],
+            supports=[dj.Fixed(group=name) for name in self.fixed],
             loads=list(self.loads),
             **options,
         )
@@ -147,7 +147,7 @@ PEAKS = np.array([0.4, 0.4, 0.3]) * GRAVITY
 
 
 def _sines(time: float) -> np.ndarray:
-    """Sum of the sines of each axis with its onset, not yet scaled."""
+    """Return the sum of the sines of each axis with its onset, unscaled."""
     onset = np.sin(0.5 * np.pi * time / ONSET) ** 2 if time < ONSET else 1.0
     return onset * np.sin(2 * np.pi * FREQUENCIES * time + PHASES).sum(axis=1)
 
@@ -156,7 +156,7 @@ SCALE = PEAKS / np.abs([_sines(i * TIME_STEP) for i in range(TIED_STEPS + 1)]).m
 
 
 def ground_acceleration(time: float) -> np.ndarray:
-    """Acceleration of the wall's base (x, y, z) [m/s^2]."""
+    """Return the acceleration of the wall's base (x, y, z) [m/s^2]."""
     return SCALE * _sines(time)
 
 
@@ -167,11 +167,11 @@ def wall(
     divisions: Sequence[int] | None = None,
     joints: int = 3,
 ) -> Scene:
-    """20 x 4 x 20 m on a clamped base, cut by vertical joints.
+    """Return a wall of 20 x 4 x 20 m on a fixed base, cut by vertical joints.
 
     Args:
         mesh: Name in `DIVISIONS`.
-        pressure: On both end faces, closing the joints [MPa].
+        pressure: Pressure on both end faces that closes the joints [MPa].
         divisions: Cells along x, y and z instead of a named mesh.
         joints: Number of joints.
     """
@@ -181,7 +181,7 @@ def wall(
         name=f"{mesh} {pressure:g} MPa" if pressure else mesh,
         write=lambda path: jointed_wall(path, divisions=cells, joints=joints),
         material=dj.Elastic(young=24e9, poisson=0.2, density=2400.0),
-        held=["base"],
+        fixed=["base"],
         loads=[
             dj.Gravity(acceleration=(0.0, 0.0, -GRAVITY)),
             *(squeezed if pressure else []),
@@ -198,7 +198,7 @@ def wall(
 def wall_file(wall: Wall) -> AbstractContextManager[Path]:
     """Return a context with the mesh file of a wall (collective).
 
-    Gmsh would keep its memory, so a process of its own writes the file.
+    A separate process writes the file, because Gmsh does not free its memory.
     """
     divisions, joints = wall
     program = Path(__file__).resolve().parents[2] / "geometry/jointed_wall.py"
@@ -213,20 +213,20 @@ def wall_file(wall: Wall) -> AbstractContextManager[Path]:
 
 
 def _synthetic(length: float) -> Acceleration:
-    """The motion of demo 03 from where it is strong, or as late as it must begin to last."""
+    """Return demo 03's motion from its strong part on, or earlier if it is too short for that."""
     motion = dj.synthetic_motion().resampled(TIME_STEP)
-    length += 2.0 * TIME_STEP  # bounds between two samples are moved inwards
+    length += 2.0 * TIME_STEP  # trimmed moves bounds between samples inwards
     start = max(0.0, min(STRONG_START, motion.duration - length))
     return motion.trimmed(min(length, motion.duration - start), start=start)
 
 
 def dam(name: str = "dam") -> Scene:
-    """The dam of demo 03 (`DAM_SIZES`), shaken by its synthetic motion."""
+    """Return the dam of demo 03 (`DAM_SIZES`) with its synthetic motion."""
     return Scene(
         name=name,
         write=lambda path: ambiesta(path, **DAM_SIZES[name]),
         material=dj.Elastic(young=25.92e9, poisson=0.2, density=2400.0),
-        held=["base", "abutments"],
+        fixed=["base", "abutments"],
         loads=[dj.Gravity()],
         shear_ratio=0.4,
         load_steps=4,

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Tables in Markdown.
 
-A form has two lines: the headings, and the formats of the cells, which take values of a row by
-name: ``{ratio:.2f}`` shows ``row["ratio"]``, ``{setup_s[mesh]:.1f}`` ``row["setup_s"]["mesh"]``.
+A form has two lines: the headings, and the formats of the cells with values of a row by name.
+``{ratio:.2f}`` prints ``row["ratio"]``, ``{setup_s[mesh]:.1f}`` prints ``row["setup_s"]["mesh"]``.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 
 def head(form: str) -> str:
-    """Return the two lines above the rows."""
+    """Return the two header lines of a table."""
     headings = form.splitlines()[0]
     return f"{headings}\n{'|---' * (headings.count('|') - 1)}|"
 

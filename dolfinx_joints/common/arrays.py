@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Types of arrays, and arrays that are whole on no rank, as those see them who write them."""
+"""Array types, and distributed arrays that rank 0 can write to a file."""
 
 from __future__ import annotations
 
@@ -14,15 +14,14 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-# Of messages that ask for a block of an array, and bring it.
-TAG = 4101
+TAG = 4101  # of MPI messages that request and send a block of an array
 
 
 class Dealt:
-    """A dealt array, which rank 0 can read block by block within `mpi.handing_out`.
+    """Distributed array that rank 0 can read block by block within `mpi.handing_out`.
 
-    Blocks, the first row of each rank and the number of all, are found out unless given
-    (collective); shape and dtype are those of the whole array.
+    ``blocks`` has the first row of each rank and the total number of rows; it is computed unless
+    given (collective). Shape and dtype are those of the whole array.
     """
 
     def __init__(self, comm: Any, mine: NDArray[Any], blocks: Ints | None = None) -> None:
@@ -30,19 +29,19 @@ class Dealt:
         self._blocks = np.cumsum([0, *comm.allgather(len(mine))]) if blocks is None else blocks
         self.shape = (int(self._blocks[-1]), *mine.shape[1:])
         self.dtype = mine.dtype
-        self.asked_by: tuple[Any, int] | None = None  # `handing_out`: communicator and number
+        self.requests: tuple[Any, int] | None = None  # set by `handing_out`: communicator, number
 
     def __len__(self) -> int:
-        """Rows of all ranks."""
+        """Return the number of rows on all ranks."""
         return self.shape[0]
 
     def __iter__(self) -> Iterator[NDArray[Any]]:
-        """Blocks of rows that follow each other, on rank 0: never more than one is held there."""
+        """Yield consecutive blocks of rows on rank 0, which stores only one at a time."""
         yield self.mine
         for rank, count in enumerate(np.diff(self._blocks)):
             if rank > 0 and count > 0:
-                assert self.asked_by is not None
-                comm, number = self.asked_by
+                assert self.requests is not None
+                comm, number = self.requests
                 block = np.empty((count, *self.shape[1:]), self.dtype)
                 comm.send(number, rank, TAG)
                 comm.Recv(block, rank, TAG)
@@ -50,5 +49,5 @@ class Dealt:
 
 
 def blocks_in(array: NDArray[Any] | Dealt) -> Iterator[NDArray[Any]]:
-    """Blocks of rows that follow each other, the whole of an ordinary array."""
+    """Yield consecutive blocks of rows; an ordinary array is one block."""
     yield from array if isinstance(array, Dealt) else (array,)

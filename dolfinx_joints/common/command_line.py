@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Command lines, wrong ones reported in one line."""
+"""Command-line parser that reports errors in one line."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from typing import Any, NoReturn
 
 
 def at_least(least: int) -> Callable[[str], int]:
-    """A type of argument: whole numbers from one on."""
+    """Return an argument type for whole numbers of at least ``least``."""
 
     def read(text: str) -> int:
         if not re.fullmatch(r"[+-]?[0-9]{1,18}", text) or int(text) < least:
-            raise argparse.ArgumentTypeError(f"{text!r} is no whole number of at least {least}")
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least {least}")
         return int(text)
 
     return read
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that ends the program with code 2 and one sentence, without the usage.
+    """Argument parser that exits with code 2 and one sentence, without the usage.
 
     Options must be written in full.
     """
@@ -31,7 +31,8 @@ class Parser(argparse.ArgumentParser):
         super().__init__(*args, **{"allow_abbrev": False, **options})
 
     def error(self, message: str) -> NoReturn:
-        """End the program."""
-        message = message.partition(" (choose from")[0]  # quoted in some versions of Python
+        """Exit with the message."""
+        # Python versions differ in whether they quote the choices; leave them out.
+        message = message.partition(" (choose from")[0]
         text = "".join(c if c.isprintable() else " " for c in " ".join(message.split()))
-        self.exit(2, f"{self.prog}: {text.rstrip('.')}; --help tells what is allowed.\n")
+        self.exit(2, f"{self.prog}: {text.rstrip('.')}; see --help for the allowed values.\n")

@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Parameters declared once, in the annotation: kind, range and unit.
+"""Parameters whose type, range and unit are declared in the annotation.
 
-``normal_stiffness: Annotated[float, Gt(0), Unit("Pa/m")]`` is all there is to write. `checked`
-raises one clear error for anything else, `declarations` gives the same lines to the reference page
-and to the tests. Bounds are those of the package annotated-types.
+A declaration is ``normal_stiffness: Annotated[float, Gt(0), Unit("Pa/m")]``, with bounds of the
+package annotated-types. `checked` raises an error for any other value. `declarations` returns the
+declarations for the reference page and the tests.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from dolfinx_joints.common.parameters import numbers_of, real, shown, whole_numb
 T = TypeVar("T", bound=Callable[..., Any])
 REQUIRED = inspect.Parameter.empty
 
-# What each bound compares, and how it reads: in general, and with zero.
+# Attribute, comparison and text of each bound, and its text if the bound is zero.
 _RANGES: dict[type, tuple[str, Callable[[Any, Any], Any], str, str]] = {
     at.Gt: ("gt", operator.gt, "above", "positive"),
     at.Ge: ("ge", operator.ge, "at least", "zero or more"),
@@ -38,20 +38,20 @@ _RANGES: dict[type, tuple[str, Callable[[Any, Any], Any], str, str]] = {
     at.Le: ("le", operator.le, "at most", ""),
 }
 
-# All classes and functions that `checked` has seen: for the reference and the tests.
+# All classes and functions with `checked`, for the reference page and the tests.
 CHECKED: list[Any] = []
 
 
 @dataclass(frozen=True, kw_only=True)
 class Declaration:
-    """One declared parameter.
+    """Declared parameter.
 
     Attributes:
-        name: Its name.
+        name: Name of the parameter.
         kind: The annotation without bounds and unit: ``float``, ``Literal["a", "b"]``, ...
-        bounds: The bounds of annotated-types, intervals and lengths taken apart.
+        bounds: Bounds of annotated-types; intervals and lengths are split into single bounds.
         unit: SI unit, empty for a pure number.
-        default: Default value, `REQUIRED` if there is none.
+        default: Default value, `REQUIRED` without a default.
     """
 
     name: str
@@ -62,27 +62,27 @@ class Declaration:
 
     @property
     def optional(self) -> bool:
-        """Whether None may be given."""
+        """Whether None is allowed."""
         return type(None) in _alternatives(self.kind)
 
     @property
     def allowed(self) -> str:
-        """What may be given, as it stands in an error message."""
+        """Allowed values, as text for an error message."""
         kinds = [k for k in _alternatives(self.kind) if k is not type(None)]
         texts = [_allowed(kind, self.bounds) for kind in kinds]
         return " or ".join(dict.fromkeys([*texts, *(["None"] if self.optional else [])]))
 
     def check(self, value: Any, where: str) -> Any:
-        """The value in the kind that is declared.
+        """Return the value, converted to the declared type.
 
         Raises:
-            ValueError: It is of another kind, or outside of the bounds.
+            ValueError: The value is of another type or out of its bounds.
         """
         if value is None and self.optional:
             return value
         for kind in _alternatives(self.kind):
             fits, converted = _convert(kind, value)
-            if fits and all(_holds(b, converted) for b in self.bounds):
+            if fits and all(_satisfies(b, converted) for b in self.bounds):
                 return converted
         is_number = not math.isnan(real(value)) or isinstance(value, float)
         given = f"{shown(value, str)} {self.unit}".rstrip() if is_number else shown(value)
@@ -90,14 +90,14 @@ class Declaration:
 
 
 def checked(of: T) -> T:
-    """Check what a dataclass or a function is given against its annotations.
+    """Check the arguments of a dataclass or a function against its annotations.
 
-    Below ``@dataclass``, above a function. A dataclass is checked before its own
-    ``__post_init__``, and numbers of other kinds become floats or ints there. Annotations of other
-    classes are left to mypy.
+    Put the decorator below ``@dataclass`` of a class. A dataclass is checked before its own
+    ``__post_init__``, which also converts numbers of other types to float or int. Annotations with
+    other classes are not checked.
 
     Raises:
-        ValueError: On use: a parameter is of another kind, or outside of its bounds.
+        ValueError: On use: a parameter is of another type or out of its bounds.
     """
     if isinstance(of, type):
         of.__post_init__ = _checking_init(of)  # type: ignore[attr-defined]
@@ -111,10 +111,10 @@ def checked(of: T) -> T:
             given = signature.bind(*args, **kwargs)
         except TypeError:
             return of(*args, **kwargs)  # Python's own error names the function
-        for each in declarations(of):
-            if each.name in given.arguments:
-                value = given.arguments[each.name]
-                given.arguments[each.name] = each.check(value, of.__name__)
+        for parameter in declarations(of):
+            if parameter.name in given.arguments:
+                value = given.arguments[parameter.name]
+                given.arguments[parameter.name] = parameter.check(value, of.__name__)
         return of(*given.args, **given.kwargs)
 
     CHECKED.append(call)
@@ -126,11 +126,11 @@ def _checking_init(of: type) -> Callable[..., None]:
 
     def check(self: Any) -> None:
         """Check the parameters."""
-        for each in declarations(of):
-            value = getattr(self, each.name)
-            converted = each.check(value, type(self).__name__)
+        for parameter in declarations(of):
+            value = getattr(self, parameter.name)
+            converted = parameter.check(value, type(self).__name__)
             if converted is not value:
-                object.__setattr__(self, each.name, converted)
+                object.__setattr__(self, parameter.name, converted)
         if own is not None:
             own(self)
 
@@ -139,7 +139,7 @@ def _checking_init(of: type) -> Callable[..., None]:
 
 @functools.cache
 def declarations(of: Any) -> tuple[Declaration, ...]:
-    """The declared parameters of a dataclass or function, in their order."""
+    """Return the declared parameters of a dataclass or function, in their order."""
     of = inspect.unwrap(of)
     names = vars(sys.modules[of.__module__])
     return tuple(
@@ -151,7 +151,7 @@ def declarations(of: Any) -> tuple[Declaration, ...]:
 
 
 def parameters(of: Any) -> dict[str, Any] | None:
-    """Return the values of the declared parameters of an object by name.
+    """Return an object's declared parameters by name, or None.
 
     The result is None unless the object is of a dataclass of this package.
     """
@@ -173,36 +173,36 @@ def _parameters(of: Any) -> Iterator[tuple[str, Any, Any]]:
 
 
 def _parsed(annotation: Any, names: Mapping[str, Any]) -> tuple[Any, tuple[Any, ...], str]:
-    """Kind, bounds and unit of an annotation; the kind is None where there is nothing to check."""
+    """Return type, bounds and unit of an annotation; the type is None if it is not checked."""
     if isinstance(annotation, str):
         try:
             annotation = eval(annotation, dict(names))
-        except NameError:  # of a class that only type checkers import
+        except NameError:  # a class that is imported for type checkers only
             return None, (), ""
     kinds: list[Any] = []
     notes: list[Any] = []
-    for each in _alternatives(annotation):
-        annotated = get_origin(each) is Annotated
-        kinds += _alternatives(get_args(each)[0] if annotated else each)
-        notes += get_args(each)[1:] if annotated else ()
+    for part in _alternatives(annotation):
+        annotated = get_origin(part) is Annotated
+        kinds += _alternatives(get_args(part)[0] if annotated else part)
+        notes += get_args(part)[1:] if annotated else ()
     unit = next((note.unit for note in notes if isinstance(note, at.Unit)), "")
     groups = (note if isinstance(note, at.GroupedMetadata) else [note] for note in notes)
     bounds = tuple(b for group in groups for b in group if not isinstance(b, at.Unit))
-    known = annotation != ArrayLike and any(_is_known(each) for each in kinds)
-    return (Union[tuple(kinds)] if known else None), bounds, unit  # noqa: UP007
+    is_checked = annotation != ArrayLike and any(_is_checked(kind) for kind in kinds)
+    return (Union[tuple(kinds)] if is_checked else None), bounds, unit  # noqa: UP007
 
 
 def _alternatives(kind: Any) -> tuple[Any, ...]:
     return get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
 
 
-def _is_known(kind: Any) -> bool:
+def _is_checked(kind: Any) -> bool:
     plain = (float, int, bool, str, PathLike)
     return kind in plain or get_origin(kind) in (Literal, Sequence, tuple, Callable, PathLike)
 
 
 def _convert(kind: Any, value: Any) -> tuple[bool, Any]:
-    """Whether a value is of a kind, and the value as such."""
+    """Return True and the converted value if it is of this type, else False and the value."""
     if kind is float:
         number = real(value)
         return math.isfinite(number), value if type(value) is float else number
@@ -229,7 +229,7 @@ def _convert(kind: Any, value: Any) -> tuple[bool, Any]:
     return isinstance(origin, type) and isinstance(value, origin), value
 
 
-def _holds(bound: Any, value: Any) -> bool:
+def _satisfies(bound: Any, value: Any) -> bool:
     if isinstance(bound, at.MinLen):
         return len(value) >= bound.min_length
     if isinstance(bound, at.MaxLen):
@@ -239,7 +239,7 @@ def _holds(bound: Any, value: Any) -> bool:
 
 
 def _allowed(kind: Any, bounds: Sequence[Any]) -> str:
-    """A kind and its bounds as text."""
+    """Return the text of a type and its bounds."""
     ranges = [_RANGES[type(b)] + (b,) for b in bounds if type(b) in _RANGES]
     limits = [(getattr(b, name), text, zero) for name, _, text, zero, b in ranges]
     range_of = " and ".join(zero if zero and not v else f"{text} {v:g}" for v, text, zero in limits)
@@ -253,8 +253,8 @@ def _allowed(kind: Any, bounds: Sequence[Any]) -> str:
         return f"one of {', '.join(map(str, get_args(kind)))}"
     if origin in (Sequence, tuple):
         numbers = set(get_args(kind)) - {Ellipsis} <= {float, int}
-        what = f"{_count(kind, bounds)} {'finite numbers' if numbers else 'values'}"
-        return f"{what}, each {range_of}" if range_of else what
+        sequence = f"{_count(kind, bounds)} {'finite numbers' if numbers else 'values'}"
+        return f"{sequence}, each {range_of}" if range_of else sequence
     if origin is Callable:
         return "a function"
     if origin in (PathLike, Path):
@@ -263,7 +263,7 @@ def _allowed(kind: Any, bounds: Sequence[Any]) -> str:
 
 
 def _count(kind: Any, bounds: Sequence[Any]) -> str:
-    """How many values a sequence may have."""
+    """Return the allowed number of values of a sequence, as text."""
     if get_origin(kind) is tuple and Ellipsis not in get_args(kind):
         return str(len(get_args(kind)))
     least = next((b.min_length for b in bounds if isinstance(b, at.MinLen)), 0)

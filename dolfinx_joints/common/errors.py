@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Exceptions and warnings of this package; each message is one sentence a user can act on."""
+"""Exceptions and warnings of this package; each message states what the user can do."""
 
 import sys
 import warnings
@@ -11,11 +11,11 @@ from typing import Any, TypeVar
 
 from dolfinx_joints.common.parameters import printable
 
-# Modules whose frames are between a user's line and a warning.
+# Modules whose frames may be between the user's line and a warning.
 _PASSED = ("dolfinx_joints", "contextlib", "dataclasses", "functools")
 
-# Public names of earlier versions, arguments by class or function, and what to do instead.
-REMOVED_NAMES = {"ReducedBulk": "leave out reduced=, the whole body takes all steps"}
+# Public names of earlier versions, removed arguments by class or function, and replacements.
+REMOVED_NAMES = {"ReducedBulk": "omit reduced=, all steps solve for the whole body"}
 _OF_BODY = "degree plane extra_stiffness extra_mass extra_damping symmetric redistribute_mass"
 REMOVED_ARGUMENTS = {
     "EnergyConsistent": {"spectral_radius": "use HilberHughesTaylor or GeneralizedAlpha"},
@@ -25,7 +25,7 @@ REMOVED_ARGUMENTS = {
         **dict.fromkeys(("added_mass", "reservoir"), "use water=..."),
     },
     "dynamics": {
-        "reduced": "leave it out, the whole body takes all steps",
+        "reduced": "omit it, all steps solve for the whole body",
         **{n: f"use start=InitialFields({n}=...)" for n in ("velocity", "displacement")},
         "resume": "use checkpoint=Checkpoints(path, resume=...)",
     },
@@ -35,10 +35,10 @@ T = TypeVar("T", bound=Callable[..., Any])
 
 
 def warn(text: str, category: type[Warning] = UserWarning) -> None:
-    """Warn at the user's line, the first one outside of this package.
+    """Warn at the user's line, the first one outside this package.
 
-    Python 3.12 has ``skip_file_prefixes`` for this, but constructors of dataclasses are in a file
-    ``<string>``, as the user's line may be.
+    Python's ``skip_file_prefixes`` does not work here: constructors of dataclasses are in a file
+    ``<string>``, and the user's line may be as well.
     """
     level, frame = 1, sys._getframe()
     while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in _PASSED:
@@ -47,7 +47,7 @@ def warn(text: str, category: type[Warning] = UserWarning) -> None:
 
 
 def doubt(comm: Any, *texts: str) -> None:
-    """Warn of what is implausible, on rank 0."""
+    """Warn of implausible values, on rank 0."""
     for text in texts if comm.rank == 0 else ():
         warn(text, PlausibilityWarning)
 
@@ -61,7 +61,7 @@ def refuse_removed_name(name: str) -> None:
 def refuses_removed(of: T) -> T:
     """Make a class or function raise a TypeError for its removed arguments.
 
-    The decorator is above ``@dataclass`` and below ``@checked`` of a function.
+    Put the decorator above ``@dataclass`` of a class, or below ``@checked`` of a function.
     """
     is_class, removed = isinstance(of, type), REMOVED_ARGUMENTS[of.__name__]
     call = of.__init__ if is_class else of  # type: ignore[misc]
@@ -79,73 +79,74 @@ def refuses_removed(of: T) -> T:
 
 
 class JointsError(Exception):
-    """Base of every exception that this package raises on purpose."""
+    """Base class of the exceptions of this package."""
 
     def __str__(self) -> str:
-        """Return the message, which may have names from files, for a terminal."""
+        """Return the message without control characters, which names from files may contain."""
         return printable(super().__str__())
 
 
 class RecordError(JointsError, ValueError):
-    """A ground-motion file or motion that cannot be used."""
+    """Error in a ground-motion file or motion."""
 
 
 class MeshError(JointsError, ValueError):
-    """A mesh, a named group or a joint surface that cannot be used."""
+    """Error in a mesh, a named group or a joint surface."""
 
 
 class ResultsError(JointsError, ValueError):
-    """A results file, or a request made to one, that cannot be used."""
+    """Error in a results file or in a request for its content."""
 
 
 class CheckpointError(JointsError, ValueError):
-    """A checkpoint that cannot be written, or a run that cannot be continued from one."""
+    """Error in writing a checkpoint or in continuing a run from one."""
 
 
 class OtherRunError(CheckpointError):
-    """A checkpoint or results file of another model or run than the one that is to go on."""
+    """Error for a checkpoint or results file that belongs to a different model or run."""
 
 
 class TemperatureError(JointsError, ValueError):
-    """A file of temperatures that cannot be used."""
+    """Error in a file of temperatures."""
 
 
 class StudyError(JointsError, ValueError):
-    """A study, a row or a table of one that cannot be used."""
+    """Error in a study, its table or one of its rows."""
 
 
 class PlausibilityWarning(UserWarning):
-    """A value that no dam has, perhaps in another unit than SI, or that a run does not resolve.
+    """Warning of a value that is implausible for a dam or that a run does not resolve.
 
-    Of models in other units: ``warnings.simplefilter("ignore", PlausibilityWarning)``.
+    Often the value is not in SI units. For models in other units, use
+    ``warnings.simplefilter("ignore", PlausibilityWarning)``.
     """
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class ConvergenceError(JointsError, RuntimeError):
-    """A solve that did not converge.
+    """Error for a solve that did not converge.
 
-    Every argument is optional and kept as an attribute of the same name; the message is built
-    from those that are given.
+    Every argument is optional and becomes an attribute of the same name. The message contains the
+    given ones.
 
     Args:
-        stage: name of the stage, for example ``"static"`` or ``"earthquake"``.
-        name: name that a static stage has in results.
-        step: number of the step within the stage.
-        time: time at the end of the step [s].
-        reached: load factor that is in equilibrium, the share of the way from the loads before a
-            ramp, or before a step in time, to those at its end.
-        iteration: iterations done.
-        residual: the norm that was compared with ``tolerance``.
-        tolerance: largest residual accepted.
-        open: number of open joint points at the last iteration.
-        stick: number of sticking joint points.
-        slip: number of sliding joint points.
-        frictionless: number of joint points that are closed without friction.
-        joint: name of the joint with the largest residual.
-        yielding: number of points of plastic cells at their limit.
-        law: kind of a joint law that gave numbers that are not finite, in ``joint``.
-        remedy: what may help, one sentence.
+        stage: Kind of the stage, for example ``"static"`` or ``"earthquake"``.
+        name: Name of a static stage in results.
+        step: Number of the step within the stage.
+        time: Time at the end of the step [s].
+        reached: Load factor of the last equilibrium, from 0 for the loads before the ramp or time
+            step to 1 for the loads at its end.
+        iteration: Number of iterations.
+        residual: Norm that was compared with ``tolerance``.
+        tolerance: Largest accepted residual.
+        open: Number of open joint points at the last iteration.
+        stick: Number of sticking joint points.
+        slip: Number of sliding joint points.
+        frictionless: Number of joint points that are closed without friction.
+        joint: Name of the joint with the largest residual.
+        yielding: Number of yielding points of plastic cells.
+        law: Type of the law of ``joint`` that returned NaN or infinity.
+        remedy: Sentence that suggests a remedy.
     """
 
     stage: str | None = None
@@ -169,10 +170,10 @@ class ConvergenceError(JointsError, RuntimeError):
         super().__init__(self._sentence())
 
     def __reduce__(self) -> tuple[Callable[[], "ConvergenceError"], tuple[()]]:
-        """Keep the attributes when the exception travels between processes."""
+        """Return the data for pickling, with all attributes."""
         return partial(type(self), **asdict(self)), ()
 
-    def _what(self) -> str:
+    def _failure(self) -> str:
         beyond = "" if self.reached is None else f" beyond the load factor {self.reached:.4g}"
         return f"did not converge{beyond}"
 
@@ -184,7 +185,7 @@ class ConvergenceError(JointsError, RuntimeError):
             subject += f", step {self.step},"
         if self.time is not None:
             subject += f" at t = {self.time:.6g} s"
-        text = f"{subject} {self._what()}"
+        text = f"{subject} {self._failure()}"
         if self.iteration is not None:
             text += f" in {self.iteration} iteration{'' if self.iteration == 1 else 's'}"
         details = []
@@ -198,11 +199,11 @@ class ConvergenceError(JointsError, RuntimeError):
         if counts:
             details.append(f"joint points {', '.join(counts)}")
         if self.law is not None:
-            details.append(f"the law {self.law} of joint {self.joint!r} gave NaN or infinity")
+            details.append(f"the law {self.law} of joint {self.joint!r} returned NaN or infinity")
         elif self.joint is not None:
             details.append(f"worst joint {self.joint!r}")
         if self.yielding is not None:
-            details.append(f"{self.yielding} points of the bulk at their limit")
+            details.append(f"{self.yielding} yielding points of the bulk")
         text = text[0].upper() + text[1:]
         text = f"{text}{': ' if details else ''}{'; '.join(details)}."
         return text if self.remedy is None else f"{text} {self.remedy}"
@@ -210,17 +211,17 @@ class ConvergenceError(JointsError, RuntimeError):
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class JumpError(ConvergenceError):
-    """A static stage in which the structure jumps to a distant equilibrium.
+    """Error for a static stage in which the structure jumps to a distant equilibrium.
 
     Args:
-        released: Energy that the jump releases [J].
-        joints: Names of the joints that release it, the largest share first.
+        released: Energy released by the jump [J].
+        joints: Names of the joints that release the energy, the largest share first.
     """
 
     released: float = 0.0
     joints: tuple[str, ...] = ()
 
-    def _what(self) -> str:
+    def _failure(self) -> str:
         where = f" in {', '.join(map(repr, self.joints))}" if self.joints else ""
         after = "" if self.reached is None else f" beyond the load factor {self.reached:.4g}"
         return f"jumps{after}: the next equilibrium releases {self.released:.4g} J{where}"

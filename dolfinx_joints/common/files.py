@@ -1,8 +1,8 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Files with one writer (a lock on ``PATH.lock``), and files written whole.
+"""Files with a single writer, by a lock on ``PATH.lock``, and atomic replacement of files.
 
-The system drops a lock when its process ends.
+The operating system releases a lock when its process ends.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from dolfinx_joints.common.errors import warn
 
 
 class Lock(Protocol):
-    """Right to write files."""
+    """Lock for writing files."""
 
     def release(self) -> None:
-        """Let others write them."""
+        """Release the lock, so that other processes can write the files."""
 
 
 class FileLock:
-    """Right to write a file, kept until `release` or the end of the process.
+    """Lock for writing a file, until `release` or the end of the process.
 
-    A killed process leaves an unlocked ``PATH.lock``, which the next one takes over. On a file
-    system without locks a warning says that nothing is locked.
+    A killed process leaves an unlocked ``PATH.lock``, which the next process reuses. On a file
+    system without locks, a warning states that the file is not locked.
 
     Args:
         path: The file to be written; it need not exist.
-        error: Raised where another run writes the file, or ``PATH.lock`` cannot be written.
+        error: Type of the error if another run writes the file or ``PATH.lock`` cannot be written.
     """
 
     def __init__(self, path: Path, error: type[Exception]) -> None:
-        """Take the lock, or raise at once."""
+        """Acquire the lock, or raise at once."""
         self._place = path.with_name(f"{path.name}.lock")
         self._file: IO[str] | None = None
         try:
             file = self._locked(path, error)
-            while not self._is_in_place(file):  # its last owner deleted it before it was locked
+            while not self._is_in_place(file):  # its previous owner deleted it meanwhile
                 file.close()
                 file = self._locked(path, error)
             file.truncate(0)
@@ -50,12 +50,12 @@ class FileLock:
             file.flush()
         except OSError as exc:
             raise error(
-                f"{path} cannot be created: {exc.strerror} ({self._place.name} beside it)."
+                f"{path} cannot be created: {exc.strerror} ({self._place.name} next to it)."
             ) from exc
         self._file = file
 
     def _locked(self, path: Path, error: type[Exception]) -> IO[str]:
-        """File of the lock, open and locked; not locked where the file system has no locks."""
+        """Return the open lock file; warn if the file system cannot lock it."""
         file = self._place.open("a+", encoding="utf-8")
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -64,12 +64,12 @@ class FileLock:
             owner = file.read(200).strip() or "another process"
             file.close()
             raise error(
-                f"{path} is being written by {owner}; wait for it, end it, or take another file."
+                f"{path} is being written by {owner}; wait for it, end it, or use another file."
             ) from None
         except OSError as exc:
             warn(
                 f"{path} is on a file system without locks ({exc.strerror}): a second run that "
-                "writes it would not be noticed."
+                "writes it would not be detected."
             )
         return file
 
@@ -86,7 +86,7 @@ class FileLock:
         self.release()
 
     def release(self) -> None:
-        """Let others write the file."""
+        """Release the lock, so that other processes can write the file."""
         if self._file is not None:
             self._place.unlink(missing_ok=True)
             self._file.close()
@@ -95,7 +95,7 @@ class FileLock:
 
 @contextmanager
 def released(lock: Lock | None, *, at_end: bool) -> Iterator[None]:
-    """Let other runs write a file if the block fails, or at its end."""
+    """Release a lock if the block fails, or with ``at_end`` when the block ends."""
     try:
         yield
     except BaseException:
@@ -108,9 +108,9 @@ def released(lock: Lock | None, *, at_end: bool) -> Iterator[None]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A place beside a file to write another one, which takes its place once the block ends.
+    """Give a path for a new file that replaces ``path`` when the block ends.
 
-    What an error leaves there is removed, and the file is as it was.
+    If the block fails, the new file is deleted and ``path`` does not change.
     """
     part = path.with_name(f"{path.name}.part")
     try:

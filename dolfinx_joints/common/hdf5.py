@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""HDF5 files that may be damaged, unfinished or of another program: an error, and never a wait.
+"""Safe reading of HDF5 files that are damaged, unfinished or of another program.
 
-A few wrong bytes were seen to let HDF5 read for ever. Files that are written at once therefore end
-with a checksum, compared before HDF5 is asked; of others only those are opened whose metadata HDF5
-itself checks.
+A few wrong bytes can make HDF5 read forever. Files that are written at once therefore end with a
+checksum, which is compared before HDF5 opens the file. Other files are opened only if HDF5 itself
+checks their metadata.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ import numpy as np
 from dolfinx_joints.common.errors import JointsError
 
 DIGEST_BYTES = 32
-"""Length of the checksum that follows HDF5's part of a file, which does not mind."""
+"""Length of the checksum at the end of a file; HDF5 ignores it."""
 
-# Exceptions that reading a damaged or foreign file was seen to raise.
+# Exceptions that occurred in reading damaged or foreign files.
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, AttributeError, ValueError, MemoryError)
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
-_SUPERBLOCK = 36  # bytes up to the file's length
-_GROWING_SECONDS = 1.0  # longer than a writer takes to lengthen a file
-# HDF5 reads again what fails its checksum while a run writes, and waits for 1, 2, 4, ... ns in
-# between: 0.1 s in all, where 100 attempts of its own would outlast the reader.
+_SUPERBLOCK = 36  # bytes up to and including the file's length
+_GROWING_SECONDS = 1.0  # longer than a writer needs to extend a file
+# While a run writes, HDF5 rereads metadata with a wrong checksum after 1, 2, 4, ... ns: 0.1 s in
+# all. HDF5's default of 100 attempts would take forever.
 _ATTEMPTS = 26
 
 
 class OldLayoutError(ValueError):
-    """A file that is whole, but of a layout that is no longer read."""
+    """Error for a complete file whose layout is no longer supported."""
 
 
 @contextmanager
 def damage_reported(
     path: Path, error: type[Exception], verdict: str = "is damaged"
 ) -> Iterator[None]:
-    """Turn exceptions that reading a damaged file raises into one ``error``."""
+    """Convert exceptions from reading a damaged file to one ``error``."""
     try:
         yield
     except JointsError:
@@ -62,19 +62,19 @@ def damage_reported(
 
 @contextmanager
 def new_file(path: Path, size: int, **options: Any) -> Iterator[h5py.File]:
-    """An HDF5 file to be written, replaced if it is there.
+    """Create an HDF5 file for writing, replacing an existing one.
 
-    HDF5 does not take a full disk well, so there must be room for ``size`` bytes before it begins.
+    HDF5 handles a full disk badly, so fail at once unless ``size`` bytes are free.
     """
     with path.open("w+b") as disk:
         os.posix_fallocate(disk.fileno(), 0, max(size, 1))
-        disk.truncate(0)  # it takes no other file for a new one
+        disk.truncate(0)  # HDF5 creates a file only if it is empty
         with h5py.File(disk, "w", **options) as file:
             yield file
 
 
 def set_texts(item: h5py.Dataset | h5py.Group, **texts: str) -> None:
-    """Give a dataset or group attributes that `attribute` reads."""
+    """Set text attributes of a dataset or group, readable by `attribute`."""
     for name, text in texts.items():
         encoded = text.encode()
         kind = h5py.string_dtype("utf-8", max(len(encoded), 1))
@@ -82,59 +82,59 @@ def set_texts(item: h5py.Dataset | h5py.Group, **texts: str) -> None:
 
 
 def attribute(item: h5py.Dataset | h5py.Group, name: str) -> str | int | None:
-    """A text or whole number among the attributes of a dataset or group; None without it.
+    """Return a text or integer attribute of a dataset or group, None if it does not exist.
 
-    Texts of variable length are errors: they lie in a heap for which HDF5 has no checksum, and some
-    wrong bytes in it are read for ever.
+    Texts of variable length raise an error: HDF5 stores them in a heap without checksum, and wrong
+    bytes there can make it read forever.
     """
     if name not in item.attrs:
         return None
-    found = h5py.h5a.open(item.id, name.encode())
-    kind, wrong = found.get_type(), found.shape != ()
+    stored = h5py.h5a.open(item.id, name.encode())
+    kind, wrong = stored.get_type(), stored.shape != ()
     if isinstance(kind, h5py.h5t.TypeStringID) and not kind.is_variable_str() and not wrong:
         return bytes(item.attrs[name]).decode()
     if isinstance(kind, h5py.h5t.TypeIntegerID) and not wrong:
         return int(item.attrs[name])
-    raise OldLayoutError(f"the attribute {name!r} is no text of fixed length and no whole number")
+    raise OldLayoutError(f"the attribute {name!r} is neither a text of fixed length nor an integer")
 
 
 def check_version(version: str | int | None, read: int) -> None:
-    """Compare the version of a layout with the one that is read."""
+    """Raise an OldLayoutError if a layout is older than the version ``read``."""
     if not isinstance(version, int) or version < read:
-        raise OldLayoutError(f"version {version} of the layout, {read} is read")
+        raise OldLayoutError(f"version {version} of the layout, {read} is needed")
 
 
 def seal(path: Path) -> bytes:
-    """Checksum to be written behind the content of a file."""
+    """Return the checksum to be appended to a file."""
     return _checksum(path, path.stat().st_size)
 
 
 def check_seal(path: Path) -> None:
-    """Compare the checksum at the end of a file with its content; a ValueError if they differ."""
+    """Raise a ValueError if the checksum at the end of a file does not match its content."""
     size = path.stat().st_size - DIGEST_BYTES
     with path.open("rb") as file:
         file.seek(max(size, 0))
         if file.read() != _checksum(path, size):
-            raise ValueError("its checksum is not that of its content")
+            raise ValueError("its checksum does not match its content")
 
 
-def _checksum(path: Path, left: int) -> bytes:
+def _checksum(path: Path, remaining: int) -> bytes:
     checksum = hashlib.sha256()
     with path.open("rb") as file:
-        while left > 0 and (block := file.read(min(left, 1 << 20))):
+        while remaining > 0 and (block := file.read(min(remaining, 1 << 20))):
             checksum.update(block)
-            left -= len(block)
+            remaining -= len(block)
     return checksum.digest()
 
 
 def open_growing(path: Path, error: type[Exception]) -> h5py.File:
-    """Open a file for reading that a run may still write, or was killed while it did."""
+    """Open a file for reading while a run writes it, or after the run was killed."""
     being_written = check_superblock(path, error)
     try:
         if not being_written:
             return h5py.File(path, "r")
         access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
-        # h5py has no name for it; the GIL is kept, as h5py does while HDF5 is at work.
+        # h5py does not wrap this function. PyDLL keeps the GIL, as h5py does for HDF5 calls.
         limit = ctypes.PyDLL(h5py.h5p.__file__).H5Pset_metadata_read_attempts
         limit.argtypes = [ctypes.c_int64, ctypes.c_uint]
         limit(access.id, _ATTEMPTS)
@@ -143,17 +143,17 @@ def open_growing(path: Path, error: type[Exception]) -> h5py.File:
     except (OSError, RuntimeError) as failure:
         reason = " ".join(str(failure).split())[:300]
         raise error(
-            f"{path} cannot be read; its run has not started yet or ended before it did ({reason})."
+            f"{path} cannot be read; its run has not started or ended before writing it ({reason})."
         ) from failure
 
 
 def check_superblock(path: Path, error: type[Exception]) -> bool:
-    """Whether a writer has, or had, the file open.
+    """Return True if a writer has the file open, or had it open when it was killed.
 
-    A file that is shorter than its superblock says is an error; HDF5 finds that itself, but not
-    while the file is being written, when it may be so for the moment in which it grows.
+    Raise an error if the file is shorter than its superblock states. HDF5 does not detect this
+    while the file is being written, when it may be too short for a moment.
     """
-    gives_up = clock.monotonic() + _GROWING_SECONDS
+    deadline = clock.monotonic() + _GROWING_SECONDS
     while True:
         with path.open("rb") as file:
             superblock = file.read(_SUPERBLOCK)
@@ -164,16 +164,16 @@ def check_superblock(path: Path, error: type[Exception]) -> bool:
         if version not in (b"", b"\2", b"\3"):
             if path.suffix == ".vtkhdf":
                 raise error(
-                    f"{path} is a file for ParaView; results are in the .h5 file of ResultsMonitor."
+                    f"{path} is a file for ParaView; give the .h5 file of ResultsMonitor instead."
                 )
             raise error(
-                f"{path} is HDF5 but not a file of this program, which writes version 3 of the "
-                f"superblock, where all metadata have checksums; this is version {version[0]}."
+                f"{path} is an HDF5 file of another program: its superblock has version "
+                f"{version[0]}, but this program writes version 3."
             )
         whole, end = len(superblock) == _SUPERBLOCK, int.from_bytes(superblock[28:36], "little")
         if whole and size >= end:
             return being_written
-        if not being_written or clock.monotonic() > gives_up:
-            there = f" of {end}" if whole else ""
-            raise error(f"{path} is truncated: it has {size}{there} bytes.")
+        if not being_written or clock.monotonic() > deadline:
+            expected = f" of {end}" if whole else ""
+            raise error(f"{path} is truncated: it has {size}{expected} bytes.")
         clock.sleep(0.01)

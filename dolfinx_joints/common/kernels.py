@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Compiled loops whose machine code is kept on disk, by all that it is made of.
+"""Compiled loops whose machine code is cached on disk by everything that it depends on.
 
-numba keeps machine code by the date of one file: a function or constant of another file may change
-without a new compilation. Here the key is the `CallGraph` of a loop, read from the functions in
-memory, so that an edit recompiles the loops that reach it and no others.
+numba's cache depends on the date of one file only: it misses changes of functions and constants in
+other files. Here the key is the `CallGraph` of a loop, read from the functions in memory. An edit
+therefore recompiles exactly the loops that use the edited code.
 """
 
 from __future__ import annotations
@@ -42,36 +42,36 @@ from numba.extending import register_jitable
 from dolfinx_joints.common.progress import LOGGER
 
 _PLAIN = (bool, int, float, complex, str, bytes, NoneType, EllipsisType, range)
-# Types of arguments whose name is all that compiled code depends on.
+# Types of arguments that compiled code depends on by their name alone.
 _NAMED = (types.Array, types.Boolean, types.NoneType, types.Number, types.UnicodeType)
-# Code of these changes with the versions in the key only.
+# Modules whose code changes only with the versions, which are part of the key.
 _VERSIONED = {*sys.stdlib_module_names, "llvmlite", "numba", "numpy"}
-_FOLDERS = tuple(str(Path(str(each.__file__)).parent) for each in (os, llvmlite, numba, np))
+_FOLDERS = tuple(str(Path(str(m.__file__)).parent) for m in (os, llvmlite, numba, np))
 _VERSIONS = (sys.version, numba.__version__, llvmlite.__version__, np.__version__)
 
 
 class UnknownValueError(Exception):
-    """A loop reaches a value whose changes would not be seen."""
+    """Error for a loop that uses a value whose changes cannot be detected."""
 
 
 class CallGraph:
-    """All that machine code is made of: functions, constants, fields of named tuples.
+    """Everything that machine code depends on: functions, constants, fields of named tuples.
 
     Attributes:
-        facts: Texts in the order in which the values are reached. They are equal in two processes
-            if and only if the code is.
+        facts: Descriptions in the order in which the values are visited. They are equal in two
+            processes if and only if the code is equal.
     """
 
     def __init__(self) -> None:
         self.facts: list[str] = []
-        # The values as well, so that no other takes their address.
+        # Store the values too, so that no other object gets the same address.
         self._numbers: dict[int, tuple[int, Any]] = {}
 
     def add(self, value: Any) -> None:
-        """Add a value and all that it reaches.
+        """Add a value and everything that it refers to.
 
         Raises:
-            UnknownValueError: The value is of a kind that is not described here.
+            UnknownValueError: The value is of an unsupported type.
         """
         if isinstance(value, _PLAIN):
             self._fact(type(value).__name__, value)
@@ -82,14 +82,14 @@ class CallGraph:
         elif isinstance(value, tuple | list):
             self._tuple(value)
         elif isinstance(value, dict):
-            self._tuple([each for key in sorted(value) for each in (key, value[key])])
+            self._tuple([item for key in sorted(value) for item in (key, value[key])])
         elif isinstance(value, set | frozenset):
             self._tuple(sorted(value, key=repr))
         elif id(value) in self._numbers:
             self._fact("as", self._numbers[id(value)][0])
         else:
             self._numbers[id(value)] = len(self._numbers), value
-            self._look_into(value)
+            self._describe(value)
 
     def _fact(self, *parts: Any) -> None:
         self.facts.append(repr(parts))
@@ -101,7 +101,7 @@ class CallGraph:
         for each in values:
             self.add(each)
 
-    def _look_into(self, value: Any) -> None:
+    def _describe(self, value: Any) -> None:
         if isinstance(value, Dispatcher):
             self._fact("compiled")
             self.add(value.targetoptions)
@@ -116,7 +116,7 @@ class CallGraph:
             self._fact(value.__module__, value.__qualname__, value._fields)
             self.add(vars(value)["_field_defaults"])
         elif isinstance(value, type) and issubclass(value, BaseException):
-            self._fact(value.__module__, value.__qualname__)  # raised by its name
+            self._fact(value.__module__, value.__qualname__)  # compiled code raises it by name
         elif _is_versioned(value):
             self._fact(value.__module__, value.__qualname__)
         elif isinstance(value, np.ufunc) and getattr(np, value.__name__, None) is value:
@@ -145,7 +145,7 @@ class CallGraph:
             raise UnknownValueError(f"an argument of the type {kind}")
 
     def _function(self, function: FunctionType) -> None:
-        """Add code, values that it reads from outside, defaults, overloads for compiled callers."""
+        """Add code, global and enclosing variables, defaults, and overloads of a function."""
         self._fact(function.__module__, function.__qualname__)
         code, outside = function.__code__, function.__globals__
         if _is_versioned(function) and code.co_filename.startswith((*_FOLDERS, "<frozen ")):
@@ -163,7 +163,7 @@ class CallGraph:
             self.add([template._overload_func, template._jit_options])
 
     def _variable(self, value: Any, code: CodeType) -> None:
-        """Add a variable; of a module what a function with this code may read from it."""
+        """Add a variable; for a module, add the attributes that the code may read."""
         self.add(value)
         if isinstance(value, ModuleType) and not _is_versioned_module(value):
             for name in code.co_names:
@@ -180,17 +180,17 @@ def _is_versioned(value: Any) -> bool:
 
 def _is_versioned_module(module: ModuleType) -> bool:
     """Return True for a module of `_VERSIONED` unless a user's file has its name."""
-    file = getattr(module, "__file__", None) or _FOLDERS[0]  # none: built in
+    file = getattr(module, "__file__", None) or _FOLDERS[0]  # built-in modules have no file
     return module.__name__.split(".")[0] in _VERSIONED and file.startswith(_FOLDERS)
 
 
 def instructions(code: CodeType) -> str:
-    """Return what a function does, as a text: without comments, docstrings and line numbers."""
+    """Return the bytecode of a function as text, without docstrings and line numbers."""
     constants = []
-    for each in dis.get_instructions(code):
-        if each.opcode in dis.hasconst:
-            value = each.argval
-            if isinstance(value, frozenset):  # whose order is not that of the next run
+    for instruction in dis.get_instructions(code):
+        if instruction.opcode in dis.hasconst:
+            value = instruction.argval
+            if isinstance(value, frozenset):  # its order changes from run to run
                 value = sorted(value, key=repr)
             constants.append(instructions(value) if isinstance(value, CodeType) else value)
     counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount
@@ -200,11 +200,11 @@ def instructions(code: CodeType) -> str:
 
 
 def globals_read(code: CodeType) -> Iterator[str]:
-    """Yield names of the global variables that a function and those inside it read."""
+    """Yield names of the global variables that a function and its inner functions read."""
     yield from (i.argval for i in dis.get_instructions(code) if i.opname == "LOAD_GLOBAL")
-    for each in code.co_consts:
-        if isinstance(each, CodeType):
-            yield from globals_read(each)
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from globals_read(constant)
 
 
 def cell_content(cell: CellType) -> Any:
@@ -216,32 +216,32 @@ def cell_content(cell: CellType) -> Any:
 
 
 class _Cache(NullCache):  # type: ignore[misc]
-    """Machine code of a loop, one file for each key."""
+    """Cache of the machine code of a loop, one file per key."""
 
     def __init__(self, loop: Dispatcher) -> None:
         self._loop = loop
 
     @property
     def cache_path(self) -> str:
-        """The folder."""
+        """Folder of the cache."""
         root = config.CACHE_DIR or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
         return str(Path(root) / "dolfinx_joints" / "loops")
 
     def load_overload(self, sig: Any, target_context: Any) -> CompileResult | None:
-        """Return the compiled loop for arguments of these types, None if there is none."""
+        """Return the compiled loop for arguments of these types, None if it is not cached."""
         target_context.refresh()
         try:
             parts = pickle.loads(self._path(sig).read_bytes())
-        except (OSError, RuntimeError, UnknownValueError):  # RuntimeError: no home
+        except (OSError, RuntimeError, UnknownValueError):  # RuntimeError: no home folder
             return None
-        except (EOFError, pickle.UnpicklingError):  # cut short by a crash of the system
+        except (EOFError, pickle.UnpicklingError):  # truncated by a system crash
             return None
         result = CompileResult._rebuild(target_context, *parts)
         arguments, _ = sigutils.normalize_signature(sig)
         return result._replace(signature=result.signature.replace(args=arguments))
 
     def save_overload(self, sig: Any, result: CompileResult) -> None:
-        """Keep a compiled loop, unless it has addresses of this process or unknown values."""
+        """Save a compiled loop, unless it has addresses of this process or unknown values."""
         if result.library.has_dynamic_globals:
             return
         try:
@@ -249,14 +249,14 @@ class _Cache(NullCache):  # type: ignore[misc]
             path.parent.mkdir(parents=True, exist_ok=True)
             with NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
                 file.write(dumps(result._reduce()))
-            os.replace(file.name, path)  # whole or not at all
+            os.replace(file.name, path)  # atomic: never a partial file
         except UnknownValueError as unknown:
             LOGGER.info("%s is compiled in each run: it uses %s", self._loop, unknown)
-        except (OSError, RuntimeError):  # no home, or a full disk
+        except (OSError, RuntimeError):  # no home folder, or a full disk
             pass
 
     def _path(self, sig: Any) -> Path:
-        """File for arguments of these types."""
+        """Return the cache file for arguments of these types."""
         graph = CallGraph()
         graph.add([self._loop, *sigutils.normalize_signature(sig)])
         machine = cpu_target.target_context.codegen().magic_tuple()
@@ -267,7 +267,7 @@ class _Cache(NullCache):  # type: ignore[misc]
 
 
 def njit(function: Any = None, *, cache: bool = False, **options: Any) -> Any:
-    """Compile as `numba.njit` does; with ``cache`` keep machine code in the user's cache folder."""
+    """Compile like `numba.njit`; with ``cache`` save machine code in the user's cache folder."""
     if function is None:
         return partial(njit, cache=cache, **options)
     loop = numba.njit(**options)(function)
@@ -277,10 +277,10 @@ def njit(function: Any = None, *, cache: bool = False, **options: Any) -> Any:
 
 
 def _number_functions() -> None:
-    """Begin numba's numbers of functions, part of their symbols, where no other process does.
+    """Start numba's function numbers, part of the symbols, at a random value.
 
-    Functions of one name that two processes have compiled, as closures have, would otherwise be
-    taken for each other in a third that links both.
+    Otherwise two processes may give the same symbol to different functions of one name, such as
+    closures, and a third process that links both would confuse them.
     """
     FunctionIdentity._unique_ids = count(secrets.randbits(62))
 
@@ -288,31 +288,30 @@ def _number_functions() -> None:
 _number_functions()
 os.register_at_fork(after_in_child=_number_functions)
 
-# For functions that only other loops call: they need no way in from Python, which takes long to
-# compile.
+# For functions that only other loops call. Without an entry point for Python they compile faster.
 part = njit(cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
-# For functions that only other loops call and that neither make nor return arrays. numba counts no
-# references to the arrays they take: with counts a point of a joint takes 2.5 times as long.
+# For functions that only other loops call and that neither create nor return arrays. numba does not
+# count references to their array arguments; counting takes 2.5 times as long per joint point.
 inline = register_jitable(forceinline=True, _nrt=False)
 
 
-class _Told(event.Listener):  # type: ignore[misc]
-    """Tells once that loops of this package are being compiled, which the first run waits for."""
+class _CompilationNotice(event.Listener):  # type: ignore[misc]
+    """Listener that logs once per run that loops of this package are being compiled."""
 
-    told = False
+    logged = False
 
     def on_start(self, event: Any) -> None:
-        """Machine code was not found and is about to be made."""
-        module = event.data["dispatcher"].py_func.__module__ or ""  # none where code was executed
+        """Log the first compilation."""
+        module = event.data["dispatcher"].py_func.__module__ or ""  # None for code from exec
         ours = module.startswith("dolfinx_joints.")
-        if ours and not self.told and LOGGER.isEnabledFor(logging.INFO):
-            LOGGER.info("compiling loops that are new or have changed: up to a minute")
-            self.told = True
+        if ours and not self.logged and LOGGER.isEnabledFor(logging.INFO):
+            LOGGER.info("compiling new or changed loops: takes up to a minute")
+            self.logged = True
 
     def on_end(self, event: Any) -> None:
-        """It has been made."""
+        """Do nothing."""
 
 
-_LISTENER = _Told()
+_LISTENER = _CompilationNotice()
 event.register("numba:compile", _LISTENER)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Memory of the machine: what a factor needs, what is free, and what this process has had."""
+"""Memory that a matrix factor needs, free memory, and the peak memory of this process."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from typing import Any
 
 import numpy as np
 
-# Part of the free memory that one factor may take: matrices, results and a second one need some.
+# Fraction of the free memory for one factor; the rest is for matrices, results, a second factor.
 SHARE = 0.5
 
 
 def factor_fits(comm: Any, dofs: int, components: int) -> bool:
-    """Whether a Cholesky factor of so many rows fits into the memory that is free (collective)."""
+    """Return True if a Cholesky factor of ``dofs`` rows fits in the free memory (collective)."""
     return factor_bytes(dofs, components) <= SHARE * available_bytes(comm)
 
 
 def factor_bytes(dofs: int, components: int) -> float:
-    """Memory that a Cholesky factor and its making may take, [bytes].
+    """Return the largest memory for computing and storing a Cholesky factor, [bytes].
 
-    Nested dissection leaves of the order of n^(4/3) entries in space and n log n in a plane. The
-    numbers are measured: on cubes and squares, whose factors are the largest for their dofs.
+    With nested dissection, the factor has of the order of n^(4/3) entries in 3-D and n log n in
+    2-D. The coefficients are measured on cubes and squares, which have the largest factors.
     """
     size = max(dofs, 2)
     entries = 20.0 * size ** (4 / 3) if components == 3 else 5.0 * size * np.log2(size)
@@ -32,7 +32,7 @@ def factor_bytes(dofs: int, components: int) -> float:
 
 
 def available_bytes(comm: Any) -> float:
-    """Free memory of all the machines that the ranks run on (collective), [bytes]."""
+    """Return the free memory of all machines that the ranks run on, [bytes] (collective)."""
     from mpi4py import MPI
 
     machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
@@ -42,8 +42,8 @@ def available_bytes(comm: Any) -> float:
 
 
 def peak_mb() -> float:
-    """Largest resident size of this process so far [MiB]."""
-    # The system call below also counts the program that this one replaced.
+    """Return the largest resident size of this process so far [MiB]."""
+    # getrusage below also counts the program that exec replaced by this one; prefer VmHWM.
     for line in Path("/proc/self/status").read_text("ascii", "replace").splitlines():
         if line.startswith("VmHWM"):
             return int(line.split()[1]) / 1024.0
@@ -51,7 +51,7 @@ def peak_mb() -> float:
 
 
 def _free_on_machine() -> float:
-    """Memory that can be had without swapping, else all that there is, [bytes]."""
+    """Return the memory available without swapping, or else the total memory, [bytes]."""
     for line in Path("/proc/meminfo").read_text("ascii").splitlines():
         name, value = line.split(":")
         if name == "MemAvailable":
@@ -62,8 +62,8 @@ def _free_on_machine() -> float:
 def _free_in_groups(
     process: Path = Path("/proc/self/cgroup"), mounted: Path = Path("/sys/fs/cgroup")
 ) -> list[float]:
-    """Memory that each control group (version 2) leaves of its limit, [bytes]; caches are free."""
-    found = []
+    """Return the free memory in the limit of each cgroup (version 2), caches included, [bytes]."""
+    free = []
     for line in process.read_text().splitlines() if process.exists() else []:
         folder = mounted / line.split(":", 2)[2].strip("/")
         for group in (folder, *folder.parents):
@@ -72,5 +72,5 @@ def _free_in_groups(
                 statistics = (group / "memory.stat").read_text().splitlines()
                 cached = dict(line.split()[:2] for line in statistics)["inactive_file"]
                 used = (group / "memory.current").read_text()
-                found.append(max(float(limit.read_text()) - float(used) + float(cached), 0.0))
-    return found
+                free.append(max(float(limit.read_text()) - float(used) + float(cached), 0.0))
+    return free

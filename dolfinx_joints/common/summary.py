@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Objects that show themselves as a short table, in text and in notebooks."""
+"""Objects whose representation is a short table, in text and in notebooks."""
 
 from __future__ import annotations
 
@@ -16,10 +16,9 @@ Rows = Iterable[tuple[str, object]]
 
 
 class Summarised(ABC):
-    """An object whose representation is its name and a row per fact.
+    """Object whose representation is its name and a row per fact.
 
-    Nothing is computed for it that several ranks would have to compute together: any rank may show
-    an object by itself.
+    The summary needs no collective operation, so any rank can show the object alone.
     """
 
     @abstractmethod
@@ -46,12 +45,12 @@ class Summarised(ABC):
 
 
 def names(every: Iterable[Any]) -> str:
-    """Names in a line, of many the first."""
-    known = [str(name) for name in every]
-    more = f" and {len(known) - _MOST_NAMES} more" if len(known) > _MOST_NAMES else ""
-    return ", ".join(known[:_MOST_NAMES]) + more
+    """Return names in a line, at most the first `_MOST_NAMES`."""
+    texts = [str(name) for name in every]
+    others = f" and {len(texts) - _MOST_NAMES} more" if len(texts) > _MOST_NAMES else ""
+    return ", ".join(texts[:_MOST_NAMES]) + others
 
 
 def number(count: int) -> str:
-    """A whole number with narrow spaces between thousands."""
+    """Return a whole number as text with narrow spaces between thousands."""
     return f"{count:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")

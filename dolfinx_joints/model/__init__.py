@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Bulk, joints, supports and loads as one algebraic system, and its natural modes.
+"""Algebraic system of bulk, joints, supports and loads, and its natural modes.
 
-It knows no steps and no files.
+The package contains no time stepping and no files.
 """

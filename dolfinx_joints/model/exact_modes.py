@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Lowest modes of a system with the mass and damping that make a midpoint step exact in them."""
+"""Lowest modes of a system, with modal mass and damping for which the midpoint rule is exact."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.model.modes import SAME_FREQUENCY, too_few, whole_groups
 from dolfinx_joints.model.system import MatrixSystem
 
-# Largest omega dt of a mode that is taken: four steps in its period. Errors of bars that strike and
-# of dams hardly change between 1 and 2.
+# Largest omega dt of a mode that is integrated exactly: four steps per period. The errors of bars
+# in impact and of dams hardly change between 1 and 2.
 LARGEST_ANGLE = 1.5
 
 
 class LowestModes:
-    """Modes of a body cut at its joints, and what steps need of them.
+    """Modes of a body without its joints, and the products of them that time steps use.
 
-    A group of equal frequencies that the ``count`` would cut is left out.
+    A group of equal frequencies is left out if ``count`` would split it.
 
     Attributes:
         frequencies: omega, ascending, shape (n,), [rad/s].
@@ -35,29 +35,29 @@ class LowestModes:
     """
 
     def __init__(self, system: MatrixSystem, count: int) -> None:
-        """Find the modes (collective)."""
+        """Compute the modes (collective)."""
         if system.coupled is not None:
             raise JointsError(
-                "exact_modes are those of a body by itself; with ReservoirWaves they are coupled "
-                "with the water."
+                "exact_modes cannot be used with reservoir waves; omit exact_modes or use an added "
+                "mass."
             )
         if not system.symmetric:
-            raise JointsError("exact_modes needs symmetric matrices; this system has others.")
+            raise JointsError("exact_modes needs symmetric matrices; this system's are not.")
         body = replace(system, contact=None)
-        found = whole_groups(body, count)
+        modes = whole_groups(body, count)
         self.comm: Any = system.mass.comm.tompi4py()
-        self.frequencies: Floats = 2.0 * np.pi * found.frequencies
-        if not found.shapes:
+        self.frequencies: Floats = 2.0 * np.pi * modes.frequencies
+        if not modes.shapes:
             raise too_few(body, count)
-        shapes = _columns(found.shapes)
+        shapes = _columns(modes.shapes)
         shapes[system.constrained] = 0.0
         weighted = _columns([system.mass * system.vector(shape) for shape in shapes.T])
         self._fixed, self._moves = system.constrained, system.values is not None
         at_supports = weighted[system.constrained]
         weighted[system.constrained] = 0.0
-        # Orthonormal to rounding, on which the balance of energies depends.
+        # Orthonormalise to rounding: the energy balance depends on it.
         factor = np.linalg.inv(np.linalg.cholesky(summed(self.comm, shapes.T @ weighted))).T
-        factor = factor @ self._uncoupled(system, shapes @ factor)
+        factor = factor @ self._uncoupling_rotation(system, shapes @ factor)
         self._shapes = np.asfortranarray(shapes @ factor)
         self._weighted = np.asfortranarray(weighted @ factor)
         self._at_supports = at_supports @ factor
@@ -67,75 +67,76 @@ class LowestModes:
         self.loads = np.array([[v.dot(p) for p, _ in system.patterns] for v in vectors])
         self.step: Callable[[float], ModalStep] = lru_cache(maxsize=32)(self._step)
 
-    def _uncoupled(self, system: MatrixSystem, shapes: Floats) -> Floats:
-        """Turn of modes of equal frequencies that uncouples their damping (collective).
+    def _uncoupling_rotation(self, system: MatrixSystem, shapes: Floats) -> Floats:
+        """Return the rotation of modes of equal frequency that diagonalises damping (collective).
 
-        Any turn of them are modes too, and which are found depends on rounding and ranks.
+        Any rotation of such modes gives modes again; SLEPc's depends on rounding and ranks.
         """
-        each = [system.damping_force(system.vector(s), system.vector()) for s in shapes.T]
-        forces = _columns(each)
+        vectors = [system.damping_force(system.vector(s), system.vector()) for s in shapes.T]
+        forces = _columns(vectors)
         forces[system.constrained] = 0.0
         damping = summed(self.comm, shapes.T @ forces)
-        apart = np.diff(self.frequencies) > SAME_FREQUENCY * self.frequencies[1:]
-        turn = np.zeros_like(damping)
-        for group in np.split(np.arange(len(turn)), np.flatnonzero(apart) + 1):
-            at = np.ix_(group, group)
-            turn[at] = np.linalg.eigh(0.5 * (damping[at] + damping[at].T))[1]
-        return turn
+        distinct = np.diff(self.frequencies) > SAME_FREQUENCY * self.frequencies[1:]
+        rotation = np.zeros_like(damping)
+        for group in np.split(np.arange(len(rotation)), np.flatnonzero(distinct) + 1):
+            block = np.ix_(group, group)
+            rotation[block] = np.linalg.eigh(0.5 * (damping[block] + damping[block].T))[1]
+        return rotation
 
     def _step(self, rate: float) -> ModalStep:
-        """What a step needs, by its rate 2 / dt."""
+        """Return the modal quantities of a step of rate 2 / dt [1/s]."""
         used = int(np.count_nonzero(self.frequencies * 2.0 / rate <= LARGEST_ANGLE))
         return ModalStep(self, used, rate)
 
     def amounts(self, used: int, vector: PETSc.Vec) -> Floats:
-        """Phi.M u of unconstrained dofs, shape (used,) (collective)."""
+        """Return phi.M u over unconstrained dofs, shape (used,) (collective)."""
         return summed(self.comm, self._weighted[:, :used].T @ vector.array_r)
 
     def combined(self, amounts: Floats) -> Floats:
-        """Owned rows of phi times amounts."""
+        """Return the owned rows of phi times the modal amounts."""
         shape: Floats = self._shapes[:, : len(amounts)] @ amounts
         return shape
 
     def weighed(self, amounts: Floats) -> Floats:
-        """Owned rows of M phi times amounts, zero at constrained dofs."""
+        """Return the owned rows of M phi times the modal amounts, zero at constrained dofs."""
         product: Floats = self._weighted[:, : len(amounts)] @ amounts
         return product
 
     def carried(self, used: int, vector: PETSc.Vec) -> Floats:
-        """Phi.M u of moving supports alone, shape (used,) (collective)."""
+        """Return phi.M u over the dofs of moving supports, shape (used,) (collective)."""
         if not self._moves:
             return np.zeros(used)
         return summed(self.comm, vector.array_r[self._fixed] @ self._at_supports[:, :used])
 
     def add_at_supports(self, amounts: Floats, to: Floats) -> None:
-        """Add M phi times amounts to the owned rows of supports."""
+        """Add M phi times the modal amounts to the owned rows of supports."""
         to[self._fixed] += self._at_supports[:, : len(amounts)] @ amounts
 
     def weighted(self, used: int) -> Floats:
-        """M phi at unconstrained dofs, zero elsewhere, shape (local dofs, used)."""
+        """Return M phi at unconstrained dofs, zero elsewhere, shape (local dofs, used)."""
         return self._weighted[:, :used]
 
 
 class ModalStep:
-    """Mass m', damping c' and kicks of the modes with which the midpoint rule is exact.
+    """Modal mass m', damping c' and velocity corrections that make the midpoint rule exact.
 
-    A mode has exp(lambda t), lambda^2 + c lambda + omega^2 = 0; the midpoint rule multiplies by
-    (1 + mu/rate)/(1 - mu/rate) in a step, m' mu^2 + c' mu + omega^2 = 0, which is exp(lambda dt) if
+    A mode moves as exp(lambda t) with lambda^2 + c lambda + omega^2 = 0. The midpoint rule
+    multiplies it by (1 + mu/rate)/(1 - mu/rate) per step, with m' mu^2 + c' mu + omega^2 = 0. This
+    factor equals exp(lambda dt) if
 
         mu = rate tanh(lambda/rate),   m' = omega^2/(mu1 mu2),   c' = -m' (mu1 + mu2).
 
     Attributes:
         modes: The modes.
-        used: How many of them the step takes.
+        used: Number of modes that the step integrates exactly.
         mass: m', shape (used,).
         damping: c', shape (used,), [1/s].
-        kick: Change of the modal velocity for a modal force that changes by 1 along the step, with
-            which the step is exact under it, shape (used,), [s].
+        kick: Correction of the modal velocity per unit change of the modal force over the step,
+            which makes the step exact for this force, shape (used,), [s].
     """
 
     def __init__(self, modes: LowestModes, used: int, rate: float) -> None:
-        """Find them for a rate 2 / dt [1/s]."""
+        """Compute the modal quantities for a rate 2 / dt [1/s]."""
         self.modes, self.used = modes, used
         omega, c = modes.frequencies[:used], modes.damping[:used]
         root = np.sqrt((0.25 * c**2 - omega**2).astype(complex))
@@ -153,34 +154,34 @@ class ModalStep:
 
     @property
     def root(self) -> Floats:
-        """Velocity of the body for one of the step, sqrt(m'), shape (used,)."""
+        """Ratio of body velocity to step velocity of each mode, sqrt(m'), shape (used,)."""
         return np.sqrt(self.mass)
 
     @property
     def more_damping(self) -> Floats:
-        """Damping that a step adds, c' - c, shape (used,), [1/s]."""
+        """Change of the modal damping, c' - c, shape (used,), [1/s]."""
         return self.damping - self.modes.damping[: self.used]
 
     def change(self, mass: float, damping: float) -> Floats:
-        """Return the change of the modes' part of mass M + damping C, shape (used,)."""
+        """Return the change of mass M + damping C in the modes, shape (used,)."""
         return mass * (self.mass - 1.0) + damping * self.more_damping
 
     def of_supports(self, u: PETSc.Vec) -> Floats:
-        """What moving supports add to the change of M u, shape (used,) (collective).
+        """Return the contribution of moving supports to the change of M u, (used,) (collective).
 
-        Velocities v of the step are S v in the body, S = 1 + phi (sqrt(m') - 1) phi.M at
-        unconstrained dofs; its mass is S^T M S, so that the kinetic energy is that of the body.
+        A velocity v of the step is S v in the body, with S = 1 + phi (sqrt(m') - 1) phi.M at
+        unconstrained dofs. The step's mass is S^T M S, so its kinetic energy is the body's.
         """
         return (self.root - 1.0) * self.modes.carried(self.used, u)
 
 
 def lowest_modes(system: MatrixSystem, count: int) -> LowestModes:
-    """Modes of a system, found when first asked for and then kept with it (collective)."""
+    """Return the modes of a system; compute them once and cache them with it (collective)."""
     kept = system.lowest_modes if system.shared is None else system.shared.lowest_modes
     if count not in kept:
         kept[count] = LowestModes(system, count)
-    found: LowestModes = kept[count]
-    return found
+    modes: LowestModes = kept[count]
+    return modes
 
 
 def _columns(vectors: list[PETSc.Vec]) -> Floats:

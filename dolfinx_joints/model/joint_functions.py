@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What joints do in a state, as DOLFINx Functions on their surface: for forms and for ParaView."""
+"""Joint results as DOLFINx Functions on the joint surface, for forms and for ParaView."""
 
 from __future__ import annotations
 
@@ -23,30 +23,30 @@ from dolfinx_joints.model.model import Model
 class JointFunctions:
     """Gap, traction, slip and status of joints as Functions at the points of the model's rule.
 
-    They are zero until `update`. In forms they stand under `dS`, as ``traction("-")``, and
-    `JointedMesh.form` compiles these. Components are along the local axes (n, s1, s2) as in results
-    files, but those of ``traction_vector`` along the global ones: the joint puts the force
-    - int traction_vector dS on its + side, + int traction_vector dS on its - side.
+    They are zero until `update`. Use them in forms with `dS`, for example ``traction("-")``, and
+    compile the forms with `JointedMesh.form`. Components are along the local axes (n, s1, s2) as in
+    results files, except that ``traction_vector`` has global components: the joint exerts the force
+    - int traction_vector dS on its + side and + int traction_vector dS on its - side.
 
     Args:
         model: The model, with joints.
-        joints: A joint, several, or all.
+        joints: Name of a joint, several names, or None for all joints.
 
     Attributes:
-        surface: The `JointSurface` that they live on.
+        surface: The `JointSurface` that carries the Functions.
         dS: Measure of the joints with the model's rule.
         gap: Gap, initial gap included, 3 components, [m].
         traction: Traction, 3 components, [Pa].
-        traction_vector: The same, gdim components, [Pa].
-        slip: Tangential gap less its elastic part, what has slid; the first component is 0, [m].
+        traction_vector: Traction in global axes, gdim components, [Pa].
+        slip: Tangential gap minus its elastic part; the first component is 0, [m].
         status: 0 open, 1 sticking, 2 sliding, 3 closed without friction, 4 tied, as `Status`.
 
     Raises:
-        MeshError: The model has no joint with a law, or none of this name.
+        MeshError: The model has no joint with a law, or no joint of this name.
     """
 
     def __init__(self, model: Model, joints: str | Sequence[str] | None = None) -> None:
-        """Make the Functions (collective)."""
+        """Create the Functions (collective)."""
         if model.operator is None or model.contact is None:
             raise MeshError(
                 "The model has no joint with a law, so there are no functions on joints."
@@ -72,12 +72,11 @@ class JointFunctions:
 
     @cached_property
     def fields(self) -> dict[str, fem.Function]:
-        """The same for ParaView, discontinuous Lagrange Functions by name (collective).
+        """Discontinuous Lagrange Functions for ParaView, by name (collective).
 
-        They follow `update` from when they are first asked for. With a rule ``nodal`` or ``gauss``
-        they have the values of the points there; of ``auto`` on 6-node triangles and of another
-        Gauss rule of triangles, with more points than a polynomial has coefficients, they are the
-        fit of least squares.
+        `update` sets them once they are created. With the rules ``nodal`` and ``gauss`` they equal
+        the values at the points. With ``auto`` on 6-node triangles and with other Gauss rules on
+        triangles, they are a least-squares fit: the rule has more points than coefficients.
         """
         degree, _ = self._fit
         made = {
@@ -91,34 +90,34 @@ class JointFunctions:
         return made
 
     def update(self, state: Any) -> None:
-        """Take over a state (collective).
+        """Set the Functions to a state (collective).
 
         Args:
-            state: What has the response of the joints as ``joints``, such as the result of
-                ``Simulation.statics``, ``outcome.state`` of a dynamic stage, and the ``Record`` of
-                a monitor; or the `Response` itself.
+            state: The `Response` of the joints, or an object with this attribute ``joints``: the
+                result of ``Simulation.statics``, ``outcome.state`` of a dynamic stage, or the
+                ``Record`` of a monitor.
         """
-        found = getattr(state, "joints", state)
+        response = getattr(state, "joints", state)
         wanted = "a StaticState, DynamicState, Record or Response of joints"
-        check_kind_of("state", found, isinstance(found, Response), wanted)
-        given, own = len(found.traction), len(self._operator.areas)
+        check_kind_of("state", response, isinstance(response, Response), wanted)
+        given, own = len(response.traction), len(self._operator.areas)
         if given != own:
             raise ValueError(f"The state has {given} joint points, the model {own}, on this rank.")
         axes = self._operator.frames[:, :, : self.surface.mesh.geometry.dim]
         values = (
-            found.state.gap,
-            found.traction,
-            np.einsum("nki,nk->ni", axes, found.traction),
-            np.pad(found.state.gap[:, 1:] - found.state.elastic_slip, ((0, 0), (1, 0))),
-            self._shown_status(found.status)[:, None].astype(np.float64),
+            response.state.gap,
+            response.traction,
+            np.einsum("nki,nk->ni", axes, response.traction),
+            np.pad(response.state.gap[:, 1:] - response.state.elastic_slip, ((0, 0), (1, 0))),
+            self._shown_status(response.status)[:, None].astype(np.float64),
         )
-        for function, each in zip(self._at_points, values, strict=True):
-            self._exchange.give(function, each)
+        for function, point_values in zip(self._at_points, values, strict=True):
+            self._exchange.give(function, point_values)
         if "fields" in self.__dict__:
             self._fill(self.fields)
 
     def _fill(self, fields: dict[str, fem.Function]) -> None:
-        """Set the fields by the values at the points."""
+        """Set the fields from the values at the points."""
         _, fit = self._fit
         for source, field in zip(self._at_points, fields.values(), strict=True):
             at_points, nodes = (f.function_space.dofmap.list for f in (source, field))
@@ -128,12 +127,12 @@ class JointFunctions:
 
 
 def _fit(rule: Floats, corners: int) -> tuple[int, Floats]:
-    """Return the largest degree of polynomials that points of a facet determine, and a matrix.
+    """Return the largest polynomial degree that a facet's points determine, and a matrix.
 
-    The ``rule`` has the points, shape (q, facet dimension); ``corners`` is the number of vertices.
-    The matrix, shape (nodes, q), has the values at the Lagrange nodes per value at the points.
+    The matrix, shape (nodes, q), maps values at the points to values at the Lagrange nodes.
+    ``rule`` has the points, shape (q, facet dimension); ``corners`` is the number of vertices.
     """
-    kind, degree, found = facet_cell_type(corners), 0, np.full((1, len(rule)), 1.0 / len(rule))
+    kind, degree, matrix = facet_cell_type(corners), 0, np.full((1, len(rule)), 1.0 / len(rule))
     while True:
         element = basix.create_element(
             basix.ElementFamily.P,
@@ -144,5 +143,5 @@ def _fit(rule: Floats, corners: int) -> tuple[int, Floats]:
         )
         table = element.tabulate(0, rule)[0, :, :, 0]
         if np.linalg.matrix_rank(table) < element.dim:
-            return degree, found
-        degree, found = degree + 1, np.linalg.pinv(table)
+            return degree, matrix
+        degree, matrix = degree + 1, np.linalg.pinv(table)

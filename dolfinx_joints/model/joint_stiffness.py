@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""How stiff a joint should be: k_n and k_s from the body, and what they cost in accuracy.
+"""Choice of the joint stiffnesses k_n and k_s from the body, and the errors that they cause.
 
 Theory, assumptions and limits are in docs/theory/joint_stiffness.md, (35) to (37).
 """
@@ -17,9 +17,10 @@ import annotated_types as at
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.laws.friction import FrictionNoTension
 
-# A traction is k_n times a difference of displacements u, of which rounding leaves eps k_n u/t,
-# eps = 2.2e-16, and u is at least the shortening t h/E of a cell. A bar of four or eight cells has
-# errors of 1e-15 to 5e-15 k_n h/E: ten digits remain up to this ratio.
+# Largest k_n h/E without a warning. A traction t is k_n times a difference of displacements u. Its
+# relative rounding error is eps k_n u/t with eps = 2.2e-16, and u is at least the shortening t h/E
+# of a cell. Bars of four or eight cells have errors of 1e-15 to 5e-15 k_n h/E, so ten digits remain
+# up to this ratio.
 LARGEST_RATIO = 1e5
 
 Stiffness = Annotated[float, at.Gt(0), at.Unit("Pa/m")]
@@ -32,9 +33,9 @@ Pressure = Annotated[float, at.Ge(0), at.Unit("Pa")]
 @dataclass(frozen=True, kw_only=True)
 @checked
 class StiffnessProposal:
-    """Joint stiffnesses and what follows from them; `propose_stiffness` chooses them.
+    """Joint stiffnesses, chosen by `propose_stiffness`, with the errors that they cause.
 
-    Made by hand, it judges user-defined stiffnesses.
+    Construct it directly to evaluate user-defined stiffnesses.
 
     Attributes:
         normal_stiffness: k_n [Pa/m].
@@ -43,9 +44,9 @@ class StiffnessProposal:
         poisson: Poisson's ratio of the body.
         block_size: Distance L of the joints [m].
         pressure: Largest expected pressure p on a joint [Pa].
-        friction_angle_deg: Friction angle [degrees], if the elastic slip is wanted.
-        element_size: Cell size h at the joints [m], if the loss of digits is to be judged.
-        governed_by: The bound that fixed k_n, empty if none did.
+        friction_angle_deg: Friction angle [degrees], needed for the elastic slip.
+        element_size: Cell size h at the joints [m], needed for the rounding error.
+        governed_by: Bound that determines k_n, empty for user-defined stiffnesses.
     """
 
     normal_stiffness: Stiffness
@@ -65,7 +66,7 @@ class StiffnessProposal:
 
     @property
     def added_compliance(self) -> float:
-        """Largest of M/(k_n L) and G/(k_s L), the joints' compliance against the blocks'."""
+        """Compliance of the joints relative to the blocks, max of M/(k_n L) and G/(k_s L)."""
         oedometric, shear = _moduli(self.young, self.poisson)
         return max(
             oedometric / (self.normal_stiffness * self.block_size),
@@ -92,13 +93,13 @@ class StiffnessProposal:
 
     @property
     def stiffness_ratio(self) -> float | None:
-        """k_n h/E of joint and cell, None without cell size."""
+        """Stiffness ratio k_n h/E of joint and cell, None without cell size."""
         if self.element_size is None:
             return None
         return self.normal_stiffness * self.element_size / self.young
 
     def law(self, friction_angle_deg: float | None = None) -> FrictionNoTension:
-        """The law with these stiffnesses, its friction angle [degrees] as here unless given."""
+        """Return the law with these stiffnesses; by default with the proposal's friction angle."""
         angle = self.friction_angle_deg if friction_angle_deg is None else friction_angle_deg
         if angle is None:
             raise ValueError("The proposal has no friction angle; pass friction_angle_deg.")
@@ -109,7 +110,7 @@ class StiffnessProposal:
         )
 
     def report(self) -> str:
-        """Stiffnesses and their costs, in a few lines."""
+        """Return the stiffnesses and the errors that they cause, in a few lines."""
         governed = f" ({self.governed_by} governs)" if self.governed_by else ""
         lines = [
             f"k_n = {self.normal_stiffness:.3g} Pa/m, "
@@ -122,12 +123,12 @@ class StiffnessProposal:
         if self.elastic_slip is not None:
             lines.append(f"elastic slip up to {1e3 * self.elastic_slip:.3g} mm before sliding")
         if self.stiffness_ratio is not None:
-            left = self.stiffness_ratio * sys.float_info.epsilon
+            rounding = self.stiffness_ratio * sys.float_info.epsilon
             lines.append(f"k_n h/E = {self.stiffness_ratio:.3g}")
             if self.stiffness_ratio > LARGEST_RATIO:
                 lines[-1] += (
-                    f": too stiff, rounding leaves errors of {left:.1g} or more in the tractions; "
-                    "take a softer joint"
+                    f": too stiff, the tractions have relative rounding errors of {rounding:.1g} "
+                    "or more; reduce k_n"
                 )
         return "\n".join(lines)
 
@@ -144,20 +145,20 @@ def propose_stiffness(
     friction_angle_deg: float | None = None,
     element_size: Length | None = None,
 ) -> StiffnessProposal:
-    """The softest joint that keeps compliance and interpenetration below their bounds.
+    """Choose the softest joint that keeps compliance and interpenetration below their bounds.
 
-    k_n = max(M/(added_compliance L), p/overlap), k_s = k_n G/M with M the oedometric modulus, so
-    that joint and block are alike in the ratio of shear to compression.
+    k_n = max(M/(added_compliance L), p/overlap) and k_s = k_n G/M, with the oedometric modulus M.
+    Joint and block then have the same ratio of shear to normal stiffness.
 
     Args:
         young: Young's modulus E of the body [Pa].
         poisson: Poisson's ratio of the body.
         block_size: Distance L of the joints [m]; the smallest if they differ.
-        pressure: Largest expected pressure p on a joint [Pa], may be zero.
+        pressure: Largest expected pressure p on a joint [Pa]; may be zero.
         added_compliance: Bound on the compliance of the joints relative to that of the blocks.
         overlap: Bound on the interpenetration [m].
-        friction_angle_deg: Friction angle [degrees], if the elastic slip is wanted.
-        element_size: Cell size at the joints [m], if the loss of digits is to be judged.
+        friction_angle_deg: Friction angle [degrees], needed for the elastic slip.
+        element_size: Cell size at the joints [m], needed for the rounding error.
 
     Example:
         >>> import dolfinx_joints as dj
@@ -188,6 +189,6 @@ def propose_stiffness(
 
 
 def _moduli(young: float, poisson: float) -> tuple[float, float]:
-    """Oedometric modulus M and shear modulus G [Pa]."""
+    """Return the oedometric modulus M and the shear modulus G [Pa]."""
     shear = young / (2.0 * (1.0 + poisson))
     return 2.0 * shear * (1.0 - poisson) / (1.0 - 2.0 * poisson), shear

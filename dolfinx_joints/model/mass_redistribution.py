@@ -1,23 +1,22 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Joint nodes without mass, so that contact tractions do not ring.
+"""Mass redistribution: joint nodes without mass, so that contact tractions do not oscillate.
 
-A joint node with mass of its own bounces on a stiff joint from step to step, whatever the body
-does. Mass redistribution (Khenous, Laborde, Renard 2008) takes that mass from the joint nodes and
-gives it to the body behind them. Here inertia sees a velocity P v that is v itself but at the joint
+A joint node with mass bounces on a stiff joint from step to step, even if the body moves smoothly.
+Mass redistribution (Khenous, Laborde, Renard 2008) moves the mass of the joint nodes to the body
+behind them. Here the inertia is computed from the velocity P v. P v equals v except at the joint
 nodes, where it is extrapolated linearly from nodes behind them:
 
     M' = P^T M P.
 
-This is symmetric and positive semidefinite for any P, has zero rows at the joint nodes, and as P
-reproduces linear fields, each body keeps its mass, centre of mass and moments of inertia to
-rounding. M' + K is regular where M + K is: a motion without strain is rigid, and that has all its
-inertia. All components are treated alike: shear tractions of a sticking joint ring as normal ones.
+M' is symmetric and positive semidefinite, with zero rows at the joint nodes. P reproduces linear
+fields, so each body keeps its mass, centre of mass and moments of inertia to rounding. M' + K is
+regular if M + K is: a motion without strain is rigid and keeps its inertia. Shear components are
+treated like normal ones, as shear tractions of a sticking joint oscillate too.
 
-The extrapolation of a node makes sum sqrt(|e_j| d_j) small, d_j being the distance of its source j.
-So it takes few sources, on a regular mesh two straight behind it: the nearest and the farthest
-allowed. The farther that is, the less the inertia near the joint differs from its neighbours',
-which waves would be reflected from.
+The weights e_j of a node make sum sqrt(|e_j| d_j) small, with d_j the distance of source j. This
+selects few sources: on a regular mesh two nodes straight behind the joint node, the nearest and the
+farthest one allowed. The farther a source, the less the joint region reflects waves.
 """
 
 from __future__ import annotations
@@ -40,34 +39,34 @@ from dolfinx_joints.joints.operator import GapOperator
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
 
-# Rings of neighbours that sources are taken from: sources h and 4 h behind a node of degree 1.
+# Rings of neighbours searched for sources: with degree 1, sources are h and 4 h behind a node.
 RINGS = 4
 
-# Of the largest entry, below which a joint does not act on a node, or a node on another.
+# Relative to the largest entry: smaller entries of B or K do not couple a node.
 ROUNDING = 1e-12
 
-# Sources lie ahead of a node by this share of their distance: not in the joint or across it.
+# Least distance of a source from the joint plane, relative to its distance from the node.
 AHEAD = 0.1
 
-# Largest sum |e_j|; two layers of nodes behind the joint make 3.
+# Largest sum |e_j| allowed; two layers of nodes behind the joint give 3.
 LARGEST_SUM = 6.0
 
-# Least-squares problems that lead to few sources.
+# Iterations of reweighted least squares, which select few sources.
 REWEIGHTINGS = 30
 
-# Nodes extrapolated at once, which bounds the memory.
+# Number of nodes extrapolated at once; it limits the memory.
 AT_ONCE = 500
 
 
 @dataclass(frozen=True, kw_only=True)
 class Redistribution:
-    """A mass matrix without the mass of joint nodes.
+    """Mass matrix without the mass of joint nodes.
 
     Attributes:
         mass: M' [kg].
-        massless: Nodes without mass, on all ranks.
-        kept: Joint nodes that keep their mass, on all ranks: those whose dofs are all constrained,
-            and those with fewer than two layers of other nodes behind them.
+        massless: Number of nodes without mass, on all ranks.
+        kept: Number of joint nodes that keep their mass, on all ranks: all dofs are constrained,
+            or fewer than two layers of other nodes are behind them.
     """
 
     mass: PETSc.Mat
@@ -79,13 +78,13 @@ class Redistribution:
 def redistribute(
     system: MatrixSystem, coordinates: ArrayLike, *, rings: Annotated[int, at.Ge(1)] = RINGS
 ) -> MatrixSystem:
-    """The system with mass redistributed (collective); its damping and loads stay as they are.
+    """Return the system with redistributed mass; damping and loads do not change (collective).
 
     Args:
-        system: A system with joints and as many components per node as space has dimensions; its
-            K tells neighbours, so it must couple no nodes across joints.
-        coordinates: Owned nodes, shape (n, components), [m].
-        rings: Rings of neighbours that sources are taken from.
+        system: A system with joints and one displacement component per space dimension. Its K
+            defines which nodes are neighbours, so K must not couple nodes across joints.
+        coordinates: Coordinates of the owned nodes, shape (n, components), [m].
+        rings: Rings of neighbours that are searched for sources.
     """
     check_system(system)
     if system.contact is None:
@@ -96,11 +95,11 @@ def redistribute(
         raise ValueError(
             f"coordinates is an array of shape {x.shape}; it needs finite numbers of shape {shape}."
         )
-    done = redistributed_mass(
+    redistribution = redistributed_mass(
         system.mass, system.stiffness, system.contact.operator, x, system.constrained, rings
     )
-    # C is left as it was, though the mass that a part of it may follow is another now.
-    return replace(system, mass=done.mass, rayleigh=Rayleigh(), dashpots=system.damping)
+    # Keep C: its mass-proportional part stays proportional to the original mass.
+    return replace(system, mass=redistribution.mass, rayleigh=Rayleigh(), dashpots=system.damping)
 
 
 def redistributed_mass(
@@ -111,10 +110,9 @@ def redistributed_mass(
     constrained: Ints,
     rings: int,
 ) -> Redistribution:
-    """Return M' = P^T M P; arguments are those of `redistribute` (collective).
+    """Return M' = P^T M P; the arguments are those of `redistribute` (collective).
 
-    K tells the neighbours of a node. A warning is given if joint nodes keep their mass for want of
-    nodes behind them.
+    Warn if joint nodes keep their mass because too few nodes are behind them.
     """
     dim = coordinates.shape[1]
     comm = mass.comm.tompi4py()
@@ -127,16 +125,16 @@ def redistributed_mass(
     clamped = fixed.reshape(-1, dim).all(axis=1)
     wanted = on_joint & ~clamped
     pattern = as_aij(stiffness)
-    found = _Sources(pattern, coordinates, wanted, rings)
+    sources = _Sources(pattern, coordinates, wanted, rings)
     pattern.destroy()
-    exists = found.extrapolate(inward[wanted])
+    exists = sources.extrapolate(inward[wanted])
     short = int(sum(comm.allgather(int((~exists).sum()))))
     if short and comm.rank == 0:
         warn(
             f"{short} joint nodes keep their mass: they have fewer than two layers of other nodes "
             "behind them. Refine the body there."
         )
-    extrapolation = found.matrix(mass, exists)
+    extrapolation = sources.matrix(mass, exists)
     result = mass.PtAP(extrapolation)
     extrapolation.destroy()
     return Redistribution(
@@ -147,10 +145,10 @@ def redistributed_mass(
 
 
 def _inward(operator: GapOperator, out: PETSc.Vec, dim: int) -> Floats:
-    """Sum of w phi^3 n of the points that act on each node, into the body, zero off the joints.
+    """Return the direction into the body at each node: the sum of w phi^3 n over its points.
 
-    That of w phi n, the force of a unit pressure, is zero at vertices of 6-node triangles. The
-    cube is as good as alone in the points near a node, where phi is large and positive.
+    The sum of w phi n, the force of a unit pressure, is zero at vertices of 6-node triangles. With
+    phi^3, the points near the node dominate, where phi is large and positive.
     """
     starts, columns, values = operator.matrix.getValuesCSR()
     row = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
@@ -168,7 +166,7 @@ def _inward(operator: GapOperator, out: PETSc.Vec, dim: int) -> Floats:
 
 
 def joint_dofs(operator: GapOperator) -> NDArray[np.bool_]:
-    """Which owned dofs the joints act on (collective)."""
+    """Return a mask of the owned dofs that the joints act on (collective)."""
     starts, columns, values = operator.matrix.getValuesCSR()
     sizes = operator.matrix.copy()
     sizes.setValuesCSR(starts, columns, np.abs(values))
@@ -181,12 +179,12 @@ def joint_dofs(operator: GapOperator) -> NDArray[np.bool_]:
 
 
 class _Sources:
-    """Nodes that the nodes of this rank that are to lose their mass are extrapolated from."""
+    """Source nodes from which the massless nodes of this rank are extrapolated."""
 
     def __init__(
         self, stiffness: PETSc.Mat, coordinates: Floats, massless: NDArray[np.bool_], rings: int
     ) -> None:
-        """Find the candidates of each such node (collective)."""
+        """Find the candidate sources of each massless node (collective)."""
         self._dim = coordinates.shape[1]
         self._wanted = wanted = np.flatnonzero(massless)
         self._first = stiffness.getOwnershipRange()[0] // self._dim
@@ -201,7 +199,7 @@ class _Sources:
         self._weights: list[Floats] = []
 
     def extrapolate(self, inward: Floats) -> NDArray[np.bool_]:
-        """Find the weights by directions into the body (wanted, dim); return which exist."""
+        """Compute the weights for directions into the body (nodes, dim); return which exist."""
         exists = np.zeros(len(self._wanted), dtype=bool)
         for start in range(0, len(self._wanted), AT_ONCE):
             part = range(start, min(start + AT_ONCE, len(self._wanted)))
@@ -209,17 +207,19 @@ class _Sources:
             offset = np.zeros((len(part), count, self._dim))
             valid = np.zeros((len(part), count), dtype=bool)
             for row, i in enumerate(part):
-                here = self._x[i] - self._origins[i]
-                offset[row, : len(here)] = here
-                ahead = here @ inward[i] / np.linalg.norm(inward[i])
-                valid[row, : len(here)] = ahead > AHEAD * np.linalg.norm(here, axis=1)
+                candidate_offsets = self._x[i] - self._origins[i]
+                offset[row, : len(candidate_offsets)] = candidate_offsets
+                ahead = candidate_offsets @ inward[i] / np.linalg.norm(inward[i])
+                valid[row, : len(candidate_offsets)] = ahead > AHEAD * np.linalg.norm(
+                    candidate_offsets, axis=1
+                )
             weights, exists[start : part.stop] = linear_extrapolation(offset, valid)
             for row, i in enumerate(part):
                 self._weights.append(weights[row, : len(self._x[i])])
         return exists
 
     def matrix(self, mass: PETSc.Mat, exists: NDArray[np.bool_]) -> PETSc.Mat:
-        """P in the layout of M, with zeros stored on the diagonal of massless rows (collective)."""
+        """Return P in the layout of M; massless rows store a zero on the diagonal (collective)."""
         own = mass.getLocalSize()[0] // self._dim
         columns = [np.array([i + self._first]) for i in range(own)]
         values = [np.ones(1)] * own
@@ -230,10 +230,10 @@ class _Sources:
             values[node] = np.append(self._weights[i][used], 0.0)
         counts = np.repeat([len(c) for c in columns], self._dim)
         components = np.arange(self._dim)
-        every = [(self._dim * c[None, :] + components[:, None]).ravel() for c in columns]
+        dof_columns = [(self._dim * c[None, :] + components[:, None]).ravel() for c in columns]
         csr = (
             np.append(0, np.cumsum(counts)),
-            np.concatenate([*every, np.zeros(0, dtype=np.int64)]),
+            np.concatenate([*dof_columns, np.zeros(0, dtype=np.int64)]),
             np.concatenate([*(np.tile(v, self._dim) for v in values), np.zeros(0)]),
         )
         return from_rows(mass.getSizes(), csr, mass.comm)
@@ -242,14 +242,13 @@ class _Sources:
 def linear_extrapolation(
     offset: Floats, valid: NDArray[np.bool_]
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Weights e with sum e = 1, sum e x = 0 and small sum sqrt(|e| |x|), and whether there are any.
+    """Return weights e with sum e = 1, sum e x = 0 and small sum sqrt(|e| |x|), and if they exist.
 
-    By least squares weighted with the solution before, which tends to zero everywhere but at few
-    sources, and to equal shares where sources are equally good.
+    Reweighted least squares drive most weights to zero; equally good sources have equal weights.
 
     Args:
         offset: Sources x relative to the node, shape (n, k, dim), [m].
-        valid: Which of them may be used, shape (n, k).
+        valid: Mask of the sources that may be used, shape (n, k).
     """
     count, most, dim = offset.shape
     distance = np.where(valid, np.linalg.norm(offset, axis=2), np.inf)
@@ -262,31 +261,37 @@ def linear_extrapolation(
     target[:, 0] = 1.0
     share = 1.0 / relative
     for _ in range(REWEIGHTINGS):
-        # The solution of the conditions with the least sum of e^2 / share.
+        # Among all e that satisfy the conditions, the one with the least sum of e^2 / share.
         root = np.sqrt(share)[:, None, :]
         inverse = np.linalg.pinv(conditions * root, rcond=1e-10)
         weights: Floats = (inverse @ target)[:, :, 0] * root[:, 0]
         size = np.abs(weights)
         share = np.where(size > 1e-6, size**1.5, 0.0) / np.sqrt(relative)
-    left = np.abs(np.einsum("nck,nk->nc", conditions, weights) - target[:, :, 0]).max(axis=1)
-    exists = (left < 1e-9) & (np.abs(weights).sum(axis=1) < LARGEST_SUM)
+    residual = np.abs(np.einsum("nck,nk->nc", conditions, weights) - target[:, :, 0]).max(axis=1)
+    exists = (residual < 1e-9) & (np.abs(weights).sum(axis=1) < LARGEST_SUM)
     return weights, exists
 
 
 def _rings(stiffness: PETSc.Mat, nodes: Ints, dim: int, count: int) -> list[Ints]:
-    """Nodes within some rings of neighbours of each node, global numbers (collective)."""
+    """Return the nodes in ``count`` rings around each node, global numbers (collective)."""
     reached = [np.array([node]) for node in nodes]
-    known: dict[int, Ints] = {}
+    neighbours: dict[int, Ints] = {}
     for _ in range(count):
-        every = np.unique(np.concatenate([*reached, nodes[:0]]))
-        new = every[[int(n) not in known for n in every]] if len(every) else every
-        known.update(zip(new.tolist(), _neighbours(stiffness, new, dim), strict=True))
-        reached = [np.unique(np.concatenate([known[int(n)] for n in part])) for part in reached]
+        reached_nodes = np.unique(np.concatenate([*reached, nodes[:0]]))
+        new = (
+            reached_nodes[[int(n) not in neighbours for n in reached_nodes]]
+            if len(reached_nodes)
+            else reached_nodes
+        )
+        neighbours.update(zip(new.tolist(), _neighbours(stiffness, new, dim), strict=True))
+        reached = [
+            np.unique(np.concatenate([neighbours[int(n)] for n in part])) for part in reached
+        ]
     return reached
 
 
 def _neighbours(stiffness: PETSc.Mat, nodes: Ints, dim: int) -> list[Ints]:
-    """Nodes that K couples with each of some nodes of any rank, and itself (collective)."""
+    """Return the nodes that K couples with each of the nodes, itself included (collective)."""
     rows = (dim * nodes[:, None] + np.arange(dim)).ravel().astype(PETSc.IntType)
     wanted = PETSc.IS().createGeneral(rows, comm=PETSc.COMM_SELF)
     every = PETSc.IS().createStride(stiffness.getSize()[1], step=1, comm=PETSc.COMM_SELF)
@@ -298,5 +303,5 @@ def _neighbours(stiffness: PETSc.Mat, nodes: Ints, dim: int) -> list[Ints]:
     np.maximum.at(largest, row_of, np.abs(values))
     coupled = np.abs(values) > ROUNDING * largest[row_of]
     pairs = np.unique(np.stack([row_of[coupled], columns[coupled] // dim], axis=1), axis=0)
-    found = np.split(pairs[:, 1], np.searchsorted(pairs[:, 0], np.arange(1, len(nodes))))
-    return [part.astype(np.int64) for part in found[: len(nodes)]]
+    neighbours = np.split(pairs[:, 1], np.searchsorted(pairs[:, 0], np.arange(1, len(nodes))))
+    return [part.astype(np.int64) for part in neighbours[: len(nodes)]]

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Damping ratios of the natural modes: given, as a part of C, and found, with their coupling."""
+"""Damping ratios of natural modes: as input, a part of C, and as output, with mode coupling."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.model.modes import Modes, whole_groups
 from dolfinx_joints.model.system import MatrixSystem, check_system
 
-# Of a mode's own damping, above which the report calls modes coupled.
+# Coupling above which the report states that the damping is not classical.
 COUPLED = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModalDamping:
-    """C in the modes: phi_i . C phi_j with phi . M phi = 1.
+    """Modal damping matrix phi_i . C phi_j with phi . M phi = 1.
 
     Attributes:
-        frequencies: Of the undamped modes [Hz], shape (n,).
+        frequencies: Frequencies of the undamped modes [Hz], shape (n,).
         matrix: phi_i . C phi_j, shape (n, n), [1/s].
     """
 
@@ -42,9 +42,9 @@ class ModalDamping:
 
     @property
     def coupling(self) -> Floats:
-        """|C_ij| / sqrt(C_ii C_jj), shape (n, n), zero on the diagonal.
+        """Coupling |C_ij| / sqrt(C_ii C_jj), shape (n, n), zero on the diagonal.
 
-        Zero for Rayleigh damping without joints, at most 1 for any C that only takes energy.
+        It is zero for Rayleigh damping without joints, and at most 1 if C is positive semidefinite.
         """
         own = np.sqrt(np.abs(np.diag(self.matrix)))
         scale = np.outer(own, own)
@@ -55,25 +55,25 @@ class ModalDamping:
         return coupling
 
     def report(self) -> str:
-        """A line for each mode, and the largest coupling of two."""
+        """Return one line per mode and the largest coupling of two modes."""
         lines = ["mode  frequency Hz  damping ratio %"]
         for i, (f, ratio) in enumerate(zip(self.frequencies, self.ratios, strict=True), start=1):
             lines.append(f"{i:4d}  {f:12.4g}  {100.0 * ratio:15.4g}")
         coupling = self.coupling
         largest = float(coupling.max())
-        # The first of equal ones: which of them rounding makes the largest depends on the ranks.
+        # Report the first of equal couplings: the largest by rounding depends on the ranks.
         first = int(np.argmax(coupling >= (1.0 - 1e-6) * largest))
         i, j = sorted(divmod(first, len(coupling)))
         if largest > 0.0:
-            where = f"between modes {i + 1} and {j + 1}"
-            lines.append(f"largest coupling by damping: {largest:.2g}, {where}")
+            pair = f"between modes {i + 1} and {j + 1}"
+            lines.append(f"largest coupling by damping: {largest:.2g}, {pair}")
         if largest > COUPLED:
-            lines.append("the damping is not classical: ratios of single modes are approximate")
+            lines.append("the damping is not classical: the modal damping ratios are approximate")
         return "\n".join(lines)
 
 
 def modal_damping(system: MatrixSystem, modes: Modes) -> ModalDamping:
-    """Damping of the `modes` of a system by all of C: Rayleigh, boundaries, forms (collective)."""
+    """Return the modal damping by all of C: Rayleigh, boundaries, forms (collective)."""
     check_system(system)
     count = len(modes.shapes)
     matrix = np.empty((count, count))
@@ -86,49 +86,49 @@ def modal_damping(system: MatrixSystem, modes: Modes) -> ModalDamping:
 
 
 class DampedModes:
-    """The part Psi diag(c) Psi^T of C that gives modes their ratios, found when first asked for.
+    """Part Psi diag(c) Psi^T of C that gives the modes their ratios, computed on first use.
 
-    Psi = M Phi without rows of constrained dofs, and zero at unknowns of water.
+    Psi = M Phi, zero in the rows of constrained dofs and of water unknowns.
     """
 
-    def __init__(self, asked: ModalRatios) -> None:
-        """Keep the ratios."""
-        self.asked = asked
+    def __init__(self, ratios: ModalRatios) -> None:
+        """Store the ratios."""
+        self.ratios = ratios
         self._body: MatrixSystem | None = None
 
     def given_to(self, body: MatrixSystem) -> MatrixSystem:
-        """The system of a body with this damping; further ones have the modes of the first."""
+        """Return a body's system with this damping; the modes are those of the first system."""
         if self._body is None:
             none: dict[str, Any] = {"patterns": (), "load_names": (), "in_joints": ()}
             self._body = replace(body, values=None, water=None, shared=None, **none)
         return replace(body, damped_modes=self)
 
     @cached_property
-    def _found(self) -> tuple[Floats, Floats]:
+    def _modes_and_rates(self) -> tuple[Floats, Floats]:
         """Psi, shape (local dofs of the body, modes), and c, shape (modes,), [1/s] (collective)."""
         assert self._body is not None
-        system, count = self._body, self.asked.modes
+        system, count = self._body, self.ratios.modes
         modes = whole_groups(system, count)
         if len(modes.shapes) < count:
             raise ValueError(
-                f"ModalRatios: modes is {count}, which ends within modes of one frequency or past "
-                f"the last mode; {len(modes.shapes)} are the most up to there."
+                f"ModalRatios: modes is {count}, which splits modes of equal frequency or exceeds "
+                f"their number; the largest allowed value below it is {len(modes.shapes)}."
             )
-        work, by_rest = system.mass.createVecRight(), np.zeros(count)
+        work, by_other_damping = system.mass.createVecRight(), np.zeros(count)
         for i, shape in enumerate(modes.shapes):
-            by_rest[i] = system.damping_force(shape, work).dot(shape)
+            by_other_damping[i] = system.damping_force(shape, work).dot(shape)
             if system.absorption is not None:
                 system.absorption.mult(shape, work)
-                by_rest[i] -= work.dot(shape)
+                by_other_damping[i] -= work.dot(shape)
         doubled = 4.0 * np.pi * modes.frequencies
-        rates = doubled * np.asarray(self.asked.ratio) - by_rest
-        wrong = np.flatnonzero(rates < -1e-12 * by_rest)
+        rates = doubled * np.asarray(self.ratios.ratio) - by_other_damping
+        wrong = np.flatnonzero(rates < -1e-12 * by_other_damping)
         if len(wrong):
             i = wrong[0]
-            asked = np.broadcast_to(self.asked.ratio, count)[i]
+            ratio = np.broadcast_to(self.ratios.ratio, count)[i]
             raise ValueError(
-                f"ModalRatios: ratio of mode {i + 1} is {asked:.4g}; the rest of the damping gives "
-                f"it {by_rest[i] / doubled[i]:.4g} already."
+                f"ModalRatios: ratio of mode {i + 1} is {ratio:.4g}, but the other damping already "
+                f"gives {by_other_damping[i] / doubled[i]:.4g}; give a ratio of at least that."
             )
         columns = np.column_stack([(system.mass * shape).array_r for shape in modes.shapes])
         columns[system.constrained] = 0.0
@@ -137,16 +137,16 @@ class DampedModes:
     @property
     def rates(self) -> Floats:
         """Diagonal c, shape (modes,), [1/s] (collective)."""
-        return self._found[1]
+        return self._modes_and_rates[1]
 
     def columns(self, like: PETSc.Vec) -> Floats:
-        """Owned rows of Psi among all unknowns of a vector, shape (local, modes) (collective)."""
-        columns, _ = self._found
+        """Return the owned rows of Psi, padded to the size of ``like``, (n, modes) (collective)."""
+        columns, _ = self._modes_and_rates
         return np.pad(columns, ((0, like.getLocalSize() - len(columns)), (0, 0)))
 
     def add_force(self, velocity: PETSc.Vec, out: PETSc.Vec) -> None:
         """Add Psi diag(c) Psi^T v [N] (collective)."""
-        columns, rates = self._found
+        columns, rates = self._modes_and_rates
         mine = columns.T @ velocity.array_r[: len(columns)]
         amounts = np.sum(velocity.comm.tompi4py().allgather(mine), axis=0)
         out.getArray()[: len(columns)] += columns @ (rates * amounts)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A jointed elastic body, ready when constructed: matrices, joints with laws, supports, loads."""
+"""Model of a jointed body: matrices, joints with laws, supports and loads."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 from dolfinx_joints.model.mass_redistribution import RINGS, Redistribution, redistributed_mass
 from dolfinx_joints.model.modal_damping import DampedModes
-from dolfinx_joints.model.parts import Body, Joints, check_form, check_joints, check_tied, divided
-from dolfinx_joints.model.plausibility import warn_of_overlaps, warn_of_what_no_dam_has
+from dolfinx_joints.model.parts import Body, Joints, by_kind, check_form, check_joints, check_tied
+from dolfinx_joints.model.plausibility import warn_of_implausible_values, warn_of_overlaps
 from dolfinx_joints.model.system import MatrixSystem, water_in
 
 if TYPE_CHECKING:
@@ -48,38 +48,37 @@ if TYPE_CHECKING:
 
 @refuses_removed
 class Model(Summarised):
-    """M a + C v + K u + B^T w t(B u) = F on a mesh split at its joints.
+    """Jointed body M a + C v + K u + B^T w t(B u) = F on a mesh split at its joints.
 
     Args:
-        jointed: The mesh; without joints the body is monolithic and no joint code runs.
+        jointed: The mesh. Without joints the body is monolithic and no joint code runs.
         material: One material, or one per named cell group: `Elastic`, `Orthotropic`, or plastic
             such as `DruckerPrager`.
-        joints: One law for all joints, one per joint name, or `Joints` with further options. Not
-            needed without joints, or if ``extra_stiffness`` ties all joints.
+        joints: One law for all joints, one per joint name, or `Joints` with further options. May be
+            omitted if the mesh has no joints or ``extra_stiffness`` ties all of them.
         supports: Fixed and prescribed components, springs, viscous boundaries.
         loads: Loads that act in every stage (self weight, tractions, ...).
-        damping: `Rayleigh`, its stiffness part of the bulk alone, or `ModalRatios`.
-        water: Water that moves with the body, one or a sequence: masses added to M
-            (`WestergaardMass`, `ReservoirMass`), and at most one reservoir with waves
-            (`ReservoirWaves`, `MeshedReservoir`), an unknown of dynamic stages.
-        body: Degree, plane strain or stress, extra forms and redistribution of mass: a `Body`.
+        damping: `Rayleigh` or `ModalRatios`. Rayleigh's stiffness part applies to the bulk alone.
+        water: Added masses (`WestergaardMass`, `ReservoirMass`) and at most one reservoir with
+            waves (`ReservoirWaves`, `MeshedReservoir`). The waves are unknowns of dynamic stages.
+        body: Degree, plane strain or stress, extra forms and mass redistribution: a `Body`.
 
     Attributes:
-        parameters: The other arguments, by name.
+        parameters: All arguments except ``jointed``, by name.
+        damping: The argument, Rayleigh without factors by default.
         V: Displacement space, an ordinary Lagrange space on the split mesh.
         body: Material fields and stress recovery.
         operator: Joint operator, None without joints.
         contact: Joints with their laws, None without joints.
         bulk: Cells with plastic materials, None without such cells.
         constraints: Constrained dofs.
-        absorbing: Groups with a viscous boundary.
-        mass, rayleigh, dashpots, absorption, damped_modes: As in `MatrixSystem`.
-        body_mass: M without the extra form and added masses, what gravity acts on [kg].
-        redistribution: Mass redistributed and the nodes concerned, None unless asked for.
-        damping: As it was given.
-        stiffness: K of bulk, springs and extra forms, in blocks of a node [N/m].
-        coupled: Order of the unknowns of dynamic stages with a reservoir, None without one.
-        loads, doubts: The loads; what was warned of as implausible, on rank 0.
+        absorbing: Facet groups with a viscous boundary.
+        mass, rayleigh, dashpots, absorption, damped_modes: See `MatrixSystem`.
+        body_mass: M without extra forms and added masses; gravity acts on this mass [kg].
+        redistribution: Redistributed mass and number of massless nodes, None if not requested.
+        stiffness: K of bulk, springs and extra forms, with one block per node [N/m].
+        coupled: Unknowns of body and reservoir in dynamic stages, None without a reservoir.
+        loads, doubts: The loads; warnings of implausible values, on rank 0.
 
     Raises:
         MeshError: A group or joint does not exist, or a joint has no law.
@@ -97,7 +96,7 @@ class Model(Summarised):
         water: Reservoir | AddedMass | Sequence[Reservoir | AddedMass] | None = None,
         body: Body | None = None,
     ) -> None:
-        """Assemble everything that does not change (collective)."""
+        """Assemble the constant matrices (collective)."""
         given = locals()
         _check_kinds(given)
         self._options = body = body or Body()
@@ -109,10 +108,10 @@ class Model(Summarised):
         _check_loads(jointed, loads)
         by_group = material if isinstance(material, Mapping) else {"": material}
         check_temperatures(jointed, by_group, loads)
-        self.added_mass, reservoirs = divided(water)
+        self.added_mass, reservoirs = by_kind(water)
         self.reservoir = next(iter(reservoirs), None)
         acting = [*loads, *self.added_mass, *reservoirs]
-        self.doubts = warn_of_what_no_dam_has(jointed, by_group, laws, acting)
+        self.doubts = warn_of_implausible_values(jointed, by_group, laws, acting)
         self.jointed, self.gdim = jointed, jointed.mesh.geometry.dim
         self.loads, self.supports = list(loads), list(supports)
         self._degree = body.degree or jointed.shape.degree
@@ -136,13 +135,13 @@ class Model(Summarised):
         if body.redistribute_mass and self.operator is not None:
             self._redistribute(self.operator)
         self.damping, self.damped_modes = damping or Rayleigh(), None
-        rest = self.damping
-        if isinstance(rest, ModalRatios):
-            self.damped_modes, rest = DampedModes(rest), rest.beyond
-        self.rayleigh, self.absorption, self.dashpots = self._damping(rest)
-        plastic = {name: each for name, each in by_group.items() if is_plastic(each)}
+        rayleigh = self.damping
+        if isinstance(rayleigh, ModalRatios):
+            self.damped_modes, rayleigh = DampedModes(rayleigh), rayleigh.beyond
+        self.rayleigh, self.absorption, self.dashpots = self._damping(rayleigh)
+        plastic = {group: law for group, law in by_group.items() if is_plastic(law)}
         self.bulk = self._plastic_bulk(plastic) if plastic else None
-        self.coupled = None if self.reservoir is None else self._with(self.reservoir)
+        self.coupled = None if self.reservoir is None else self._coupled_with(self.reservoir)
 
     def _summary(self) -> Rows:
         joints, degree = self.jointed.joint_names, self.V.ufl_element().degree
@@ -161,18 +160,18 @@ class Model(Summarised):
         alpha, beta = self.rayleigh.mass_factor, self.rayleigh.stiffness_factor
         terms = [f"{alpha:.4g} 1/s times M"] * bool(alpha) + [f"{beta:.4g} s times K"] * bool(beta)
         if self.damped_modes is not None:
-            terms.append(f"ratios of {self.damped_modes.asked.modes} modes")
+            terms.append(f"ratios of {self.damped_modes.ratios.modes} modes")
         yield "damping", " + ".join(terms)
 
     def _stiffness(self, options: Body) -> PETSc.Mat:
-        """K of bulk, extra form and springs."""
+        """Return K of bulk, extra form and springs."""
         u, v = self._arguments
         springs = [s.form(self.jointed, u, v) for s in self.supports if isinstance(s, Spring)]
         extras = options.forms("extra_stiffness", u, v)
         return matrices.blocked(self._matrix(self.body.stiffness_form(u, v), *extras, *springs))
 
     def _masses(self) -> tuple[PETSc.Mat, PETSc.Mat]:
-        """M of the body, and with the extra form and added masses."""
+        """Return M of the body, and M with the extra form and the added masses."""
         form = self.body.mass_form(*self._arguments)
         self.mass = body = matrices.without_zeros(self._matrix(form))
         extras = self._options.forms("extra_mass", *self._arguments)
@@ -180,14 +179,14 @@ class Model(Summarised):
             return body, body
         total = self._matrix(form, *extras)
         for added in self.added_mass:
-            moved = added.matrix(self)
-            total.axpy(1.0, moved, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-            moved.destroy()
+            added_matrix = added.matrix(self)
+            total.axpy(1.0, added_matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+            added_matrix.destroy()
         return body, matrices.without_zeros(total)
 
     def _redistribute(self, operator: JointOperator) -> None:
-        """Give the mass of joint nodes to the body behind them."""
-        # An extra form may couple nodes across a joint, which are not behind it.
+        """Move the mass of the joint nodes to the body behind them."""
+        # Leave out the extra form: it may couple nodes across a joint.
         body = self._stiffness(Body()) if self._options.extra_stiffness else self.stiffness
         owned = self.V.dofmap.index_map.size_local
         nodes = self.V.tabulate_dof_coordinates()[:owned, : self.gdim]
@@ -203,7 +202,7 @@ class Model(Summarised):
         self.body_mass = self.mass if alone else redistributed(self.body_mass).mass
 
     def _damping(self, rayleigh: Rayleigh) -> tuple[Rayleigh, PETSc.Mat | None, PETSc.Mat | None]:
-        """Factors of M and K in C, viscous boundaries, and with them the rest of C."""
+        """Return the factors of M and K in C, the viscous boundaries, and all dashpots."""
         u, v = self._arguments
         boundaries = [s for s in self.supports if isinstance(s, ViscousBoundary)]
         absorbing = [s.form(self.jointed, self.body, u, v) for s in boundaries]
@@ -213,41 +212,41 @@ class Model(Summarised):
             # Springs and extra forms are part of K but do not damp.
             forms.insert(0, rayleigh.stiffness_factor * self.body.stiffness_form(u, v))
             rayleigh = Rayleigh(mass_factor=rayleigh.mass_factor)
-        rest = self._matrix(*forms) if forms else None
+        other_dashpots = self._matrix(*forms) if forms else None
         absorption = self._matrix(*absorbing) if absorbing else None
-        if rest is not None and absorption is not None:
-            rest.axpy(1.0, absorption, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        dashpots = absorption if rest is None else rest
+        if other_dashpots is not None and absorption is not None:
+            other_dashpots.axpy(1.0, absorption, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        dashpots = absorption if other_dashpots is None else other_dashpots
         return rayleigh, absorption, None if dashpots is None else matrices.blocked(dashpots)
 
-    def _with(self, reservoir: Reservoir) -> BodyAndWater:
-        """The unknowns of the body and of the waves in a reservoir."""
+    def _coupled_with(self, reservoir: Reservoir) -> BodyAndWater:
+        """Return the unknowns of the body and of the waves in a reservoir."""
         from dolfinx_joints.model.with_water import BodyAndWater
 
         return BodyAndWater(self.mass.createVecRight(), reservoir.water(self), self.gdim)
 
     @property
     def _arguments(self) -> tuple[Any, Any]:
-        """Trial and test function."""
+        """Trial and test function of the displacement space."""
         return ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
 
     def _plastic_bulk(self, laws: Mapping[str, Any]) -> PlasticBulk:
-        """The cells with plastic materials."""
+        """Return the cells with plastic materials."""
         from dolfinx_joints.body.plastic_cells import PlasticBulk
 
         if self.gdim == 2 and self._options.plane == "stress":
             raise ValueError(
-                "Plastic materials are for plane='strain' or bodies in space; plane is 'stress'."
+                "Plastic materials need plane='strain' or a 3-D mesh; plane is 'stress'."
             )
         return PlasticBulk(self.jointed, self.V, laws, self.stiffness, self.contact)
 
     def _matrix(self, *forms: Any) -> PETSc.Mat:
-        """Assembled matrix of the sum of some forms."""
+        """Assemble the matrix of the sum of the forms."""
         form = self.jointed.form(sum(forms[1:], forms[0]))
         return matrices.on_lasting_comm(fem_petsc.assemble_matrix(form), self.gdim)
 
     def assemble(self, form: Any) -> PETSc.Vec:
-        """Nodal forces of a linear form, [N] (collective)."""
+        """Return the nodal forces of a linear form, [N] (collective)."""
         check_form(form, 1, "A load must be a linear UFL form of v")
         vector = fem_petsc.assemble_vector(self.jointed.form(form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
@@ -273,20 +272,20 @@ class Model(Summarised):
         waves: float | None = None,
         shared: Any = None,
     ) -> MatrixSystem:
-        """The system with the model's loads and ``extra_loads`` (collective).
+        """Return the system with the model's loads and ``extra_loads`` (collective).
 
         Args:
-            extra_loads: Loads besides the model's own.
-            only: Those of the model's loads that act; all of them unless given.
-            static: Hold viscous boundaries, as static stages do.
-            waves: Step [s] of a stage with the waves in the reservoir among its unknowns.
-            shared: What it shares with others, see `MatrixSystem`.
+            extra_loads: Loads in addition to those of the model.
+            only: Loads of the model to apply; all of them by default.
+            static: Fix the viscous boundaries, as static stages do.
+            waves: Time step [s] of a stage that solves for the waves in the reservoir, or None.
+            shared: Data shared with other systems, see `MatrixSystem`.
         """
         _check_loads(self.jointed, extra_loads)
         if any(isinstance(load, Temperature) for load in extra_loads):
             raise ValueError(
-                "A Temperature was given to a stage; give it to Model(loads=...) with a factor of "
-                "time, since stresses are recovered with the temperatures of the model."
+                "A Temperature was given to a stage. Give it to Model(loads=...) with a factor of "
+                "time: stresses are recovered with the temperatures of the model."
             )
         every = [*self.loads, *extra_loads]
         loads = every if only is None else [*only, *extra_loads]
@@ -320,11 +319,11 @@ class Model(Summarised):
         return self.coupled.system(system, by_name, waves)
 
     def joined(self, force: PETSc.Vec) -> PETSc.Vec:
-        """A vector of the body's unknowns among those of a dynamic stage (collective)."""
+        """Return a vector of the body extended to all unknowns of a dynamic stage (collective)."""
         return force if self.coupled is None else self.coupled.joined(force)
 
     def _patterns(self, name: str, load: Load) -> Sequence[Any]:
-        """Patterns of a load; an error of a user-defined form names the load."""
+        """Return the patterns of a load; name the load in errors of user-defined forms."""
         try:
             patterns = load.patterns(self)
         except ValueError as error:
@@ -333,22 +332,22 @@ class Model(Summarised):
             raise
         norms = [f.norm() for f, _ in patterns] if isinstance(load, FormLoad | JointLoad) else []
         if norms and not any(norms):
-            text = f"{name} exerts no force: its place is empty, or it is zero."
+            text = f"{name} exerts no force: its value is zero, or no part of the mesh is loaded."
             doubt(self.jointed.mesh.comm, text)
         return patterns
 
     def resultant(self, force: PETSc.Vec, group: str) -> NDArray[np.float64]:
-        """Sum of nodal forces over the nodes of a group, shape (gdim,), [N] (collective).
+        """Return the sum of nodal forces over the nodes of a group, (gdim,), [N] (collective).
 
-        The group is one of facets, or a support at a point (`Constraints.points`). Of reactions,
-        the force of a support on the body. Nodes of several groups count in each of them.
+        The group is a facet group or a support at a point (`Constraints.points`). For reactions,
+        the sum is the force of the support on the body. A node in several groups counts in each.
         """
         owned = self.V.dofmap.index_map.size_local
         values = force.getArray(readonly=True)[: owned * self.gdim].reshape(-1, self.gdim)
         return summed(self.jointed.mesh.comm, values[self.nodes(group)].sum(axis=0))
 
     def nodes(self, group: str) -> NDArray[np.int64]:
-        """Owned nodes of a facet group or a support at a point, local numbers (collective)."""
+        """Return the owned nodes of a facet group or point support, local numbers (collective)."""
         if group in self.constraints.points:
             return self.constraints.points[group]
         if group not in self._nodes:
@@ -356,7 +355,7 @@ class Model(Summarised):
         return self._nodes[group]
 
     def function(self, vector: PETSc.Vec, name: str = "displacement") -> fem.Function:
-        """A vector of the space, or of a dynamic stage, as a DOLFINx function (collective)."""
+        """Return a vector of the space or of a dynamic stage as a DOLFINx function (collective)."""
         u = fem.Function(self.V, name=name)
         owned = self.V.dofmap.index_map.size_local * self.gdim
         u.x.array[:owned] = vector.getArray(readonly=True)[:owned]
@@ -365,33 +364,35 @@ class Model(Summarised):
 
     @property
     def num_dofs(self) -> int:
-        """Displacement dofs on all ranks, constrained ones included."""
+        """Number of displacement dofs on all ranks, constrained ones included."""
         return int(self.V.dofmap.index_map.size_global * self.V.dofmap.index_map_bs)
 
 
 def _check_kinds(given: Mapping[str, Any]) -> None:
-    """Check the kinds of the arguments of a model."""
-    for each in declarations(Model):
-        each.check(given[each.name], "Model")
+    """Check the types of the arguments of a model."""
+    for declaration in declarations(Model):
+        declaration.check(given[declaration.name], "Model")
     jointed, damping, body = given["jointed"], given["damping"], given["body"]
     is_mesh = isinstance(jointed, JointedMesh)
-    check_kind_of("jointed", jointed, is_mesh, "a split mesh, as from read_msh")
-    known = isinstance(damping, Rayleigh | ModalRatios | None)
-    check_kind_of("damping", damping, known, "a Rayleigh or ModalRatios")
+    check_kind_of("jointed", jointed, is_mesh, "a split mesh, such as from read_msh")
+    is_damping = isinstance(damping, Rayleigh | ModalRatios | None)
+    check_kind_of("damping", damping, is_damping, "a Rayleigh or ModalRatios")
     check_kind_of("body", body, isinstance(body, Body | None), "a Body")
 
 
-def _kinds(every: Sequence[Any]) -> list[str]:
-    """Kinds of objects with the groups that they act on."""
-    groups = [getattr(each, "group", None) for each in every]
-    kinds = [type(each).__name__ for each in every]
+def _kinds(objects: Sequence[Any]) -> list[str]:
+    """Return the types of objects with the groups that they act on."""
+    groups = [getattr(each, "group", None) for each in objects]
+    kinds = [type(each).__name__ for each in objects]
     return [kind + (f" ({g})" if g else "") for kind, g in zip(kinds, groups, strict=True)]
 
 
 def _check_loads(jointed: JointedMesh, loads: Any) -> None:
-    """Check that loads are some, on groups of the mesh."""
+    """Check that the loads are loads and act on groups of the mesh."""
     for load in loads:
-        check_kind_of("A load", load, offers(load, "patterns"), "Gravity, Traction or such")
+        check_kind_of(
+            "A load", load, offers(load, "patterns"), "a load such as Gravity or Traction"
+        )
         if isinstance(load, FaceLoad):
             jointed.facets(load.group)
         elif isinstance(load, CellLoad) and load.cells:

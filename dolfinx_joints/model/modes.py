@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Natural frequencies and mode shapes with SLEPc."""
+"""Natural frequencies and mode shapes, computed with SLEPc."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from dolfinx_joints.joints.operator import JointTangent
 from dolfinx_joints.mesh import dolfinx_versions
 from dolfinx_joints.model.system import MatrixSystem, as_aij, check_system
 
-# Modes whose frequencies differ by less, relative, are a group.
+# Modes whose frequencies differ by less than this, relatively, form a group.
 SAME_FREQUENCY = 1e-6
 
-# Of the mean omega^2 of the mesh, by which loose blocks are held while modes are sought.
+# Shift of omega^2 relative to its mean over the mesh; it makes K regular for unsupported blocks.
 SHIFT = 1e-8
 
-# Of the frequency of that, below which a frequency is zero.
+# Frequencies below this fraction of the shift's frequency are set to zero.
 ZERO = 1e-3
 
-# Of phi.diag(K) phi: what rounding leaves of the stiffness of a rigid-body motion.
-HELD = 1e-13
+# Stiffness of a rigid-body motion by rounding errors, relative to phi.diag(K) phi.
+RIGID_BODY_ROUNDING = 1e-13
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,10 +38,10 @@ class Modes:
     """Undamped modes, K phi = omega^2 M phi, normalised to phi.M phi = 1.
 
     Attributes:
-        frequencies: [Hz], ascending, shape (n,).
+        frequencies: Frequencies [Hz], ascending, shape (n,).
         shapes: Mode shapes, n vectors.
         participation: Modal participation factors phi.M iota per axis, shape (n, gdim).
-        mass: Mass that moves along each axis, iota.M iota, shape (gdim,), [kg].
+        mass: Mass for a rigid motion along each axis, iota.M iota, shape (gdim,), [kg].
     """
 
     frequencies: NDArray[np.float64]
@@ -53,7 +53,7 @@ class Modes:
     def effective_mass(self) -> NDArray[np.float64]:
         """Effective modal masses per axis, shape (n, gdim), [kg].
 
-        Those of all modes add up to the mass at unconstrained dofs.
+        The sum over all modes is the mass at unconstrained dofs.
         """
         return self.participation**2
 
@@ -63,7 +63,7 @@ class Modes:
         return self.effective_mass / self.mass
 
     def report(self) -> str:
-        """A table of frequencies, effective masses and their sums."""
+        """Return a table of frequencies, effective masses and their sums."""
         axes = "xyz"[: self.participation.shape[1]]
         lines = ["mode  frequency  " + "  ".join(f"mass {axis}" for axis in axes)]
         for i, frequency in enumerate(self.frequencies):
@@ -77,10 +77,10 @@ class Modes:
 
 @checked
 def modes(system: MatrixSystem, count: Annotated[int, at.Ge(1)]) -> Modes:
-    """The lowest modes with all joints closed and sticking (collective).
+    """Compute the lowest modes with all joints closed and sticking (collective).
 
     Args:
-        system: The system; its joints enter with their elastic stiffness k_n, k_s.
+        system: The system; its joints have their elastic stiffness k_n, k_s.
         count: Number of modes.
 
     Example:
@@ -104,70 +104,70 @@ def modes(system: MatrixSystem, count: Annotated[int, at.Ge(1)]) -> Modes:
 
 
 def whole_groups(system: MatrixSystem, count: int) -> Modes:
-    """At most ``count`` of the lowest modes, no group of equal frequencies cut (collective).
+    """Return at most ``count`` of the lowest modes without splitting a group (collective).
 
-    Which modes of a group come first depends on rounding. Blocks may be loose: those modes have
-    the frequency zero.
+    A group has equal frequencies, and the order of its modes depends on rounding. Unsupported
+    blocks are allowed; their rigid-body modes have the frequency zero.
     """
     most = _number_of_modes(system)
     traces = [float(m.getDiagonal().sum()) for m in (system.stiffness, system.mass)]
     shift = SHIFT * traces[0] / traces[1] or 1.0
-    found = _lowest(system, min(count + 1, most), -shift)
+    lowest = _lowest(system, min(count + 1, most), -shift)
     rounding = ZERO * math.sqrt(shift) / (2.0 * math.pi)
-    frequencies = np.where(found.frequencies < rounding, 0.0, found.frequencies)
+    frequencies = np.where(lowest.frequencies < rounding, 0.0, lowest.frequencies)
     kept = len(frequencies)
     if kept > count:
         kept = int(np.count_nonzero(frequencies < (1.0 - SAME_FREQUENCY) * frequencies[count]))
-    shapes, factors = found.shapes[:kept], found.participation[:kept]
-    return replace(found, frequencies=frequencies[:kept], shapes=shapes, participation=factors)
+    shapes, factors = lowest.shapes[:kept], lowest.participation[:kept]
+    return replace(lowest, frequencies=frequencies[:kept], shapes=shapes, participation=factors)
 
 
 def too_few(system: MatrixSystem, count: int) -> ValueError:
-    """That ``count`` modes are fewer than the lowest ones of equal frequencies (collective)."""
-    asked, most = count, _number_of_modes(system)
-    found: NDArray[np.float64] = np.empty(0)
-    while not found.size:
-        asked = min(2 * asked, most)
-        found = whole_groups(system, asked).frequencies
-    ends = np.flatnonzero(found[:-1] < (1.0 - SAME_FREQUENCY) * found[1:])
-    least = int(ends[0]) + 1 if ends.size else len(found)
+    """Return the error for a ``count`` that splits the lowest group of modes (collective)."""
+    requested, most = count, _number_of_modes(system)
+    frequencies: NDArray[np.float64] = np.empty(0)
+    while not frequencies.size:
+        requested = min(2 * requested, most)
+        frequencies = whole_groups(system, requested).frequencies
+    ends = np.flatnonzero(frequencies[:-1] < (1.0 - SAME_FREQUENCY) * frequencies[1:])
+    least = int(ends[0]) + 1 if ends.size else len(frequencies)
     return ValueError(
-        f"exact_modes is {count}; the lowest {least} modes are a group of equal frequencies: "
-        f"{least} at least are needed."
+        f"exact_modes is {count}, but the lowest {least} modes have equal frequencies; give at "
+        f"least {least}."
     )
 
 
 def _number_of_modes(system: MatrixSystem) -> int:
     without = np.union1d(system.constrained, system.massless)
-    left = system.mass.getLocalSize()[0] - len(without)
-    return int(sum(system.mass.comm.tompi4py().allgather(left)))
+    count = system.mass.getLocalSize()[0] - len(without)
+    return int(sum(system.mass.comm.tompi4py().allgather(count)))
 
 
 def closed_stiffness(body: PETSc.Mat, contact: Contact | None) -> PETSc.Mat:
-    """K of a body with all joints closed and sticking, (34), a new matrix (collective)."""
+    """Return K of a body with all joints closed and sticking, (34), a new matrix (collective)."""
     stiffness = as_aij(body)
     if contact is not None:
-        every = stiffness.createVecRight()
-        every.set(1.0)
-        joint = JointTangent(contact.operator, every)
+        ones = stiffness.createVecRight()
+        ones.set(1.0)
+        joint = JointTangent(contact.operator, ones)
         stiffness.axpy(1.0, joint.assemble(contact.closed_tangent()))
     return stiffness
 
 
-def _check_held(stiffness: PETSc.Mat, lowest: Modes) -> None:
-    """Refuse a body of which a part moves without any force (collective)."""
+def _check_supported(stiffness: PETSc.Mat, lowest: Modes) -> None:
+    """Raise an error if a part of the body can move without any force (collective)."""
     shape = lowest.shapes[0]
     size = stiffness.getDiagonal()
     size.pointwiseMult(size, shape)
-    if (2.0 * math.pi * lowest.frequencies[0]) ** 2 < HELD * size.dot(shape):
+    if (2.0 * math.pi * lowest.frequencies[0]) ** 2 < RIGID_BODY_ROUNDING * size.dot(shape):
         raise JointsError(
-            "The body has no lowest modes: it, or a block of it, moves without any force; give it "
+            "The body or one of its blocks is unsupported: it can move without any force. Add "
             "supports, springs or joints."
         )
 
 
 def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
-    """Modes with omega^2 next to a target that is no eigenvalue, zero or below (collective)."""
+    """Return the modes with omega^2 closest to a target <= 0, not an eigenvalue (collective)."""
     from slepc4py import SLEPc
 
     stiffness, mass = closed_stiffness(system.stiffness, system.contact), as_aij(system.mass)
@@ -192,8 +192,8 @@ def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
     values: list[float] = []
     shapes: list[PETSc.Vec] = []
     _find(solver, count, values, shapes)
-    # Of modes of equal frequency a Krylov space may hold fewer than there are: what is left next to
-    # the target beside those found tells.
+    # A Krylov space may miss some modes of equal frequency. Deflate the modes found so far and
+    # search for another one at the same frequency.
     most, last = _number_of_modes(system), values[-1] - target
     while len(values) < most:
         solver.setDeflationSpace(shapes)
@@ -203,21 +203,21 @@ def _lowest(system: MatrixSystem, count: int, target: float) -> Modes:
             break
         last = sorted(values)[count - 1] - target
     order = np.argsort(values, kind="stable")[:count]
-    found = _collected(system, [values[i] for i in order], [shapes[i] for i in order])
+    lowest = _collected(system, [values[i] for i in order], [shapes[i] for i in order])
     if target == 0.0:
-        _check_held(stiffness, found)
-    return found
+        _check_supported(stiffness, lowest)
+    return lowest
 
 
 def _find(solver: Any, count: int, values: list[float], shapes: list[PETSc.Vec]) -> None:
-    """Add omega^2 and shapes of the modes next to the target (collective)."""
+    """Append omega^2 and the shapes of the modes closest to the target (collective)."""
     try:
         solver.solve()
     except (PETSc.Error, SystemError) as exc:
         code = dolfinx_versions.petsc_code(exc)
         raise JointsError(
             "The modes could not be computed: the stiffness cannot be factored, or the body has no "
-            f"mass; SLEPc's error code is {code}."
+            f"mass (SLEPc error code {code})."
         ) from None
     if solver.getConverged() < count:
         raise ConvergenceError(stage=f"modal ({solver.getConverged()} of {count} modes)")
@@ -227,7 +227,7 @@ def _find(solver: Any, count: int, values: list[float], shapes: list[PETSc.Vec])
 
 
 def _collected(system: MatrixSystem, values: list[float], shapes: list[PETSc.Vec]) -> Modes:
-    """Frequencies, normalised shapes and participation factors (collective)."""
+    """Return the modes with normalised shapes and participation factors (collective)."""
     factors = []
     work = system.mass.createVecRight()
     for shape in shapes:
@@ -246,7 +246,7 @@ def _collected(system: MatrixSystem, values: list[float], shapes: list[PETSc.Vec
 
 
 def _masses(system: MatrixSystem) -> NDArray[np.float64]:
-    """iota.M iota of each axis (collective)."""
+    """Return iota.M iota for each axis (collective)."""
     nodes = system.mass.getLocalSize()[0] // system.components
     along = [system.vector(np.tile(axis, nodes)) for axis in np.eye(system.components)]
     return np.array([float(one.dot(system.mass * one)) for one in along])

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Nodal vectors of fields that a user gives: a function, an expression, numbers."""
+"""Nodal vectors of user-defined fields: a function, an expression, or numbers."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ NodalField: TypeAlias = PETSc.Vec | Expr | Callable[[NDArray[np.float64]], Any] 
 
 
 def nodal_vector(model: Model, name: str, field: NodalField) -> PETSc.Vec:
-    """Return a field, which errors call by its name, as a new vector of the unknowns (collective).
+    """Return a field as a new vector of the model's unknowns (collective).
 
-    It is a vector of the model's unknowns; a DOLFINx function or a UFL expression on the model's
-    mesh, with a component for each axis; a function of the nodes (n, 3) [m] that returns (n, gdim);
-    or a component for each axis, the same everywhere. Anything else raises a ValueError.
+    The field may be a vector of the unknowns, or a DOLFINx function or UFL expression on the mesh
+    with one component per axis. It may also be a function of the nodes (n, 3) [m] that returns
+    (n, gdim), or one uniform value per axis. Otherwise a ValueError names the field by ``name``.
     """
     vector = model.stiffness.createVecRight()
     if isinstance(field, PETSc.Vec):
@@ -45,7 +45,7 @@ def nodal_vector(model: Model, name: str, field: NodalField) -> PETSc.Vec:
 
 
 def _interpolated(model: Model, name: str, field: Any) -> NDArray[np.float64]:
-    """Values of an expression at the nodes, ghosts included."""
+    """Return the values of an expression at the nodes, ghosts included."""
     shape, domains = field.ufl_shape, extract_domains(field)
     if shape != (model.gdim,) or list(domains) != [model.jointed.mesh.ufl_domain()]:
         raise ValueError(
@@ -61,15 +61,15 @@ def _interpolated(model: Model, name: str, field: Any) -> NDArray[np.float64]:
 
 
 def _at_nodes(model: Model, name: str, field: Callable[..., Any]) -> NDArray[np.float64]:
-    """Values of a function at the owned nodes, shape (n, gdim)."""
+    """Return the values of a function at the owned nodes, shape (n, gdim)."""
     owned = model.V.dofmap.index_map.size_local
     x, shape = model.V.tabulate_dof_coordinates()[:owned], (owned, model.gdim)
     with raised_together(model.jointed.mesh.comm):
         values = numbers_of(field(x)) if owned else np.zeros(shape)
         if values is None or values.shape != shape or not finite(values):
-            said = "no numbers" if values is None else f"an array of shape {values.shape}"
+            returned = "no numbers" if values is None else f"an array of shape {values.shape}"
             raise ValueError(
-                f"{name} gave {said} for {owned} nodes; it must give {model.gdim} finite numbers "
-                "for each."
+                f"{name} returned {returned} for {owned} nodes; it must return {model.gdim} finite "
+                "numbers per node."
             )
     return values

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Parts that a model is given: joints, water, and the options of its body; their checks."""
+"""Arguments of a model for joints, water and body, with their checks."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Joints:
     Args:
         laws: One law for all joints, or one per joint name.
         initial_gaps: Initial normal gap of named joints, a number or a function of the points [m].
-        quadrature: Rule on the joints: ``auto``, ``nodal``, ``gauss``, or the degree that a Gauss
-            rule is exact for; see `facet_rule`.
+        quadrature: Rule on the joints: ``auto``, ``nodal``, ``gauss``, or the polynomial degree
+            that a Gauss rule integrates exactly; see `facet_rule`.
 
     Example:
         >>> from mpi4py import MPI
@@ -63,14 +63,14 @@ class Body:
     """Options of the body: its discretisation, user-defined forms, and where its mass acts.
 
     Args:
-        degree: Degree of the displacement, that of the mesh unless given.
+        degree: Degree of the displacement; by default that of the mesh.
         plane: ``strain`` or ``stress`` in 2-D.
-        extra_stiffness: Bilinear form (u, v) added to K, over joints too (`JointedMesh.dS`).
+        extra_stiffness: Bilinear form (u, v) added to K, also on joints (`JointedMesh.dS`).
         extra_mass: Bilinear form (u, v) added to M.
         extra_damping: Bilinear form (u, v) added to C.
         symmetric: Whether the extra forms are symmetric.
-        redistribute_mass: Give the mass of joint nodes to the body behind them, so that contact
-            tractions do not ring (`Model.redistribution`); gravity acts where the mass then is.
+        redistribute_mass: Move the mass of joint nodes to the body behind them, so that contact
+            tractions do not oscillate (`Model.redistribution`). Gravity acts on the moved mass.
 
     Example:
         >>> from mpi4py import MPI
@@ -94,7 +94,7 @@ class Body:
     redistribute_mass: bool = False
 
     def forms(self, name: str, u: Any, v: Any) -> list[Any]:
-        """Return the user-defined form of a name in a list, empty without one."""
+        """Return the user-defined form of a name in a list, empty if it is not given."""
         extra = getattr(self, name)
         if extra is None:
             return []
@@ -103,55 +103,56 @@ class Body:
         return [form]
 
 
-def divided(water: Any) -> tuple[list[AddedMass], list[Reservoir]]:
-    """Return the added masses and the reservoirs with waves, at most one, of a model."""
+def by_kind(water: Any) -> tuple[list[AddedMass], list[Reservoir]]:
+    """Return the added masses, and the reservoirs with waves (at most one), of a model."""
     given = list(water) if isinstance(water, Sequence) else [] if water is None else [water]
-    for each in given:
-        known = offers(each, "water") or offers(each, "matrix")
-        check_kind_of("water", each, known, "a reservoir or an added mass, or some of them")
-    reservoirs = [each for each in given if offers(each, "water")]
+    for item in given:
+        is_water = offers(item, "water") or offers(item, "matrix")
+        check_kind_of("water", item, is_water, "a reservoir, an added mass, or a sequence of them")
+    reservoirs = [item for item in given if offers(item, "water")]
     if len(reservoirs) > 1:
-        raise ValueError("water has two reservoirs with waves; a model can have one.")
-    return [each for each in given if not offers(each, "water")], reservoirs
+        raise ValueError("water has more than one reservoir with waves; a model can have only one.")
+    return [item for item in given if not offers(item, "water")], reservoirs
 
 
-def check_form(form: Any, arguments: int, what: str) -> None:
-    """Check the number of arguments of a UFL form, and that numbers of parts are tags."""
-    found = len(form.arguments()) if isinstance(form, ufl.Form) else 0
-    if found != arguments:
-        raise ValueError(f"{what}; this one has {found} arguments: {shown(form, str)}.")
-    for each in form.integrals():
-        if each.subdomain_data() is None and each.subdomain_id() not in ("everywhere", "otherwise"):
-            part = f"the part {shown(each.subdomain_id())} of a measure without tags"
-            raise ValueError(f"{what}; this one integrates over {part}: take jointed.ds(NAME).")
+def check_form(form: Any, arguments: int, requirement: str) -> None:
+    """Check the number of arguments of a UFL form, and that numbered parts have tags."""
+    count = len(form.arguments()) if isinstance(form, ufl.Form) else 0
+    if count != arguments:
+        raise ValueError(f"{requirement}; this one has {count} arguments: {shown(form, str)}.")
+    for integral in form.integrals():
+        if integral.subdomain_data() is None and integral.subdomain_id() not in (
+            "everywhere",
+            "otherwise",
+        ):
+            part = f"the part {shown(integral.subdomain_id())} of a measure without tags"
+            raise ValueError(
+                f"{requirement}; this one integrates over {part}; use jointed.ds(NAME)."
+            )
 
 
 def check_tied(jointed: JointedMesh, forms: list[Any]) -> None:
-    """Check that forms in K integrate over every joint, where no joint has a law (collective).
-
-    Raises:
-        MeshError: They leave a joint out.
-    """
+    """Raise a MeshError if a joint without a law is not in the extra forms of K (collective)."""
     over = [jointed.joints_of(integral) or () for form in forms for integral in form.integrals()]
     tied = {position for positions in over for position in positions}
-    left = [name for i, name in enumerate(jointed.joint_names) if i not in tied]
-    if left:
+    untied = [name for i, name in enumerate(jointed.joint_names) if i not in tied]
+    if untied:
         raise MeshError(
-            f"The mesh has joints ({', '.join(left)}) but no law was given; pass joints=, tie them "
-            "by an extra_stiffness over jointed.dS(), or read the mesh with joints=[] for a "
+            f"The mesh has joints ({', '.join(untied)}) but no law was given. Pass joints=, tie "
+            "them by an extra_stiffness over jointed.dS(), or read the mesh with joints=[] for a "
             "monolithic body."
         )
 
 
 def check_joints(jointed: JointedMesh, joints: Any, initial_gaps: Any) -> None:
-    """Check that laws and gaps are given where the mesh has joints."""
-    for what, given in (("laws", joints), ("initial gaps", initial_gaps)):
+    """Check that laws and gaps are given only if the mesh has joints."""
+    for kind, given in (("laws", joints), ("initial gaps", initial_gaps)):
         if not jointed.joint_names and isinstance(given, Mapping) and given:
             names = ", ".join(map(str, given))
-            raise MeshError(f"The mesh has no joints, but {what} were given for {names}.")
+            raise MeshError(f"The mesh has no joints, but {kind} were given for {names}.")
     if not jointed.joint_names and joints is not None and not isinstance(joints, Mapping):
         raise MeshError(
-            f"The mesh has no joints, but the law {type(joints).__name__} was given for them; name "
+            f"The mesh has no joints, but Model was given the law {type(joints).__name__}. Name "
             "the surface group of each joint 'joint...' in the mesh or list it in joints= of the "
-            "reader. A monolithic body takes no joints= in Model."
+            "reader. For a monolithic body, omit joints= in Model."
         )

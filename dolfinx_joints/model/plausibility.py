@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Warnings of what no dam has: values in other units than SI, mostly."""
+"""Warnings of values that are implausible for a dam, mostly because of wrong units."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 @dataclass(frozen=True)
 class Range:
-    """Values of models of dams, rigid parts included: the smallest, a common and the largest one.
+    """Smallest, usual and largest value of a parameter in models of dams, rigid parts included.
 
-    Zero, where it is allowed, is none of anything. ``others`` are units in which a value may be
-    meant, by their size in its unit.
+    Zero is always plausible. ``others`` are units that a user may have meant, each with its size in
+    ``unit``.
     """
 
     low: float
@@ -37,7 +37,7 @@ _STIFFNESS = Range(1e6, 1e11, 1e20, "Pa/m", {"GPa/m": 1e9, "MPa/m": 1e6})
 _STRENGTH = Range(1e2, 1e6, 1e9, "Pa", {"MPa": 1e6, "kPa": 1e3})
 _WEIGHTS = {"kN/m^3": 1e3 / 9.81, "N/m^3": 1.0 / 9.81}
 
-# Of parameters, by the name that they have in all materials, laws and loads.
+# Ranges by parameter name, which is the same in all materials, laws and loads.
 RANGES = {
     "young": _MODULUS,
     "shear": _MODULUS,
@@ -58,13 +58,13 @@ KELVIN = 273.15
 EXTENT = Range(0.01, 100.0, 2e4, "m", {"mm": 1e-3, "cm": 1e-2})
 
 
-def warn_of_what_no_dam_has(
+def warn_of_implausible_values(
     jointed: JointedMesh, materials: Mapping[str, Any], laws: Any, loads: Sequence[Any]
 ) -> list[str]:
-    """Warn, once for each value that no dam has, on rank 0; the warnings there (collective).
+    """Warn once of each implausible value, and return the warnings; on rank 0 (collective).
 
-    Materials are by cell group, by an empty name for all cells; laws are one, or one by joint;
-    loads include added masses.
+    ``materials`` are by cell group, with an empty name for all cells. ``laws`` is one law, or laws
+    by joint. ``loads`` include added masses.
     """
     x, comm = jointed.mesh.geometry.x, jointed.mesh.comm
     feet = {id(load): _foot(jointed, load) for load in loads}
@@ -78,12 +78,14 @@ def warn_of_what_no_dam_has(
     by_joint = laws if isinstance(laws, Mapping) else {"": laws}
     named = [*materials.items(), *by_joint.items(), *(("", load) for load in loads)]
     owners = {id(given): (given, [n for n, other in named if other is given]) for _, given in named}
-    texts = [*_doubts("The mesh: extent", size, EXTENT)]
-    for given, (first, *more) in owners.values():
-        others = f" and {len(more)} more" if more else ""
+    texts = [*_out_of_range("The mesh: extent", size, EXTENT)]
+    for given, (first, *further) in owners.values():
+        others = f" and {len(further)} more" if further else ""
         owner = f"{type(given).__name__}{f' of {first}' if first else ''}{others}"
         for name, value in _parameters(given):
-            texts += _doubts(f"{owner}: {name}", value, RANGES[name]) if name in RANGES else []
+            texts += (
+                _out_of_range(f"{owner}: {name}", value, RANGES[name]) if name in RANGES else []
+            )
         ends = float(lowest[up]), float(highest[up])
         texts += _level(owner, given, *ends, feet.get(id(given), -np.inf))
     texts += _water_twice(loads) + kelvin
@@ -92,9 +94,9 @@ def warn_of_what_no_dam_has(
 
 
 def warn_of_overlaps(comm: Any, overlaps: Mapping[str, float]) -> list[str]:
-    """Warn of initial gaps below zero, by joint [m], on rank 0; the warnings there."""
+    """Warn of negative initial gaps [m] by joint, and return the warnings; on rank 0."""
     texts = [
-        f"Joint {name!r}: the initial gap is {gap:g} m; the faces overlap, positive gaps are open."
+        f"Joint {name!r}: the initial gap is {gap:g} m; the faces overlap, open gaps are positive."
         for name, gap in (overlaps.items() if comm.rank == 0 else ())
     ]
     doubt(comm, *texts)
@@ -102,32 +104,32 @@ def warn_of_overlaps(comm: Any, overlaps: Mapping[str, float]) -> list[str]:
 
 
 def warn_of_grout(comm: Any, pressure: float) -> None:
-    """Warn of a pressure that no grout has [Pa], on rank 0."""
-    doubt(comm, *_doubts("grout: pressure", pressure, GROUT_PRESSURE))
+    """Warn of an implausible grouting pressure [Pa], on rank 0."""
+    doubt(comm, *_out_of_range("grout: pressure", pressure, GROUT_PRESSURE))
 
 
 def _parameters(given: Any) -> Iterator[tuple[str, Any]]:
-    """Parameters of a dataclass by name, and those of the dataclasses that it holds."""
-    for each in fields(given) if is_dataclass(given) else ():
-        value = getattr(given, each.name, None)
-        yield each.name, value
+    """Yield names and values of the parameters of a dataclass, nested dataclasses included."""
+    for parameter in fields(given) if is_dataclass(given) else ():
+        value = getattr(given, parameter.name, None)
+        yield parameter.name, value
         yield from _parameters(value)
 
 
 def _water_twice(loads: Sequence[Any]) -> list[str]:
-    """A line for each face before which water has both waves and an added mass."""
+    """Return a warning for each face on which water has both waves and an added mass."""
     placed = [load for load in loads if hasattr(load, "group")]
     waves = {load.group for load in placed if hasattr(load, "water")}
     return [
-        f"{type(mass).__name__} on {mass.group!r}: the water before it has waves already, with a "
-        "mass of its own."
+        f"{type(mass).__name__} on {mass.group!r}: the mass of this water is counted twice, as the "
+        "group also has reservoir waves."
         for mass in placed
         if hasattr(mass, "matrix") and mass.group in waves
     ]
 
 
 def _in_kelvin(comm: Any, load: Any) -> list[str]:
-    """A line for a temperature and a reference of which one is in kelvin (collective)."""
+    """Return a warning if only one of temperature and reference is in kelvin (collective)."""
     value: Any = getattr(load, "value", None)
     reference = getattr(load, "reference", None)
     given = list(reference.values()) if isinstance(reference, Mapping) else reference
@@ -142,7 +144,7 @@ def _in_kelvin(comm: Any, load: Any) -> list[str]:
 
 
 def _foot(jointed: JointedMesh, load: Any) -> float:
-    """Height of the lowest vertex of the face or joint with water [m] (collective)."""
+    """Return the height of the lowest vertex of a load's face or joint [m] (collective)."""
     group = getattr(load, "group", None)
     if getattr(load, "joint", None) in jointed.joint_names:
         group = f"{load.joint}-"
@@ -153,32 +155,31 @@ def _foot(jointed: JointedMesh, load: Any) -> float:
 
 
 def _level(owner: str, load: Any, bottom: float, top: float, foot: float) -> list[str]:
-    """A line for water that reaches neither the body nor its face, or stands high above.
-
-    Water may stand above the crest by a third of the height.
-    """
+    """Return a warning if water does not reach its face or exceeds 4/3 of the body's height."""
     level = getattr(load, "level", None)
     if not isinstance(level, int | float):
         return []
     if not bottom < level <= top + (top - bottom) / 3.0:
-        return [f"{owner}: level is {level:g} m; the body reaches from {bottom:g} to {top:g} m."]
+        return [f"{owner}: level is {level:g} m; the body is between {bottom:g} and {top:g} m."]
     if level <= foot:
         place = f"joint {load.joint!r}" if hasattr(load, "joint") else f"group {load.group!r}"
         return [f"{owner}: level is {level:g} m; the {place} begins at {foot:g} m."]
     return []
 
 
-def _doubts(what: str, value: Any, known: Range) -> list[str]:
-    """A line for a value outside of its range, with the unit in which it would be inside."""
+def _out_of_range(quantity: str, value: Any, plausible: Range) -> list[str]:
+    """Return a warning if a value is out of its range, with the unit in which it would be in."""
     numbers = numbers_of(value)
     if numbers is None:
         return []
-    strange = [float(x) for x in numbers.ravel() if x and not known.low <= x <= known.high]
-    if not strange:
+    outside = [float(x) for x in numbers.ravel() if x and not plausible.low <= x <= plausible.high]
+    if not outside:
         return []
-    x, unit = strange[0], f" {known.unit}".rstrip()
-    meant = {n: x * scale for n, scale in known.others.items()}
-    meant = {n: value for n, value in meant.items() if known.low <= value <= known.high}
-    nearest = min(meant, key=lambda n: abs(np.log(meant[n] / known.usual)), default=None)
+    x, unit = outside[0], f" {plausible.unit}".rstrip()
+    meant = {n: x * scale for n, scale in plausible.others.items()}
+    meant = {n: value for n, value in meant.items() if plausible.low <= value <= plausible.high}
+    nearest = min(meant, key=lambda n: abs(np.log(meant[n] / plausible.usual)), default=None)
     hint = f"; is it in {nearest}?" if nearest else "."
-    return [f"{what} is {x:g}{unit}; usual is {known.low:g} to {known.high:g}{unit}{hint}"]
+    return [
+        f"{quantity} is {x:g}{unit}; usual is {plausible.low:g} to {plausible.high:g}{unit}{hint}"
+    ]

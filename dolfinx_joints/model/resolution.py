@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Frequencies up to which mesh and joints of a model resolve waves, with elastic wave speeds."""
+"""Highest frequencies of elastic waves that the mesh and the joints of a model resolve."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NODES_PER_WAVELENGTH = 10.0
 
 
 def resolution(model: Model) -> Resolved:
-    """What mesh and joints of a model resolve, its step left open (collective)."""
+    """Return the highest frequencies that mesh and joints resolve at any time step (collective)."""
     topology = model.jointed.mesh.topology
     cells = topology.index_map(topology.dim)
     waves = np.zeros((cells.size_local + cells.num_ghosts, 3))
@@ -31,11 +31,11 @@ def resolution(model: Model) -> Resolved:
 
 
 def of_mesh(model: Model, speed: Floats) -> float:
-    """Least of c_s p / (10 h) of all cells: ten nodes to a shear wave [Hz] (collective).
+    """Return min c_s p / (10 h) of all cells, ten nodes per shear wave [Hz] (collective).
 
-    p is the degree of the displacement, h the longest edge, c_s the ``speed`` of the slowest shear
-    wave in each local cell [m/s]. Kuhlemeyer and Lysmer (1973) ask for eight to ten; a wave is then
-    1.6 % too fast with linear elements.
+    p is the displacement's degree, h the longest edge, c_s the ``speed`` of the slowest shear wave
+    in each local cell [m/s]. Kuhlemeyer and Lysmer (1973) require eight to ten nodes; a wave is
+    then 1.6 % too fast with linear elements.
     """
     mesh, shape = model.jointed.mesh, model.jointed.shape
     nodes, longest = geometry_nodes(mesh), np.zeros(len(speed))
@@ -48,13 +48,13 @@ def of_mesh(model: Model, speed: Floats) -> float:
 
 
 def of_joints(model: Model, impedance: Floats) -> float:
-    """Least frequency at which a closed joint lets but half of a wave's energy pass [Hz].
+    """Return the lowest frequency [Hz] at which a closed joint transmits half of a wave's energy.
 
-    A spring k between bodies of impedances Z = rho c passes 1 / (1 + (omega / (k (1/Z- + 1/Z+)))^2)
-    of what they would pass without it (Schoenberg 1980): half at f = k (1/Z- + 1/Z+) / (2 pi),
-    k / (pi Z) between equal bodies. Pressure waves meet k_n, shear waves k_s, unless that is zero;
-    Z is the largest beside the joint; ``impedance`` has rho c_p and rho c_s of each local cell,
-    shape (n, 2), [kg/(m^2 s)] (collective).
+    (Collective.) Compared with a bonded joint, a spring k between bodies of impedances Z = rho c
+    transmits the fraction 1 / (1 + (omega / (k (1/Z- + 1/Z+)))^2) (Schoenberg 1980). It is one half
+    at f = k (1/Z- + 1/Z+) / (2 pi), or k / (pi Z) between equal bodies. k is k_n for pressure waves
+    and k_s for shear waves, unless k_s is zero. Z is the largest impedance at the joint.
+    ``impedance`` has rho c_p and rho c_s of each local cell, shape (n, 2), [kg/(m^2 s)].
     """
     if model.contact is None:
         return math.inf
@@ -73,7 +73,7 @@ def of_joints(model: Model, impedance: Floats) -> float:
 
 
 def _waves(material: Material) -> tuple[float, float, float]:
-    """Slowest shear wave [m/s], rho c_p and rho c_s of the fastest waves [kg/(m^2 s)]."""
+    """Return the least c_s [m/s], and rho c_p and rho c_s of the fastest waves [kg/(m^2 s)]."""
     elastic: Any = elastic_part(material)
     shear = elastic.shear if isinstance(elastic, Orthotropic) else (elastic.shear_modulus,)
     pressure = elastic.stiffness_matrix().diagonal()[:3].max()

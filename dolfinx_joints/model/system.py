@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The algebraic system that is solved and marched: matrices, joints, loads, constraints."""
+"""Algebraic system of statics and time stepping: matrices, joints, loads, constraints."""
 
 from __future__ import annotations
 
@@ -35,31 +35,31 @@ Pattern = tuple[PETSc.Vec, Callable[[float], float]]
 
 @dataclass(frozen=True, kw_only=True)
 class MatrixSystem:
-    """M a + C v + K u + B^T w t(B u) = F(time), with some dofs constrained.
+    """System M a + C v + K u + B^T w t(B u) = F(time) with constrained dofs.
 
-    A `Model` makes one from a mesh; a mass on a spring is as good.
+    `Model.system` makes one from a mesh, `from_arrays` from dense matrices.
 
     Attributes:
         mass: M [kg].
         stiffness: K of the bulk and its springs [N/m].
         rayleigh: Factors of M and K in C.
-        dashpots: The rest of C, None for nothing [N s/m].
-        absorption: The part of it that takes waves out, None for nothing [N s/m].
-        damped_modes: What damping ratios of modes add to C (`DampedModes`), None for nothing.
+        dashpots: Part of C that is neither Rayleigh nor modal damping [N s/m], or None.
+        absorption: Part of ``dashpots`` that is due to viscous boundaries [N s/m], or None.
+        damped_modes: Part of C that is due to damping ratios of modes (`DampedModes`), or None.
         contact: The joints, or None.
-        bulk: Cells with plastic materials, whose elastic part K holds, or None.
+        bulk: Cells with plastic materials, or None. K contains their elastic stiffness.
         patterns: Nodal forces [N] with their factors of time [s].
-        load_names: Name of the load that each pattern belongs to; ``load`` for all unless given.
+        load_names: Name of the load that each pattern belongs to; ``load`` for all by default.
         constrained: Owned constrained dofs, local numbers.
-        values: Displacements [m] of the constrained dofs at a time [s]; zero unless given.
-        symmetric: Whether K and C are symmetric, the coupling with waves in water aside.
+        values: Displacements [m] of the constrained dofs at a time [s]; zero by default.
+        symmetric: Whether K and C are symmetric, apart from the coupling with reservoir waves.
         components: Displacement components per node.
-        water: Loads that depend on the state of the joints, None for none.
-        in_joints: All loads that are water in joints, for what records their pressures.
-        shared: What runs of the same model share (`SharedBulk`), None for nothing.
+        water: Water pressures that depend on the state of the joints, or None.
+        in_joints: All loads that are water in joints, for monitors that record their pressures.
+        shared: Data shared by runs of the same model (`SharedBulk`), or None.
         varying_loads: Loads whose pattern varies in time.
-        coupled: Order of the unknowns (`BodyAndWater`) with waves in water, None without.
-        lowest_modes: Modes that `exact_modes` has found and keeps here.
+        coupled: Unknowns of body and reservoir (`BodyAndWater`), None without reservoir waves.
+        lowest_modes: Cache of the modes computed for ``exact_modes``, by their number.
     """
 
     mass: PETSc.Mat
@@ -96,17 +96,17 @@ class MatrixSystem:
         initial_gap: float = 0.0,
         areas: ArrayLike | None = None,
     ) -> MatrixSystem:
-        """A small system from dense arrays, on one process.
+        """Return a small system made from dense arrays, on one process.
 
         Args:
             mass: M, shape (n, n), [kg].
             stiffness: K, shape (n, n), [N/m].
-            damping: C, shape (n, n), [N s/m]; zero unless given.
-            load: F at a time, shape (n,), [N]; zero unless given.
-            gap: B, three rows (n, s1, s2) per joint point, shape (3 p, n); no joint unless given.
+            damping: C, shape (n, n), [N s/m]; zero by default.
+            load: F at a time, shape (n,), [N]; zero by default.
+            gap: B, three rows (n, s1, s2) per joint point, shape (3 p, n); no joint by default.
             law: Law of the joint points.
             initial_gap: Initial normal gap [m].
-            areas: Area of each point, shape (p,), [m^2]; 1 unless given.
+            areas: Area of each point, shape (p,), [m^2]; 1 by default.
         """
         m, k = _dense("mass", mass), _dense("stiffness", stiffness)
         c = np.zeros_like(k) if damping is None else _dense("damping", damping)
@@ -114,7 +114,7 @@ class MatrixSystem:
         if not m.shape == k.shape == c.shape == (size, size):
             raise ValueError(
                 f"mass, stiffness and damping have shapes {m.shape}, {k.shape}, {c.shape}; they "
-                "must be square and alike."
+                "must be square and of equal size."
             )
         contact = None
         if gap is not None:
@@ -129,7 +129,7 @@ class MatrixSystem:
             operator = GapOperator(_matrix(b), w, np.zeros(points, dtype=np.int64), ("joint",))
             contact = Contact(operator, law, {"joint": initial_gap})
         elif law is not None:
-            raise ValueError("A law is given, but no gap that it is the law of.")
+            raise ValueError("A law is given without gap; give gap too, or omit law.")
         matrix_m = _matrix(m)
         return cls(
             mass=matrix_m,
@@ -141,7 +141,7 @@ class MatrixSystem:
 
     @cached_property
     def internal_forces(self) -> InternalForces | None:
-        """Internal forces by laws: of joints, plastic cells, or both; None for a linear system."""
+        """Forces of joints, plastic cells, or both; None for a linear system."""
         if self.bulk is not None:
             return self.bulk
         return None if self.contact is None else JointInternalForces(self.contact)
@@ -154,11 +154,11 @@ class MatrixSystem:
 
     @cached_property
     def damping(self) -> PETSc.Mat:
-        """C without `damped_modes`, added up when first asked for [N s/m] (collective)."""
+        """C without `damped_modes` [N s/m], assembled on first access (collective)."""
         return self.combined(0.0, 1.0, 0.0)
 
     def combined(self, mass: float, damping: float, stiffness: float) -> PETSc.Mat:
-        """Mass M + damping C + stiffness K in the format that solvers take (collective)."""
+        """Return mass M + damping C + stiffness K in the solvers' matrix format (collective)."""
         of_mass, of_stiffness = self.coefficients(mass, damping, stiffness)
         total = as_aij(self.stiffness)
         total.scale(of_stiffness)
@@ -170,28 +170,28 @@ class MatrixSystem:
         return total
 
     def coefficients(self, mass: float, damping: float, stiffness: float) -> tuple[float, float]:
-        """Factors of M and K in mass M + damping C + stiffness K, dashpots apart."""
+        """Return the factors of M and K in mass M + damping C + stiffness K, without dashpots."""
         return (
             mass + damping * self.rayleigh.mass_factor,
             stiffness + damping * self.rayleigh.stiffness_factor,
         )
 
     def plastic_terms(self, joints: Any) -> tuple[float, float]:
-        """Return what plastic strains add to u.K u / 2, and the work of a step on them [J].
+        """Return the change of u.K u / 2 by plastic strains, and their dissipation in a step [J].
 
-        ``joints`` is the response of joints and plastic cells, None without both (collective).
+        ``joints`` is the response of joints and plastic cells, or None (collective).
         """
         if self.bulk is None or joints is None:
             return 0.0, 0.0
         return self.bulk.elastic_correction(joints.state), self.bulk.dissipation(joints)
 
     def norm(self, displacement: PETSc.Vec) -> float:
-        """2-norm over the dofs of the body, without the water's unknowns [m] (collective)."""
+        """Return the 2-norm over the body's dofs, without water unknowns [m] (collective)."""
         of_body = displacement if self.coupled is None else self.coupled.body(displacement)
         return float(of_body.norm())
 
     def multiply(self, x: PETSc.Vec, mass: PETSc.Vec, stiffness: PETSc.Vec) -> None:
-        """M x and K x written to ``mass`` and ``stiffness`` (collective)."""
+        """Write M x to ``mass`` and K x to ``stiffness`` (collective)."""
         if self._halves is not None:
             self._halves.multiply(x, mass, stiffness)
             return
@@ -200,12 +200,12 @@ class MatrixSystem:
 
     @cached_property
     def _halves(self) -> Halves | None:
-        """What products of M and K are made with, None for PETSc's (collective)."""
+        """Upper halves of M and K for faster products, None to use PETSc's (collective)."""
         make = partial(Halves.of, self.mass, self.stiffness)
         return make() if self.shared is None else self.shared.once("halves", make)
 
     def damping_force(self, velocity: PETSc.Vec, out: PETSc.Vec) -> PETSc.Vec:
-        """C v written to ``out`` [N] (collective)."""
+        """Write C v to ``out`` [N] and return it (collective)."""
         of_mass, of_stiffness = self.coefficients(0.0, 1.0, 0.0)
         work = out.duplicate()
         out.set(0.0)
@@ -219,7 +219,7 @@ class MatrixSystem:
         return out
 
     def load(self, time: float, out: PETSc.Vec) -> PETSc.Vec:
-        """Nodal loads at a time [s] written to ``out`` [N] (collective)."""
+        """Write the nodal loads at a time [s] to ``out`` [N] and return it (collective)."""
         out.set(0.0)
         for factor, (vector, _) in zip(self._factors(time), self.patterns, strict=True):
             out.axpy(float(factor), vector)
@@ -230,21 +230,21 @@ class MatrixSystem:
     def loads_by_name(self, time: float, scale: float) -> dict[str, PETSc.Vec]:
         """Return the nodal forces of each load at a time [s], times ``scale``, [N] (collective).
 
-        Of static stages: without the forces on the far end of water with waves.
+        For static stages: the forces on the far end of a reservoir with waves are left out.
         """
         factors = scale * self._factors(time)
-        found: dict[str, PETSc.Vec] = {}
+        forces: dict[str, PETSc.Vec] = {}
         for name, factor, (vector, _) in zip(
             self.names_of_patterns, factors, self.patterns, strict=True
         ):
-            if name in found:
-                found[name].axpy(float(factor), vector)
+            if name in forces:
+                forces[name].axpy(float(factor), vector)
             else:
-                found[name] = float(factor) * vector
-        return found | ({} if self.water is None else self.water.by_load(time, scale))
+                forces[name] = float(factor) * vector
+        return forces | ({} if self.water is None else self.water.by_load(time, scale))
 
     def work_of_loads(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
-        """Work of each load on a displacement x by the mean of its ends, [J] (collective)."""
+        """Return the work of each load's mean in a step on a displacement x [J] (collective)."""
         names = self.names_of_patterns
         works = dict.fromkeys(names, 0.0)
         means = 0.5 * (self._factors(start) + self._factors(end))
@@ -256,7 +256,7 @@ class MatrixSystem:
         return works
 
     def load_change(self, start: float, end: float) -> Floats:
-        """Change of the factors of the patterns between two times [s], shape (patterns,)."""
+        """Return the change of the patterns' factors between two times [s], (patterns,)."""
         return self._factors(end) - self._factors(start)
 
     @property
@@ -266,7 +266,7 @@ class MatrixSystem:
 
     @property
     def names_of_works(self) -> list[str]:
-        """Names that `work_of_loads` gives."""
+        """Names of the loads in `work_of_loads`."""
         fixed = dict.fromkeys(self.load_names or ["load"])
         return [*fixed, *chain(*(varying.names for varying in self._without_patterns))]
 
@@ -277,7 +277,7 @@ class MatrixSystem:
 
     @cached_property
     def _factors(self) -> Callable[[float], Floats]:
-        """Factors of the patterns at a time, those of the last times kept."""
+        """Function that returns the patterns' factors at a time [s]; it caches two times."""
         named = list(zip(self.names_of_patterns, self.patterns, strict=True))
 
         def factors(time: float) -> Floats:
@@ -290,14 +290,14 @@ class MatrixSystem:
     ) -> tuple[NDArray[Any], NDArray[Any]] | None:
         """Return velocities [m/s] and accelerations [m/s^2] of the constrained dofs.
 
-        They are differences of the displacements at four times, exact for cubic motions. The result
-        is None if the dofs rest.
+        They are finite differences of the displacements at four times, exact for cubic motions.
+        The result is None if the dofs do not move.
 
         Args:
             time: Time of the velocities [s].
             interval: Length of the interval of the four times [s]. It ends at ``time``; if it is
                 negative, it begins there.
-            late: Part of the interval by which the time of the accelerations is before ``time``.
+            late: Fraction of the interval by which the accelerations are earlier than ``time``.
         """
         if self.values is None:
             return None
@@ -308,39 +308,39 @@ class MatrixSystem:
         return velocity, ((1.0 - late) * at_end + late * at_end[::-1]) @ values / spacing**2
 
     def prescribed(self, time: float, *, scale: float = 1.0) -> Floats:
-        """Displacements of the constrained dofs at a time [s], times ``scale``, [m]."""
+        """Return the displacements of the constrained dofs at a time [s], times ``scale``, [m]."""
         if self.values is None:
             return np.zeros(len(self.constrained))
         return scale * self.values(time)
 
     def vector(self, rows: ArrayLike = 0.0) -> PETSc.Vec:
-        """Return a vector of all unknowns with these owned rows; zero unless given."""
+        """Return a vector of all unknowns with these owned rows, zero by default."""
         vector = self.stiffness.createVecRight()
         vector.getArray()[:] = rows
         return vector
 
     def unknowns(self, body: PETSc.Vec | None) -> PETSc.Vec:
-        """Return a copy of a nodal vector of the body among all unknowns; zero if None."""
+        """Return a copy of a nodal vector of the body extended to all unknowns; zero if None."""
         if body is None:
             return self.vector()
         return body.copy() if self.coupled is None else self.coupled.joined(body).copy()
 
 
 def check_system(system: Any) -> None:
-    """Check that it is a system, not the model that makes one."""
+    """Check that the argument is a system, not a model."""
     good = isinstance(system, MatrixSystem)
     check_kind_of("system", system, good, "a MatrixSystem, such as model.system()")
 
 
 def as_aij(matrix: PETSc.Mat) -> PETSc.Mat:
-    """A copy in PETSc's general format, which knows more than products (collective)."""
+    """Return a copy in PETSc's AIJ format, which supports all operations (collective)."""
     return matrix.convert("aij", PETSc.Mat())
 
 
 def _components(
     load: Callable[[float], ArrayLike], mass: PETSc.Mat
 ) -> list[tuple[PETSc.Vec, Callable[[float], float]]]:
-    """A function of time for each entry of a load, with the unit vector that it multiplies."""
+    """Return a unit vector and its factor of time for each entry of a load."""
     size = mass.getSize()[0]
 
     @lru_cache(maxsize=1)
@@ -356,14 +356,14 @@ def _components(
 
 
 def _dense(name: str, values: Any) -> Floats:
-    """Finite numbers as a matrix."""
+    """Return the values as a matrix of finite numbers, or raise an error."""
     numbers = np.atleast_2d(np.asarray(values, dtype=np.float64))
     check_kind_of(name, values, finite(numbers), "a matrix of finite numbers")
     return numbers
 
 
 def _matrix(dense: Floats) -> PETSc.Mat:
-    """A sparse PETSc matrix on this process with every entry stored."""
+    """Return a PETSc matrix on this process that stores every entry."""
     rows, columns = dense.shape
     starts = np.arange(0, rows * columns + 1, columns)
     numbers = np.tile(np.arange(columns), rows)
@@ -373,9 +373,9 @@ def _matrix(dense: Floats) -> PETSc.Mat:
 def water_in(
     model: LoadedBody, loads: Mapping[str, Load], *, waves: bool
 ) -> tuple[JointWaters | None, Sequence[Any]]:
-    """Return the pressures that follow the joints, and all loads that are water in joints.
+    """Return the pressures that depend on the joints, and all loads by water in joints.
 
-    (Collective.) Models without such loads do not import their modules.
+    (Collective.) The modules are imported only if there are such loads.
     """
     if not any(isinstance(load, JointLoad) for load in loads.values()):
         return None, []

@@ -1,13 +1,12 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A body and the waves in its water as one system, of the unknowns [u; y] with y = phi / c.
+"""Coupled system of a body and the waves in its reservoir, unknowns [u; y] with y = phi / c.
 
     [M     ] [u'']   [C         -rho c Q] [u']   [K     ] [u]   [F                     ]
     [   M_w] [y''] + [rho c Q^T  C_w    ] [y'] + [   K_w] [y] = [rho c (n . v_ground)  ]    (12v)
 
-M and K are symmetric without negative energies, and the coupling does no work, as it is skew: what
-holds for a body alone holds for both. With the sign of the water's rows changed the matrix of a
-step is symmetric, though not positive.
+M and K are symmetric and positive semidefinite. The coupling is skew and does no work, so the time
+schemes of a body alone apply. With negated water rows, a step's matrix is symmetric but indefinite.
 """
 
 from __future__ import annotations
@@ -35,24 +34,24 @@ from dolfinx_joints.model.system import MatrixSystem, as_aij
 
 
 class BodyAndWater:
-    """Order of the unknowns [u; y]: on each rank those of the body, then its part of the water's.
+    """Order of the unknowns [u; y]: on each rank first the body's, then the water's.
 
     Attributes:
         water: The water.
-        dry: Number of the rank's unknowns of the body.
-        numbers: Numbers of the rank's unknowns of the water, in the order of the water.
+        dry: Number of body unknowns on this rank.
+        numbers: Numbers of this rank's water unknowns, in the order of ``water``.
         signs: 1 at the body's unknowns, -1 at the water's.
     """
 
     def __init__(self, body: PETSc.Vec, water: Water, gdim: int) -> None:
-        """Deal the water in equal parts, ``body`` being a vector of the body (collective)."""
+        """Split the water evenly among the ranks; ``body`` is a vector of the body (collective)."""
         self.water, self._comm = water, body.comm
         self._of_body = np.asarray(body.getOwnershipRanges(), dtype=np.int64)
         ranks = len(self._of_body) - 1
         self._of_water = np.linspace(0, water.size, ranks + 1).astype(np.int64)
-        here = slice(self._comm.rank, self._comm.rank + 2)
+        this_rank = slice(self._comm.rank, self._comm.rank + 2)
         self.dry = body.getLocalSize()
-        self._body_rows, self._water_rows = self._of_body[here], self._of_water[here]
+        self._body_rows, self._water_rows = self._of_body[this_rank], self._of_water[this_rank]
         self.numbers: Ints = np.arange(*self._water_rows)
         dofs = np.tile(np.eye(gdim), (water.coupling.shape[1] // gdim, 1))
         self._normals = water.coupling[water.face] @ dofs
@@ -61,62 +60,62 @@ class BodyAndWater:
 
     @property
     def _sizes(self) -> tuple[int, int]:
-        """Number of the rank's unknowns of both, and of all."""
+        """Number of unknowns of body and water on this rank, and on all ranks."""
         return self.dry + len(self.numbers), int(self._of_body[-1] + self._of_water[-1])
 
     def joined(self, body: PETSc.Vec | None, water: Floats | None = None) -> PETSc.Vec:
-        """Return a vector of both parts, zero where one is not given (collective).
+        """Return a vector of body and water; a part that is not given is zero (collective).
 
-        ``water`` has the rank's unknowns. If ``body`` is of both parts already, it is returned.
+        ``water`` has this rank's unknowns. A ``body`` that already has both parts is returned.
         """
         if body is not None and self.has_water(body):
             return body
-        found = PETSc.Vec().createMPI((self.dry + len(self.numbers), None), comm=self._comm)
-        found.set(0.0)
+        both = PETSc.Vec().createMPI((self.dry + len(self.numbers), None), comm=self._comm)
+        both.set(0.0)
         if body is not None:
-            found.getArray()[: self.dry] = body.getArray(readonly=True)
+            both.getArray()[: self.dry] = body.getArray(readonly=True)
         if water is not None:
-            found.getArray()[self.dry :] = water
-        return found
+            both.getArray()[self.dry :] = water
+        return both
 
     def has_water(self, vector: PETSc.Vec) -> bool:
-        """Whether a vector is one of both."""
+        """Return True if a vector has both body and water unknowns."""
         return bool(vector.getSize() != self._of_body[-1])
 
     def body(self, both: PETSc.Vec) -> PETSc.Vec:
-        """The body's part of a vector (collective)."""
-        found = PETSc.Vec().createMPI((self.dry, None), comm=self._comm)
-        found.setArray(both.getArray(readonly=True)[: self.dry])
-        return found
+        """Return the body's part of a vector of body and water (collective)."""
+        body = PETSc.Vec().createMPI((self.dry, None), comm=self._comm)
+        body.setArray(both.getArray(readonly=True)[: self.dry])
+        return body
 
     def of_water(self, both: PETSc.Vec) -> Floats:
-        """The rank's unknowns of the water."""
+        """Return this rank's water unknowns."""
         return np.array(both.array_r[self.dry :])
 
     def pressure(self, velocity: PETSc.Vec) -> Floats:
-        """Pressures p = -rho c y' at the water's nodes on the face, shape (n,), [Pa] (collective).
+        """Return pressures p = -rho c y' at the face's water nodes, shape (n,), [Pa] (collective).
 
-        Those of the waves alone, without the water at rest, by [u'; y'] [m/s].
+        ``velocity`` is [u'; y'] [m/s]. The hydrostatic pressure is not included.
         """
         rates = np.zeros(len(self.water.face))
-        here = self.water.face - self._water_rows[0]
-        there = (here >= 0) & (here < len(self.numbers))
-        rates[there] = velocity.getArray(readonly=True)[self.dry :][here[there]]
+        local_numbers = self.water.face - self._water_rows[0]
+        on_rank = (local_numbers >= 0) & (local_numbers < len(self.numbers))
+        rates[on_rank] = velocity.getArray(readonly=True)[self.dry :][local_numbers[on_rank]]
         total = np.sum(self._comm.tompi4py().allgather(rates), axis=0)
         return np.asarray(-self.water.impedance * total)
 
     def pressures(self, velocity: PETSc.Vec) -> Floats:
-        """Pressures of the waves at the rank's unknowns of the water, shape (n,), [Pa]."""
+        """Return the wave pressures at this rank's water unknowns, shape (n,), [Pa]."""
         return np.asarray(-self.water.impedance * self.of_water(velocity))
 
     def force(self, velocity: PETSc.Vec) -> Floats:
-        """Force of the waves on the face, -(integral of p n), shape (gdim,), [N] (collective)."""
+        """Return the wave force -(integral of p n) on the face, (gdim,), [N] (collective)."""
         return np.asarray(-self.pressure(velocity) @ self._normals)
 
     def harmonic_push(self, omega: float, along: Floats) -> NDArray[np.complex128]:
-        """Forces of moving bounds and the far field on the rank's water in steady vibration [N].
+        """Return the forces on this rank's water in steady vibration [N].
 
-        The ground has an acceleration (gdim,) [m/s^2] of circular frequency omega [rad/s].
+        The ground acceleration ``along`` (gdim,) [m/s^2] has the circular frequency omega [rad/s].
         """
         water, velocity = self.water, np.asarray(along / (1j * omega), dtype=np.complex128)
         push = water.impedance * (water.driven @ velocity)
@@ -125,22 +124,22 @@ class BodyAndWater:
         return np.asarray(push[self.numbers])
 
     def energy(self, one: PETSc.Vec, other: PETSc.Vec) -> float:
-        """Half the product of the water's parts of two vectors (collective)."""
+        """Return half the dot product of the water parts of two vectors (collective)."""
         mine = one.getArray(readonly=True)[self.dry :] @ other.getArray(readonly=True)[self.dry :]
         return 0.5 * float(np.sum(self._comm.tompi4py().allgather(float(mine))))
 
     def system(self, dry: MatrixSystem, loads: Mapping[str, Any], step: float) -> MatrixSystem:
-        """Return the system of both for steps of a length [s] (collective).
+        """Return the coupled system for a time step [s] (collective).
 
-        Of the body's loads by name a `BaseMotion` moves the bounds of the water as well.
+        ``loads`` are the body's loads by name. A `BaseMotion` also moves the water's boundaries.
 
         Raises:
             JointsError: The body has plastic cells.
         """
         if dry.bulk is not None:
             raise JointsError(
-                "Reservoir waves need a linear body, and this one has plastic cells; take an added "
-                "mass."
+                "Reservoir waves need a linear body, but this body has plastic cells. Use an added "
+                "mass instead."
             )
         patterns = [(self.joined(vector), factor) for vector, factor in dry.patterns]
         names = list(dry.load_names)
@@ -165,7 +164,7 @@ class BodyAndWater:
             dry,
             mass=self.matrix(dry.mass, water.mass),
             stiffness=self.matrix(dry.stiffness, water.stiffness),
-            rayleigh=Rayleigh(),  # that of the body is among the dashpots
+            rayleigh=Rayleigh(),  # the dashpots include the body's
             dashpots=self.matrix(dry.damping, water.losses, coupled=True),
             absorption=self.matrix(dry.absorption, water.losses),
             contact=None if dry.contact is None else self._contact(dry.contact),
@@ -178,7 +177,7 @@ class BodyAndWater:
     def matrix(
         self, body: PETSc.Mat | None, water: csr_array | None = None, *, coupled: bool = False
     ) -> PETSc.Mat:
-        """A matrix of both from the body's and the rank's rows of the water's (collective)."""
+        """Return a matrix of body and water from their rows on this rank (collective)."""
         own = coo_array((len(self.numbers), self.water.size)) if water is None else water.tocoo()
         parts = [(self.dry + own.row, self._water_columns(own.col), own.data)]
         if body is not None:
@@ -196,14 +195,14 @@ class BodyAndWater:
             parts.append((lines, self._water_columns(rows[at_body]), -values[at_body]))
             lines = self.dry + rows[at_water] - self._water_rows[0]
             parts.append((lines, self._body_columns(dofs[at_water]), values[at_water]))
-        rows, columns, values = (np.concatenate(each) for each in zip(*parts, strict=True))
+        rows, columns, values = (np.concatenate(part) for part in zip(*parts, strict=True))
         local, total = self._sizes
         both = csr_array(coo_array((values, (rows, columns)), shape=(local, total)))
         both.sort_indices()
         return from_rows([self._sizes] * 2, (both.indptr, both.indices, both.data), self._comm)
 
     def _contact(self, contact: Contact) -> Contact:
-        """The joints, with B of both (collective)."""
+        """Return the joints with B extended to the water unknowns (collective)."""
         dry = contact.operator
         starts, columns, values = _csr(dry.matrix)
         shape = (len(starts) - 1, self._sizes[1])
@@ -217,18 +216,18 @@ class BodyAndWater:
         return contact.on(operator)
 
     def _body_columns(self, dofs: Ints) -> Ints:
-        """Numbers among both of dofs of the body."""
+        """Return the column numbers of body dofs in the coupled system."""
         rank = np.searchsorted(self._of_body, dofs, side="right") - 1
         return np.asarray(dofs + self._of_water[rank])
 
     def _water_columns(self, numbers: Ints) -> Ints:
-        """Numbers among both of unknowns of the water."""
+        """Return the column numbers of water unknowns in the coupled system."""
         rank = np.searchsorted(self._of_water, numbers, side="right") - 1
         return np.asarray(numbers + self._of_body[rank + 1])
 
 
 def _csr(matrix: PETSc.Mat) -> tuple[Ints, Ints, Floats]:
-    """The rank's rows of a matrix: starts, columns, values."""
+    """Return this rank's rows of a matrix: starts, columns, values."""
     plain = as_aij(matrix)
     starts, columns, values = plain.getValuesCSR()
     plain.destroy()

@@ -1,9 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""One HTML file from results files: ``report.write``.
-
-Its sections are made of what results and postprocessing give; it works without DOLFINx.
-"""
+"""Report in one HTML file, made from results files by ``report.write``; needs no DOLFINx."""
 
 import lazy_loader
 

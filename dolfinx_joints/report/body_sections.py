@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Sections of a report on the whole body: the view in space, stresses, mesh."""
+"""Report sections on the whole body: the 3-D view, stresses, mesh."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _CONTROLS = (
 
 
 def space(content: Content) -> Section:
-    """The deformed body in space, at chosen times."""
+    """Return the section with a 3-D view of the deformed body at chosen times."""
     title = "The body in space"
     needed = {"mesh/nodes", "mesh/surface"}
     runs = [
@@ -51,9 +51,9 @@ def space(content: Content) -> Section:
     ]
     runs = [run for run in runs if not run.plane]
     if not runs and any(run.plane for run in content.runs):
-        return Section("space", title, [paragraph("The models are plane: no view in space.")])
+        return Section("space", title, [paragraph("The models are 2-D; there is no 3-D view.")])
     if not runs and all(run.static_alone for run in content.runs):
-        words = "The files hold static stages alone; the body after each is drawn under Statics."
+        words = "The files have only static stages; the section Statics shows the body after each."
         return Section("space", title, [paragraph(words)])
     if not runs:
         return nothing("space", title, "states of a body")
@@ -70,10 +70,11 @@ def space(content: Content) -> Section:
     )
     frames = common_frame({run.label: nodal_displacement(run.results, 0)[1] for run in runs})
     caption = (
-        f"Boundary of the body, displacements enlarged by the factor above, coloured by their "
-        f"size from the unloaded shape, {frames}. It shows {recorded}: at most {MOMENTS} at equal "
-        "distances, and those of the largest displacement and opening; it starts at the largest "
-        "displacement. Seen through, the joints are coloured by their opening."
+        f"Boundary of the body with displacements enlarged by the factor above. Colours show the "
+        f"displacement from the unloaded shape, {frames}. The view has {recorded}: at most "
+        f"{MOMENTS} evenly spaced ones, and those of the largest displacement and opening. It "
+        "starts at the largest displacement. In the see-through view, joints are coloured by "
+        "their opening."
     )
     view = Html(
         f'<figure id="scene">{_CONTROLS.format(options=options)}'
@@ -84,19 +85,19 @@ def space(content: Content) -> Section:
 
 
 def stresses(content: Content) -> Section:
-    """Largest stresses over time at the boundary, of the main run as pictures."""
+    """Return the section on the extreme stresses at the boundary, with the main run's pictures."""
     title = "Stresses"
     runs = [run for run in content.runs if run.has("envelopes")]
     if not runs:
         return nothing("stresses", title, "stress envelopes")
-    each = [measures.stress_extremes(run.results) for run in runs]
-    rows = [[name.replace("_", ", "), *(1e-6 * e[name] for e in each)] for name in each[0]]
+    extremes = [measures.stress_extremes(run.results) for run in runs]
+    rows = [[name.replace("_", ", "), *(1e-6 * e[name] for e in extremes)] for name in extremes[0]]
     head = ["[MPa]", *(run.label for run in runs)]
-    pieces = [table("Largest and smallest over time and boundary, tension > 0", head, rows)]
+    pieces = [table("Largest and smallest stress over time and boundary, tension > 0", head, rows)]
     run = content.main if content.main in runs else runs[0]
-    known = [name for name, value in each[runs.index(run)].items() if not np.isnan(value)]
+    recorded = [name for name, value in extremes[runs.index(run)].items() if not np.isnan(value)]
     if not run.plane:
-        shown = [_envelope(content, run, name) for name in known]
+        shown = [_envelope(content, run, name) for name in recorded]
         pieces += shown[:2]
         if shown[2:]:
             pieces.append(details("Arch and cantilever stresses", shown[2:]))
@@ -105,15 +106,17 @@ def stresses(content: Content) -> Section:
 
 def _envelope(content: Content, run: Run, name: str) -> Html:
     quantity, end = name.split("_")
-    what = {"max": "Largest", "min": "Smallest"}[end]
-    caption = f"{what} {quantity} stress over the run at each point of the boundary, {run.label}."
+    extreme = {"max": "Largest", "min": "Smallest"}[end]
+    caption = (
+        f"{extreme} {quantity} stress over the run at each point of the boundary, {run.label}."
+    )
     drawn = views.envelope(run.results, cast(EnvelopeName, name), groups=run.groups)
     path = content.save(name, drawn, dpi=130)
     return figure([content.drawings.picture(path, caption)], caption, wide=True)
 
 
 def mesh(content: Content) -> Section:
-    """The mesh of the main run and the names of its joints."""
+    """Return the section with the mesh of the main run and the names of its joints."""
     run = content.main
     if run.plane or not {"mesh/nodes", "mesh/surface"} <= set(run.results.statics):
         return nothing("mesh", "Mesh", "mesh of a body in space")
@@ -124,9 +127,10 @@ def mesh(content: Content) -> Section:
 
 
 def scene(run: Run) -> dict[str, Any]:
-    """Data of one run for the page's script: the whole boundary, and chosen states.
+    """Return data of one run for the page's script: the boundary and chosen states.
 
-    At most ``MOMENTS`` at equal distances, and those of the largest displacement and opening.
+    The states are at most ``MOMENTS`` evenly spaced ones, and those of the largest displacement
+    and opening.
     """
     results = run.results
     used, surface = np.unique(results.static("mesh/surface"), return_inverse=True)
@@ -156,7 +160,7 @@ def scene(run: Run) -> dict[str, Any]:
 
 
 def _colour_scale() -> list[list[Any]]:
-    """Colours of sizes, of the pictures too, as the page's script reads them."""
+    """Return the colour scale of the pictures for the page's script."""
     from matplotlib.colors import to_hex
 
     places = [float(place) for place in np.linspace(0.0, 1.0, 11)]
@@ -164,7 +168,7 @@ def _colour_scale() -> list[list[Any]]:
 
 
 def _frame(results: Results, used: Ints, number: int) -> dict[str, Any]:
-    """Displacements of the boundary's vertices [m] and openings of the joint facets [mm]."""
+    """Return displacements of boundary vertices [m] and openings of joint facets [mm]."""
     displacement = nodal_displacement(results, number)[0][used]
     openings = [_opening(results, joint, number) for joint in results.joints]
     return {
@@ -175,7 +179,7 @@ def _frame(results: Results, used: Ints, number: int) -> dict[str, Any]:
 
 
 def _extremes(results: Results, used: Ints) -> tuple[Floats, Floats]:
-    """Largest displacement and opening of each record [m], read one at a time."""
+    """Return the largest displacement and opening of each record [m], read one at a time."""
     rows = results.rows("states")
     sizes, openings = np.zeros(rows), np.zeros(rows)
     for number in range(rows):
@@ -189,7 +193,7 @@ def _extremes(results: Results, used: Ints) -> tuple[Floats, Floats]:
 
 
 def _opening(results: Results, joint: str, number: int) -> Floats:
-    """Largest opening among the points of each facet of a joint [m], 0 where closed."""
+    """Return the largest opening of the points of each facet of a joint [m], 0 if closed."""
     gap = gaps(results, "states", joint, number)[:, 0]
     _, facet = np.unique(results.static(f"joints/{joint}/facet"), return_inverse=True)
     largest = np.zeros(facet.max(initial=-1) + 1)
@@ -198,14 +202,14 @@ def _opening(results: Results, joint: str, number: int) -> Floats:
 
 
 def _joint_faces(results: Results, surface: Ints) -> tuple[dict[str, dict[str, str]], Ints]:
-    """Triangles of the joints' faces, and the number of the joint facet of each triangle."""
+    """Return triangles of the joint faces, and the number of each triangle's joint facet."""
     sides = [facets_of_joint(results, joint)[1].ravel() for joint in results.joints]
     chosen = np.concatenate([np.zeros(0, dtype=np.int64), *sides])
     return _triangles(surface[chosen], np.repeat(np.arange(len(chosen) // 2), 2))
 
 
 def _triangles(facets: Ints, cells: Ints) -> tuple[dict[str, dict[str, str]], Ints]:
-    """Facets with three or four corners cut into triangles, and the cell of each."""
+    """Split facets with three or four corners into triangles; return them and their cells."""
     parts = [facets[:, [0, 1, 2]]]
     if facets.shape[1] == 4:
         parts.append(facets[:, [0, 2, 3]])

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Section of a report on the joints: measures, histories, maps."""
+"""Report section on the joints: measures, histories, maps."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from dolfinx_joints.report.runs import Content, Run, largest_moment, nothing
 from dolfinx_joints.results.joint_points import joint_area
 from dolfinx_joints.results.quantities import TABLE
 
-# File, quantity and words of each map after a static stage.
+# File name, quantity and caption of each map after a static stage.
 _OF_STAGE: tuple[tuple[str, Any, str], ...] = (
     ("normal", "normal", "Normal traction"),
     ("opening", "opening", "Opening"),
@@ -32,12 +32,12 @@ _OF_STAGE: tuple[tuple[str, Any, str], ...] = (
     ("tangential", "tangential", "Tangential traction"),
     ("state", "state", "State of the points"),
 )
-_PLANE = "The model is plane: its joints are lines, of which no maps are drawn."
-_SAFEST = 5.0  # end of the axis of safeties, unless the smallest is near it or above
+_PLANE = "The model is 2-D: its joints are lines, so there are no maps."
+_SAFEST = 5.0  # end of the safety axis, unless the smallest safety is close to it or above
 
 
 def joints(content: Content) -> Section:
-    """Table of the joints' measures, their histories, and maps with a panel for each."""
+    """Return the section with the joints' measures, histories and maps."""
     runs = [run for run in content.runs if run.results.joints and run.has("states")]
     if not runs and content.main.static_alone and content.main.results.joints:
         return Section("joints", "Joints", _of_last_stage(content))
@@ -53,14 +53,14 @@ def joints(content: Content) -> Section:
     head = ["joint", *(row.heading for row in columns)]
     for run in runs:
         rows = [
-            [name, *(row.factor * found[row.name] for row in columns)]
-            for name, found in measures.joint_measures(run.results).items()
+            [name, *(row.factor * values[row.name] for row in columns)]
+            for name, values in measures.joint_measures(run.results).items()
         ]
         pieces.append(table(f"Motion of the joints ({run.label})", head, rows))
     pieces.append(
         paragraph(
-            "Residual values are what the mean of the last second (of all, if shorter) adds to the "
-            "static state. Shares are of area and time.",
+            "Residual values are the mean over the last second (or over the whole run, if shorter) "
+            "minus the value in the static state. Shares are percentages of area and time.",
             "note",
         )
     )
@@ -71,18 +71,18 @@ def joints(content: Content) -> Section:
 
 
 def _area(run: Run) -> Html:
-    """Return the area of the joints, and what tied points are if there are some."""
+    """Return a paragraph on the joints' area, with a note on tied points if there are any."""
     text, note = joint_area(run.results), "."
     if "tied" in text:
         note = (
-            ": there the joint ends inside the body, and its sides share their nodes. Tied points "
-            "count in no share."
+            ": at tied points the joint ends inside the body and its sides share nodes. Shares do "
+            "not include tied points."
         )
     return paragraph(f"Area of the joints ({run.label}): {text.replace('^2', '²')}{note}", "note")
 
 
 def _histories(content: Content, run: Run) -> Html:
-    """Series of each joint over time, the safety last."""
+    """Return a plot of each joint's histories; the safety is the last panel."""
     every = {joint: joint_extremes(run.results, joint) for joint in run.results.joints}
     rows = drawn_series(every.values())
     curves: list[list[Curve]] = [[] for _ in rows]
@@ -96,29 +96,29 @@ def _histories(content: Content, run: Run) -> Html:
     safest = max(_SAFEST, float(np.ceil(1.5 * least)))
     spec["layout"][f"yaxis{len(rows)}"]["range"] = [0.0, safest]
     caption = (
-        f"{', '.join(row.label for row in rows).capitalize()} of each joint of {run.label}, the "
-        f"safety up to {safest:g}."
+        f"{', '.join(row.label for row in rows).capitalize()} of each joint of {run.label} over "
+        f"time; the safety axis ends at {safest:g}."
     )
     return content.drawings.plot("joint-histories", spec, caption)
 
 
 def _maps(content: Content, run: Run) -> list[Html]:
-    """Maps of all joints: pressure in the static state and in the earthquake, opening, slip."""
+    """Return maps of all joints: traction in statics and in the earthquake, opening, slip."""
     if run.plane:
         return [paragraph(_PLANE)]
-    found = measures.joint_measures(run.results)
+    measured = measures.joint_measures(run.results)
     widest, farthest = (
-        max((f[f"{name}_max"], f[f"{name}_time"]) for f in found.values())[1]
+        max((f[f"{name}_max"], f[f"{name}_time"]) for f in measured.values())[1]
         for name in ("opening", "slip")
     )
     time, moment = largest_moment(run)
     start = float(run.results.time("states")[0])
-    beside = "at the record next to the"
+    nearest = "at the record closest to the"
     drawn: list[tuple[str, Any, float, str]] = [
         ("static", "normal", start, "Normal traction in the static state"),
         ("normal", "normal", time, f"Normal traction at {moment}"),
-        ("opening", "opening", widest, f"Opening, {beside} widest"),
-        ("tangential_gap", "slip", farthest, f"Tangential gap, {beside} largest slip"),
+        ("opening", "opening", widest, f"Opening, {nearest} largest opening"),
+        ("tangential_gap", "slip", farthest, f"Tangential gap, {nearest} largest slip"),
         ("tangential", "tangential", time, f"Tangential traction at {moment}"),
         ("state", "state", time, f"State of the points at {moment}"),
     ]
@@ -133,9 +133,11 @@ def _maps(content: Content, run: Run) -> list[Html]:
 
 
 def _of_last_stage(content: Content) -> list[Html]:
-    """Maps of all joints after the last static stage, of a file of static stages alone."""
+    """Return maps of all joints after the last static stage, for files without dynamics."""
     run = content.main
-    tables = paragraph("Openings, forces and safeties after each static stage are under Statics.")
+    tables = paragraph(
+        "The section Statics lists openings, forces and safeties after each static stage."
+    )
     area = _area(run)
     if run.plane:
         return [tables, area, paragraph(_PLANE)]

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What a report opens with: the dam, the numbers that matter, warnings."""
+"""First part of a report: the dam, the main results, warnings."""
 
 from __future__ import annotations
 
@@ -31,16 +31,15 @@ from dolfinx_joints.results.quantities import ENERGY_TERMS
 from dolfinx_joints.results.resolved import beyond
 
 JOINT_NOTE = (
-    "Opening is the positive part of the normal gap. Slip is the tangential displacement of the "
-    "two sides against each other from the static state. Safety is that "
-    "against sliding, friction and bond over shear, both added up point by point; a dash where it "
-    "is not defined."
+    "Opening is the positive part of the normal gap. Slip is the relative tangential displacement "
+    "of the two sides since the static state. Safety against sliding is the resistance by friction "
+    "and bond divided by the shear, each summed over the joint's points; a dash means undefined."
 )
 _AXES = {2: "x (downstream) and y (up).", 3: "x (downstream), y (left bank) and z (up)."}
 
 
 def opening(content: Content, note: str, *, of_body: bool) -> list[Html]:
-    """Alerts, the jointed dam, tables of what matters, warnings, in this order."""
+    """Return alerts, a picture of the dam, the main results, and warnings, in this order."""
     runs = content.compared
     pieces = alerts(content.runs)
     pieces.append(paragraph(f"{_runs(content)} {note}".rstrip(), "note"))
@@ -50,28 +49,28 @@ def opening(content: Content, note: str, *, of_body: bool) -> list[Html]:
     rows = [[title, *(of(run) for run in runs)] for title, of in _rows(band, runs)]
     rows = [row for row in rows if any(cell is not None for cell in row[1:])]
     if rows:
-        pieces.append(table("What matters", ["", *(run.label for run in runs)], rows))
+        pieces.append(table("Main results", ["", *(run.label for run in runs)], rows))
     pieces += [_joints(run) for run in runs if run.results.joints and run.has("states")]
     if any(run.results.joints and run.has("states") for run in runs):
         axes = _AXES[len(components(runs))]
-        pieces.append(paragraph(f"{JOINT_NOTE} Places are {axes}", "note"))
-    found = [text for run in content.runs for text in (*doubts(run), *_unresolved(run, band))]
+        pieces.append(paragraph(f"{JOINT_NOTE} Coordinates are {axes}", "note"))
+    warnings = [text for run in content.runs for text in (*doubts(run), *_unresolved(run, band))]
     pieces.append(heading("Warnings"))
-    pieces.append(bullets(found or ["None."]))
+    pieces.append(bullets(warnings or ["None."]))
     pieces.append(paragraph(_BOUNDS, "note"))
     return [Html(f'<div class="opening">{"".join(pieces)}</div>')]
 
 
 _BOUNDS = (
-    f"A run is doubtful where its energy error is above {LARGE_ENERGY_ERROR:.0%} of the largest "
-    f"energy or the local error of one step above {LARGE_LOCAL_ERROR:.0%} of the largest "
-    f"displacement, where the time scheme lost more in a joint than {LARGE_ENERGY_ERROR:.0%} of "
-    "what friction took there and 0.1% of the largest energy, and where it did not reach its end."
+    f"Warnings appear if the energy error exceeds {LARGE_ENERGY_ERROR:.0%} of the largest energy, "
+    f"if the local error of a step exceeds {LARGE_LOCAL_ERROR:.0%} of the largest displacement, or "
+    "if a run is incomplete. They also appear if the numerical loss in a joint exceeds "
+    f"{LARGE_ENERGY_ERROR:.0%} of the friction work there and 0.1% of the largest energy."
 )
 
 
 def alerts(runs: Sequence[Run]) -> list[Html]:
-    """Runs that did not reach their end, above everything else."""
+    """Return an alert for each incomplete run."""
     unfinished = [paragraph(ending(run)) for run in runs if not run.results.complete]
     return (
         [Html(f'<div class="alert" role="alert">{"".join(unfinished)}</div>')] if unfinished else []
@@ -79,48 +78,50 @@ def alerts(runs: Sequence[Run]) -> list[Html]:
 
 
 def doubts(run: Run) -> list[str]:
-    """Sentences on the doubts about a run."""
-    found = [] if run.results.complete else [ending(run)]
+    """Return the warnings of a run."""
+    warnings = [] if run.results.complete else [ending(run)]
     summary = run.results.summary
     energy, local = (float(summary.get(k) or 0.0) for k in ("energy_error", "local_error"))
     if energy > LARGE_ENERGY_ERROR:
-        found.append(f"{run.label}: the energy error is {energy:.2%} of the largest energy.")
+        warnings.append(f"{run.label}: the energy error is {energy:.2%} of the largest energy.")
     if local > LARGE_LOCAL_ERROR:
-        found.append(f"{run.label}: a step errs by {local:.2%} of the largest displacement.")
-    found += [*jump_warnings(run), *_losses(run)]
+        warnings.append(
+            f"{run.label}: the local error of a step is {local:.2%} of the largest displacement."
+        )
+    warnings += [*jump_warnings(run), *_losses(run)]
     recorded = summary.get("warnings", [])
-    return found + [f"{run.label}: {text}" for text in recorded]
+    return warnings + [f"{run.label}: {text}" for text in recorded]
 
 
 def _unresolved(run: Run, band: float) -> list[str]:
-    """A sentence where accelerations are shown beyond what the run resolves."""
+    """Return a warning if accelerations are shown at frequencies that the run does not resolve."""
     shown = run.moves and run.has("histories", "acceleration")
     text = beyond(band, measures.resolved_frequencies(run.results)) if shown else ""
     return [f"{run.label}: {text}"] if text else []
 
 
 def _losses(run: Run) -> list[str]:
-    """Joints in which the time scheme lost what is not small beside their friction.
+    """Return warnings of joints whose numerical loss is not small compared with their friction.
 
-    The largest energy says little of them: most of it may be that of the rock.
+    Comparing with the largest energy is not enough, as most of it may be in the rock.
     """
     if not run.has("energy", *ENERGY_TERMS):
         return []
-    found = []
+    warnings = []
     lines = energy_lines(run.results)
     largest = max(float(np.abs(line).max(initial=0.0)) for line in lines.values())
     for joint, (friction, lost) in joint_losses(run.results).items():
         if abs(lost) > LARGE_ENERGY_ERROR * max(friction, 0.02 * largest):
-            found.append(
+            warnings.append(
                 f"{run.label}: in {joint} the time scheme {'lost' if lost > 0.0 else 'gained'} "
-                f"{plain(1e-3 * abs(lost))} kJ, friction took {plain(1e-3 * friction)} kJ. "
-                "A smaller step lessens it."
+                f"{plain(1e-3 * abs(lost))} kJ, and friction dissipated "
+                f"{plain(1e-3 * friction)} kJ. Use a smaller time step."
             )
-    return found
+    return warnings
 
 
 def ending(run: Run) -> str:
-    """How a run that is not complete ended."""
+    """Return a sentence on how an incomplete run ended."""
     steps = run.results.metadata.get("steps")
     done = f"at t = {run.end:.4g} s"
     if run.static_alone:
@@ -130,7 +131,7 @@ def ending(run: Run) -> str:
     if steps is not None and run.has("histories"):
         done += f", after {run.results.rows('histories') - 1} of {steps} steps"
     words = {
-        "running": f"still runs, or was killed; its last record is {done}",
+        "running": f"is still running or was killed; its last record is {done}",
         "stopped": f"was stopped {done}",
         "failed": f"failed {done}",
     }
@@ -141,9 +142,9 @@ def ending(run: Run) -> str:
 def _runs(content: Content) -> str:
     others = len(content.runs) - len(content.compared)
     further = f" and {others} further run{'s' if others > 1 else ''}" if others else ""
-    each = ", ".join(f"{run.label} ({_span(run)})" for run in content.compared)
+    compared = ", ".join(f"{run.label} ({_span(run)})" for run in content.compared)
     shown = f" Pictures show {content.main.label}." if len(content.runs) > 1 else ""
-    return f"Runs: {each}{further}.{shown}"
+    return f"Runs: {compared}{further}.{shown}"
 
 
 def _span(run: Run) -> str:
@@ -154,7 +155,7 @@ def _span(run: Run) -> str:
 
 
 def _dam(content: Content) -> list[Html]:
-    """The deformed dam at its largest displacement, from upstream and downstream."""
+    """Return the dam at its largest displacement, seen from upstream and downstream."""
     run = content.main
     needed = {"mesh/nodes", "mesh/surface"} <= set(run.results.statics)
     if not needed or run.plane or not run.has("states", "displacement"):
@@ -168,7 +169,7 @@ def _dam(content: Content) -> list[Html]:
 
 
 def _crest_displacement(run: Run) -> Cell:
-    """Largest displacement of the highest monitor points."""
+    """Return the largest displacement of the highest monitor points."""
     points = peaks.crest_points(run.results)
     if not points or not run.moves:
         return None
@@ -178,7 +179,7 @@ def _crest_displacement(run: Run) -> Cell:
 
 
 def _crest_acceleration(run: Run, *, band: float) -> Cell:
-    """Largest absolute acceleration of the highest monitor points in a band."""
+    """Return the largest absolute acceleration of the highest monitor points in a band [Hz]."""
     points = peaks.crest_points(run.results)
     needed = ["acceleration"] + ["ground_acceleration"] * run.results.relative
     if not points or not run.moves or not run.has("histories", *needed):
@@ -202,11 +203,11 @@ def _energy_error(run: Run) -> Cell:
     return None if value is None else valued(float(value), "of the largest energy")
 
 
-_SINCE = "from the last static state on"
+_SINCE = "since the last static state"
 
 
 def _rows(band: float, runs: Sequence[Run]) -> Sequence[tuple[str, Callable[[Run], Cell]]]:
-    """Titles of rows and what makes their cells; accelerations in a band [Hz]."""
+    """Return titles of rows and the functions of their cells; accelerations are in a band [Hz]."""
     named = measures.band_name(band, *(run.results for run in runs))
     acceleration = f"crest acceleration, absolute, {named} [m/s²]"
     return (
@@ -221,10 +222,10 @@ def _rows(band: float, runs: Sequence[Run]) -> Sequence[tuple[str, Callable[[Run
 def _joints(run: Run) -> Html:
     rows: list[list[Cell]] = []
     for joint in run.results.joints:
-        found = peaks.joint_peaks(run.results, joint)
+        largest = peaks.joint_peaks(run.results, joint)
         axes = len(run.components)
-        moved = [_millimetres(found[name], axes) for name in ("opening", "slip")]
-        safety = found["safety"]
+        moved = [_millimetres(largest[name], axes) for name in ("opening", "slip")]
+        safety = largest["safety"]
         least = None if np.isnan(safety.value) else valued(safety.value, f"{plain(safety.time)} s")
         rows.append([joint, *moved, least])
     head = ["joint", "largest opening [mm]", "largest slip [mm]", "smallest safety"]
@@ -232,12 +233,12 @@ def _joints(run: Run) -> Html:
 
 
 def _millimetres(peak: Peak, axes: int) -> Cell:
-    """An opening or a slip; what never moved has no time and place."""
+    """Return an opening or slip [mm] with its time and place, 0 if the joint never moved."""
     if not peak.value:
         return 0
     return valued(1e3 * peak.value, f"{plain(peak.time)} s at {place(peak, axes)}")
 
 
 def place(peak: Peak, axes: int = 3) -> str:
-    """Coordinates along the first axes as text."""
+    """Return the coordinates along the first axes as text."""
     return f"({', '.join(plain(round(float(x), 1) + 0.0) for x in peak.place[:axes])}) m"

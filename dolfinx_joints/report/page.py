@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""HTML of a report: escaped text, tables, figures, and the page that holds everything.
+"""HTML of a report: escaped text, tables, figures, and the whole page.
 
-Whatever is text goes through :func:`text`. A second guard is the page's content security policy:
-it allows no request at all, and runs only the scripts whose hashes it names.
+:func:`text` escapes all text. As a second protection, the page's content security policy allows no
+network request and only the scripts whose hashes it lists.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from dolfinx_joints.postprocessing.palette import RUNS
 
-Cell = Any  # a number, a text, None, or a piece of HTML
+Cell = Any  # a number, a text, None, or HTML
 Curve = tuple[str, ArrayLike, ArrayLike]  # name, abscissas, ordinates
 
 _STYLES: tuple[dict[str, Any], ...] = (
@@ -38,18 +38,18 @@ _STYLES: tuple[dict[str, Any], ...] = (
     {"width": 1.4, "dash": "dash"},
     {"width": 1.4, "dash": "dot"},
 )
-_SHOWN = 2  # runs beyond these start hidden
+_SHOWN = 2  # number of runs that are visible at first
 
 
 class Html(str):
-    """Text that is HTML already."""
+    """Text that is already HTML and is not escaped again."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True)
 class Section:
-    """One section: a heading with an anchor, and pieces of HTML."""
+    """Section of a report: a heading with an anchor, and pieces of HTML."""
 
     name: str
     title: str
@@ -58,12 +58,12 @@ class Section:
 
 @dataclass
 class Drawings:
-    """Data that the scripts of the page draw.
+    """Data drawn by the scripts of the page.
 
     Attributes:
-        plots: plotly's data and layout by the id of their element.
-        scene: one entry per run for the view in space.
-        folder: where pictures are written, for the links to them.
+        plots: Data and layout for plotly, by the id of the HTML element.
+        scene: Data of the 3-D view, one entry per run.
+        folder: Folder of the pictures, for links to them.
     """
 
     folder: Path
@@ -73,7 +73,7 @@ class Drawings:
     def plot(
         self, name: str, spec: dict[str, Any], caption: str, pictures: Sequence[Path] = ()
     ) -> Html:
-        """An interactive plot, with links to pictures of the same."""
+        """Return an interactive plot, with links to pictures of it."""
         self.plots[name] = spec
         height = spec["layout"]["height"]
         links = [
@@ -87,20 +87,20 @@ class Drawings:
         )
 
     def picture(self, png: Path, alt: str) -> Html:
-        """A picture as part of the page itself."""
+        """Return a picture embedded in the page."""
         data = base64.b64encode(png.read_bytes()).decode()
         return Html(f'<img src="data:image/png;base64,{data}" alt="{text(alt)}"/>')
 
 
 def text(value: Cell) -> Html:
-    """A value as HTML: text escaped, numbers to four digits, nothing as a dash."""
+    """Return a value as HTML: text escaped, numbers with four digits, None as a dash."""
     if isinstance(value, Html):
         return value
     return Html(escape(plain(value), quote=True))
 
 
 def plain(value: Cell) -> str:
-    """A value as text without mark-up."""
+    """Return a value as text without mark-up."""
     if value is None:
         return "–"
     if isinstance(value, bool | np.bool_):
@@ -110,7 +110,7 @@ def plain(value: Cell) -> str:
     if isinstance(value, float | np.floating):
         if not np.isfinite(value):
             return "–" if np.isnan(value) else str(float(value))
-        return _figures(float(value) + 0.0, ".4g")  # no sign of zero
+        return _figures(float(value) + 0.0, ".4g")  # adding 0.0 turns -0.0 into 0.0
     if isinstance(value, list | tuple):
         return ", ".join(plain(item) for item in value)
     return str(value)
@@ -121,42 +121,42 @@ def _figures(value: float, form: str) -> str:
 
 
 def valued(value: float, where: str) -> Html:
-    """A number, its zeros kept, and below it where and when."""
+    """Return a number with four digits, and place or time in small print below it."""
     return Html(f'{text(_figures(value, "#.4g"))} <span class="where">{text(where)}</span>')
 
 
 def paragraph(content: Cell, kind: str = "") -> Html:
-    """A paragraph."""
+    """Return a paragraph."""
     return Html(f"<p{_class(kind)}>{text(content)}</p>")
 
 
 def bullets(items: Sequence[Cell]) -> Html:
-    """A list."""
+    """Return a bullet list."""
     return Html(f"<ul>{''.join(f'<li>{text(item)}</li>' for item in items)}</ul>")
 
 
 def heading(content: Cell) -> Html:
-    """A heading within a section."""
+    """Return a heading within a section."""
     return Html(f"<h3>{text(content)}</h3>")
 
 
 def figure(pictures: Sequence[Html], caption: str, *, wide: bool = False) -> Html:
-    """Pictures side by side above their caption; wide ones scroll where there is little room."""
+    """Return pictures side by side above a caption; wide ones scroll in narrow windows."""
     shown = "".join(pictures)
     kind = _scrolling(caption, "wide") if wide else '<div class="maps">'
     return Html(f"<figure>{kind}{shown}</div><figcaption>{text(caption)}</figcaption></figure>")
 
 
 def details(title: str, pieces: Sequence[Html], *, opened: bool = False) -> Html:
-    """Something to be opened; plots within are drawn then."""
+    """Return a block that the reader can unfold; its plots are drawn then."""
     state = ' open=""' if opened else ""
     return Html(f"<details{state}><summary>{text(title)}</summary>{''.join(pieces)}</details>")
 
 
 def table(caption: str, head: Sequence[Cell], rows: Sequence[Sequence[Cell]]) -> Html:
-    """A table whose first column names its rows; columns of numbers are set to the right.
+    """Return a table; its first column has the row names, and number columns are right-aligned.
 
-    A row of one cell is the heading of those that follow.
+    A row with a single cell is the heading of the following rows.
     """
     whole = [row for row in rows if len(row) > 1]
     numeric = [all(row[i] is None or _is_number(row[i]) for row in whole) for i in range(len(head))]
@@ -173,12 +173,12 @@ def table(caption: str, head: Sequence[Cell], rows: Sequence[Sequence[Cell]]) ->
 
 
 def floats(values: ArrayLike) -> dict[str, str]:
-    """An array as the page's script reads it, in single precision."""
+    """Return an array for the page's script, in single precision."""
     return {"f4": base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()}
 
 
 def integers(values: ArrayLike) -> dict[str, str]:
-    """An array of integers as the page's script reads it."""
+    """Return an array of integers for the page's script."""
     return {"i4": base64.b64encode(np.ascontiguousarray(values, dtype="<i4").tobytes()).decode()}
 
 
@@ -192,10 +192,10 @@ def panels(
     shown: int = _SHOWN,
     shaded: tuple[float, float] | None = None,
 ) -> dict[str, Any]:
-    """Panels one above the other over one abscissa; a name has one colour in all of them.
+    """Return stacked panels with a common abscissa; a curve's name determines its colour.
 
-    Titles have units, the abscissa ends at a limit, so many names are shown at first; a range of
-    the abscissa may be shaded.
+    ``ordinates`` and ``abscissa`` are axis titles with units. ``limit`` ends the abscissa,
+    ``shown`` is the number of names visible at first, ``shaded`` is a range of the abscissa.
     """
     names = list(dict.fromkeys(name for panel in curves for name, _, _ in panel))
     count = len(curves)
@@ -238,9 +238,9 @@ def panels(
 
 
 def page(title: str, top: Sequence[Html], sections: Sequence[Section], drawings: Drawings) -> str:
-    """The whole page: HTML that needs no other file and asks the net for nothing.
+    """Return the whole page, HTML that needs no other file and no network.
 
-    Pieces in ``top`` stand above the list of contents.
+    The pieces in ``top`` are above the table of contents.
     """
     data = {"plots": drawings.plots, "scene": drawings.scene}
     own = files("dolfinx_joints.report")
@@ -272,7 +272,7 @@ def page(title: str, top: Sequence[Html], sections: Sequence[Section], drawings:
 
 
 def _scrolling(label: str, kind: str = "") -> str:
-    """Start of an element that scrolls where it is too wide; the page's script says so then."""
+    """Return the start tag of an element that scrolls if it is wider than the page."""
     label = text(label)
     return f'<div class="scroll {kind}" tabindex="0" role="region" aria-label="{label}">'
 
@@ -297,13 +297,13 @@ def _class(name: str) -> str:
 
 
 def _json(data: Mapping[str, Any]) -> str:
-    """JSON that no text within can end: its only mark-up character is written as a number."""
+    """Return JSON with ``<`` escaped, so that no text in it can end the script element."""
     return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 @functools.cache
 def _plotly() -> tuple[str, list[str]]:
-    """Plotly's script, compressed, and the hash by which the page lets it run."""
+    """Return plotly's script, compressed, and its hash for the content security policy."""
     from plotly.offline import get_plotlyjs
 
     source: str = get_plotlyjs()
@@ -312,7 +312,7 @@ def _plotly() -> tuple[str, list[str]]:
 
 
 def _hash(script: str) -> str:
-    """Name of a script in a content security policy."""
+    """Return the hash of a script for the content security policy."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
 
 

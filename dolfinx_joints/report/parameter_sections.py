@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Section of a report on what entered the runs, as tables: materials, laws, loads, steps, mesh."""
+"""Report section on the input of the runs, as tables: materials, laws, loads, steps, mesh."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from dolfinx_joints.report.page import Cell, Html, Section, table
 from dolfinx_joints.report.runs import Content, Run
 from dolfinx_joints.results.overview import joints_by_law
 
-Named = tuple[str, dict[str, Any]]  # what it is, and its parameters
+Named = tuple[str, dict[str, Any]]  # class and parameters
 Groups = dict[str, dict[str, Any]]  # values by heading and parameter
 
-# Title and factor of parameters that have a unit.
+# Title and factor from SI units of each parameter.
 _UNITS = {
     "young": ("Young's modulus [GPa]", 1e-9),
     "poisson": ("Poisson's ratio", 1.0),
@@ -84,7 +84,7 @@ _ELSEWHERE = {"point_names", "points", "units", "laws", "manifest", *_MESH}
 
 
 def parameters(content: Content) -> Section:
-    """Materials, laws, loads, steps, mesh, facts and programs, one column for each run."""
+    """Return the section with all input of the runs, one column per run."""
     runs = content.runs
     made = [run.results.metadata.get("manifest") or {} for run in runs]
     tables = {
@@ -92,7 +92,9 @@ def parameters(content: Content) -> Section:
         "Laws of the joints": [_objects(joints_by_law(m.get("joint_laws", {}))) for m in made],
         "Loads": [_objects(_numbered(m.get("loads", []))) for m in made],
         "Added mass": [_objects(_numbered(m.get("added_mass", []))) for m in made],
-        "Reservoir": [_objects([("", each)] if (each := m.get("reservoir")) else []) for m in made],
+        "Reservoir": [
+            _objects([("", water)] if (water := m.get("reservoir")) else []) for m in made
+        ],
         "Static stages": [_objects(m.get("static_stages", {}).items()) for m in made],
         "Supports": [_objects(_numbered(m.get("supports", []))) for m in made],
         "Damping": [_objects([("", m.get("damping"))]) for m in made],
@@ -111,9 +113,9 @@ def parameters(content: Content) -> Section:
 
 
 def parsed(text: Any) -> Named:
-    """Class and parameters of an object as Python shows it; other values have no parameters."""
+    """Return class and parameters from the repr of an object; other values have no parameters."""
     flat, nested = str(text), 1
-    while nested:  # <function <lambda>>
+    while nested:  # a repr such as <function <lambda>>
         flat, nested = re.subn(r"(<\w[^<>]*)<([^<>]*)>", r"\1\2", flat)
     try:
         call = ast.parse(re.sub(r"<(\w[^<>]*)>", r"'\1'", flat), mode="eval").body
@@ -127,36 +129,36 @@ def parsed(text: Any) -> Named:
 
 
 def _value(node: ast.expr) -> Any:
-    """Number, numbers or text of a parameter."""
+    """Return the number, numbers or text of a parameter."""
     if isinstance(node, ast.Call) and ast.unparse(node.func) == "array":
         node = node.args[0]
     try:
-        found = ast.literal_eval(node)
+        value = ast.literal_eval(node)
     except (ValueError, TypeError):
         return ast.unparse(node)
-    if isinstance(found, list | tuple) and all(isinstance(one, int | float) for one in found):
-        return tuple(found)
-    return found if isinstance(found, int | float | str | None) else ast.unparse(node)
+    if isinstance(value, list | tuple) and all(isinstance(one, int | float) for one in value):
+        return tuple(value)
+    return value if isinstance(value, int | float | str | None) else ast.unparse(node)
 
 
 def _objects(named: Iterable[tuple[str, Any]]) -> Groups:
-    """Parameters by heading; what has none is a parameter itself."""
-    found: Groups = {}
+    """Return parameters by heading; an object without parameters is listed as a parameter."""
+    groups: Groups = {}
     for name, value in named:
         if isinstance(value, str):
             kind, values = parsed(value)
             given = {k: v for k, v in values.items() if v is not None}
             if given:
-                found.setdefault(f"{name}: {kind}" if name else kind, {}).update(given)
+                groups.setdefault(f"{name}: {kind}" if name else kind, {}).update(given)
             else:
-                found.setdefault("", {})[name or kind] = kind if name else "yes"
+                groups.setdefault("", {})[name or kind] = kind if name else "yes"
         elif value is not None:
-            found.setdefault("", {})[name] = value
-    return found
+            groups.setdefault("", {})[name] = value
+    return groups
 
 
 def _numbered(things: Iterable[Any]) -> list[tuple[str, Any]]:
-    """Things by a number where several are of a kind."""
+    """Return objects with numbers, which are empty if only one object is of the class."""
     listed = list(things)
     kinds = [parsed(thing)[0] for thing in listed]
     numbers = [str(kinds[: i + 1].count(kind)) for i, kind in enumerate(kinds)]
@@ -177,9 +179,9 @@ def _mesh(run: Run) -> dict[str, Any]:
 def _resolved(run: Run) -> dict[str, Any]:
     limits = measures.resolved_frequencies(run.results).as_json()
     titles = (
-        "time step, ten to a period",
-        "mesh, ten nodes to the shortest shear wave",
-        "closed joints, half the energy of waves passes",
+        "time step, 10 steps per period",
+        "mesh, 10 nodes per shear wavelength",
+        "closed joints, which transmit half of the wave energy",
     )
     return dict(zip(titles, limits.values(), strict=True))
 
@@ -193,10 +195,10 @@ def _programs(made: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _table(title: str, head: list[Cell], groups: list[Groups]) -> Html | None:
-    """A table of the values of all runs, None without any."""
+    """Return a table of the values of all runs, None without values."""
     rows: list[list[Cell]] = []
     for heading in dict.fromkeys(h for run in groups for h in run):
-        # Before what follows in their run: static stages stand in the order of construction.
+        # Insert each name before its successor in its run, to keep the order of static stages.
         names: list[str] = []
         for run in groups:
             place = len(names)
@@ -207,28 +209,28 @@ def _table(title: str, head: list[Cell], groups: list[Groups]) -> Html | None:
                     names.insert(place, name)
         values = [[name, *(run.get(heading, {}).get(name) for run in groups)] for name in names]
         kind = heading.split(": ")[-1]
-        known = [_in_unit(kind, row) for row in values if any(c is not None for c in row[1:])]
-        if known:
-            rows += [[heading]] * bool(heading) + known
+        scaled_rows = [_in_unit(kind, row) for row in values if any(c is not None for c in row[1:])]
+        if scaled_rows:
+            rows += [[heading]] * bool(heading) + scaled_rows
     return table(title, head, rows) if rows else None
 
 
 def _in_unit(kind: str, row: list[Any]) -> list[Cell]:
-    """A row of a parameter of a kind of thing with its title, in the unit named there."""
+    """Return a parameter's row with its title, converted to the unit in the title."""
     title, factor = unit(kind, row[0])
     return [title, *(_scaled(cell, factor) for cell in row[1:])]
 
 
 def unit(kind: str, name: str) -> tuple[str, float]:
-    """Title of a parameter, and the factor from SI to the unit named there."""
+    """Return the title of a parameter, and the factor from SI to the unit in the title."""
     plain = (name.replace("_", " "), 1.0)
     return _UNITS.get(f"{kind}.{name}", _UNITS.get(name, plain))
 
 
 def _scaled(cell: Any, factor: float) -> Any:
-    """A number or numbers times a factor; texts and lists as they are, anything else as text."""
+    """Return numbers times a factor, texts and lists unchanged, anything else as text."""
     if isinstance(cell, tuple):
-        return tuple(_scaled(each, factor) for each in cell)
+        return tuple(_scaled(item, factor) for item in cell)
     if factor != 1.0 and isinstance(cell, int | float):
         return cell * factor
     return cell if isinstance(cell, int | float | str | list | None) else str(cell)

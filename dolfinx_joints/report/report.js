@@ -12,7 +12,7 @@ function revive(key, value) {
   return value;
 }
 
-/** The plotting script is packed; its hash is among those that the page allows to run. */
+/** Unpack the plotting script; its hash is allowed by the page's content security policy. */
 async function unpackPlotly() {
   const packed = bytesOf(document.getElementById("plotly").textContent);
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
@@ -29,7 +29,7 @@ function drawPlot(element, plot) {
   return Plotly.newPlot(element, plot.data, layout, CONFIG);
 }
 
-/** Boundary surface, its element edges and the joints of one run, which move with time. */
+/** Moving boundary surface, element edges and joints of one run. */
 class Scene {
   constructor(figure, runs) {
     this.runs = runs;
@@ -62,7 +62,7 @@ class Scene {
     return frame;
   }
 
-  /** Coordinates of the moved nodes, and the size of the displacement [mm]. */
+  /** Coordinates of the displaced nodes, and magnitude of the displacement [mm]. */
   moved(frame) {
     const typed = Number(this.controls.scale.value);
     const scale = Number.isFinite(typed) && typed >= 0 ? typed : this.run.scale;
@@ -82,7 +82,7 @@ class Scene {
     return { axes, size };
   }
 
-  /** Outlines of all facets as one broken line. */
+  /** Outlines of all facets as one line with gaps. */
   edges(axes) {
     const { facets, corners } = this.run;
     const lines = [[], [], []];
@@ -148,8 +148,8 @@ class Scene {
   }
 }
 
-/** What is wider than the page scrolls within itself, and says so. */
-function sayWhatScrolls() {
+/** Make elements that are wider than the page scrollable, with a note. */
+function markScrollable() {
   const look = new ResizeObserver((entries) => {
     for (const { target } of entries) {
       target.classList.toggle("hides", target.scrollWidth > target.clientWidth + 1);
@@ -158,13 +158,13 @@ function sayWhatScrolls() {
   document.querySelectorAll(".scroll").forEach((element) => look.observe(element));
 }
 
-/** On paper nothing can be opened. */
+/** Unfold all details before printing. */
 window.addEventListener("beforeprint", () => {
   document.querySelectorAll("details").forEach((element) => { element.open = true; });
 });
 
 async function drawReport() {
-  sayWhatScrolls();
+  markScrollable();
   const data = JSON.parse(document.getElementById("data").textContent, revive);
   const wanted = Object.keys(data.plots).length + data.scene.length;
   if (wanted) {
@@ -188,7 +188,7 @@ drawReport().catch((error) => {
   alert.className = "alert";
   alert.setAttribute("role", "alert");
   alert.textContent = `The interactive plots could not be drawn (${error.message}); a newer browser
-    may help. The pictures beside this file show the same.`;
+    may help. The pictures in the folder next to this file show the same plots.`;
   document.querySelector("main").prepend(alert);
   console.error(error);
 });

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Sections of a report on the earthquake: displacements of points, accelerations, spectra."""
+"""Report sections on the earthquake: displacements of points, accelerations, spectra."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ _DISPLACEMENTS = "Earthquake: displacements"
 
 
 def displacements(content: Content) -> Section:
-    """Histories and Fourier amplitudes of each point, with their peaks."""
+    """Return the section with histories, Fourier amplitudes and peaks of each point."""
     runs = [run for run in content.runs if run.moves]
     if not runs:
         return nothing("displacements", _DISPLACEMENTS, "histories of two records or more")
     pieces = [
         paragraph(
-            f"Displacements are {_frames(runs)} and counted from the static state, the "
-            "first record. Click a name in a legend to show or hide a run; runs after the second "
-            "start hidden.",
+            f"Displacements are {_frames(runs)}, minus the static state, which is the first "
+            "record. Click a name in a legend to show or hide a run; only two runs are visible "
+            "at first.",
             "note",
         ),
         table(
@@ -50,8 +50,8 @@ def displacements(content: Content) -> Section:
             [
                 "point, component, run",
                 "strong phase ends [s]",
-                "largest until then [mm]",
-                "largest after it [mm]",
+                "largest before [mm]",
+                "largest after [mm]",
                 "Fourier peak at [Hz]",
                 "± [Hz]",
                 "Fourier peak [mm s]",
@@ -59,9 +59,9 @@ def displacements(content: Content) -> Section:
             [row for name in _points(runs) for row in _peak_rows(runs, name)],
         ),
         paragraph(
-            "The strong phase lasts until 95 % of the ground's Arias intensity, all components "
-            "together, have arrived; where a file holds no ground acceleration it is the whole "
-            "run. A Fourier peak is known to half the distance of two frequencies.",
+            "The strong phase ends at 95 % of the ground's Arias intensity, summed over the "
+            "components. Without ground acceleration in the file it is the whole run. The "
+            "frequency of a Fourier peak is accurate to half a frequency interval.",
             "note",
         ),
     ]
@@ -77,7 +77,7 @@ def displacements(content: Content) -> Section:
 
 
 def response_spectra(content: Content) -> Section:
-    """Absolute accelerations and response spectra of points and ground, all in one band."""
+    """Return the section with absolute accelerations and response spectra, all in one band."""
     runs = [run for run in content.runs if run.has("histories", "acceleration")]
     runs = [run for run in runs if run.results.rows("histories") > 3]
     title = "Earthquake: accelerations and response spectra"
@@ -105,11 +105,13 @@ def response_spectra(content: Content) -> Section:
             f"Pseudo-acceleration of oscillators with {100 * SPECTRUM_DAMPING:g} % damping on "
             f"{name}"
         )
-        for what in ground:
-            caption += f", and on the {what} of {runs[0].label}"
+        for ground_label in ground:
+            caption += f", and on the {ground_label} of {runs[0].label}"
         caption += " (hidden at first)." if ground and len(having) > 1 else "."
         named = measures.band_name(band, *(run.results for run in having))
-        caption += f" Accelerations are {named}{'; periods beyond are shaded' if shaded else ''}."
+        caption += (
+            f" Accelerations are {named}{'; unresolved periods are shaded' if shaded else ''}."
+        )
         plotted = content.drawings.plot(f"response-{number + 1}", spec, caption)
         pieces.append(details(f"Response spectra at {name}", [plotted], opened=number == 0))
     head = ["point, run", *(f"{c} [m/s²]" for c in components(runs))]
@@ -135,20 +137,20 @@ def _peak_rows(runs: Sequence[Run], name: str) -> list[list[Any]]:
                 until, base = measures.strong_phase_end(run.results), run.relative_to
                 peaks = measures.peaks(run.results, name, strong_until=until, relative_to=base)
                 peak = peaks[component]
-                found = measures.fourier_peaks(run.results, name, component, relative_to=base)
+                fourier = measures.fourier_peaks(run.results, name, component, relative_to=base)
                 largest = [until, 1e3 * peak["strong"], 1e3 * peak["later"]]
-                spectrum = [found.frequency, 0.5 * found.bin_width, 1e3 * found.amplitude]
+                spectrum = [fourier.frequency, 0.5 * fourier.bin_width, 1e3 * fourier.amplitude]
                 rows.append([f"{name}, {component}, {run.label}", *largest, *spectrum])
     return rows
 
 
 def _frames(runs: Sequence[Run]) -> str:
-    """What the displacements of the runs are relative to."""
+    """Return a text on the reference frame of the runs' displacements."""
     return common_frame({run.label: frame_name(run.results, run.relative_to) for run in runs})
 
 
 def _curves(runs: Sequence[Run], name: str, of: Callable[..., Any]) -> list[list[Curve]]:
-    """Panels of a quantity of a point, by component."""
+    """Return the curves of a quantity of a point, one panel per component."""
     return [
         [(run.label, *of(run, name, c)) for run in runs if c in run.components]
         for c in components(runs)
@@ -180,7 +182,7 @@ def _spectra(runs: Sequence[Run], name: str) -> tuple[dict[str, Any], str]:
 
 
 def _pictures(content: Content, kind: str, name: str, number: int) -> list[Path]:
-    """Pictures of a point's histories or spectra, of the main run and its reference."""
+    """Write pictures of a point's histories or spectra of the main run and its reference."""
     main, reference = content.main, content.reference
     if not main.moves or name not in main.results.point_names:
         return []
@@ -197,7 +199,7 @@ def _pictures(content: Content, kind: str, name: str, number: int) -> list[Path]
 
 
 def _unresolved_periods(runs: Sequence[Run]) -> tuple[float, float] | None:
-    """Periods of the spectra that are too short for some run [s]."""
+    """Return the range of periods that are too short for some run [s], or None."""
     lowest, _ = measures.resolved_frequencies(*(run.results for run in runs)).lowest
     ends = float(PERIODS[0]), float(min(1.0 / lowest, PERIODS[-1]))
     return ends if ends[0] < ends[1] else None
@@ -212,16 +214,13 @@ def _acceleration_row(run: Run, name: str, band: float) -> list[Any]:
 
 
 def _spectrum(run: Run, name: str | None, band: float) -> Floats:
-    """Pseudo-accelerations of a point or, without a name, of the ground.
-
-    Shape (periods, components), [m/s^2].
-    """
+    """Return pseudo-accelerations (periods, components) [m/s^2] of a point, or of the ground."""
     if name is None:
         times, values = ground_motion(run.results)
         dt, values = equally_spaced(times, values[:, : len(run.components)])
         values = low_pass(values, dt, band)
     else:
         history = partial(measures.acceleration_history, run.results, name, band=band)
-        each = [history(c) for c in run.components]
-        dt, values = equally_spaced(each[0][0], np.stack([a for _, a in each], axis=1))
+        series = [history(c) for c in run.components]
+        dt, values = equally_spaced(series[0][0], np.stack([a for _, a in series], axis=1))
     return response_spectrum(values, dt, PERIODS, SPECTRUM_DAMPING).pseudo_acceleration

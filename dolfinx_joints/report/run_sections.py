@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Sections of a report on the runs themselves: energies, cost, iterations, files."""
+"""Report sections on the computation: energies, cost, iterations, files."""
 
 from __future__ import annotations
 
@@ -17,57 +17,57 @@ from dolfinx_joints.report.runs import Content, nothing
 from dolfinx_joints.results.quantities import ENERGY_TERMS
 
 _COUNTS = {
-    "accepted": "substeps that the steps were solved in",
-    "failed": "rejected attempts",
-    "iterations": "iterations in all",
+    "accepted": "accepted substeps",
+    "failed": "rejected substeps",
+    "iterations": "total iterations",
     "solver": "solver",
     "peak_mb": "peak memory [MB]",
 }
 _ERRORS = {
     "energy_error": "energy error / largest energy",
-    "imbalance": "energy that no line accounts for / largest energy",
-    "local_error": "largest error of one step / largest displacement",
+    "imbalance": "unexplained energy / largest energy",
+    "local_error": "largest local error of a step / largest displacement",
 }
 
 
 def cost(content: Content) -> Section:
-    """Seconds, steps, iterations, memory."""
+    """Return the section on time, steps, iterations and memory."""
     summaries = [run.results.summary for run in content.runs]
-    taken = [r.results.rows("histories") - 1 if r.has("histories") else None for r in content.runs]
-    rows: list[list[Cell]] = [["time steps", *taken]]
+    steps = [r.results.rows("histories") - 1 if r.has("histories") else None for r in content.runs]
+    rows: list[list[Cell]] = [["time steps", *steps]]
     rows += [[text, *(s.get(key) for s in summaries)] for key, text in _COUNTS.items()]
-    each = [
+    per_substep = [
         s["iterations"] / s["accepted"] if s.get("accepted") and "iterations" in s else None
         for s in summaries
     ]
-    rows.append(["iterations per substep", *each])
+    rows.append(["iterations per substep", *per_substep])
     stages = [s.get("seconds", {}) for s in summaries]
     names = dict.fromkeys(name for stage in stages for name in stage)
     rows += [[f"seconds: {name}", *(stage.get(name) for stage in stages)] for name in names]
-    rows.append(["seconds in all", *(run.seconds for run in content.runs)])
+    rows.append(["total seconds", *(run.seconds for run in content.runs)])
     return Section(
         "cost",
         "Cost",
         [
             table("Work of each run", _head("", content), rows),
-            paragraph("Seconds are those of a clock on the machine that ran it.", "note"),
+            paragraph("Seconds are wall-clock times of the computation.", "note"),
         ],
     )
 
 
 def energies(content: Content) -> Section:
-    """Closure of the energies, and their plots."""
+    """Return the section on the energy balance, with plots of the energies."""
     summaries = [run.results.summary for run in content.runs]
     rows = [[text, *(s.get(key) for s in summaries)] for key, text in _ERRORS.items()]
     unstated = [", ".join(s.get("laws_without_losses") or ()) or None for s in summaries]
     if any(unstated):
-        rows.append(["says nothing of joints of the laws", *unstated])
+        rows.append(["the balance leaves out joints with the laws", *unstated])
     pieces = [
-        table("How well the energies balance", _head("", content), rows),
+        table("Energy balance", _head("", content), rows),
         paragraph(
-            "The error is stored energy − stored at the start − input + what damping and friction "
-            "took; a scheme that balances energies leaves rounding, about 1e-14. The local error "
-            "estimates what one step does wrong.",
+            "The energy error is stored energy − stored energy at the start − input + energy "
+            "dissipated by damping and friction. For an energy-consistent scheme it is rounding, "
+            "about 1e-14. The local error is an estimate of the error of a single step.",
             "note",
         ),
     ]
@@ -87,18 +87,18 @@ def energies(content: Content) -> Section:
         through = waves_at_end(run.results)
         if through is not None:
             joule, unit = plots.energy_unit(max(map(abs, through)))
-            brought, taken = (plain(each / joule) for each in through)
+            incoming, outgoing = (plain(energy / joule) for energy in through)
             caption += (
-                " Waves: what came in through boundaries that absorb waves of rock or water less "
-                f"what went out, {brought} less {taken} {unit} at the end; input and viscous are "
-                "those of all else."
+                " Waves is the energy that came in through absorbing boundaries of rock or water "
+                f"minus the energy that went out: {incoming} minus {outgoing} {unit} at the end. "
+                "Input and viscous do not include these boundaries."
             )
         pieces.append(content.drawings.plot(f"energies-{number + 1}", spec, caption, [picture]))
     return Section("energies", "Energies", pieces)
 
 
 def convergence(content: Content) -> Section:
-    """Iterations and states of the joints over time."""
+    """Return the section on iterations and joint states over time."""
     runs = [run for run in content.runs if run.has("histories", "iterations", "joint_open")]
     if not runs:
         return nothing("iterations", "Iterations and joint states", "histories")
@@ -118,9 +118,7 @@ def convergence(content: Content) -> Section:
     if content.main in runs and content.main.results.joints:
         pictures.append(content.save("joint_states", plots.joint_states(content.main.results)))
     states = ", ".join(row.label for row in rows)
-    caption = (
-        f"Iterations of each step, and shares of joint points: {states}. Tied points do not count."
-    )
+    caption = f"Iterations of each step, and shares of joint points: {states}; without tied points."
     return Section(
         "iterations",
         "Iterations and joint states",
@@ -129,7 +127,7 @@ def convergence(content: Content) -> Section:
 
 
 def versions(content: Content) -> Section:
-    """Files of the runs, and programs that wrote the report."""
+    """Return the section on the results files and on the programs that wrote the report."""
     rows = [
         [run.label, str(run.results.path), run.results.created, run.results.status]
         for run in content.runs

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The runs of a report, their names, and the content of its sections."""
+"""Runs of a report, their labels, and the content of its sections."""
 
 from __future__ import annotations
 
@@ -27,41 +27,41 @@ _ENDINGS = (".h5", ".hdf5")
 
 @dataclass(frozen=True)
 class Run:
-    """A results file and its name in the report."""
+    """Results file with its label in the report."""
 
     results: Results
     label: str
 
     def has(self, stream: str, *names: str) -> bool:
-        """Whether the file has records of these quantities."""
+        """Return True if the file has records of these quantities."""
         present = self.results.streams.get(stream)
         return present is not None and set(names) <= set(present) and self.results.rows(stream) > 0
 
     @property
     def static_alone(self) -> bool:
-        """Whether the file holds static stages and nothing else."""
+        """Whether the file has only static stages."""
         return list(self.results.streams) == ["statics"] and self.has("statics")
 
     @property
     def end(self) -> float:
-        """Time of the last step [s], 0 if none was recorded."""
+        """Time of the last recorded step [s], 0 without a record."""
         streams = (s for s in ("histories", "energy", "states") if self.has(s))
         return max((float(self.results.time(s)[-1]) for s in streams), default=0.0)
 
     @property
     def seconds(self) -> float | None:
-        """Seconds that the run took, None where the file does not hold them."""
+        """Duration of the run [s], None if the file does not contain it."""
         stages = self.results.summary.get("seconds")
         return None if stages is None else float(sum(stages.values()))
 
     @property
     def components(self) -> list[Component]:
-        """Components of the displacement: z is left out of plane models."""
+        """Components of the displacement, without z in 2-D models."""
         return ["x", "y"] if self.plane else ["x", "y", "z"]
 
     @property
     def relative_to(self) -> str | None:
-        """What its displacements are shown relative to, None for as the file holds them."""
+        """Reference of the shown displacements, None for the file's own reference."""
         return usual_reference(self.results)
 
     @property
@@ -71,12 +71,12 @@ class Run:
 
     @cached_property
     def groups(self) -> list[str] | None:
-        """Cell groups that fill the pictures, those that joints cut; None for all of the body."""
+        """Cell groups with joints, which the pictures show; None for the whole body."""
         return jointed_groups(self.results) if "mesh/cells" in self.results.statics else None
 
     @property
     def plane(self) -> bool:
-        """Whether the model is plane."""
+        """Whether the model is 2-D."""
         return "mesh/surface" in self.results.statics and is_plane(self.results)
 
 
@@ -85,11 +85,11 @@ class Addition:
     """Sections that a study adds to a report, and the runs that it compares.
 
     Attributes:
-        first: Sections above those of every report.
-        last: Sections below them.
+        first: Sections before the standard sections.
+        last: Sections after the standard sections.
         note: Sentence at the end of the summary.
-        reference: Run that pictures draw behind the one that they show, and that stands first.
-        main: Run that pictures show; without it those of `linear_and_jointed`.
+        reference: Run that pictures show in the background; it is the first in tables.
+        main: Run that pictures show. Without it, `linear_and_jointed` chooses both runs.
     """
 
     first: Sequence[Section] = ()
@@ -101,13 +101,13 @@ class Addition:
 
 @dataclass(frozen=True)
 class Content:
-    """Runs and drawings that sections are made from.
+    """Runs and drawings of the sections.
 
     Attributes:
-        runs: Those that are compared, then the others in the order given.
-        drawings: Data that the scripts draw; sections add to it.
-        main: The run that pictures show.
-        reference: The run that pictures draw behind it.
+        runs: Compared runs, then the other runs in the given order.
+        drawings: Data for the page's scripts; sections add to it.
+        main: Run that pictures show.
+        reference: Run that pictures show in the background.
     """
 
     runs: Sequence[Run]
@@ -117,29 +117,30 @@ class Content:
 
     @property
     def compared(self) -> list[Run]:
-        """The reference and the main run, all runs where there is no reference."""
+        """Reference and main run, or all runs without a reference."""
         return [self.reference, self.main] if self.reference else list(self.runs)
 
     @property
     def band(self) -> float:
-        """Band of the accelerations of all runs [Hz]."""
+        """Cut-off frequency of the accelerations of all runs [Hz]."""
         return measures.common_band(*(run.results for run in self.runs if run.has("histories")))
 
     def save(self, name: str, drawn: Any, *, dpi: int = 130) -> Path:
-        """Write a picture beside the report."""
+        """Write a picture to the folder of the report; return its path."""
         self.drawings.folder.mkdir(parents=True, exist_ok=True)
         return plots.save(drawn.figure, self.drawings.folder / f"{name}.png", dpi=dpi)
 
 
 def components(runs: Iterable[Run]) -> list[Component]:
-    """Components of the displacement that any of the runs has."""
+    """Return the displacement components that any of the runs has."""
     return max((run.components for run in runs), key=len)
 
 
 def linear_and_jointed(runs: Sequence[Run]) -> tuple[Run | None, Run]:
-    """Of two runs the one without joints and the one with; of others None and the first with.
+    """Return the reference and the main run.
 
-    Files of static stages alone come after all others.
+    They are the runs without and with joints if there are just these two, and otherwise None and
+    the first run with joints. Runs with dynamic stages have precedence.
     """
     moving = [run for run in runs if not run.static_alone] or list(runs)
     with_joints = [run for run in moving if run.results.joints]
@@ -150,7 +151,10 @@ def linear_and_jointed(runs: Sequence[Run]) -> tuple[Run | None, Run]:
 
 
 def largest_moment(run: Run) -> tuple[float, str]:
-    """Time of the recorded state that displaces the first point most [s], in words."""
+    """Return the time [s] of the recorded state with the first point's largest displacement.
+
+    The second value describes the time in words.
+    """
     results = run.results
     moments = results.time("states")
     if not run.has("histories", "displacement"):
@@ -165,7 +169,7 @@ def largest_moment(run: Run) -> tuple[float, str]:
 
 @contextmanager
 def opened(paths: Sequence[str | Path]) -> Iterator[list[Run]]:
-    """Runs of results files, each called by the shortest end of its path that no other has."""
+    """Open results files; label each run by the shortest unique end of its path."""
     resolved = [Path(path).resolve() for path in paths]
     twice = next((path for path in resolved if resolved.count(path) > 1), None)
     if twice is not None:
@@ -176,13 +180,13 @@ def opened(paths: Sequence[str | Path]) -> Iterator[list[Run]]:
         yield [Run(file, name) for file, name in zip(files, names, strict=True)]
 
 
-def nothing(name: str, title: str, what: str) -> Section:
-    """A section on what the files do not hold."""
-    return Section(name, title, [paragraph(f"The files hold no {what}.")])
+def nothing(name: str, title: str, missing: str) -> Section:
+    """Return a section that states what is missing in the files."""
+    return Section(name, title, [paragraph(f"The files have no {missing}.")])
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """The shortest end of each path that no other has, without .h5 or .hdf5 where that will do."""
+    """Return the shortest unique end of each path, without .h5 or .hdf5 if that is unique."""
     short = [path.with_suffix("") if path.suffix in _ENDINGS else path for path in paths]
     parts = [path.parts for path in (short if len(set(short)) == len(short) else paths)]
     names = []

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Sections of a report, in order: statics, earthquake, joints, stresses, then how it was done."""
+"""Order of the sections of a report: statics, earthquake, joints, stresses, then computation."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SECTIONS_OF_BODY = (body_sections.space, body_sections.stresses, body_sections.m
 
 
 def ordered(content: Content, added: Addition, *, of_body: bool) -> list[Section]:
-    """All sections of a report, those that the caller adds first and last."""
+    """Return all sections of a report, with the caller's sections first and last."""
     chosen = [make for make in SECTIONS if of_body or make not in SECTIONS_OF_BODY]
     progress, made = Progress("report", len(chosen), "sections"), []
     for make in chosen:

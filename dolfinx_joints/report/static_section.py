@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Section of a report on the static stages: pictures, displacements, joints, stresses."""
+"""Report section on the static stages: pictures, displacements, joints, stresses."""
 
 from __future__ import annotations
 
@@ -20,34 +20,34 @@ from dolfinx_joints.report.runs import Content, Run, nothing
 from dolfinx_joints.results.quantities import TABLE, rows_below
 
 _ENERGIES_NOTE = (
-    "Energies count from the unloaded body. Numerical is the energy that joints lose, or gain if "
-    "it is negative, because the path within an increment of the loads is straight. Released is "
-    "the work of forces out of balance along the increments, a part of friction and numerical; "
-    "more load steps make it smaller unless the structure jumps."
+    "Energies are zero in the unloaded body. Numerical is the energy that joints lose (gain, if "
+    "negative) because the displacement path within a load increment is straight. Released is the "
+    "work of the out-of-balance forces along the increments; it is part of friction and numerical. "
+    "More load steps reduce it unless the structure jumps."
 )
 
-# Share of the largest energy below which a value is rounding.
+# Energies below this fraction of the largest one are rounding errors and shown as zero.
 _ROUNDING = 1e-12
 
 
 def statics(content: Content) -> Section:
-    """Pictures of the main run's static stages, and tables of all compared runs."""
+    """Return the section with pictures of the main run and tables of all compared runs."""
     title = "Statics"
-    each = [(run, stages(run)) for run in content.compared]
+    pairs = [(run, stages(run)) for run in content.compared]
     pieces: list[Html] = []
-    for run, found in each:
-        pieces += _tables(run, found) if found else []
+    for run, static_stages in pairs:
+        pieces += _tables(run, static_stages) if static_stages else []
     if not pieces:
         return nothing("statics", title, "static state")
     note = (
-        "Displacements are counted from the unloaded body. Files without named stages show the "
-        "state that the earthquake starts from."
+        "Displacements are relative to the unloaded body. For files without named stages, the "
+        "state at the start of the earthquake is shown."
     )
     return Section("statics", title, [paragraph(note, "note"), *_pictures(content), *pieces])
 
 
 def _pictures(content: Content) -> list[Html]:
-    """The deformed body after each static stage, from downstream, all to one scale."""
+    """Return the deformed body after each static stage, from downstream, at a common scale."""
     run = content.main
     names = run.results.stage_names
     surface = {"mesh/nodes", "mesh/surface"} <= set(run.results.statics)
@@ -64,31 +64,31 @@ def _pictures(content: Content) -> list[Html]:
         pictures.append(content.drawings.picture(path, f"{run.label} after {name}"))
     caption = f"{run.label} after each static stage, from downstream."
     if _any_lacks(run, "absent"):
-        caption += " Blocks that are absent in a stage are drawn unmoved."
+        caption += " Blocks that are absent in a stage are drawn undeformed."
     return [figure(pictures, caption + gaps_note(run))]
 
 
 def _any_lacks(run: Run, *what: str) -> bool:
-    """Whether joints were inactive, or blocks absent, in any static stage."""
+    """Return True if any static stage has inactive joints or absent blocks, as named."""
     acting = (run.results.metadata.get("manifest") or {}).get("static_stages", {})
-    return any(f"; {each}: " in text for text in acting.values() for each in what)
+    return any(f"; {word}: " in text for text in acting.values() for word in what)
 
 
 def gaps_note(run: Run) -> str:
-    """What to keep in mind of pictures of blocks that stood alone for a time; empty of others."""
+    """Return a note on gaps between blocks that moved independently, or an empty text."""
     if not _any_lacks(run, "inactive", "absent"):
         return ""
     return (
-        " Displacements are from the unloaded body: where blocks moved apart before the joints "
-        "between them acted there are gaps that are no openings."
+        " Displacements are relative to the unloaded body: gaps between blocks that moved apart "
+        "before their joint was active are not openings."
     )
 
 
 def stages(run: Run) -> list[StaticStage]:
-    """The static stages of a run or, of files without any, the first record."""
-    found = measures.static_stages(run.results)
-    if found or not run.has("histories", "displacement"):
-        return found
+    """Return the static stages of a run, or the first record if there are no stages."""
+    static_stages = measures.static_stages(run.results)
+    if static_stages or not run.has("histories", "displacement"):
+        return static_stages
     results = run.results
     moved = results.series("histories", "displacement", 0)
     joints = results.joints if run.has("states") else []
@@ -107,11 +107,11 @@ def stages(run: Run) -> list[StaticStage]:
     ]
 
 
-def _tables(run: Run, found: Sequence[StaticStage]) -> list[Html]:
-    """Displacements, joints and stresses of a run, one stage after the other."""
+def _tables(run: Run, static_stages: Sequence[StaticStage]) -> list[Html]:
+    """Return tables of displacements, joints, stresses and energies of a run by stage."""
     moved: list[list[Cell]] = []
     joints: list[list[Cell]] = []
-    for stage in found:
+    for stage in static_stages:
         moved += [[stage.name]] + [
             [point, *(1e3 * float(u) for u in values[: len(run.components)])]
             for point, values in stage.displacement.items()
@@ -121,43 +121,43 @@ def _tables(run: Run, found: Sequence[StaticStage]) -> list[Html]:
             for name, joint in stage.joints.items()
         ]
     pieces = []
-    if found[0].displacement:
+    if static_stages[0].displacement:
         head = ["point", *(f"{component} [mm]" for component in run.components)]
         pieces.append(table(f"Static displacements ({run.label})", head, moved))
-    if found[0].joints:
+    if static_stages[0].joints:
         head = ["joint", *(row.heading for row in TABLE["stage_joints"])]
         pieces.append(table(f"Joints in the static stages ({run.label})", head, joints))
         warnings = {name: joint_geometry(run.results, name).warning for name in run.results.joints}
         pieces += [
             paragraph(f"{name} is {text}.", "note") for name, text in warnings.items() if text
         ]
-    names = list(found[0].stresses)
-    rows = [[s.name, *(1e-6 * s.stresses[n] for n in names)] for s in found]
-    if any(not np.isnan(value) for stage in found for value in stage.stresses.values()):
+    names = list(static_stages[0].stresses)
+    rows = [[s.name, *(1e-6 * s.stresses[n] for n in names)] for s in static_stages]
+    if any(not np.isnan(value) for stage in static_stages for value in stage.stresses.values()):
         head = ["stage", *(f"{name.replace('_', ', ')} [MPa]" for name in names)]
         pieces.append(table(f"Static stresses, tension > 0 ({run.label})", head, rows))
-    return pieces + _energies(run, found) + [paragraph(text) for text in jump_warnings(run)]
+    return pieces + _energies(run, static_stages) + [paragraph(text) for text in jump_warnings(run)]
 
 
-def _energies(run: Run, found: Sequence[StaticStage]) -> list[Html]:
-    """Table of the energies of a run without columns of zeros; nothing of files without them."""
-    known = [(stage.name, stage.energy) for stage in found if stage.energy is not None]
-    if not known:
+def _energies(run: Run, static_stages: Sequence[StaticStage]) -> list[Html]:
+    """Return a table of a run's energies without columns of zeros, empty without energies."""
+    energies = [(stage.name, stage.energy) for stage in static_stages if stage.energy is not None]
+    if not energies:
         return []
-    rows = [_by_column(energy) for _, energy in known]
+    rows = [_by_column(energy) for _, energy in energies]
     columns = [name for name in rows[0] if any(row[name] for row in rows)]
     joule, unit = energy_unit(max((abs(row[name]) for row in rows for name in columns), default=0))
     head = ["stage", *(f"{name} [{unit}]" for name in columns), "balance error / largest [%]"]
     cells = [
         [name, *(row[column] / joule for column in columns), 100.0 * energy.relative_error]
-        for (name, energy), row in zip(known, rows, strict=True)
+        for (name, energy), row in zip(energies, rows, strict=True)
     ]
     title = f"Energies of the static stages ({run.label})"
     return [table(title, head, cells), paragraph(_ENERGIES_NOTE, "note")]
 
 
 def _by_column(energy: StageEnergy) -> dict[str, float]:
-    """Energies by the heads of their columns, those of all joints added up, [J]."""
+    """Return the energies by column title, [J]; energies of joints are summed over the joints."""
     values = {f"work of {load}": work for load, work in energy.loads.items()}
     for row in TABLE["statics"]:
         if row.name.startswith("energy/joints/"):
@@ -169,7 +169,7 @@ def _by_column(energy: StageEnergy) -> dict[str, float]:
 
 
 def jump_warnings(run: Run) -> list[str]:
-    """Sentences on the jumps of the static stages of a run."""
+    """Return a warning for each static stage of a run in which the structure jumps."""
     return [
         f"{run.label}: the structure jumps in the static stage {name!r}: {'; '.join(jumps)}."
         for name, jumps in stage_jumps(run.results).items()

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A report on runs: one HTML file that needs no other and no net, and pictures beside it."""
+"""Writing of a report: one self-contained HTML file, and a folder of its pictures."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def write(
 ) -> Path:
     """Write a report on the runs of one or several results files.
 
-    The file ``out`` holds everything; the pictures of its plots are written into a folder beside
-    it, named like it.
+    The file ``out`` is complete. The pictures of its plots are also written to the folder
+    `picture_folder` next to it.
 
     Args:
-        results: The files, in the order in which the report is to name them.
+        results: The files, in the order of the report.
         out: The HTML file; replaced if it exists.
-        with_3d: Include the view in space and the pictures of the body, most of the file's size.
-        add: Gives further sections on the runs, and which of them are compared.
+        with_3d: Include the 3-D view and the pictures of the body, most of the file's size.
+        add: Function that returns further sections and the runs to compare.
 
     Returns:
         The path of the HTML file.
@@ -47,10 +47,10 @@ def write(
     """
     target = Path(out)
     if target.suffix.lower() not in (".html", ".htm"):
-        raise ResultsError(f"A report is written to a file that ends in .html, got {target}.")
+        raise ResultsError(f"A report needs a file name that ends in .html, got {target}.")
     _check_packages()
     muted = warnings.catch_warnings(action="ignore", category=PlausibilityWarning)
-    with opened(results) as runs, _written(target), muted:  # the page tells of them
+    with opened(results) as runs, _written(target), muted:  # the page lists them
         target.parent.mkdir(parents=True, exist_ok=True)
         added = add(runs) if add else Addition()
         reference, main = linear_and_jointed(runs)
@@ -69,7 +69,7 @@ def write(
 
 
 def picture_folder(out: Path) -> Path:
-    """Folder of the pictures of a report."""
+    """Return the folder of the pictures of a report."""
     return out.with_name(f"{out.stem}_files")
 
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Many cases of one function on any executor, a row each; knows nothing of what a case computes."""
+"""Studies: many cases of one function on any executor, with one table row per case."""
 
 import lazy_loader
 

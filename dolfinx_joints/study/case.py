@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""One case of a study in an interpreter of its own, started by whatever worker takes it.
+"""One case of a study, which a worker runs in a separate Python interpreter.
 
-The interpreter shares nothing with the worker, least of all MPI: a case that dies leaves the worker
-alive, and a worker that dies ends its case, whose standard input closes.
+The interpreter shares nothing with the worker, in particular not MPI. If a case crashes, the worker
+continues. If the worker ends, the case's standard input closes and the case ends too.
 """
 
 from __future__ import annotations
@@ -34,23 +34,22 @@ from dolfinx_joints.study.table import Row
 
 Function = Callable[..., Mapping[str, Any]]
 _LONGEST_REASON = 2000  # characters
-# Variables by which the programs of MPI find each other: a case is not one of theirs.
+# Environment variables of MPI launchers; removed, because a case is not part of the MPI job.
 _MPI = ("OMPI_", "PMI_", "PMIX_", "PRTE_", "HYDRA_", "HYDI_", "MPI_LOCAL")
 _running: set[subprocess.Popen[bytes]] = set()
 
 
 def packed(function: Function) -> bytes:
-    """A function, and how another interpreter imports its module."""
+    """Pickle a function with the data that another interpreter needs to import its module."""
     preparation = spawn.get_preparation_data("case")
-    del preparation["authkey"]  # of this process alone
+    del preparation["authkey"]  # valid in this process only
     return pickle.dumps((preparation, pickle.dumps(function)))
 
 
 def run_case(name: str, work: bytes, folder: str, parameters: Mapping[str, Any]) -> Row:
     """Run a case in an empty folder and a new interpreter; return its row.
 
-    ``work`` is its function, `packed`. A case of the same name that a runner has left behind is
-    waited for.
+    ``work`` is the `packed` function. If a killed runner left the same case running, wait for it.
     """
     if parent := multiprocessing.parent_process():
         threading.Thread(target=_end_with_the_runner, args=(parent,), daemon=True).start()
@@ -65,20 +64,20 @@ def run_case(name: str, work: bytes, folder: str, parameters: Mapping[str, Any])
 
 
 def _end_with_the_runner(parent: BaseProcess) -> None:
-    """End this worker of a pool and its case when the process that has the pool ends."""
+    """End this pool worker and its case when the process that owns the pool ends."""
     parent.join()
     end_cases()
     os._exit(1)
 
 
 def end_cases() -> None:
-    """End the cases that this process has started."""
+    """Kill the cases that this process has started."""
     for process in list(_running):
         process.kill()
 
 
 def _outcome(work: bytes, folder: Path, parameters: Mapping[str, Any]) -> Row:
-    """Status, reason, values and peak memory of a case."""
+    """Run a case; return its status, reason, values and peak memory."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(_MPI)}
     process = subprocess.Popen(
         [sys.executable, "-c", "from dolfinx_joints.study.case import main; main()"],
@@ -93,7 +92,7 @@ def _outcome(work: bytes, folder: Path, parameters: Mapping[str, Any]) -> Row:
         with process.stdin as to_case:
             pickle.dump((work, folder, dict(parameters)), to_case)
             to_case.flush()
-            answer = process.stdout.read()  # until it ends
+            answer = process.stdout.read()  # returns when the case ends
         code = process.wait()
     finally:
         process.kill()
@@ -106,7 +105,7 @@ def _outcome(work: bytes, folder: Path, parameters: Mapping[str, Any]) -> Row:
 
 
 def main() -> None:
-    """Run the case that standard input tells; its outcome goes to standard output as JSON."""
+    """Run the case read from standard input and write its result to standard output as JSON."""
     work, folder, parameters = pickle.load(sys.stdin.buffer)
     preparation, function = pickle.loads(work)
     threading.Thread(target=_end_with_the_worker, daemon=True).start()
@@ -125,27 +124,27 @@ def main() -> None:
     sys.stdout.flush()
     with os.fdopen(answer, "wb") as to_worker:
         to_worker.write(json.dumps(outcome | {"peak_mb": peak_mb()}).encode())
-    os._exit(0)  # the thread that waits holds standard input
+    os._exit(0)  # a normal exit would wait for the thread that reads standard input
 
 
 def _end_with_the_worker() -> None:
-    """Wait for the end of the process that started this one, then end as well."""
-    os.read(0, 1)  # nothing more comes before the end
+    """End this process when the process that started it ends."""
+    os.read(0, 1)  # returns only when standard input closes
     os._exit(1)
 
 
 def reason_of(error: BaseException) -> str:
-    """Why a case failed, in a line."""
+    """Return the reason why a case failed, in one line."""
     return in_one_line(f"{type(error).__name__}: {error}")
 
 
 def in_one_line(text: str) -> str:
-    """A text without breaks, not too long."""
+    """Return a text without line breaks, cut to `_LONGEST_REASON` characters."""
     return " ".join(text.split())[:_LONGEST_REASON]
 
 
 def _plain_values(values: Any) -> tuple[dict[str, float | str], list[str]]:
-    """Values that a case returned as numbers and texts, and remarks on the others."""
+    """Return the numbers and texts that a case returned, and remarks on its other values."""
     if not isinstance(values, Mapping):
         raise StudyError(f"The function must return a mapping of values, not {values!r:.80}.")
     kept: dict[str, float | str] = {}
@@ -155,8 +154,8 @@ def _plain_values(values: Any) -> tuple[dict[str, float | str], list[str]]:
         if plain is None:
             print(f"{name!r}: {value!r}", flush=True)
             remarks.append(
-                f"The value {name!r} must be a number or a text, not {value!r:.80}; it is in "
-                "log.txt alone."
+                f"The value {name!r} must be a number or a text, not {value!r:.80}; it is only "
+                "in log.txt."
             )
         else:
             kept[name] = plain
@@ -164,7 +163,7 @@ def _plain_values(values: Any) -> tuple[dict[str, float | str], list[str]]:
 
 
 def _plain(value: Any) -> float | str | None:
-    """A value as a file holds it, None where it is neither number nor text."""
+    """Return a text, or a number as float; None for any other value."""
     if isinstance(value, str):
         return value
     return float(value) if isinstance(value, Real | np.bool_) else None

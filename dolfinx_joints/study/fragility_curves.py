@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Fragility: how probable it is that a limit is exceeded at an intensity of the ground motion."""
+"""Fragility: probability that a limit is exceeded at a given ground-motion intensity."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Fragility:
-    """A lognormal fragility curve, P(IM) = Phi(ln(IM / median) / dispersion).
+    """Lognormal fragility curve, P(IM) = Phi(ln(IM / median) / dispersion).
 
     Attributes:
-        median: Intensity at which the limit is exceeded in half of the runs, in its unit.
-        dispersion: Standard deviation of its logarithm.
+        median: Intensity with a probability of exceedance of 0.5, in the unit of the intensities.
+        dispersion: Standard deviation of the logarithm of the intensity.
         intensity: Intensities of the runs, shape (runs,).
-        exceeded: Which of them exceeded the limit, shape (runs,).
+        exceeded: Fraction of exceedance of each run, 0 to 1, shape (runs,).
     """
 
     median: float
@@ -36,7 +36,7 @@ class Fragility:
     exceeded: Floats
 
     def __call__(self, intensity: ArrayLike) -> Floats:
-        """Probability at intensities, of their shape."""
+        """Return the probabilities of exceedance at intensities, of the same shape."""
         from scipy.stats import norm
 
         logarithm = np.log(np.asarray(intensity, dtype=np.float64) / self.median)
@@ -63,56 +63,56 @@ def fragility(intensity: ArrayLike, exceeded: ArrayLike) -> Fragility:
     """Fit a fragility curve by maximum likelihood (Baker 2015, Earthquake Spectra 31, eq. 11).
 
     Args:
-        intensity: Of each run, positive, such as a column of `MotionSuite.table`.
-        exceeded: Whether its response exceeded the limit, or in what share of runs at this
-            intensity, from 0 to 1; of the same shape.
+        intensity: Intensity of each run, positive, such as a column of `MotionSuite.table`.
+        exceeded: Whether each run exceeded the limit, or the fraction of runs at this intensity
+            that did, from 0 to 1; of the same shape.
 
     Raises:
-        ValueError: Shapes or values are others, or the runs do not tell how steep the curve is:
-            none exceeds the limit, all do, or all below an intensity do not and all above do; or
-            they do not exceed it more often at higher intensities.
+        ValueError: A shape or value is not allowed, or the runs do not determine the curve. This
+            is so if no run exceeds the limit, if all do, if exactly the runs above an intensity
+            do, or if exceedances do not increase with intensity.
     """
-    whether = np.asarray(exceeded)
+    flags = np.asarray(exceeded)
     x = numbers_of(intensity)
-    share = numbers_of(whether.astype(float) if whether.dtype == bool else exceeded)
+    share = numbers_of(flags.astype(float) if flags.dtype == bool else exceeded)
     if (
         (x is None or share is None or x.ndim != 1 or x.shape != share.shape)
         or not np.all(x > 0.0)
         or not np.all((share >= 0.0) & (share <= 1.0))
     ):
         raise ValueError(
-            f"fragility takes positive intensities and as many shares from 0 to 1; got "
+            f"fragility needs positive intensities and as many fractions from 0 to 1; got "
             f"{shown(intensity)} and {shown(exceeded)}."
         )
     yes, no = x[share > 0.0], x[share < 1.0]
     if not len(yes):
-        where = "no run"
+        exceeding = "no run"
     elif not len(no):
-        where = "every run"
+        exceeding = "every run"
     elif yes.min() >= no.max():
-        where = f"every run above {no.max():.4g} and in none below"
-    elif (share - share.mean()) @ np.log(x) > 1e-9:  # if not, no finite dispersion is likeliest
+        exceeding = f"every run above {no.max():.4g} and in no run below"
+    elif (share - share.mean()) @ np.log(x) > 1e-9:  # else the most likely dispersion is infinite
         return _fitted(x, share)
     else:
         raise ValueError(
             "The limit is not exceeded more often at higher intensities: add motions or scalings, "
-            "or take another intensity."
+            "or use another intensity measure."
         )
     raise ValueError(
-        f"The limit is exceeded in {where}: a curve needs runs of both kinds that overlap; add "
-        "motions or scalings."
+        f"The limit is exceeded in {exceeding}. A curve needs runs with and without exceedance in "
+        "an overlapping range of intensities; add motions or scalings."
     )
 
 
 def _fitted(x: Floats, share: Floats) -> Fragility:
-    """The parameters that make the runs most likely."""
+    """Return the curve with maximum likelihood."""
     from scipy.optimize import minimize
     from scipy.stats import norm
 
     logarithm = np.log(x)
     middle, width = float(logarithm.mean()), float(logarithm.std())
 
-    def unlikely(parameters: Any) -> float:  # convex in these two, as it is not in the other two
+    def unlikely(parameters: Any) -> float:  # convex in level and slope, not in median, dispersion
         z = parameters[0] + parameters[1] * (logarithm - middle) / width
         return -float(share @ norm.logcdf(z) + (1.0 - share) @ norm.logsf(z))
 

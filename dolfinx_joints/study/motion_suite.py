@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""One model under a suite of ground motions, side by side."""
+"""Concurrent runs of one model under a suite of ground motions."""
 
 from __future__ import annotations
 
@@ -44,31 +44,31 @@ if TYPE_CHECKING:
 
 State = Literal["there", "begun", "new"]
 
-# Failures of a step, or of one run to go on: of one motion, whatever becomes of others.
+# Errors that end the run of one motion only; the other runs continue.
 OF_ONE = (ConvergenceError, JointsError, OtherRunError)
 
-# Key of a results file's metadata.
+# Metadata key in the results file.
 DIGEST = "motion of the suite"
 
 
 class MotionSuite(Summarised):
-    """Runs of one model from one static state, each under a ground motion of its own.
+    """Runs of one model from one static state, each under a separate ground motion.
 
-    They share the bulk's factor and the compliance at the joints; linear systems are solved in
-    blocks of all runs, which takes several times less than one by one. Joints iterate by
-    themselves: a run gives what it gives alone, but for rounding. Each has a results file
-    ``NAME.h5``, and while it lasts a checkpoint ``NAME.checkpoint``: killed at any moment, a suite
-    goes on where it was.
+    The runs share the bulk's factor and the joint compliance. Linear systems of all runs are solved
+    as blocks, which is several times faster than one by one. The joints of each run iterate
+    independently, so its results equal those of a single run to rounding. Each run writes a results
+    file ``NAME.h5`` and, until it ends, a checkpoint ``NAME.checkpoint``. A suite that was killed
+    continues from the checkpoints.
 
     Args:
-        path: Folder of the suite, made where missing.
-        simulation: Its model, options and static state are taken.
+        path: Folder of the suite, created if missing.
+        simulation: Simulation with the model, options and static state.
         motions: Ground motions by name of the run.
         points: Monitor points, see `ResultsMonitor`.
         every: Steps between two states in the results files.
 
     Raises:
-        ValueError: A name is no file name, or a motion is no `Motion`.
+        ValueError: A name is not a file name, or a motion is not a `Motion`.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class MotionSuite(Summarised):
         points: Mapping[str, Sequence[float] | Probe],
         every: int = 10,
     ) -> None:
-        """Check the motions; nothing is written yet."""
+        """Check the motions; write nothing yet."""
         check_kind_of("simulation", simulation, isinstance(simulation, Simulation), "a Simulation")
         check_named("motions", motions, "motions by name of the run")
         for name, motion in motions.items():
@@ -106,64 +106,72 @@ class MotionSuite(Summarised):
     ) -> Tally:
         """Run the motions that have no complete results yet, each to its end (collective).
 
-        A change of the model, its static state or ``options`` goes unnoticed by complete runs.
+        Complete runs are not repeated if the model, its static state or ``options`` change.
 
         Args:
             dt: Time step [s].
-            at_once: Runs side by side: each holds its own state, some 20 vectors.
+            at_once: Number of concurrent runs; each stores about 20 vectors.
             checkpoint_every: Steps between two checkpoints of a run.
-            rerun_changed: Run again what was run under another motion or time step, an error
-                otherwise, and begin runs anew that have not ended and had another model, points
-                or ``options``; otherwise they fail.
+            rerun_changed: Repeat runs whose motion or time step has changed (otherwise an error),
+                and restart incomplete runs whose model, points or ``options`` have changed
+                (otherwise they fail).
             options: ``scheme``, ``control`` and ``loads`` of `Simulation.dynamics`.
 
         Returns:
-            Runs done, failed with the reason, and skipped because they were there.
+            Completed runs, failed runs with reasons, and runs skipped as already complete.
 
         Raises:
-            StudyError: The motion of a run has changed.
-            ResultsError: A results file cannot be written; other runs have come to their end.
+            StudyError: The motion or the time step of a run has changed.
+            ResultsError: A results file cannot be written; the other runs have been completed.
         """
         states = on_root(self._comm, lambda: self._states(dt, rerun_changed))
         waiting = [name for name, state in states.items() if state != "there"]
         shared = SharedBulk()
         try:
-            found = shared.scheduler.run(
+            outcomes = shared.scheduler.run(
                 {
-                    n: self._of(n, dt, states[n], shared, checkpoint_every, rerun_changed, options)
+                    n: self._task(
+                        n, dt, states[n], shared, checkpoint_every, rerun_changed, options
+                    )
                     for n in waiting
                 },
                 at_once,
             )
         finally:
             shared.destroy()
-        failed = {n: str(end) for n, end in found.items() if type(end) in OF_ONE}
-        for end in found.values():
+        failed = {n: str(end) for n, end in outcomes.items() if type(end) in OF_ONE}
+        for end in outcomes.values():
             if isinstance(end, Exception) and type(end) not in OF_ONE:
-                raise end  # a wrong point, a full disk: of no use to go on with
+                raise end  # such as a wrong point or a full disk: it concerns all runs
         done = [name for name in waiting if name not in failed]
         skipped = [name for name in states if name not in waiting]
         return Tally(done=done, failed=failed, skipped=skipped, failed_before={}, remarks={})
 
     def results(self, name: str) -> Path:
-        """Results file of a run."""
+        """Return the results file of a run."""
         return self.path / f"{name}.h5"
 
     @checked
     def table(self, *, period: Annotated[float, at.Gt(0), at.Unit("s")] | None = None) -> Table:
-        """Intensities and responses of the complete runs, a row each, in the order of the motions.
+        """Return intensities and responses, one row per complete run, in the order of the motions.
 
-        Of a motion: ``pga [m/s^2]`` and ``sa [m/s^2]``, the pseudo-acceleration at a ``period``
-        with 5 % damping, the largest of its components; ``arias [m/s]``, the sum of theirs; in
-        2-D of x and z, which move the model. Of the run, over all joints: ``opening [m]``, ``slip
-        [m]`` and the smallest ``safety [-]`` against sliding, as in `joint_peaks`; ``displacement
-        [m]``, the largest single component, x, y or z, of a monitor point at the crest, from the
-        static state; ``imbalance [-]`` of the energy lines.
+        Columns of the motion (in 2-D of x and z, which move the model):
+
+        - ``pga [m/s^2]`` and ``sa [m/s^2]``, the largest component of the acceleration and of the
+          pseudo-acceleration at a ``period`` [s] with 5 % damping,
+        - ``arias [m/s]``, the sum over the components.
+
+        Columns of the run:
+
+        - ``opening [m]``, ``slip [m]`` and the smallest ``safety [-]`` against sliding of all
+          joints, as in `joint_peaks`,
+        - ``displacement [m]``, the largest component of a crest point from the static state,
+        - ``imbalance [-]`` of the energy ledger.
         """
-        known = {name: self._known(self.results(name)) for name in self.motions}
-        complete = [name for name, found in known.items() if found is not None and found[0]]
+        stored = {name: self._stored(self.results(name)) for name in self.motions}
+        complete = [name for name, run in stored.items() if run is not None and run[0]]
         rows = [self._row(name, period) for name in complete]
-        values = {what: np.array([row[what] for row in rows]) for what in (rows or [{}])[0]}
+        values = {column: np.array([row[column] for row in rows]) for column in (rows or [{}])[0]}
         return {"case": np.array(complete, dtype=object), **values}
 
     def _row(self, name: str, period: float | None) -> dict[str, float]:
@@ -176,31 +184,31 @@ class MotionSuite(Summarised):
             row["sa [m/s^2]"] = float(spectrum.pseudo_acceleration.max())
         with Results(self.results(name)) as results:
             joints = [joint_peaks(results, joint) for joint in results.joints]
-            for what, unit, of in (("opening", "m", max), ("slip", "m", max), ("safety", "-", min)):
-                known = [peaks[what].value for peaks in joints if not np.isnan(peaks[what].value)]
-                row[f"{what} [{unit}]"] = of(known, default=math.nan)
+            for kind, unit, of in (("opening", "m", max), ("slip", "m", max), ("safety", "-", min)):
+                values = [peaks[kind].value for peaks in joints if not np.isnan(peaks[kind].value)]
+                row[f"{kind} [{unit}]"] = of(values, default=math.nan)
             crest = displacement_peak(results, crest_points(results))
             row["displacement [m]"] = abs(crest.value)
-            left = results.summary["imbalance"]
-            row["imbalance [-]"] = math.nan if left is None else left
+            imbalance = results.summary["imbalance"]
+            row["imbalance [-]"] = math.nan if imbalance is None else imbalance
         return row
 
     def _states(self, dt: float, rerun_changed: bool) -> dict[str, State]:
-        """Which runs are complete and which have begun."""
+        """Return the state of each run: complete, begun or new."""
         self.path.mkdir(parents=True, exist_ok=True)
         states: dict[str, State] = {}
         for name, motion in self.motions.items():
             path = self.results(name)
             states[name] = "new"
-            known = self._known(path)
-            if known is None:
+            stored = self._stored(path)
+            if stored is None:
                 continue
-            complete, digest = known
+            complete, digest = stored
             if digest != _digest(motion, dt):
                 if not rerun_changed:
                     raise StudyError(
-                        f"{path} is of another motion or time step than {name!r} now has; pass "
-                        "rerun_changed=True to run it again, or take another folder."
+                        f"{path} was computed with another motion or time step for {name!r}; pass "
+                        "rerun_changed=True to run it again, or use another folder."
                     )
             elif complete:
                 states[name] = "there"
@@ -208,10 +216,10 @@ class MotionSuite(Summarised):
                 states[name] = "begun"
         return states
 
-    def _known(self, path: Path) -> tuple[bool, Any] | None:
-        """Whether a run is complete, and its digest; None without a run.
+    def _stored(self, path: Path) -> tuple[bool, Any] | None:
+        """Return True if a run is complete, and its digest; None without a readable file.
 
-        A kill while it was set up leaves a file that is still open for writing and cannot be read.
+        A run that was killed during its setup leaves a file that cannot be read.
         """
         if not path.exists():
             return None
@@ -226,7 +234,7 @@ class MotionSuite(Summarised):
     def _checkpoint(self, name: str) -> Path:
         return self.path / f"{name}.checkpoint"
 
-    def _of(
+    def _task(
         self,
         name: str,
         dt: float,
@@ -236,9 +244,9 @@ class MotionSuite(Summarised):
         rerun_changed: bool,
         options: Mapping[str, Any],
     ) -> Any:
-        """The run of a motion, to be called."""
+        """Return a function that runs a motion."""
         given, motion = self._simulation, self.motions[name]
-        # Of a sample beyond the last step there is nothing left but rounding.
+        # Do not add a step if the duration exceeds the last step only by rounding.
         steps = max(math.ceil(motion.duration / dt * (1.0 - 1e-12)), 1)
 
         def run(*, resume: bool) -> Outcome:
@@ -264,16 +272,14 @@ class MotionSuite(Summarised):
                 return run(resume=True)
             except OtherRunError as error:
                 if not rerun_changed:
-                    raise OtherRunError(
-                        f"{error} Pass rerun_changed=True to begin it anew."
-                    ) from None
+                    raise OtherRunError(f"{error} Pass rerun_changed=True to restart it.") from None
             return run(resume=False)
 
         return begun if state == "begun" else partial(run, resume=False)
 
 
 def _digest(motion: Motion, dt: float) -> str:
-    """What tells motions and time steps apart."""
+    """Return a hash of the motion and the time step."""
     return hashlib.sha256(
         motion.acceleration.tobytes() + repr((motion.dt, dt)).encode()
     ).hexdigest()

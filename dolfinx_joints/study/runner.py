@@ -1,15 +1,15 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Many cases of one function on an executor, each in a process of its own; resumable.
+"""Resumable studies: many cases of one function, each in a separate process.
 
-A folder holds everything::
+The folder of a study contains::
 
-    table.json       a row per finished or failed case; `read_table` reads it
-    cases/CASE/      what the case wrote, and log.txt with what it printed
+    table.json       one row per complete or failed case, see `read_table`
+    cases/CASE/      files that the case wrote, and its output in log.txt
 
-The table is replaced as a whole after each case. Killing the runner at any moment, also by signal
-9, loses only the cases that were under way; the next run does the rest. Cases that the runner
-itself has started end with it, those of an executor with their workers.
+The table is replaced atomically after each case. If the runner is killed, even by signal 9, only
+the running cases are lost; the next run continues with them. Cases end with the process that
+started them: the runner, or a worker of the executor.
 """
 
 from __future__ import annotations
@@ -50,15 +50,15 @@ from dolfinx_joints.study.table import (
 
 @dataclass(frozen=True, kw_only=True)
 class Tally:
-    """Names of cases after a call of `Study.run`.
+    """Outcome of a call of `Study.run`, by names of cases.
 
     Attributes:
-        done: Cases that ran to their end.
+        done: Cases that were completed.
         failed: Cases that failed, with their reasons.
-        skipped: Cases that had a row already and were left alone.
-        failed_before: Those of them that had failed, with their reasons.
-        remarks: What of the values of finished cases is not in the table as the function
-            returned it, by case.
+        skipped: Cases that already had a row and were not run.
+        failed_before: Skipped cases that had failed, with their reasons.
+        remarks: Remarks on values of completed cases that are not in the table or are in another
+            column, by case.
     """
 
     done: list[str]
@@ -68,47 +68,48 @@ class Tally:
     remarks: dict[str, str]
 
     def __str__(self) -> str:
-        """A line, and one more per failure and remark."""
-        there = len(self.skipped) - len(self.failed_before)
-        text = f"{len(self.done)} cases run, {there} were there already, {len(self.failed)} failed"
+        """Return the numbers of cases in one line, and a line per failure and remark."""
+        kept = len(self.skipped) - len(self.failed_before)
+        text = f"{len(self.done)} cases run, {kept} already complete, {len(self.failed)} failed"
         if self.failed_before:
-            text += f", {len(self.failed_before)} had failed before (again by retry_failed=True)"
-        more = (*self.failed.items(), *self.failed_before.items(), *self.remarks.items())
-        return "\n".join([text, *(f"  {name}: {why}" for name, why in more)])
+            text += f", {len(self.failed_before)} failed before (retry with retry_failed=True)"
+        details = (*self.failed.items(), *self.failed_before.items(), *self.remarks.items())
+        return "\n".join([text, *(f"  {name}: {reason}" for name, reason in details)])
 
 
 class Study(Summarised):
-    """One function, many named cases, one row per case.
+    """Study of one function for many named cases, with one table row per case.
 
     The function is called as ``function(folder, **parameters)`` and returns the values of the row,
     a mapping of names to numbers or texts. Every case runs in a new interpreter that imports the
-    function from its module: cases share nothing, least of all MPI. A case that came to its end is
-    kept whatever it returned: a value with the name of a parameter or of another column stands in
-    the column "NAME (value)", one that is no number or text is left out, and the row says so.
+    function from its module, so cases share nothing, in particular not MPI. A value whose name is
+    already used is in the column "NAME (value)"; a value that is neither number nor text is left
+    out. In both cases the row has a remark.
 
-    A case is known by its name and parameters; a change of the function goes unnoticed.
+    A case is identified by its name and parameters; changes of the function are not detected.
 
     Args:
-        path: Folder of the study, made where missing.
-        function: Function at the top level of a module; writes files into the folder that it is
-            given, which is empty.
-        cases: Parameters by name of the case, anything JSON can hold. The table has their order.
+        path: Folder of the study, created if missing.
+        function: Function at the top level of a module. It may write files to its first argument,
+            an empty folder.
+        cases: Parameters by name of the case, with values that JSON can store. They determine the
+            order of the table.
 
     Raises:
-        ValueError: A name is no file name, the function does not take a parameter, or cannot be
-            imported by another process.
+        ValueError: A name is not a file name, the function does not accept a parameter, or another
+            process cannot import it.
     """
 
     def __init__(
         self, path: str | Path, function: Function, cases: Mapping[str, Mapping[str, Any]]
     ) -> None:
-        """Check the cases; nothing is written yet."""
+        """Check the cases; write nothing yet."""
         try:
             pickle.dumps(function)
         except (pickle.PicklingError, AttributeError):
             raise ValueError(
-                f"Study: {shown(function)} is not at the top level of a module; other processes "
-                "import it from there."
+                f"Study: {shown(function)} must be at the top level of a module, so that other "
+                "processes can import it."
             ) from None
         check_named("Study: cases", cases, "parameters by name of the case")
         for name, given in cases.items():
@@ -139,25 +140,25 @@ class Study(Summarised):
         """Run the cases that have no row yet.
 
         Args:
-            executor: Runs the cases: of processes, of MPI ranks (mpi4py.futures), of a cluster
-                (dask); unless given, this process starts them.
-            workers: Cases at once, where there is no executor.
-            only: Names of the cases to run, all unless given.
+            executor: Executor of processes, MPI ranks (mpi4py.futures) or a cluster (dask). Without
+                it, this process starts the cases.
+            workers: Number of simultaneous cases without an executor.
+            only: Names of the cases to run, all by default.
             retry_failed: Run failed cases again.
-            rerun_changed: Run cases again whose parameters have changed, an error otherwise.
-            progress: Show a bar.
+            rerun_changed: Run cases with changed parameters again; otherwise they are an error.
+            progress: Show a progress bar.
 
         Raises:
             ValueError: ``only`` names an unknown case.
-            StudyError: Another process runs it, mpirun started this process, parameters have
-                changed, or the table cannot be written.
+            StudyError: Another process runs the study, mpirun started this process, parameters
+                have changed, or the table cannot be written.
         """
         if unknown := set(only or ()) - self.cases.keys():
-            known = ", ".join(self.cases)
-            raise ValueError(f"There is no case {min(unknown)!r}; there are {known}.")
+            allowed = ", ".join(self.cases)
+            raise ValueError(f"There is no case {min(unknown)!r}; there are {allowed}.")
         if executor is None and {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"} & os.environ.keys():
             raise StudyError(
-                "A study starts processes of its own: run it without mpirun, or give it an "
+                "A study starts separate processes: run it without mpirun, or give it an "
                 "MPIPoolExecutor and start it by mpirun -n N python3 -m mpi4py.futures."
             )
         try:
@@ -188,11 +189,11 @@ class Study(Summarised):
         )
 
     def folder(self, name: str) -> Path:
-        """Folder to which a case writes its files."""
+        """Return the folder to which a case writes its files."""
         return self.path / "cases" / name
 
     def table(self) -> Table:
-        """The rows that there are, in the order of the cases; see `read_table`."""
+        """Return the rows of complete and failed cases in the cases' order; see `read_table`."""
         rows = self._rows()
         return columns([rows[name] for name in self.cases if name in rows])
 
@@ -203,7 +204,7 @@ class Study(Summarised):
     def _waiting(
         self, rows: Mapping[str, Row], chosen: list[str], retry: bool, rerun: bool
     ) -> list[str]:
-        """Cases to run now."""
+        """Return the cases to run now."""
         waiting = []
         for name in chosen:
             row = rows.get(name)
@@ -211,8 +212,8 @@ class Study(Summarised):
             if row is not None and changed and not rerun:
                 raise StudyError(
                     f"The case {name!r} in {self.path} was run with other parameters: "
-                    f"{row['parameters']}, now {self.cases[name]}; give it another name, or ask "
-                    "for changed cases to be run again."
+                    f"{row['parameters']}, now {self.cases[name]}; give it another name, or pass "
+                    "rerun_changed=True to run it again."
                 )
             if row is None or changed or (retry and row["status"] == "failed"):
                 waiting.append(name)
@@ -221,12 +222,12 @@ class Study(Summarised):
     def _work(
         self, rows: dict[str, Row], waiting: list[str], executor: Executor, progress: bool
     ) -> None:
-        """Run cases; put each row into the table when its case ends."""
+        """Run cases; add each row to the table when its case ends."""
         from tqdm.auto import tqdm
 
         work = packed(self._function)
         futures: dict[Future[Row], str] = {}
-        hidden = None if progress else True  # None: where there is no terminal
+        hidden = None if progress else True  # None hides the bar if there is no terminal
         try:
             for name in waiting:
                 folder = str(self.folder(name).resolve())
@@ -244,7 +245,7 @@ class Study(Summarised):
                 future.cancel()
 
     def _row(self, name: str, future: Future[Row]) -> Row:
-        """Row of a case, also of one whose worker died or could not be given it."""
+        """Return the row of a case, even if its worker crashed or could not receive it."""
         try:
             return future.result()
         except Exception as error:
@@ -253,20 +254,16 @@ class Study(Summarised):
             return {"case": name, "parameters": self.cases[name], **lost, **empty}
 
 
-def check_name(what: str, name: str) -> None:
-    """Check that a name is one of files as well.
-
-    Raises:
-        ValueError: It is not.
-    """
+def check_name(owner: str, name: str) -> None:
+    """Raise a ValueError unless a name can be a file name."""
     if not re.fullmatch(r"\w[\w.=+-]{0,99}", name):
         raise ValueError(
-            f"{what} must have a name of letters, digits and any of _ . = + -, 100 at most."
+            f"{owner} must have a name of letters, digits and any of _ . = + -, 100 at most."
         )
 
 
 def _checked_case(function: Function, name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters of a case as a file gives them back."""
+    """Check the parameters of a case; return them as JSON restores them."""
     check_name(f"The case {name!r}", name)
     if taken := parameters.keys() & set(OWN_COLUMNS):
         raise ValueError(f"The parameter {min(taken)!r} has the name of a column of the study.")

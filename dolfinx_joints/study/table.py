@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Table of a study: the file of its rows, its columns, CSV."""
+"""Table of a study: file of the rows, columns, CSV."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ Table = dict[str, NDArray[Any]]
 
 OWN_COLUMNS = ("case", "status", "reason", "wall_s", "peak_mb")
 TABLE = "table.json"
-SUFFIX = " (value)"  # of a value that has the name of another column
+SUFFIX = " (value)"  # added to a value's name that another column already has
 
 
 @checked
 def read_table(path: str | PathLike[str]) -> Table:
-    """The table of a study in a folder, one row per finished or failed case, in their order.
+    """Read the table of a study in a folder, one row per complete or failed case, in order.
 
     Returns:
         Arrays of shape (rows,) by column: ``case``, ``status`` ("complete" or "failed"),
-        ``reason`` of a failure or remarks on the values, ``wall_s`` [s], ``peak_mb`` [MiB], the
-        parameters, the values. A value with the name of another column is in "NAME (value)".
+        ``reason`` (of a failure, or remarks on the values), ``wall_s`` [s], ``peak_mb`` [MiB], the
+        parameters, the values. A value whose name is already used is in "NAME (value)".
 
     Raises:
-        StudyError: There is no such table.
+        StudyError: The folder has no table.
     """
     place = Path(path) / TABLE
     if not place.is_file():
@@ -48,20 +48,20 @@ def read_table(path: str | PathLike[str]) -> Table:
 
 
 def read_rows(path: Path) -> list[Row]:
-    """The rows as the file has them; raises a StudyError for a damaged one."""
+    """Read the rows of a table's file; raise a StudyError if it is damaged."""
     try:
         rows: list[Row] = json.loads(path.read_text(encoding="utf-8"))
         columns(rows)
     except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise StudyError(f"{path} is no table of a study, or a damaged one: {error!r}.") from None
+        raise StudyError(f"{path} is damaged or not the table of a study: {error!r}.") from None
     return rows
 
 
 def columns(rows: Sequence[Row]) -> Table:
-    """Columns of rows: own ones, parameters, values, in the order in which they first appear.
+    """Return the columns: `OWN_COLUMNS`, parameters, values, in the order of first appearance.
 
-    A column whose entries are all numbers is of floats, NaN where a row has none; any other is of
-    texts, empty where a row has none.
+    If all entries are numbers, the column has floats, with NaN for missing entries. Otherwise it
+    has texts, empty for missing entries.
     """
     values = columns_of_values(rows)
     flat = [
@@ -78,23 +78,23 @@ def columns(rows: Sequence[Row]) -> Table:
 
 
 def columns_of_values(rows: Sequence[Row]) -> dict[str, str]:
-    """Column of each value: its name, with a suffix where another column has that name."""
-    taken = set(OWN_COLUMNS).union(*(row["parameters"] for row in rows))
-    found: dict[str, str] = {}
+    """Return the column of each value: its name, with a suffix if the name is already used."""
+    used = set(OWN_COLUMNS).union(*(row["parameters"] for row in rows))
+    by_value: dict[str, str] = {}
     for name in dict.fromkeys(name for row in rows for name in row["values"]):
         column = name
-        while column in taken:
+        while column in used:
             column += SUFFIX
-        taken.add(column)
-        found[name] = column
-    return found
+        used.add(column)
+        by_value[name] = column
+    return by_value
 
 
 def reason_of(row: Row, names: Mapping[str, str]) -> str:
-    """Why a case failed, or what of its values is not in the table as it returned them."""
+    """Return the reason of a failure, or remarks on values that are in other columns."""
     moved = [name for name in row["values"] if names[name] != name]
     texts = [
-        f"The value {name!r} has the name of a parameter or of the study; it is in the column "
+        f"The name of the value {name!r} is already used by another column; it is in the column "
         f"{names[name]!r}."
         for name in moved
     ]
@@ -111,10 +111,10 @@ def _column(entries: list[Any]) -> NDArray[Any]:
 
 @checked
 def write_csv(table: Table, path: str | PathLike[str]) -> Path:
-    """Write a table as CSV: a line of names, then a line per row, numbers in full.
+    """Write a table as CSV: a header line, then one line per row with all digits of numbers.
 
     Raises:
-        StudyError: It cannot be written.
+        StudyError: The file cannot be written.
     """
     place, text = Path(path), io.StringIO(newline="")
     writer = csv.writer(text)
@@ -125,7 +125,7 @@ def write_csv(table: Table, path: str | PathLike[str]) -> Path:
 
 
 def replace(path: Path, text: str) -> None:
-    """Write a file so that it is whole or as it was."""
+    """Replace a file atomically."""
     try:
         with replacing(path) as part:
             part.write_bytes(text.encode())

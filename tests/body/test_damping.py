@@ -85,7 +85,7 @@ def test_dashpot_on_the_end_of_a_bar(bar):
     assert lines[1].split()[0] == "1"
     assert lines[1].split()[2].startswith("63.")
     assert lines[-2] == "largest coupling by damping: 1, between modes 1 and 2"
-    assert lines[-1] == "the damping is not classical: ratios of single modes are approximate"
+    assert lines[-1] == "the damping is not classical: the modal damping ratios are approximate"
 
 
 def test_two_masses_with_one_dashpot():

@@ -28,7 +28,7 @@ def test_the_time_left_does_not_count_the_first_part(monkeypatch, caplog):
 
 def test_compiling_is_told_once_and_only_of_loops_of_this_package(monkeypatch, caplog):
     caplog.set_level(logging.INFO, "dolfinx_joints")
-    monkeypatch.setattr(kernels._LISTENER, "told", False)
+    monkeypatch.setattr(kernels._LISTENER, "logged", False)
     for module, lines in (
         ("other", 0),
         (None, 0),

@@ -329,7 +329,7 @@ def test_any_number_of_ranks(wall, solver):
 def test_joints_without_law_and_form_are_refused(wall):
     dS = wall().dS(["joint_1", "joint_3"])
     with pytest.raises(
-        dj.MeshError, match=r"has joints \(joint_2\) but no law was given; pass joints"
+        dj.MeshError, match=r"has joints \(joint_2\) but no law was given. Pass joints"
     ):
         upright(
             wall(),

@@ -390,7 +390,9 @@ def test_missing_and_unknown_joints(comm, blocks_file, wall_file, read):
     text = error_on_all_ranks(
         comm, dj.MeshError, lambda: dj.Model(read(path, joints=[]), material=BAR, joints=LAW)
     )
-    assert text.startswith(f"The mesh has no joints, but the law {type(LAW).__name__} was given")
+    assert text.startswith(
+        f"The mesh has no joints, but Model was given the law {type(LAW).__name__}."
+    )
     text = error_on_all_ranks(comm, dj.MeshError, lambda: read(path, joints=["seam"]))
     assert text.startswith("The mesh has no joint 'seam'")
     assert "its surface groups are: base, joint_1, sides, top." in text

@@ -218,7 +218,7 @@ def test_modes_in_a_file(column, comm, new_path):
 @pytest.mark.parametrize("supports", [(), (dj.Fixed(group="sides", components="xy"),)])
 def test_a_body_that_nothing_holds_is_refused(column, supports):
     # The second may still rise.
-    with pytest.raises(dj.JointsError, match="moves without any force"):
+    with pytest.raises(dj.JointsError, match="can move without any force"):
         dj.modes(dj.Model(column(joints=[]), material=BAR, supports=list(supports)).system(), 2)
 
 
@@ -226,5 +226,5 @@ def test_a_block_that_nothing_holds_is_refused(column):
     # The upper half slides on the lower one and turns on it about z.
     law = dj.FrictionNoTension(normal_stiffness=1e10, shear_stiffness=0.0, friction_angle_deg=30.0)
     model = dj.Model(column(), material=BAR, supports=[dj.Fixed(group="base")], joints=law)
-    with pytest.raises(dj.JointsError, match="a block of it, moves without any force"):
+    with pytest.raises(dj.JointsError, match="one of its blocks is unsupported"):
         dj.modes(model.system(), 6)

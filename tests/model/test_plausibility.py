@@ -125,7 +125,7 @@ def test_water_that_misses_the_body(comm, wall, level, strange):
         joints=dj.FrictionNoTension(**JOINT, friction_angle_deg=30.0),
         loads=[water],
     )
-    text = f"HydrostaticPressure: level is {level:g} m; the body reaches from 0 to 20 m."
+    text = f"HydrostaticPressure: level is {level:g} m; the body is between 0 and 20 m."
     assert found == ([text] if strange else [])
 
 
@@ -184,7 +184,7 @@ def test_loads_on_nothing(comm, wall):
     water = dj.JointWater(joint="joint_1", level=-2.0)
     deep = dj.SeepageLine(start=(0, 0, 0), end=(1, 0, 0), upstream=-1.0, downstream=-2.0)
     low = told(comm, **given, loads=[water])
-    assert low == ["JointWater: level is -2 m; the body reaches from 0 to 20 m."]
+    assert low == ["JointWater: level is -2 m; the body is between 0 and 20 m."]
     supports = [dj.Fixed(group="base")]
     for load, name in (
         (dj.Uplift(joint="joint_1", pressure=deep), "Uplift_joint_1"),
@@ -193,7 +193,7 @@ def test_loads_on_nothing(comm, wall):
             "FormLoad",
         ),
     ):
-        text = f"{name} exerts no force: its place is empty, or it is zero"
+        text = f"{name} exerts no force: its value is zero, or no part of the mesh"
         with pytest.warns(dj.PlausibilityWarning, match=text) if comm.rank == 0 else nullcontext():
             dj.Simulation(dj.Model(**given, supports=supports, loads=[load])).statics()
     for measure, part in ((ufl.ds(5), 5), (ufl.dx(7), 7)):

@@ -181,7 +181,7 @@ def _check_pages(results, folder):
     values = plots.joint_traction(results, "joint_1")
     assert values.get_legend().get_texts()[0].get_text() == "open, 100% of the area"
     page = dj.report.write([results.path], folder / "page.html").read_text(encoding="utf-8")
-    assert "2.5 m², 10 % of it tied: there the joint ends inside the body" in page
+    assert "2.5 m², 10 % of it tied: at tied points the joint ends inside the body" in page
     write_csv(results, folder / "csv")
     head, row = (folder / "csv" / "joints.csv").read_text(encoding="utf-8").splitlines()[:2]
     values = dict(zip(head.split(","), row.split(","), strict=True))

@@ -78,7 +78,7 @@ def test_cells_of_motions_are_measures(two: tuple[str, dict[str, Results]]) -> N
             for c in "xyz":
                 row = f"{point}, {c}, {label}"
                 shown(tables.value(row, "strong phase"), until)
-                shown(tables.value(row, "largest", "until"), peaks[c]["strong"])
+                shown(tables.value(row, "largest", "before"), peaks[c]["strong"])
                 shown(tables.value(row, "largest", "after"), peaks[c]["later"])
                 found = measures.fourier_peaks(run, point, c)  # type: ignore[arg-type]
                 shown(tables.value(row, "Fourier", "[Hz]"), found.frequency)
@@ -90,7 +90,7 @@ def test_cells_of_motions_are_measures(two: tuple[str, dict[str, Results]]) -> N
             for label, run in runs.items():
                 stress = measures.stress_extremes(run)[name]
                 shown(
-                    tables.value(f"largest {words} from the last static state on [MPa]", label),
+                    tables.value(f"largest {words} since the last static state [MPa]", label),
                     stress,
                 )
 
@@ -207,9 +207,9 @@ def test_what_is_resolved_is_told(tmp_path: Path) -> None:
         out = report.write([path], tmp_path / "out.html", with_3d=False)
     html = out.read_text(encoding="utf-8")
     tables = Tables(html)
-    shown(tables.value("time step, ten to a period", "run"), 10.0)
-    shown(tables.value("mesh, ten nodes to the shortest shear wave", "run"), 12.0)
-    shown(tables.value("closed joints, half the energy of waves passes", "run"), 500.0)
+    shown(tables.value("time step, 10 steps per period", "run"), 10.0)
+    shown(tables.value("mesh, 10 nodes per shear wavelength", "run"), 12.0)
+    shown(tables.value("closed joints, which transmit half of the wave energy", "run"), 500.0)
     band = "low-passed at 25 Hz, resolved to 10 Hz by the step"
     assert f"crest acceleration, absolute, {band} [m/s²]" in html
     (ends,) = set(re.findall(r'"x0":([\d.]+),"x1":([\d.]+),', html))  # of the shade, [s]
@@ -232,7 +232,7 @@ def test_curves_are_those_of_the_file(two: tuple[str, dict[str, Results]]) -> No
     assert f"Largest absolute accelerations, {named}" in html
     captions = (
         html.count("<figcaption>Pseudo-acceleration of"),
-        html.count(f"Accelerations are {named}; periods beyond are shaded.</figcaption>"),
+        html.count(f"Accelerations are {named}; unresolved periods are shaded.</figcaption>"),
     )
     assert captions == (len(POINTS), len(POINTS))
     for number, point in enumerate(POINTS, 1):
@@ -287,8 +287,8 @@ def test_energies_of_a_reservoir_are_told_apart_from_its_waves(tmp_path: Path) -
         writer.finish("complete", {})
     html = report.write([path], tmp_path / "out.html", with_3d=False).read_text(encoding="utf-8")
     assert (
-        "came in through boundaries that absorb waves of rock or water less what went out, "
-        "0 less 2 kJ at the end"
+        "came in through absorbing boundaries of rock or water minus the energy that went "
+        "out: 0 minus 2 kJ at the end"
     ) in html
     ax = PICTURES[tmp_path / "out_files" / "energies_1.png"]
     assert ax.get_ylabel() == "energy [kJ]"

@@ -136,7 +136,7 @@ def unpacked(packed: dict[str, str]) -> np.ndarray:
 def test_a_free_field_is_shown_relative_to_its_surface(tmp_path):
     """The file's displacements reach 250 mm; without the ground's they are those of ``plain``."""
     page, html = page_of([write_run(tmp_path / "waves.h5", waves=True)], tmp_path)
-    assert "Displacements are relative to the free surface and counted" in html
+    assert "Displacements are relative to the free surface, minus the static state" in html
     shown = next(cell for cell in page.cells if cell.endswith("s, relative to the free surface"))
     assert abs(float(shown.split(" ")[0].replace("\N{MINUS SIGN}", "-"))) == pytest.approx(
         1.3, 5e-3
@@ -150,7 +150,7 @@ def test_a_free_field_is_shown_relative_to_its_surface(tmp_path):
     assert named["free surface"].max() == pytest.approx(0.5 * (1 + np.exp(-0.05 * np.pi)), rel=0.01)
     row = page.cells.index("mid-crest, x, waves")
     assert page.cells[row + 2] == "1.3"
-    assert "69 less 69 GJ at the end" in html
+    assert "69 minus 69 GJ at the end" in html
     stored = {trace["name"]: unpacked(trace["y"]) for trace in plots["energies-1"]["data"]}
     assert stored["waves"][-1] == stored["kinetic"][-1] == 1.0  # kJ
     assert stored["viscous"][-1] == stored["input"][-1] == 0.0
@@ -159,7 +159,10 @@ def test_a_free_field_is_shown_relative_to_its_surface(tmp_path):
 def test_runs_say_what_each_is_relative_to(tmp_path):
     paths = [write_run(tmp_path / f"{n}.h5", waves=n == "waves") for n in ("waves", "motion")]
     _, html = page_of(paths, tmp_path)
-    frames = "relative to the free surface in waves, relative to the ground in motion and counted"
+    frames = (
+        "relative to the free surface in waves, relative to the ground in motion, minus the static "
+        "state"
+    )
     assert f"Displacements are {frames}" in html
 
 
@@ -188,7 +191,7 @@ def test_text_of_a_file_stays_text(failed):
 def test_unfinished_run_is_reported_at_the_top(failed, tmp_path):
     _, html = failed
     alert = html.index('class="alert"')
-    assert alert < html.index("What matters")
+    assert alert < html.index("Main results")
     assert "failed at t = 1 s" in html[alert : alert + 300]
     assert "out of patience" in html[alert : alert + 300]
     with runs.opened([write_run(tmp_path / "run.h5", seconds=0.1, status="stopped")]) as (run,):
@@ -202,7 +205,7 @@ def test_file_without_anything_known_is_reported_as_it_is(tmp_path):
         writer.finish("complete", {})
     page, html = page_of([tmp_path / "other.h5"], tmp_path)
     assert "else" in page.cells
-    assert "The files hold no histories." in html
+    assert "The files have no histories." in html
 
 
 def test_the_state_drawn_is_the_one_with_the_largest_displacement(tmp_path):
@@ -228,8 +231,8 @@ def test_static_stages_alone_have_maps_of_the_last(tmp_path):
     captions = re.findall("<figcaption>(.*?)</figcaption>", html)
     assert captions[0].startswith("dam after each static stage, from downstream.")
     assert captions[1:3] == ["Normal traction, dam after winter.", "Opening, dam after winter."]
-    assert "the body after each is drawn under Statics" in html
-    assert not re.search("The files hold no (joints|states)", html)
+    assert "the section Statics shows the body after each" in html
+    assert not re.search("The files have no (joints|states)", html)
     assert "smallest safety" not in page.cells  # nor what is said of that table
     assert "Slip is the tangential" not in html
 
@@ -270,13 +273,13 @@ def test_doubts_about_a_run_are_reported(tmp_path):
         assert [opening.doubts(run) for run in all_runs] == [
             [
                 "run: the energy error is 7.00% of the largest energy.",
-                "run: a step errs by 30.00% of the largest displacement.",
+                "run: the local error of a step is 30.00% of the largest displacement.",
                 "run: the slip is large",
             ],
             [],
             [
-                "lossy: in joint_1 the time scheme gained 0.02 kJ, friction took 0.05 kJ. A "
-                "smaller step lessens it."
+                "lossy: in joint_1 the time scheme gained 0.02 kJ, and friction dissipated "
+                "0.05 kJ. Use a smaller time step."
             ],
         ]
 
@@ -298,7 +301,7 @@ def test_what_is_not_in_the_file_is_reported(tmp_path, monkeypatch):
 
     monkeypatch.setattr(run_sections, "version", unknown)
     page, html = page_of([tmp_path / "bare.h5"], tmp_path, with_3d=True)
-    assert "The files hold no states of a body." in html
+    assert "The files have no states of a body." in html
     assert "not installed as a package" in page.cells
     with runs.opened([tmp_path / "bare.h5"]) as (run,):
         assert measures.strong_phase_end(run.results) == pytest.approx(0.5)  # the end of the run
@@ -316,11 +319,11 @@ def test_plane_joints_have_no_maps(tmp_path):
     given = (nodes, [[2, 3], [0, 1]], {"seam": joint}, *states)
     write_states(tmp_path / "plane.h5", *given, point_names=["tip"])
     page, html = page_of([tmp_path / "plane.h5"], tmp_path, with_3d=True)
-    assert "The models are plane: no view in space." in html
-    assert "The model is plane: its joints are lines, of which no maps are drawn." in html
+    assert "The models are 2-D; there is no 3-D view." in html
+    assert "The model is 2-D: its joints are lines, so there are no maps." in html
     assert "seam" in page.cells
     assert "2.000 1 s at (0.5, 1) m" in page.cells
-    assert "Places are x (downstream) and y (up).</p>" in html
+    assert "Coordinates are x (downstream) and y (up).</p>" in html
 
 
 @pytest.mark.parametrize(
@@ -417,7 +420,7 @@ def test_browser_draws_the_report(tmp_path):
     out = report.write(paths, tmp_path / "out.html", add=add)
     html = out.read_text(encoding="utf-8")
     assert html.index("of a study") < html.index('<section id="statics">')
-    assert html.index("A note.") < html.index("What matters")
+    assert html.index("A note.") < html.index("Main results")
     assert html.index('scope="col">linear') < html.index('scope="col">joints')
     found = value_in(out, DRAWN, width=390)
     assert found["width"] <= 390  # wide tables scroll within themselves

@@ -142,7 +142,7 @@ def test_texts_without_a_checksum_are_errors(kind, tmp_path):
     write(path)
     with changing(path) as file:
         file.attrs["format"] = file.attrs["format"].decode()
-    with pytest.raises(error, match="the attribute 'format' is no text of fixed length and no"):
+    with pytest.raises(error, match="the attribute 'format' is neither a text of fixed length"):
         read(path)
 
 
@@ -151,7 +151,7 @@ def test_hdf5_of_an_older_kind_is_an_error(tmp_path):
     path = tmp_path / "given.h5"
     with h5py.File(path, "w", libver="earliest") as file:
         file.attrs["format"] = np.bytes_("dolfinx_joints results")
-    with pytest.raises(ResultsError, match="HDF5 but not a file of this program.*version 0"):
+    with pytest.raises(ResultsError, match="an HDF5 file of another program.*version 0"):
         Results(path)
 
 

@@ -191,7 +191,9 @@ def test_nan_of_a_law_names_law_and_joint(wall, solver, field, after):
         run.statics()
         run.dynamics(dt=4e-3, steps=40, motion=shaking)
 
-    with pytest.raises(ConvergenceError, match="the law Spoilt of joint 'joint_3' gave NaN") as got:
+    with pytest.raises(
+        ConvergenceError, match="the law Spoilt of joint 'joint_3' returned NaN"
+    ) as got:
         all_of_it()
     assert (got.value.law, got.value.joint) == ("Spoilt", "joint_3")
 
@@ -202,7 +204,7 @@ def test_nan_of_a_law_without_a_form_on_a_compliance_names_it(wall, field):
     from dolfinx_joints import Simulation
 
     run = Simulation(wall(spoilt_law(field, 5, forms=[""])), solver="condensed")
-    with pytest.raises(ConvergenceError, match="the law Spoilt of joint 'joint_.' gave NaN"):
+    with pytest.raises(ConvergenceError, match="the law Spoilt of joint 'joint_.' returned NaN"):
         run.statics()
 
 

@@ -41,4 +41,4 @@ def test_command(tmp_path, capsys):
     assert len(tally.skipped) == 6
     text = capsys.readouterr().out
     assert "3 of 6 above" in text
-    assert "6 were there, 0 failed" in text
+    assert "6 kept, 0 failed" in text

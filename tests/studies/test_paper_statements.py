@@ -59,7 +59,7 @@ def test_runs_that_ended_as_they_began(tmp_path, rows):
     ]
     with report_runs.opened(files) as runs:
         added = paper_statements.add_statements(runs)
-    assert "the files do not hold what it takes" in "".join(added.first[0].pieces)
+    assert "the files lack the data" in "".join(added.first[0].pieces)
 
 
 def test_error_is_estimated_from_other_meshes_only(tmp_path):
@@ -69,7 +69,8 @@ def test_error_is_estimated_from_other_meshes_only(tmp_path):
     with report_runs.opened(main) as runs:
         added = paper_statements.add_statements(runs)
         assert [added.reference, added.main] == runs
-        assert "One mesh, one step: the error is not estimated." in "".join(added.first[0].pieces)
+        text = "There is only one mesh and one step, so the error is not estimated."
+        assert text in "".join(added.first[0].pieces)
         assert added.last[0].name == "departures"
         assert added.note.startswith("Of ")
     with report_runs.opened([*main, *other, *foreign]) as runs:
@@ -101,4 +102,4 @@ def test_an_error_that_reaches_a_bound_is_reported(spread, reported):
     judgement = paper_statements.Judgement(check, 1.0, "agrees")
     words = paper_statements._verdict(judgement, spread)
     assert "agrees" in words
-    assert ("the error estimate reaches the bound" in words) == reported
+    assert ("the error estimate includes the bound" in words) == reported

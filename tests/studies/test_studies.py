@@ -133,7 +133,7 @@ def test_scatter_where_nothing_converges():
     assert np.isnan(found.order)
     assert found.limit == 1.1
     np.testing.assert_allclose(found.error, [2.9, 0.2, 0.2, 0.2])
-    with pytest.raises(ValueError, match="Extrapolation takes three values or more, got 2."):
+    with pytest.raises(ValueError, match="Extrapolation needs three values or more, got 2."):
         convergence.extrapolated(np.array([1.0, 2.0]), 2.0)
 
 
@@ -168,7 +168,7 @@ def test_follow_ups_are_listed(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split() == ["gap=0.0005", "joints,", "gap", "0.0005"]
     assert lines[-1] == "6 cases"
-    with pytest.raises(ValueError, match="No case starts with nonsense; --list names all"):
+    with pytest.raises(ValueError, match="No case starts with nonsense; --list prints all names"):
         follow_ups.main(["--list", "--only", "nonsense"])
 
 
@@ -176,14 +176,14 @@ def test_follow_ups_are_listed(capsys):
 def test_follow_ups_run(tmp_path, capsys):
     short = ["--steps", "40", "--size", "14", "--out", str(tmp_path), "--only", "paper", "gap=0.00"]
     follow_ups.main(short)
-    assert "8 cases run, 0 were there already, 0 failed" in capsys.readouterr().out
+    assert "8 cases run, 0 already complete, 0 failed" in capsys.readouterr().out
     table = read_table(tmp_path)
     assert table["case"].tolist()[:2] == ["paper_linear", "paper"]
     # The gaps only open farther.
     assert (np.diff(table["joints/opening_max"][1:]) > 0.0).all()
     assert (tmp_path / "sweep_gap.png").stat().st_size > 10_000
     follow_ups.main(short)
-    assert "0 cases run, 8 were there already, 0 failed" in capsys.readouterr().out
+    assert "0 cases run, 8 already complete, 0 failed" in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -199,7 +199,10 @@ def test_paper_in_one_command(tmp_path, capsys, monkeypatch):
     assert (errors["energy_error"][errors["scheme"] == "ec"] < 1e-8).all()
     capsys.readouterr()
     paper.main(["--quick", "--out", str(tmp_path)])
-    assert "not run again: paper_joints, paper_linear" in capsys.readouterr().out
+    assert (
+        f"kept from earlier runs in {tmp_path / 'runs'}: paper_joints, paper_linear"
+        in capsys.readouterr().out
+    )
 
 
 @pytest.mark.slow

@@ -46,10 +46,10 @@ def test_two_intensities_have_the_shares_of_their_runs(counts):
     [
         ([0, 0, 0, 0], "in no run"),
         ([1, 1, 1, 1], "in every run"),
-        ([0, 0, 1, 1], "in every run above 2 and in none below"),
+        ([0, 0, 1, 1], "in every run above 2 and in no run below"),
         # The mean logarithm where it is exceeded is lower: ln 4 / 2 and ln 6 / 2.
         ([1, 0, 0, 1], "not exceeded more often at higher intensities"),
-        ([0, 0, 1], "as many shares from 0 to 1"),
+        ([0, 0, 1], "as many fractions from 0 to 1"),
     ],
 )
 def test_runs_that_do_not_tell(exceeded, message):

@@ -198,7 +198,9 @@ def test_what_has_changed_is_not_taken_for_done(comm, simulation, new_path):
     given, folder = simulation(), new_path("suite")
     MotionSuite(folder, given, {"a": motions(1.0)["x1"]}, points=POINTS).run(dt=DT)
     other = MotionSuite(folder, given, {"a": motions(0.5)["x0.5"]}, points=POINTS)
-    with pytest.raises(StudyError, match=r"a\.h5 is of another motion or time step than 'a'"):
+    with pytest.raises(
+        StudyError, match=r"a\.h5 was computed with another motion or time step for 'a'"
+    ):
         other.run(dt=DT)
     assert other.run(dt=DT, rerun_changed=True).done == ["a"]
     with pytest.raises(ValueError, match="The motion 'a' is .*; it must be a Motion"):
@@ -229,7 +231,7 @@ def test_a_motion_that_does_not_converge_is_told_and_a_wrong_point_stops(
     other = {"dt": DT, "control": dj.StepControl(max_halvings=0)}
     again = suite.run(**other)
     assert again.skipped == ["x0.3"]
-    assert "0 here. Pass rerun_changed=True to begin it anew" in again.failed["x1"]
+    assert "0 here. Pass rerun_changed=True to restart it" in again.failed["x1"]
     monkeypatch.undo()
     assert suite.run(**other, rerun_changed=True).done == ["x1"]
     wrong = MotionSuite(new_path("far"), given, chosen, points={"far": (900.0, 0.0, 0.0)})

@@ -236,7 +236,7 @@ def test_failures_are_recorded_and_the_rest_goes_on(tmp_path):
         "x=4": f"ended by exit code 1; see {str(log).format(4)}",
         "x=5": "StudyError: The function must return a mapping of values, not [1.0].",
     }
-    assert "2 cases run, 0 were there already, 4 failed\n  x=2: ValueError: two" in str(tally)
+    assert "2 cases run, 0 already complete, 4 failed\n  x=2: ValueError: two" in str(tally)
     table = read_table(tmp_path / "s")
     assert table["status"].tolist() == ["complete", *["failed"] * 4, "complete"]
     np.testing.assert_array_equal(table["y"], [1.0, *[np.nan] * 4, 6.0])
@@ -246,7 +246,7 @@ def test_failures_are_recorded_and_the_rest_goes_on(tmp_path):
     (tmp_path / "s" / "cured").touch()
     left = cases.run(progress=False)  # failed ones only if asked
     assert (left.done, left.failed_before) == ([], tally.failed)
-    told = "0 cases run, 2 were there already, 0 failed, 4 had failed before (again by retry_failed"
+    told = "0 cases run, 2 already complete, 0 failed, 4 failed before (retry with retry_failed"
     assert str(left).startswith(told)
     assert "\n  x=2: ValueError: two is not allowed." in str(left)
     again = cases.run(progress=False, retry_failed=True)
@@ -268,7 +268,7 @@ def test_a_finished_case_is_kept_whatever_its_values_are_called(tmp_path):
     np.testing.assert_array_equal(table["base"], [3.0, np.nan])
     np.testing.assert_array_equal(table["base (value)"], [np.nan, 7.0])
     for text in (tally.remarks["low"], low["reason"], str(tally)):
-        assert "'height' has the name of a parameter or of the study; it is in the column" in text
+        assert "'height' is already used by another column; it is in the column" in text
         assert "'vector' must be a number or a text, not array([0., 0., 0.])" in text
     assert tally.remarks["high"].endswith("it is in the column 'base (value)'.")
     log = (tmp_path / "s" / "cases" / "low" / "log.txt").read_text()
@@ -294,7 +294,7 @@ def test_changed_parameters_are_run_again_only_if_asked(tmp_path):
         (square, [1, 2], "Study: cases is .1, 2.; it must be parameters by name of the case"),
         (square, {"a/b": {"x": 1}}, "The case 'a/b' must have a name of letters"),
         (square, {"a": {"case": 1}}, "The parameter 'case' has the name of a column"),
-        (lambda folder: {}, {}, "is not at the top level of a module"),
+        (lambda folder: {}, {}, "must be at the top level of a module"),
     ],
 )
 def test_cases_that_cannot_be_run(tmp_path, function, cases, message):
@@ -321,5 +321,5 @@ def test_a_damaged_table_is_one_error(tmp_path, content):
     squares(tmp_path, 1).run(progress=False)
     assert json.loads((tmp_path / "table.json").read_text())[0]["values"]["square"] == 0
     (tmp_path / "table.json").write_text(content)
-    with pytest.raises(StudyError, match=r"table\.json is no table of a study, or a damaged one: "):
+    with pytest.raises(StudyError, match=r"table\.json is damaged or not the table of a study: "):
         read_table(tmp_path)

@@ -184,7 +184,7 @@ def test_rayleigh_factors_are_the_matrix(scheme, factors):
 
 
 def test_other_refusals():
-    with pytest.raises(ValueError, match="they must be square and alike"):
+    with pytest.raises(ValueError, match="they must be square and of equal size"):
         dj.MatrixSystem.from_arrays(mass=np.eye(2), stiffness=1.0)
     with pytest.raises(ValueError, match="it needs 1 columns, three rows per joint point"):
         dj.MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=[[1.0]], law=STOP)

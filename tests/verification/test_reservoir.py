@@ -274,7 +274,7 @@ def test_bad_input(comm, monkeypatch):
     refused("the level is 13 m, but the face ends at 12 m", level=13.0)
     refused("upstream is .*; it must be a horizontal vector", upstream=(1.0, 1.0))
     refused("100 % of the wet face does not face upstream", upstream=(1.0, 0.0))
-    with pytest.raises(ValueError, match="water is 3; it must be a reservoir or an added mass"):
+    with pytest.raises(ValueError, match="water is 3; it must be a reservoir, an added mass"):
         dj.Model(model.jointed, material=CONCRETE, water=3)
     monkeypatch.setattr(reservoir, "available_bytes", lambda comm: 1e3)
     refused("the dense matrix of 3 wet nodes needs .* GB")

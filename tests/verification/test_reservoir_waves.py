@@ -496,7 +496,7 @@ def test_water_with_waves_and_an_added_mass_is_doubted(comm, wall_file, read):
         warnings.simplefilter("always")
         model = wall(read(wall_file()), water=[mass, waves])
     expected = [
-        "WestergaardMass on 'y_min': the water before it has waves already, with a mass of "
+        "WestergaardMass on 'y_min': the mass of this water is counted twice, as the group "
     ]
     assert [text[: len(expected[0])] for text in model.doubts] == expected * (comm.rank == 0)
 
@@ -504,7 +504,7 @@ def test_water_with_waves_and_an_added_mass_is_doubted(comm, wall_file, read):
 def test_what_waves_do_not_go_with(comm, jointed_dam):
     model = jointed_dam()
     run = {"dt": 4e-3, "steps": 1, "motion": shaking}
-    with pytest.raises(dj.JointsError, match="coupled with the water"):
+    with pytest.raises(dj.JointsError, match="cannot be used with reservoir waves"):
         dj.Simulation(model).dynamics(**run, scheme=dj.EnergyConsistent(exact_modes=4))
     by_forms = dj.Simulation(model, solver="forms")
     by_forms.statics()  # the water is at rest: the body alone

@@ -237,7 +237,7 @@ def test_refusals(comm):
             model_of(jointed, [dj.Temperature(**{**good, **wrong})]).system()
     with pytest.raises(dj.MeshError, match="middle"):
         model_of(jointed, [dj.Temperature(**good, cells="middle")]).system()
-    with pytest.raises(ValueError, match=r"A Temperature was given to a stage; give it to Model"):
+    with pytest.raises(ValueError, match=r"A Temperature was given to a stage. Give it to Model"):
         dj.Simulation(model_of(jointed, [])).dynamics(
             dt=1e-3, steps=1, loads=[dj.Temperature(**good)]
         )

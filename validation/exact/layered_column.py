@@ -1,12 +1,12 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Two layers of ground on rock under a wave that rises.
+"""Two layers of ground on rock under a rising wave.
 
-12 m of G = 45 MPa and 1800 kg/m^3 (158 m/s) and 16 m of 200 MPa and 2000 kg/m^3 (316 m/s) lie on
-rock of 2 GPa and 2200 kg/m^3 (953 m/s), nu = 0.3 everywhere, in which a pulse of S or P waves
-rises. Compared is the motion of the free surface over that of the incident wave up to the fourth
-resonance. The rock is 10 m deep and ends at dashpots, by which the wave comes in; cells are 1 m, of
-degree 2, steps a four-hundredth of the pulse.
+The upper layer is 12 m with G = 45 MPa and 1800 kg/m^3 (158 m/s), the lower one 16 m with 200 MPa
+and 2000 kg/m^3 (316 m/s). They are on rock with 2 GPa and 2200 kg/m^3 (953 m/s); nu = 0.3. A pulse
+of S or P waves rises in the rock. The ratio of the free surface's motion to the incident wave is
+compared up to the fourth resonance. The rock is modelled 10 m deep, and the wave enters through
+dashpots at its end. Cells are 1 m, of degree 2; a pulse has 400 steps.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from validation.strip import Layer, Strip, pulse
 
 SOURCE = "closed form: transfer function of layered ground, Haskell 1953"
 
-# Relative error by steps: of second order, twice a quarter of that in steps twice as long.
+# Relative error by steps: by second order, twice a quarter of the error with steps twice as long.
 STEPS = 0.0025
 
 
 def ground(shear_modulus: float, density: float) -> dj.Elastic:
-    """A layer's material, nu = 0.3."""
+    """Return the material of a layer, nu = 0.3."""
     return dj.Elastic(young=2.6 * shear_modulus, poisson=0.3, density=density)
 
 
@@ -36,7 +36,7 @@ LAYERS = (
 
 
 def run(quick: bool) -> Outcome:
-    """Let pulses rise; quick takes an S wave in steps twice as long."""
+    """Run rising pulses; ``quick`` runs only an S wave, with steps twice as long."""
     rows = []
     figure, ax = new_figure()
     for wave in "S" if quick else "SP":
@@ -47,18 +47,18 @@ def run(quick: bool) -> Outcome:
         dt = length / (200.0 if quick else 400.0)
         sent = strip.send(incident, dt=dt, steps=round(16.0 / first / dt))
         frequencies = np.linspace(0.1, 4.5, 177) * first
-        found = sent.ratio(frequencies, incident)
+        ratios = sent.ratio(frequencies, incident)
         exact = strip.transfer(frequencies)
         rows.append(
             curve(
                 f"free surface / incident wave, {wave}",
-                found,
+                ratios,
                 exact,
                 **estimate(steps=4.0 * STEPS if quick else STEPS),
             )
         )
         low = frequencies < first
-        peaks = [frequencies[low][np.abs(each[low]).argmax()] for each in (found, exact)]
+        peaks = [frequencies[low][np.abs(r[low]).argmax()] for r in (ratios, exact)]
         rows.append(
             Row(
                 quantity=f"first resonance [Hz], {wave}",
@@ -69,7 +69,7 @@ def run(quick: bool) -> Outcome:
             )
         )
         (line,) = ax.plot(frequencies, np.abs(exact), label=f"exact, {wave}")
-        ax.plot(frequencies[::4], np.abs(found[::4]), ".", color=line.get_color())
+        ax.plot(frequencies[::4], np.abs(ratios[::4]), ".", color=line.get_color())
     ax.set_xlabel("frequency [Hz]")
     ax.set_ylabel("|free surface / incident|; dots: ours")
     ax.legend()

@@ -1,3 +1,3 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Cases that a program of others runs beside this one."""
+"""Cases that are run in this program and in another program."""

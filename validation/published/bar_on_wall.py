@@ -1,16 +1,16 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A bar thrown against a wall.
+"""Bar that hits a wall.
 
-A bar of 0.2 m, E = 2e11 Pa, nu = 0, 8000 kg/m^3 (c = 5000 m/s), flies with 100 m/s at a wall 2 mm
-away. It touches after 20 us; a wave runs to its free end and back in 80 us; then it leaves as fast
-as it came. Compared are the displacements of both ends that code_aster's test prints, the duration
-of the contact and the velocity of the rebound. 40 cells of degree 1, a joint a hundred times as
-stiff as a cell, redistributed mass, steps of 0.2 us.
+A bar of 0.2 m, E = 2e11 Pa, nu = 0, 8000 kg/m^3 (c = 5000 m/s), moves with 100 m/s towards a wall
+2 mm away. Contact begins after 20 us. A wave travels to the free end and back in 80 us; then the
+bar leaves with its initial speed. The comparison has the displacements of both ends printed in
+code_aster's test, the impulse and the rebound velocity. The bar has 40 cells of degree 1, a joint a
+hundred times as stiff as a cell, redistributed mass and steps of 0.2 us.
 
-The displacement of the end that strikes after 100 us is that at the moment when the bar leaves. It
-does not converge steadily: its deviation is 0.02 % with 40 cells, 2.3 % with 80 and 0.9 % with 160,
-in steps of 0.2, 0.1 and 0.05 us. The others stay within 0.1 %.
+The displacement of the striking end after 100 us is at the moment when the bar leaves. It does not
+converge steadily: its deviation is 0.02 % with 40 cells, 2.3 % with 80 and 0.9 % with 160, with
+steps of 0.2, 0.1 and 0.05 us. The other displacements are within 0.1 %.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from validation.atlas import Outcome, Row, estimate, new_figure
 SOURCE = "code_aster's test SDNV100 (V5.03.100), exact values printed there"
 
 LENGTH, YOUNG, DENSITY, VELOCITY, DISTANCE = 0.2, 2e11, 8000.0, 100.0, 2e-3
-# Time [s] and displacement [mm] of the end that strikes, and of the free one.
+# Times [s] and displacements [mm] of the striking end and of the free end.
 STRIKES = {4e-5: -2.0, 1e-4: -2.0}
 FREE = {2e-5: -2.0, 8e-5: -4.0, 1.2e-4: 0.0}
 
-# Relative errors of 40 cells: of impulse and rebound what doubling the number from 20 changes. Of
-# displacements the bound is below such an estimate, as the bar flies 5 % of DISTANCE in the time in
-# which a wave crosses a cell.
+# Relative errors with 40 cells. Those of impulse and rebound are the change from 20 to 40 cells.
+# The bound of displacements is smaller than such an estimate: the bar moves 5 % of DISTANCE while
+# a wave crosses a cell.
 TURN, IMPULSE, REBOUND = 0.01, 0.005, 0.01
 
 
 class _Ends(Monitor):
-    """Displacements of both ends along the bar, and pressure on the wall."""
+    """Monitor of both ends' displacements along the bar, and of the pressure on the wall."""
 
     def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
         """Find the nodes."""
@@ -47,23 +47,23 @@ class _Ends(Monitor):
         self.record(first)
 
     def record(self, record: Record) -> None:
-        """Keep the step."""
+        """Store the step."""
         u = record.displacement.getArray(readonly=True).reshape(-1, 2)[self._nodes, 0]
         assert record.joints is not None
         self.rows.append((record.time, u[0], u[1], float(-record.joints.traction[:, 0].mean())))
 
 
 def model(cells: int) -> dj.Model:
-    """The bar along x and the wall, a cell that is fixed; faces DISTANCE apart."""
+    """Return the bar along x and the wall, a fixed cell, with faces DISTANCE apart."""
     x = np.concatenate([[-DISTANCE - 0.01, -DISTANCE], np.linspace(0.0, LENGTH, cells + 1)])
-    n, left = len(x), np.delete(np.arange(len(x) - 1), 1)
+    n, cell_starts = len(x), np.delete(np.arange(len(x) - 1), 1)
     upright = lambda k: np.array([[k, k + n]])  # noqa: E731
-    along = np.column_stack([left, left + 1])
+    along = np.column_stack([cell_starts, cell_starts + 1])
     jointed = dj.mesh_from_arrays(
         MPI.COMM_SELF,
         cell="quadrilateral",
         x=np.column_stack([np.tile(x, 2), np.repeat([0.0, 0.01], n)]),
-        cells=np.column_stack([left, left + 1, left + n, left + n + 1]),
+        cells=np.column_stack([cell_starts, cell_starts + 1, cell_starts + n, cell_starts + n + 1]),
         facet_groups={
             "wall": upright(0),
             "joint_1-": upright(1),
@@ -89,7 +89,7 @@ def model(cells: int) -> dj.Model:
 
 
 def run(quick: bool) -> Outcome:
-    """Throw the bar; quick with steps twice as long."""
+    """Run the impact; ``quick`` has steps twice as long."""
     ends = _Ends()
     bar = dj.Simulation(model(40), monitors=[ends])
     dt = 4e-7 if quick else 2e-7
@@ -104,12 +104,12 @@ def run(quick: bool) -> Outcome:
     )
     time, struck, free, pressure = np.array(ends.rows).T
     rows = []
-    for name, numbers, found in (("end that strikes", STRIKES, struck), ("free end", FREE, free)):
+    for name, numbers, moved in (("end that strikes", STRIKES, struck), ("free end", FREE, free)):
         for t, theirs in numbers.items():
             rows.append(
                 Row(
                     quantity=f"{name} after {1e6 * t:.0f} us [mm]",
-                    ours=1e3 * float(np.interp(t, time, found)),
+                    ours=1e3 * float(np.interp(t, time, moved)),
                     theirs=theirs,
                     **estimate(cells=TURN),
                     scale=None if theirs else 1e3 * DISTANCE,
@@ -133,16 +133,16 @@ def run(quick: bool) -> Outcome:
             **estimate(cells=REBOUND),
         )
     )
-    figure, (left, right) = new_figure(2)
-    for found, name in ((struck, "end that strikes"), (free, "free end")):
-        left.plot(1e6 * time, 1e3 * found, label=name)
+    figure, (ends_axes, pressure_axes) = new_figure(2)
+    for moved, name in ((struck, "end that strikes"), (free, "free end")):
+        ends_axes.plot(1e6 * time, 1e3 * moved, label=name)
     for numbers in (STRIKES, FREE):
-        left.plot([1e6 * t for t in numbers], list(numbers.values()), "ko", ms=4)
-    left.set_xlabel("time [µs]")
-    left.set_ylabel("displacement [mm]; dots: exact")
-    left.legend()
-    right.plot(1e6 * time, pressure / impact)
-    right.plot([0, 20, 20, 100, 100, 140], [0, 0, 1, 1, 0, 0], "k:")
-    right.set_xlabel("time [µs]")
-    right.set_ylabel("pressure on the wall / (ρ c v); dotted: exact")
+        ends_axes.plot([1e6 * t for t in numbers], list(numbers.values()), "ko", ms=4)
+    ends_axes.set_xlabel("time [µs]")
+    ends_axes.set_ylabel("displacement [mm]; dots: exact")
+    ends_axes.legend()
+    pressure_axes.plot(1e6 * time, pressure / impact)
+    pressure_axes.plot([0, 20, 20, 100, 100, 140], [0, 0, 1, 1, 0, 0], "k:")
+    pressure_axes.set_xlabel("time [µs]")
+    pressure_axes.set_ylabel("pressure on the wall / (ρ c v); dotted: exact")
     return Outcome(rows=rows, figure=figure)

@@ -2,18 +2,19 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Natural frequencies of Koyna and Pine Flat dams.
 
-One monolith each on rigid ground, empty or with Westergaard's added mass, quadratic cells of 4 m,
-whose first frequency is within 0.02 % of its limit. Properties and sources are those of
-[the study](../../docs/studies.md#two-gravity-dams), `studies.gravity_dams`, which also takes the
-water by finite elements. Our frequencies are converged; the causes of the differences beyond that
-are not known. Where the published numbers are of compressible water, Westergaard's mass stands for
-another physics, and the next rows have compressible water by finite elements. Koyna in plane strain
-before an endless reservoir is then 4.5 % above the published number. Plane stress and a wall at
-103 m, the length of the reservoir in the source, give that number. The source states neither plane
-nor far end, so this is a possible cause, not a shown one.
+Each dam is one monolith on rigid ground, empty or with Westergaard's added mass, with quadratic
+cells of 4 m, whose first frequency is within 0.02 % of its limit. Properties and sources are those
+of [the study](../../docs/studies.md#two-gravity-dams), `studies.gravity_dams`, which also models
+the water by finite elements. Our frequencies are converged; the causes of larger differences are
+not known. Some published numbers have compressible water, for which Westergaard's mass is only an
+approximation; the next rows have compressible water by finite elements. Koyna in plane strain with
+an endless reservoir is then 4.5 % above the published number. Plane stress and a wall at 103 m, the
+length of the reservoir in the source, give that number. The source states neither the plane nor the
+far end, so this is a possible cause, but not a proven one.
 
-The last row is the dam itself, shaken with the reservoir at 94 and 105 m: the ratio of the two
-frequencies, which does not depend on the modulus, with compressible water by finite elements.
+The last row compares with measurements on the dam, shaken with the reservoir at 94 and 105 m. It is
+the ratio of the two frequencies with compressible water by finite elements, which does not depend
+on the modulus.
 """
 
 from __future__ import annotations
@@ -38,12 +39,12 @@ SOURCE = (
     "Samii, Lotfi 2007; measured by Rea, Liaw, Chopra 1972"
 )
 
-# Largest tolerance, whatever the digits of a source.
+# Largest tolerance, even if the source has fewer digits.
 LARGEST = 0.02
-# Relative errors by cells of 4 m, of first modes and of others: what halving the cells from 8 m
-# changes; four times as much on cells of 8 m.
+# Relative errors with cells of 4 m, of first modes and of others: the change from 8 m to 4 m; four
+# times as much with cells of 8 m.
 CELLS, CELLS_HIGHER = 0.0006, 0.002
-# Numbers that were printed, with their digits, from which the published frequencies follow.
+# Printed numbers with their digits, from which the published frequencies are computed.
 PRINTED = {
     "Koyna, empty": ((18.86, 4), (49.97, 4), (68.16, 4), (98.27, 4)),
     "Koyna, empty (from damping)": ((0.9676, 4),),
@@ -51,7 +52,7 @@ PRINTED = {
     "Pine Flat, empty": ((1.4, 2),),
     "Pine Flat, full": ((2.5267, 5),),
 }
-# Deviations beyond the estimated errors, and their causes where these are known.
+# Deviations beyond the estimated errors.
 DIFFERS = {
     "Koyna, empty": (0.0031, 0.0101, None, 0.0155),
     "Koyna, empty (from damping)": (-0.0035,),
@@ -59,25 +60,25 @@ DIFFERS = {
     "Pine Flat, empty": (None,),
     "Pine Flat, full": (-0.0143,),
 }
-FORMULA = "Westergaard's formula here, compressible water there; shares of the causes not known"
+FORMULA = "Westergaard's formula here, compressible water in the source; other causes not known"
 
 
 def run(quick: bool, *, fine: bool = False) -> Outcome:
-    """Compute the modes; quick on cells twice as long, without water by elements; fine on half."""
+    """Compute the modes; ``quick`` doubles cells and omits water by elements, ``fine`` halves."""
     size = 8.0 if quick else 2.0 if fine else 4.0
     coarse = max(1.0, size / 4.0) ** 2
     rows = []
     for name, published in PUBLISHED.items():
         count = len(published.frequencies)
-        found = frequencies(published.dam, size=size, count=count)
-        for mode, (ours, theirs) in enumerate(zip(found, published.frequencies, strict=True), 1):
+        lowest = frequencies(published.dam, size=size, count=count)
+        for mode, (ours, theirs) in enumerate(zip(lowest, published.frequencies, strict=True), 1):
             printed, digits = PRINTED[name][mode - 1]
             cells = (CELLS if mode == 1 else CELLS_HIGHER) * coarse
             limit = estimate(printed, cells=cells, digits=digits)
             if limit["tolerance"] > LARGEST:
                 limit = {
                     "tolerance": LARGEST,
-                    "reason": f"{limit['reason']}, {share(LARGEST)} kept",
+                    "reason": f"{limit['reason']}, limited to {share(LARGEST)}",
                 }
             rows.append(
                 Row(

@@ -1,19 +1,19 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Two blocks, the joint between them grouted under pressure.
+"""Two blocks with the joint between them grouted under pressure.
 
-Two blocks of 5 m by 10 m in plane strain stand 1 mm apart on a fixed base, E = 3e12 Pa, nu = 0.25,
-2400 kg/m^3. Under their weight the joint, k_n = k_s = 1e12 Pa/m, is grouted with 50 kPa; compared
-is by how much the faces have moved apart under both, 2, 5 and 8 m above the base. The 1 mm is
-filled and has no part in it. Here `grout(pressure=...)` on square cells of 0.25 m, degree 2: in
-plane strain, and against code_aster in space, whose blocks are 1 m thick with unconstrained sides,
-also in plane stress.
+Two blocks of 5 m by 10 m in plane strain are 1 mm apart on a fixed base, with E = 3e12 Pa, nu =
+0.25, 2400 kg/m^3. Under self weight the joint, k_n = k_s = 1e12 Pa/m, is grouted with 50 kPa. The
+opening by weight and grouting is compared 2, 5 and 8 m above the base. The gap of 1 mm is filled
+and does not count. We use `grout(pressure=...)` on square cells of 0.25 m, degree 2, in plane
+strain. The comparison with code_aster in 3-D, whose blocks are 1 m thick with unconstrained sides,
+is also in plane stress.
 
-Halving the cells changes our openings by 0.05 %. The differences to the published ones are 1.3 to
-5.4 %, and their causes are not known: neither source gives its cells. Linear cells are too stiff in
-bending; square ones of 0.5 m leave 2.3 to 2.7 % of the difference to code_aster in the plane.
-Between one and twenty linear cells across a block no number of them gives all of code_aster's
-openings. Its openings in space are ours in plane strain to 0.4 %, not ours in plane stress.
+Halving the cells changes our openings by 0.05 %. The differences from the published ones are 1.3 to
+5.4 %, and their causes are not known: neither source states its cells. Linear cells are too stiff
+in bending; square ones of 0.5 m reduce the difference from code_aster in 2-D to 2.3 to 2.7 %. No
+number of linear cells across a block, from one to twenty, gives all of code_aster's openings. Its
+openings in 3-D agree with ours in plane strain to 0.4 %, but not with ours in plane stress.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ GEFDYN = {2.0: 6.38e-7, 5.0: 2.14e-6, 8.0: 3.88e-6}  # opening by height [m]
 PLANE = {2.0: 6.0217e-7, 5.0: 2.0034e-6, 8.0: 3.6230e-6}
 SPACE = {4.5: 1.8012e-6, 8.5: 4.0390e-6}
 
-# Relative error of openings by cells of 0.25 m: what halving the cells from 0.5 m changes; twice
-# that on cells of 0.5 m.
+# Relative error of openings with cells of 0.25 m: the change from 0.5 m to 0.25 m; twice as much
+# with cells of 0.5 m.
 CELLS = 0.0015
 # Deviations beyond the estimated errors on the finer cells, by comparison and height [m].
 DIFFERS = {
@@ -52,7 +52,7 @@ DIFFERS = {
 
 
 def mesh(comm: MPI.Comm, size: float) -> dj.JointedMesh:
-    """The blocks in squares of a size [m], the joint at x = 0 (collective)."""
+    """Return the blocks with square cells of a size [m] and the joint at x = 0 (collective)."""
     across, high = round(WIDTH / size), round(HEIGHT / size)
     grid = np.arange((2 * across + 1) * (high + 1)).reshape(high + 1, 2 * across + 1)
     y, x = np.indices(grid.shape)
@@ -71,7 +71,7 @@ def mesh(comm: MPI.Comm, size: float) -> dj.JointedMesh:
 def openings(
     size: float, *, degree: int = 1, plane: str = "strain", comm: MPI.Comm = MPI.COMM_WORLD
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], Any]:
-    """Heights and openings of all joint points after grouting [m], and the state (collective)."""
+    """Return heights and openings after grouting [m], and the state (collective)."""
     model = dj.Model(
         mesh(comm, size),
         material=dj.Elastic(young=3e12, poisson=0.25, density=2400.0),
@@ -88,7 +88,7 @@ def openings(
     run = dj.Simulation(model)
     run.statics(joints="inactive")
     state = run.grout(pressure=GROUT)
-    # The gap counts from the grout; the opening of the blocks is in their displacement.
+    # The gap of the state is relative to the grout; compute the opening from the displacement.
     opening = model.contact.gap(state.displacement)[:, 0]
     points = np.column_stack([model.operator.points[:, 1], opening])
     height, opening = np.concatenate(comm.allgather(points)).T
@@ -97,11 +97,11 @@ def openings(
 
 
 def run(quick: bool, *, fine: bool = False) -> Outcome:
-    """Grout in plane strain and in plane stress; quick on cells twice as long, fine on half."""
+    """Grout in plane strain and plane stress; ``quick`` doubles, ``fine`` halves the cells."""
     size = 0.5 if quick else 0.125 if fine else 0.25
     strain, stress = (openings(size, degree=2, plane=plane) for plane in ("strain", "stress"))
     rows = []
-    for name, theirs, found, digits in (
+    for name, theirs, points, digits in (
         ("GEFDYN", GEFDYN, strain, 3),
         ("code_aster, plane", PLANE, strain, 5),
         ("code_aster, space", SPACE, stress, 5),
@@ -111,7 +111,7 @@ def run(quick: bool, *, fine: bool = False) -> Outcome:
             rows.append(
                 Row(
                     quantity=f"opening {height:g} m above the base [m], {name}",
-                    ours=float(np.interp(height, found[0], found[1])),
+                    ours=float(np.interp(height, points[0], points[1])),
                     theirs=value,
                     **estimate(value, cells=CELLS * max(1.0, size / 0.25), digits=digits),
                     differs=DIFFERS[name][height],

@@ -1,24 +1,24 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A gravity dam that is impounded, on a joint with uplift.
+"""Impounded gravity dam on a joint with uplift.
 
-A dam 10 m high, 5 m wide at its base and 1.5 m at its crest, upstream face vertical, stands on a
-massless foundation 15 m wide and 5 m deep, fixed at its bottom and sides, with a joint between; E =
-3e12 Pa, nu = 0, 2400 kg/m^3, k_n = k_s = 1e12 Pa/m, no tension (100 Pa in the reference), no
-sliding where the joint is closed. The water stands at 9 m; without uplift the joint opens at the
-heel alone, with uplift falling from 9 m of water there to none at the toe over two fifths. Compared
-are gaps, slips and total normal tractions along it, plane strain. Here cells of 0.1 m at the joint
-and 0.25 m in height, degree 2.
+A dam 10 m high, 5 m wide at its base and 1.5 m at its crest has a vertical upstream face. It is on
+a massless foundation, 15 m wide, 5 m deep and fixed at bottom and sides, with a joint between; E =
+3e12 Pa, nu = 0, 2400 kg/m^3, k_n = k_s = 1e12 Pa/m. The joint has no tensile strength (100 Pa in
+the reference) and does not slide if closed. The water level is 9 m. Without uplift the joint opens
+only at the heel. With uplift that decreases from 9 m of water at the heel to zero at the toe, it
+opens over two fifths. Gaps, slips and total normal tractions along the joint are compared in plane
+strain. Our cells are 0.1 m at the joint and 0.25 m in height, of degree 2.
 
-Our gap at the heel falls from 430.3 over 429.6 and 429.3 to 429.2 nm with 25, 50, 100 and 200 cells
-along the joint. It is converged to 0.1 %, and 7.1 % above GEFDYN's. The cause is not known: the
-source does not give GEFDYN's cells. With 13 linear cells along the joint ours is within 1 % of
-GEFDYN at heel and toe. The smaller differences to code_aster are not explained either.
+Our gap at the heel is 430.3, 429.6, 429.3 and 429.2 nm with 25, 50, 100 and 200 cells along the
+joint. It is converged to 0.1 % and 7.1 % larger than GEFDYN's. The cause is not known: the source
+does not state GEFDYN's cells. With 13 linear cells along the joint ours is within 1 % of GEFDYN's
+at heel and toe. The smaller differences from code_aster are not explained either.
 
-Where the joint is open code_aster prints another slip than ours, 0.35 instead of 0.27 um at 1.3 m.
-In its law the slip becomes the new origin of shear there, and the slip since the last origin is
-added to it. So the printed number would be the slip plus that of the last load step, a level of 8.8
-to 9 m. Ours plus its own last step agrees to 0.3 %.
+Where the joint is open, code_aster prints a different slip: 0.35 um at 1.3 m, ours is 0.27 um. In
+its law the slip becomes the new origin of shear there, and the slip since the last origin is added
+to it. The printed number would then be the slip plus the slip of the last load step, a level of 8.8
+to 9 m. Our slip plus that of our last step agrees to 0.3 %.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ SOURCE = "code_aster's test SSNP142 A (V6.03.142): reference by GEFDYN, and its 
 Floats = NDArray[np.float64]
 HEIGHT, BASE, CREST, DEPTH, LEVEL = 10.0, 5.0, 1.5, 5.0, 9.0
 STIFFNESS, GRAVITY = 1e12, 9.81
-# By distance from the heel [m]: gap, slip [m] and total traction [Pa]; nan where not printed.
+# Gap, slip [m] and total traction [Pa] by distance from the heel [m]; nan if not printed.
 GEFDYN = {0.0: (4.01e-7, np.nan, -8.83e4), 5.0: (-4.25e-7, np.nan, -4.25e5)}
 WET = {
     0.0: (4.22749e-7, np.nan, -88290.0),
@@ -46,7 +46,7 @@ WET = {
     4.6: (-3.18963e-7, 1.52159e-7, -326026.0),
     5.0: (-4.41827e-7, np.nan, -441827.0),
 }
-# As code_aster prints it at 1.3 m, and the level of the step before [m].
+# Slip that code_aster prints at 1.3 m, and the water level of the previous step [m].
 OPEN_SLIP, BEFORE = 3.51772e-7, 8.8
 DRY = {
     1.3: (-8.74980e-8, np.nan, -87498.0),
@@ -55,14 +55,14 @@ DRY = {
 }
 
 NAMES = ("gap [m]", "slip [m]", "total traction [Pa]")
-# Relative errors by cells of 0.1 m: what halving the cells from 0.2 m changes, times 1.25 as the
-# order is below one at the singular points, 0.1 % at least. By distance from the heel [m]; the
-# traction of open points is the water's pressure, without an error by cells. On cells of 0.2 m
-# errors are twice as large.
+# Relative errors with cells of 0.1 m by distance from the heel [m]: the change from 0.2 m to 0.1 m
+# times 1.25, as the order is below one at the singular points, and at least 0.1 %. With cells of
+# 0.2 m errors are twice as large. The traction of open points is the water pressure and has no
+# error by cells.
 GAP_CELLS = {0.0: 0.002, 1.3: 0.0033, 3.2: 0.001, 4.6: 0.001, 5.0: 0.005}
 SLIP_CELLS = {1.3: 0.011, 3.2: 0.0075, 4.6: 0.005}
 DRY_CELLS = 0.001
-OPEN = (0.0, 1.3)  # with uplift
+OPEN = (0.0, 1.3)  # distances at which the joint is open with uplift [m]
 # Deviations beyond the estimated errors on the finer cells, by source, quantity and distance.
 DIFFERS = {
     ("GEFDYN", "gap [m]", 0.0): 0.0705,
@@ -84,7 +84,7 @@ DIFFERS = {
 
 
 def mesh(cells: int) -> dj.JointedMesh:
-    """Dam and foundation, so many cells along the joint at y = 0."""
+    """Return dam and foundation with ``cells`` cells along the joint at y = 0."""
     high, deep, beside = round(0.8 * cells), round(0.4 * cells), cells
     x = np.linspace(-BASE, 2 * BASE, 2 * beside + cells + 1)
     y = -DEPTH * np.linspace(1.0, 0.0, deep + 1) ** 1.5
@@ -117,7 +117,7 @@ def mesh(cells: int) -> dj.JointedMesh:
 def along_joint(
     cells: int, wet: bool, level: float = LEVEL, degree: int = 2
 ) -> tuple[Floats, Floats]:
-    """Distances from the heel, and gap, slip and total traction there, shape (n, 3)."""
+    """Return distances from the heel, and gap, slip and total traction there, shape (n, 3)."""
     head = 1000.0 * GRAVITY * level  # [Pa]
     concrete = dj.Elastic(young=3e12, poisson=0.0, density=2400.0)
     water = [
@@ -156,9 +156,9 @@ def error_by_cells(i: int, x: float, wet: bool, cells: int) -> float:
 
 
 def run(quick: bool, *, fine: bool = False) -> Outcome:
-    """Impound with and without uplift; quick on cells twice as long, fine on half as long."""
+    """Impound with and without uplift; ``quick`` doubles, ``fine`` halves the cells."""
     cells = 25 if quick else 100 if fine else 50
-    found = {wet: along_joint(cells, wet) for wet in (True, False)}
+    by_uplift = {wet: along_joint(cells, wet) for wet in (True, False)}
     rows = []
     for who, wet, numbers, digits in (
         ("GEFDYN", True, GEFDYN, 3),
@@ -172,36 +172,38 @@ def run(quick: bool, *, fine: bool = False) -> Outcome:
                     rows.append(
                         Row(
                             quantity=f"{NAMES[i]}, {x:g} m from the heel, {who}",
-                            ours=float(np.interp(x, found[wet][0], found[wet][1][:, i])),
+                            ours=float(np.interp(x, by_uplift[wet][0], by_uplift[wet][1][:, i])),
                             theirs=theirs,
                             **estimate(theirs, cells=cells_error, digits=digits),
                             differs=DIFFERS.get((who, NAMES[i], x)),
                         )
                     )
     before = along_joint(cells, True, BEFORE)
-    slip, less = (float(np.interp(1.3, x, values[:, 1])) for x, values in (found[True], before))
+    slip, slip_before = (
+        float(np.interp(1.3, x, values[:, 1])) for x, values in (by_uplift[True], before)
+    )
     rows.append(
         Row(
             quantity="slip [m] plus that of the last step, 1.3 m from the heel, code_aster",
-            ours=2.0 * slip - less,
+            ours=2.0 * slip - slip_before,
             theirs=OPEN_SLIP,
             **estimate(OPEN_SLIP, cells=error_by_cells(1, 1.3, True, cells), digits=6),
         )
     )
-    figure, (left, right) = new_figure(2)
+    figure, (gap_axes, traction_axes) = new_figure(2)
     for wet, numbers, name in ((True, WET, "uplift"), (False, DRY, "no uplift")):
-        x, values = found[wet]
-        (line,) = left.plot(x, 1e6 * values[:, 0], label=f"ours, {name}")
-        right.plot(x, 1e-3 * values[:, 2], color=line.get_color())
+        x, values = by_uplift[wet]
+        (line,) = gap_axes.plot(x, 1e6 * values[:, 0], label=f"ours, {name}")
+        traction_axes.plot(x, 1e-3 * values[:, 2], color=line.get_color())
         at, theirs = np.array(list(numbers)), np.array(list(numbers.values()))
-        left.plot(at, 1e6 * theirs[:, 0], "s", color=line.get_color(), label="code_aster")
-        right.plot(at, 1e-3 * theirs[:, 2], "s", color=line.get_color())
+        gap_axes.plot(at, 1e6 * theirs[:, 0], "s", color=line.get_color(), label="code_aster")
+        traction_axes.plot(at, 1e-3 * theirs[:, 2], "s", color=line.get_color())
     at, theirs = np.array(list(GEFDYN)), np.array(list(GEFDYN.values()))
-    left.plot(at, 1e6 * theirs[:, 0], "ko", mfc="none", label="GEFDYN")
-    right.plot(at, 1e-3 * theirs[:, 2], "ko", mfc="none")
-    left.set_ylabel("gap [µm]")
-    right.set_ylabel("total normal traction [kPa]")
-    for ax in (left, right):
+    gap_axes.plot(at, 1e6 * theirs[:, 0], "ko", mfc="none", label="GEFDYN")
+    traction_axes.plot(at, 1e-3 * theirs[:, 2], "ko", mfc="none")
+    gap_axes.set_ylabel("gap [µm]")
+    traction_axes.set_ylabel("total normal traction [kPa]")
+    for ax in (gap_axes, traction_axes):
         ax.set_xlabel("distance from the heel [m]")
-    left.legend()
+    gap_axes.legend()
     return Outcome(rows=rows, figure=figure)

@@ -1,15 +1,16 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A slider on an inclined plane, just below and just above its friction.
+"""Slider on an inclined plane, just below and just above the friction limit.
 
-A block of 40 x 20 mm, E = 2.1e11 Pa, nu = 0, hangs 2 mm above a rigid plane inclined by 30 degrees,
-on springs of 5 N/m across it and 2000 N/m along it, two of each, per mm of depth. 300 MPa press it
-onto the plane, then a pressure on its side pushes it along with 0.99 or 1.01 times what friction,
-mu = 0.3, carries. It sticks but for some slip near the side that is pushed, or slides until the
-springs carry the rest, 36 N / 4000 N/m = 9 mm. Cells of 5 mm, k = 1e15 Pa/m; the springs act on
-whole faces here, in corners there, and there both pressures grow together.
+A block of 40 x 20 mm, E = 2.1e11 Pa, nu = 0, is suspended 2 mm above a rigid plane inclined by 30
+degrees. It has two springs of 5 N/m across the plane and two of 2000 N/m along it, per mm of depth.
+A pressure of 300 MPa presses it onto the plane. Then a pressure on its side pushes it along the
+plane with 0.99 or 1.01 times the friction limit, mu = 0.3. With 0.99 it sticks, with some slip near
+the pushed side. With 1.01 it slides until the springs carry the excess, 36 N / 4000 N/m = 9 mm.
+The cells are 5 mm, k = 1e15 Pa/m. In our model the springs act on whole faces and the pressures act
+in sequence; in the source the springs act at corners and both pressures grow together.
 
-The slip is more than a cell: joint points keep their partners here, which does no harm on a plane.
+The slip exceeds the cell size, and joint points keep their partners. This is no error on a plane.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ SOURCE = "code_aster's test SSNV503 (V6.04.503), displacements and forces printe
 
 LENGTH, HEIGHT, CELL, DISTANCE, FRICTION = 0.04, 0.02, 0.005, 2e-3, 0.3
 PRESSURE, STIFFNESS = 300e6, 1e15  # [Pa], of the joint [Pa/m]
-# Relative errors: by cells, as halving them changes 0.06 %; by the joint, whose elastic overlap is
-# pressure / stiffness = 0.0003 mm beside displacements of 1 mm and more.
+# Relative errors: by cells, where halving them changes 0.06 %, and by the joint's elastic overlap,
+# pressure / stiffness = 0.0003 mm compared with displacements of 1 mm and more.
 CELLS, SOFTNESS = 0.001, PRESSURE / STIFFNESS / 1e-3
 ALONG, ACROSS = 2 * 2e6, 2 * 5e3  # springs per depth [N/m per m]
-# Displacements (x, y) of the corner that is pushed and of the other one [mm].
+# Displacements (x, y) of the pushed corner and of the other corner [mm].
 PRESSED = ((1.0, -1.732051), (1.0, -1.732051))
 STUCK = ((1.021344, -1.719728), (1.0, -1.732051))
 SLID = ((8.809533, 2.776785), (8.786944, 2.763743))
@@ -44,10 +45,10 @@ TURN = np.array(
 
 
 def slider(share: float) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements of the lower corners [m], and normal and shear force of the joint [N/m].
+    """Return displacements of the lower corners [m], and normal and shear joint force [N/m].
 
     Args:
-        share: Of friction that the side is pushed with.
+        share: Push on the side relative to the friction limit.
     """
     across, high = round(LENGTH / CELL), round(HEIGHT / CELL)
     grid = np.arange((across + 1) * (high + 2)).reshape(high + 2, across + 1)
@@ -98,13 +99,13 @@ def slider(share: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def run(quick: bool) -> Outcome:
-    """Press, and push with 0.99 and 1.01 of friction."""
+    """Press the block, and push it with 0.99 and 1.01 times the friction limit."""
     rows = []
     figure, ax = new_figure()
     cases = ((0.0, PRESSED, 0.0), (0.99, STUCK, SHEAR_STUCK), (1.01, SLID, SHEAR_SLID))
     for share, moved, shear in cases:
-        found, force = slider(share)
-        for corner, ours, theirs in zip(("pushed", "other"), 1e3 * found, moved, strict=True):
+        corners, force = slider(share)
+        for corner, ours, theirs in zip(("pushed", "other"), 1e3 * corners, moved, strict=True):
             for axis in range(2):
                 rows.append(
                     Row(
@@ -114,21 +115,21 @@ def run(quick: bool) -> Outcome:
                         **estimate(softness=SOFTNESS, cells=CELLS),
                     )
                 )
-        for what, ours, theirs in (("normal", force[0], NORMAL), ("shear", force[1], shear)):
+        for direction, ours, theirs in (("normal", force[0], NORMAL), ("shear", force[1], shear)):
             rows.append(
                 Row(
-                    quantity=f"{what} force [N/mm], push {share:g}",
+                    quantity=f"{direction} force [N/mm], push {share:g}",
                     ours=1e-3 * float(ours),
                     theirs=theirs,
                     **estimate(equilibrium=0.001),
                     scale=None if theirs else NORMAL,
                 )
             )
-        ax.plot(share, 1e3 * (TURN.T @ found[0])[0], "o", color="C0")
+        ax.plot(share, 1e3 * (TURN.T @ corners[0])[0], "o", color="C0")
     pushes = np.linspace(0.0, 1.02, 103)
     slip = np.maximum(pushes - 1.0, 0.0) * FRICTION * PRESSURE * LENGTH / ALONG
     ax.plot(pushes, 1e3 * slip, "k:", label="exact")
     ax.set_xlabel("push / friction")
-    ax.set_ylabel("way along the plane [mm]; dots: ours")
+    ax.set_ylabel("displacement along the plane [mm]; dots: ours")
     ax.legend()
     return Outcome(rows=rows, figure=figure)

@@ -1,19 +1,18 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A plate pressed onto a rigid plane and pushed along it.
+"""Plate pressed onto a rigid plane and pushed along it.
 
-Half of a plate of 80 x 40 mm, E = 1.3e11 Pa, nu = 0.2, plane strain, its plane of symmetry at x =
-40 mm, lies on a rigid plane with friction 1. Its top is pressed with 50 MPa, its side at x = 0 with
-150 MPa, both growing together in five steps. At that side it lifts off over 3 mm, slides up to
-30 mm and sticks beyond. Compared are displacements along the plane at five points near the side.
-Cells of 1.25 mm, of degree 2, k = 1e16 Pa/m.
+Half of a plate of 80 x 40 mm, E = 1.3e11 Pa, nu = 0.2, is in plane strain with its plane of
+symmetry at x = 40 mm. It is on a rigid plane with friction coefficient 1. Its top is pressed with
+50 MPa and its side at x = 0 with 150 MPa, both growing together in five steps. The plate lifts off
+over 3 mm at that side, slides up to 30 mm and sticks beyond. Displacements along the plane are
+compared at five points near the side. Cells are 1.25 mm, of degree 2, k = 1e16 Pa/m.
 
-It is a benchmark of a group of French laboratories (GRECO), whose programs' common values are the
-reference. Our displacements are converged to 0.03 % with the cells and to 0.02 % with the
-stiffness k. The cause of the differences beyond that is not known: 2.7 % at 11.25 mm from GRECO,
-whose other numbers agree, and 0.2 to 1.3 % from code_aster. A softer joint is not the cause alone:
-k_s = 1e14 Pa/m brings three of code_aster's five to 0.1 % and leaves 0.3 and 0.8 % at 7.5 and
-11.25 mm.
+It is a benchmark of a group of French laboratories (GRECO); the reference is the common result of
+their programs. Our displacements are converged to 0.03 % in the cells and to 0.02 % in the
+stiffness k. The cause of larger differences is not known: 2.7 % at 11.25 mm from GRECO, whose other
+numbers agree, and 0.2 to 1.3 % from code_aster. A softer joint alone does not explain them: k_s =
+1e14 Pa/m reduces three of code_aster's five to 0.1 %, but 0.3 and 0.8 % remain at 7.5 and 11.25 mm.
 """
 
 from __future__ import annotations
@@ -29,12 +28,12 @@ from validation.grids import line, quads
 SOURCE = "code_aster's test SSNV128 A (V6.04.128): reference of the GRECO group, own results"
 
 SIDE, CELL = 0.04, 0.00125
-# By x [mm]: displacement along the plane [um].
+# Displacement along the plane [um] by x [mm].
 GRECO = {0.0: 28.6, 1.25: 27.2, 5.0: 22.8, 7.5: 19.8, 11.25: 15.0}
 CODE_ASTER = {0.0: 28.6488, 1.25: 27.2687, 5.0: 22.9236, 7.5: 19.9289, 11.25: 15.6085}
 
-# Relative errors: by cells of 1.25 mm, what halving them from 2.5 mm changes, twice that on cells
-# of 2.5 mm; by the stiffness of the joint, a tenth of what one ten times softer changes.
+# Relative errors. By cells of 1.25 mm: the change from 2.5 mm to 1.25 mm; twice as much with cells
+# of 2.5 mm. By the stiffness of the joint: a tenth of the change with a joint ten times softer.
 CELLS, SOFTNESS = 0.001, 0.0002
 # Deviations beyond the estimated errors on the finer cells, by source and x [mm].
 DIFFERS = {
@@ -44,7 +43,7 @@ DIFFERS = {
 
 
 def plate(cells: int) -> tuple[dj.Model, dj.Simulation]:
-    """The plate and a row of fixed cells below it, the joint at y = 0."""
+    """Return the plate and a row of fixed cells below it, with the joint at y = 0."""
     grid = np.arange((cells + 1) * (cells + 2)).reshape(cells + 2, cells + 1)
     y, x = np.indices(grid.shape)
     jointed = dj.mesh_from_arrays(
@@ -81,7 +80,7 @@ def plate(cells: int) -> tuple[dj.Model, dj.Simulation]:
 
 
 def run(quick: bool, *, fine: bool = False) -> Outcome:
-    """Press and push; quick on cells twice as long, fine on half as long."""
+    """Press and push the plate; ``quick`` doubles, ``fine`` halves the cells."""
     cell = CELL * (2.0 if quick else 0.5 if fine else 1.0)
     model, simulation = plate(round(SIDE / cell))
     state = simulation.statics(steps=5)
@@ -111,7 +110,7 @@ def run(quick: bool, *, fine: bool = False) -> Outcome:
     ax.plot(x, u, label="ours")
     for who, numbers, mark in (("GRECO", GRECO, "o"), ("code_aster", CODE_ASTER, "x")):
         ax.plot(list(numbers), list(numbers.values()), mark, label=who)
-    ax.set_xlabel("distance from the side that is pushed [mm]")
+    ax.set_xlabel("distance from the pushed side [mm]")
     ax.set_ylabel("displacement along the plane [µm]")
     ax.legend()
     return Outcome(rows=rows, figure=figure)

@@ -1,12 +1,12 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A mass on a spring that rubs on a plane.
+"""Mass on a spring with friction on a plane.
 
-1 kg on a spring of 1e4 N/m, pressed onto a plane with 10 N and friction 0.1, is let go 0.85 mm away
-from where the spring is free of force. Each half cycle takes 0.2 mm off the amplitude; at the
-fourth turn the spring no longer moves it. Compared are the turning points that code_aster's test
-prints and the energy lost. Here the mass is an elastic block of 0.1 m on a joint of 1e9 Pa/m, the
-spring acts on its side, steps are a two-hundredth of a period.
+A mass of 1 kg on a spring of 1e4 N/m is pressed onto a plane with 10 N and friction coefficient
+0.1. It is released 0.85 mm from the unstressed position of the spring. Each half cycle reduces the
+amplitude by 0.2 mm; at the fourth turning point the mass stays at rest. The turning points printed
+in code_aster's test and the energy lost are compared. Our mass is an elastic block of 0.1 m on a
+joint of 1e9 Pa/m, and the spring acts on its side. A period has 200 steps.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from validation.grids import line, quads
 SOURCE = "code_aster's test SDND100 (V5.01.100), exact values printed there"
 
 SIDE, MASS, SPRING, PRESS, FRICTION, START = 0.1, 1.0, 1e4, 10.0, 0.1, 0.85e-3
-STEPS = 0.002  # relative error, twice what halving the steps changes
-TURNS = (-0.65, 0.45, -0.25, 0.05)  # after each half period [mm]
+STEPS = 0.002  # relative error, twice the change by halving the steps
+TURNS = (-0.65, 0.45, -0.25, 0.05)  # displacement after each half period [mm]
 
 
 class _Block(Monitor):
-    """Displacement of the block along x at all steps."""
+    """Monitor of the block's displacement along x at all steps."""
 
     def start(self, model: dj.Model, stage: str, steps: int, first: Record) -> None:
         """Find a node."""
@@ -40,13 +40,13 @@ class _Block(Monitor):
         self.record(first)
 
     def record(self, record: Record) -> None:
-        """Keep the step."""
+        """Store the step."""
         u = record.displacement.getArray(readonly=True).reshape(-1, 2)
         self.rows.append((record.time, float(u[self._node, 0])))
 
 
 def model() -> dj.Model:
-    """A block on a plate that is fixed."""
+    """Return a block on a fixed plate."""
     grid = np.arange(9).reshape(3, 3)
     y, x = np.indices(grid.shape)
     jointed = dj.mesh_from_arrays(
@@ -79,19 +79,19 @@ def model() -> dj.Model:
 
 
 def run(quick: bool) -> Outcome:
-    """Let go; quick in steps twice as long."""
+    """Release the mass; ``quick`` has steps twice as long."""
     body, watch = model(), _Block()
     simulation = dj.Simulation(body, monitors=[watch])
     simulation.statics()
-    away = body.stiffness.createVecRight()
+    displacement = body.stiffness.createVecRight()
     upper = np.append(
         np.flatnonzero(body.V.tabulate_dof_coordinates()[:, 1] > 1e-9), body.nodes("joint_1+")
     )
-    away.getArray().reshape(-1, 2)[upper, 0] = START
+    displacement.getArray().reshape(-1, 2)[upper, 0] = START
     half = math.pi / math.sqrt(SPRING / MASS)
     parts = 50 if quick else 100
     outcome = simulation.dynamics(
-        dt=half / parts, steps=5 * parts, start=dj.InitialFields(displacement=away)
+        dt=half / parts, steps=5 * parts, start=dj.InitialFields(displacement=displacement)
     )
     time, x = np.array(watch.rows).T
     rows = [
@@ -103,12 +103,12 @@ def run(quick: bool) -> Outcome:
         )
         for i, theirs in enumerate(TURNS, 1)
     ]
-    way = START + 1e-3 * (2.0 * 0.65 + 2.0 * 0.45 + 2.0 * 0.25 + 0.05)
+    path_length = START + 1e-3 * (2.0 * 0.65 + 2.0 * 0.45 + 2.0 * 0.25 + 0.05)
     rows.append(
         Row(
             quantity="energy lost [mJ]",
             ours=1e3 * outcome.energy.friction,
-            theirs=1e3 * FRICTION * PRESS * way,
+            theirs=1e3 * FRICTION * PRESS * path_length,
             **estimate(steps=STEPS),
         )
     )

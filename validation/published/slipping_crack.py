@@ -1,21 +1,22 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A block with a slipping crack under a cycle of compression.
+"""Block with a slipping crack under a cycle of compression.
 
 A block 1 m wide, 2 m high and 1 m deep, E = 88.9 GPa, nu = 0.26, is cut at 45 degrees by a plane
-with k_n = k_s = 220 GPa/m, of whose length L = 1.414 m the middle l = 0.54 m slides with 16 degrees
-of friction; the rest only yields elastically. Its top is pressed down and let up again. The curve
-of force and displacement has three straight parts: loading, with slip; the beginning of unloading,
-stuck; and the rest of it, with slip back. The model of Olsson and Brady puts block and joint in
+with k_n = k_s = 220 GPa/m. Of its length L = 1.414 m the middle l = 0.54 m slides with 16 degrees
+of friction; the remainder is elastic. Its top is pressed down and released. The curve of force and
+displacement has three straight parts: loading with slip, the start of unloading with a sticking
+crack, and further unloading with reverse slip. The model of Olsson and Brady has block and joint in
 series, each under a uniform stress,
 
     1/k = H/(W B E) + cos^2(a)/(k_n L B) + sin^2(a)/(k_s L B),
     loading    k / (1 + k sin(a) sin(a - phi) / (k_s B (L - l) cos(phi))),
     unloading  k, then with sin(a + phi) instead of sin(a - phi),
 
-while here the stress in the block is not uniform while the middle slides. Quadratic cells of 1/24 m
-in plane stress. Halving our cells changes the stiffnesses by 0.03 %, so the 0.7 and 0.8 % between
-both are errors of the closed form. Which of its assumptions makes them has not been isolated.
+In our model the stress in the block is not uniform while the middle slides. It has quadratic cells
+of 1/24 m in plane stress. Halving the cells changes the stiffnesses by 0.03 %, so the differences
+of 0.7 and 0.8 % are errors of the closed form. We did not isolate which of its assumptions causes
+them.
 """
 
 from __future__ import annotations
@@ -37,16 +38,16 @@ SOURCE = (
 
 YOUNG, POISSON, STIFFNESS = 88.9e9, 0.26, 220e9  # [Pa], -, [Pa/m]
 WIDTH, HEIGHT, SLIPS, ANGLE, FRICTION = 1.0, 2.0, 0.54, 45.0, 16.0  # [m], [degrees]
-PRESSED = 1e-3  # of the top [m]
+PRESSED = 1e-3  # displacement of the top [m]
 
-# Relative error of stiffnesses: what halving the cells from 1/12 m changes.
+# Relative error of stiffnesses: the change from cells of 1/12 m to 1/24 m.
 CELLS = 0.001
-# Deviations beyond that, of the closed form.
+# Larger deviations, which are errors of the closed form.
 DIFFERS = {"loading": -0.0068, "unloading, slipping": -0.0077}
 
 
 def mesh(cells: int) -> dj.JointedMesh:
-    """The block in quadrilaterals that follow the plane, so many along half of it."""
+    """Return the block in quadrilaterals along the plane, with ``cells`` over half the height."""
     half = SLIPS * math.cos(math.radians(ANGLE)) / 2.0
     inner = max(1, round(2.0 * half * cells / WIDTH))
     outer = max(1, round((WIDTH / 2.0 - half) * cells / WIDTH))
@@ -79,7 +80,7 @@ def mesh(cells: int) -> dj.JointedMesh:
 
 
 def slopes() -> tuple[float, float, float]:
-    """Stiffness of loading, of unloading, and of the rest of it [N/m], B = 1 m."""
+    """Return the stiffness of loading, of unloading, and of unloading with slip [N/m], B = 1 m."""
     a, phi = math.radians(ANGLE), math.radians(FRICTION)
     length = WIDTH / math.cos(a)
     series = HEIGHT / (WIDTH * YOUNG) + (math.cos(a) ** 2 + math.sin(a) ** 2) / (STIFFNESS * length)
@@ -90,7 +91,7 @@ def slopes() -> tuple[float, float, float]:
 
 
 def run(quick: bool, *, fine: bool = False) -> Outcome:
-    """Press and let go; quick on half the cells, fine on twice as many."""
+    """Press and release the block; ``quick`` has half the cells, ``fine`` twice as many."""
     bond = dj.FrictionNoTension(
         normal_stiffness=STIFFNESS, shear_stiffness=STIFFNESS, friction_angle_deg=89.0
     )
@@ -141,6 +142,6 @@ def run(quick: bool, *, fine: bool = False) -> Outcome:
     ax.plot(1e3 * pressed, 1e-6 * (force - stuck * pressed), label="ours")
     ax.plot(1e3 * u, 1e-6 * (f - stuck * u), "k:", label="model of Brady et al.")
     ax.set_xlabel("displacement of the top [mm]")
-    ax.set_ylabel("force less that of the stuck block [MN]")
+    ax.set_ylabel("force minus that of the sticking block [MN]")
     ax.legend()
     return Outcome(rows=rows, figure=figure)

@@ -1,19 +1,21 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The horizontal acceleration that makes a mechanism of an arch.
+"""Horizontal acceleration that turns an arch into a mechanism.
 
-A circular arch of seven voussoirs, centre line of 10 m radius over 157.5 degrees, 1.5 m thick, is
-under its weight and a constant acceleration of the ground. Oppenheim's analysis of the four-link
-mechanism gives 0.37 g; the static theorem of limit analysis, as a linear program for rigid blocks
-without tension and with friction 1, gives the exact limit. Here the acceleration is bisected
-between statics that find an equilibrium and statics that do not, each voussoir of 4 x 2 cells, k_n
-= 1e10 Pa/m, joint points at the nodes. Hinges are where the line of thrust touches the edges.
+A circular arch of seven voussoirs has a centre line of 10 m radius over 157.5 degrees and is 1.5 m
+thick. It is loaded by its weight and a constant ground acceleration. Oppenheim's analysis of the
+four-link mechanism gives 0.37 g. The static theorem of limit analysis gives the exact limit, by a
+linear program for rigid blocks without tension and with friction coefficient 1. We find the limit
+by bisection between static stages that converge and static stages that do not. A voussoir has 4 x 2
+cells, k_n = 1e10 Pa/m and joint points at the nodes. Hinges form where the line of thrust touches
+an edge.
 
-And Milankovitch's least thickness of a semicircular arch under its weight alone, t/R = 0.1075, by
-27 voussoirs: a hinge is at most half a joint off its best place, which costs at most 0.6/n^2.
+Also compared is Milankovitch's least thickness of a semicircular arch under self weight, t/R =
+0.1075, with 27 voussoirs. A hinge is at most half a joint spacing from its optimal place, which
+changes the result by at most 0.6/n^2.
 
-Displacements are small here, so that this is the onset of rocking; whether the arch falls under a
-pulse of some length is a question of large rotations, which no joint of this program follows.
+Displacements are small in this program, so the limit is the onset of rocking. Whether the arch
+collapses under a pulse depends on large rotations, which this program does not model.
 """
 
 from __future__ import annotations
@@ -45,7 +47,7 @@ GRAVITY, FRICTION = 9.80665, 1.0
 
 
 def simulation(acceleration: float, thickness: float, half_angle: float, n: int) -> dj.Simulation:
-    """The arch under its weight and a horizontal acceleration over g."""
+    """Return the arch under its weight and a horizontal acceleration relative to g."""
     with TemporaryDirectory() as folder:
         path = voussoir_arch(
             Path(folder) / "arch.msh",
@@ -74,7 +76,7 @@ def simulation(acceleration: float, thickness: float, half_angle: float, n: int)
 
 
 def bisect(of: Callable[[float], dj.Simulation], stands: float, falls: float, steps: int) -> float:
-    """The number between an arch that stands and one that falls."""
+    """Bisect between a parameter for which the arch stands and one for which it falls."""
     for _ in range(steps):
         middle = (stands + falls) / 2.0
         try:
@@ -86,7 +88,7 @@ def bisect(of: Callable[[float], dj.Simulation], stands: float, falls: float, st
 
 
 def limit() -> float:
-    """Largest acceleration over g with an equilibrium of rigid blocks.
+    """Return the largest acceleration relative to g with an equilibrium of rigid blocks.
 
     Unknowns are N, V, M of each joint and the acceleration, with |M| <= N t/2, |V| <= mu N.
     """
@@ -116,7 +118,7 @@ def limit() -> float:
         [[-THICKNESS / 2, 0, 1], [-THICKNESS / 2, 0, -1], [-FRICTION, 1, 0], [-FRICTION, -1, 0]]
     )
     bounds = np.kron(np.eye(joints), cone)
-    found = linprog(
+    optimum = linprog(
         np.append(np.zeros(3 * joints), -1.0),
         A_ub=np.column_stack([bounds, np.zeros(len(bounds))]),
         b_ub=np.zeros(len(bounds)),
@@ -124,11 +126,11 @@ def limit() -> float:
         b_eq=np.tile([0.0, weight, 0.0], VOUSSOIRS),
         bounds=(None, None),
     )
-    return float(-found.fun)
+    return float(-optimum.fun)
 
 
 def thrust(model: dj.Model, state: Any) -> Floats:
-    """Radii of the line of thrust at the joints from the left to the right [m]."""
+    """Return radii of the line of thrust at the joints, from left to right [m]."""
     operator = model.operator
     assert operator is not None
     pressure = -state.traction[:, 0] * operator.areas
@@ -138,20 +140,20 @@ def thrust(model: dj.Model, state: Any) -> Floats:
 
 
 def run(quick: bool) -> Outcome:
-    """Bisect; quick to 1 % and without Milankovitch's arch."""
+    """Bisect; ``quick`` has 6 steps and omits Milankovitch's arch."""
     of = lambda a: simulation(a, THICKNESS, HALF_ANGLE, VOUSSOIRS)  # noqa: E731
-    found, exact = bisect(of, 0.3, 0.44, 6 if quick else 12), limit()
+    acceleration, exact = bisect(of, 0.3, 0.44, 6 if quick else 12), limit()
     rows = [
         Row(
             quantity="acceleration of the mechanism / g, Oppenheim",
-            ours=found,
+            ours=acceleration,
             theirs=0.37,
             tolerance=0.014,
             reason="printed with two digits",
         ),
         Row(
             quantity="acceleration of the mechanism / g, linear program",
-            ours=found,
+            ours=acceleration,
             theirs=exact,
             tolerance=0.01,
             reason="straight edges of cells between nodes on the arcs",
@@ -176,7 +178,7 @@ def run(quick: bool) -> Outcome:
         ax.plot(r * np.sin(fine), r * np.cos(fine), "k-", lw=1)
     for a in angle:
         ax.plot(np.array(edges) * np.sin(a), np.array(edges) * np.cos(a), "k-", lw=0.6)
-    for a in (0.0, 0.2, 0.99 * found):
+    for a in (0.0, 0.2, 0.99 * acceleration):
         arch = of(a)
         r = thrust(arch.model, arch.statics().joints)
         ax.plot(r * np.sin(angle), r * np.cos(angle), ".-", label=f"thrust, {a:.3g} g")

@@ -8,15 +8,17 @@ import re
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from itertools import count
-from typing import Annotated, Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import annotated_types as at
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from dolfinx_joints.common.parameters import check_kind_of, offers
 from dolfinx_joints.loads.loaded_body import LoadedBody
 from dolfinx_joints.mesh.cells import Floats
+from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 Codes = NDArray[np.int8]
 TimeFactor = Callable[[float], float]
@@ -113,6 +115,18 @@ class VaryingLoad:
 def always(_time: float) -> float:
     """Return 1, the factor of a constant load."""
     return 1.0
+
+
+def check_loads(jointed: JointedMesh, loads: Any) -> None:
+    """Check that the loads are loads and act on groups of the mesh."""
+    for load in loads:
+        check_kind_of(
+            "A load", load, offers(load, "patterns"), "a load such as Gravity or Traction"
+        )
+        if isinstance(load, FaceLoad):
+            jointed.facets(load.group)
+        elif isinstance(load, CellLoad) and load.cells:
+            jointed.cells(load.cells)
 
 
 def load_names(loads: Sequence[Load]) -> list[str]:

@@ -24,13 +24,13 @@ from dolfinx_joints.body.viscous_boundary import ViscousBoundary, absorbing_grou
 from dolfinx_joints.common.declared import declarations
 from dolfinx_joints.common.errors import doubt, refuses_removed
 from dolfinx_joints.common.mpi import summed
-from dolfinx_joints.common.parameters import check_kind_of, offers
+from dolfinx_joints.common.parameters import check_kind_of
 from dolfinx_joints.common.summary import Rows, Summarised, names, number
 from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.joints.operator import JointOperator
 from dolfinx_joints.laws.law import AnyLaw
 from dolfinx_joints.loads.body_and_face_loads import FormLoad
-from dolfinx_joints.loads.load import AddedMass, CellLoad, FaceLoad, JointLoad, Load, load_names
+from dolfinx_joints.loads.load import AddedMass, JointLoad, Load, check_loads, load_names
 from dolfinx_joints.loads.temperature.thermal_strain import Temperature, check_temperatures
 from dolfinx_joints.materials.bulk_law import Material, is_plastic
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
@@ -82,6 +82,18 @@ class Model(Summarised):
 
     Raises:
         MeshError: A group or joint does not exist, or a joint has no law.
+
+    Example:
+        >>> from mpi4py import MPI
+        >>> import dolfinx_joints as dj
+        >>> from dolfinx_joints.geometry.two_blocks import two_blocks
+        >>> mesh = dj.read_msh(two_blocks("blocks.msh", size=0.5), MPI.COMM_WORLD)
+        >>> solid = dj.Elastic(young=24e9, poisson=0.2, density=2400.0)
+        >>> law = dj.RigidJoint(friction_angle_deg=45.0)
+        >>> base = [dj.Fixed(group="base")]
+        >>> model = dj.Model(mesh, material=solid, joints=law, supports=base, loads=[dj.Gravity()])
+        >>> model.num_dofs  # 2 blocks of 3^3 nodes
+        162
     """
 
     def __init__(
@@ -105,7 +117,7 @@ class Model(Summarised):
         self.parameters = {k: v for k, v in given.items() if k not in ("self", "jointed")}
         laws = joints.laws
         check_joints(jointed, laws, joints.initial_gaps)
-        _check_loads(jointed, loads)
+        check_loads(jointed, loads)
         by_group = material if isinstance(material, Mapping) else {"": material}
         check_temperatures(jointed, by_group, loads)
         self.added_mass, reservoirs = by_kind(water)
@@ -281,7 +293,7 @@ class Model(Summarised):
             waves: Time step [s] of a stage that solves for the waves in the reservoir, or None.
             shared: Data shared with other systems, see `MatrixSystem`.
         """
-        _check_loads(self.jointed, extra_loads)
+        check_loads(self.jointed, extra_loads)
         if any(isinstance(load, Temperature) for load in extra_loads):
             raise ValueError(
                 "A Temperature was given to a stage. Give it to Model(loads=...) with a factor of "
@@ -385,15 +397,3 @@ def _kinds(objects: Sequence[Any]) -> list[str]:
     groups = [getattr(each, "group", None) for each in objects]
     kinds = [type(each).__name__ for each in objects]
     return [kind + (f" ({g})" if g else "") for kind, g in zip(kinds, groups, strict=True)]
-
-
-def _check_loads(jointed: JointedMesh, loads: Any) -> None:
-    """Check that the loads are loads and act on groups of the mesh."""
-    for load in loads:
-        check_kind_of(
-            "A load", load, offers(load, "patterns"), "a load such as Gravity or Traction"
-        )
-        if isinstance(load, FaceLoad):
-            jointed.facets(load.group)
-        elif isinstance(load, CellLoad) and load.cells:
-            jointed.cells(load.cells)

@@ -65,9 +65,9 @@ PHRASES = {
     r"\bas a rule\b": "usually",
     r"\bat (?:its|their) own\b": "separate",
     r"\b(?:by|for) (?:itself|themselves)\b": "separately, alone",
-    r"\bheld\b": "constrained, kept, stored",
+    r"\bheld\b(?!:)": "constrained, kept, stored",
     r"\bnothing holds\b": "unsupported",
-    r"\b(?:hold|holds) (?:it|them|that|these|those)\b": "constrains, contains",
+    r"\b(?:hold|holds) (?:it|that|these|those)\b": "constrains, contains",
 }
 TEXTS = (tokenize.STRING, getattr(tokenize, "FSTRING_MIDDLE", tokenize.STRING))
 PATTERN = re.compile("|".join(f"(?P<p{i}>{p})" for i, p in enumerate(PHRASES)), re.IGNORECASE)

@@ -11,17 +11,17 @@ import numpy as np
 from dolfinx_joints.loads.wave_levels import cubic
 from dolfinx_joints.mesh.cells import Floats
 
-# Least number of samples per travel time of a layer: cubics read two samples ahead.
+# Least number of samples per travel time of a layer: cubic interpolation reads two samples ahead.
 FEWEST = 3
 
-# Number of zero samples before time zero, which cubics at time zero read.
+# Number of zero samples before time zero, for cubic interpolation at time zero.
 BEFORE = 4
 
 
 class Column:
     """Rising and falling wave of each layer, from rest at time zero, equations (12ac).
 
-    A single layer returns the incident wave itself. With several layers, the waves at the
+    In a single layer, the rising wave is the incident wave. With several layers, the waves at the
     interfaces are sampled up to the requested time and interpolated by cubics.
 
     Args:
@@ -61,7 +61,7 @@ class Column:
         return float(self._interpolated(self._falling[layer], np.array([time]))[0])
 
     def _extend_to(self, time: float) -> None:
-        """Extend the samples until they suffice for a cubic at a time [s]."""
+        """Extend the samples until cubic interpolation is possible at a time [s]."""
         while self._spacing * (len(self._rising[0]) - BEFORE - FEWEST) < time:
             self._append_block()
 

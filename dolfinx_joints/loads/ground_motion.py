@@ -35,12 +35,13 @@ GAUSS_POINTS, ROUNDING = 4, 1e-9
 class BaseMotion:
     """Uniform acceleration of the ground; displacements are then relative to the ground.
 
-    The force is F = -M iota a_g(t) per axis. The ground velocity drives water with waves (12v).
+    Along each axis, the force is F = -M iota a_g(t), with 1 in iota at the dofs of this axis. The
+    ground velocity excites water with waves (12v).
 
     Attributes:
         acceleration: Ground acceleration at a time [s], such as a `Motion`, shape (3,), [m/s^2]. In
-            2-D its x and z act along x and y of the model; two numbers are used unchanged.
-        velocity: Ground velocity in the same form [m/s]; only models with `ReservoirWaves` need it.
+            2-D, its x and z components act along x and y; shape (2,) is used unchanged.
+        velocity: Ground velocity, same shape [m/s]; needed only for water with waves.
     """
 
     acceleration: Callable[[float], Any]
@@ -62,7 +63,7 @@ class BaseMotion:
 
 
 def moved_by(acceleration: Callable[[float], Floats] | None, spacing: float) -> list[BaseMotion]:
-    """Return the load of a ground motion, with `velocity_of`; an empty list without motion."""
+    """Return the load of a ground motion with its velocity; an empty list without a motion."""
     if acceleration is None:
         return []
     velocity = velocity_of(acceleration, spacing)
@@ -113,7 +114,7 @@ class IncidentWave:
 
 
 def for_steps(given: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], list[str]]:
-    """Apply `Motion.for_steps` to motions and loads; return them and the warnings of losses."""
+    """Filter motions and loads by `Motion.for_steps`; return them and warnings of large losses."""
     texts = []
 
     def resolved(item: Any) -> Any:
@@ -144,7 +145,7 @@ def for_steps(given: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], li
 
 
 def _by_axis(motion: Callable[[float], Any], gdim: int, name: str) -> list[TimeFactor]:
-    """Return the components of a motion as functions of time, which share one evaluation."""
+    """Return each component of a motion as a function of time; one evaluation serves all."""
     latest = lru_cache(maxsize=1)(in_axes(motion, gdim, name))
 
     def factor(axis: int) -> TimeFactor:
@@ -156,7 +157,7 @@ def _by_axis(motion: Callable[[float], Any], gdim: int, name: str) -> list[TimeF
 def in_axes(
     motion: Callable[[float], Any], gdim: int, name: str = "motion"
 ) -> Callable[[float], Floats]:
-    """Return the components along the axes of a model; in 2-D x and z of three, or both of two."""
+    """Return the motion along the model's axes; in 2-D, x and z of three components, or two."""
 
     def moved(time: float) -> Floats:
         given = motion(time)

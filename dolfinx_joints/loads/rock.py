@@ -44,7 +44,7 @@ class Layer:
 
 
 def cells_behind(model: LoadedBody, groups: Sequence[str]) -> tuple[Ints, Floats, Floats]:
-    """Return the local cells behind the facets of groups, with the heights of their ends [m]."""
+    """Return the local cells behind the facets of groups, and their bottoms and tops [m]."""
     facets = np.concatenate([model.jointed.facets(group) for group in groups])
     cells, _ = facet_slots(model.jointed.mesh, facets)
     heights = model.V.tabulate_dof_coordinates()[:, model.gdim - 1][model.V.dofmap.list[cells]]

@@ -21,8 +21,8 @@ from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-_FILLER = 99.0  # numbers of nines only from this size on, as -999, mark missing temperatures
-_LARGE = 50.0  # extent of the points over that of the mesh, above which their unit may be wrong
+_FILLER = 99.0  # a value of nines only, at least this large, such as -999, marks a missing value
+_LARGE = 50.0  # ratio of the extents of points and mesh, above which the unit may be wrong
 
 
 def _read_points(path: str | Path, axes: int) -> tuple[Floats, Floats]:
@@ -76,7 +76,7 @@ def temperature_from_file(
     """Interpolate the temperatures of a file to the nodes of a mesh (collective).
 
     Interpolation is linear between the points. A node outside their convex hull, for example on a
-    curved face, takes the value of the nearest point.
+    curved face, is given the value of the nearest point.
 
     Args:
         path: File of comma-separated values, or with semicolons and decimal commas. The first line
@@ -89,7 +89,7 @@ def temperature_from_file(
         DOLFINx function of the degree of the mesh, for `Temperature.value`.
 
     Raises:
-        TemperatureError: The file is not valid, or a node is too far away from its points.
+        TemperatureError: The file is not valid, or a node is too far from the points.
     """
     mesh = jointed.mesh
     axes = mesh.geometry.dim

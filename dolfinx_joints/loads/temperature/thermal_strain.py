@@ -34,8 +34,8 @@ class Temperature:
     Attributes:
         value: T [degrees C or K]: a number, a function of the coordinates x that returns a UFL
             expression, or a scalar DOLFINx function on the model's mesh.
-        reference: Stress-free temperature T_0, at which the joints are closed [like T]; one number,
-            or one per cell group, such as the closure temperatures of blocks.
+        reference: Stress-free temperature T_0, at which the joints are closed [unit of T]; one
+            number, or one per cell group, such as the closure temperatures of blocks.
         expansion: Coefficient of linear thermal expansion alpha [1/K].
         cells: Name of the loaded cell group; the whole body by default.
         factor: Multiplier f of T - T_0 at a time [s]; 1 by default.
@@ -48,7 +48,7 @@ class Temperature:
     factor: TimeFactor = always
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Return the nodal forces that produce the free thermal strain (collective)."""
+        """Return the nodal forces equivalent to the free thermal strain (collective)."""
         where = ufl.dx if self.cells is None else model.jointed.dx(self.cells)
         v = ufl.TestFunction(model.V)
         force = model.assemble(self.blocked_stress(model) * ufl.div(v) * where)
@@ -82,8 +82,9 @@ class Temperature:
         if wrong := int(sum(jointed.mesh.comm.allgather(wrong))):
             where = "the mesh" if self.cells is None else repr(self.cells)
             raise ValueError(
-                f"Temperature: {wrong} cells have no reference or several; the groups of reference "
-                f"({', '.join(self.reference) or 'none'}) must cover {where} without overlap."
+                f"Temperature: {wrong} cells have no reference or several; the cell groups of "
+                f"reference ({', '.join(self.reference) or 'none'}) must cover {where} without "
+                "overlap."
             )
         return field
 

@@ -52,13 +52,14 @@ def transient_temperatures(
     openings: Openings | None = None,
     day: Day = 15.0,
 ) -> list[Any]:
-    """Compute the temperatures of a body at given times from those at t = 0 (collective).
+    """Compute the temperatures of a body at given times from an initial field (collective).
 
-    Equal steps share a factor. To change openings, call again with the last field as ``initial``.
+    Successive equal steps use one factorization. To change the openings, call the function again
+    with the last field as ``initial``.
 
     Args:
         jointed: The mesh.
-        faces: As in `steady_temperature`, including the annual variation; may be empty.
+        faces: As in `steady_temperature`, with the annual variation; may be empty.
         times: Ends of the steps, increasing and positive [s].
         initial: Temperature at t = 0, a number or an earlier field [degrees C].
         conductivity: k.
@@ -105,7 +106,7 @@ class _Stepper:
     """Time integration of the temperatures at the rank's owned nodes.
 
     ``parts`` are the mean, cosine and sine parts of given temperatures, (n, 3), NaN at free nodes;
-    ``material`` is k and rho c; ``through`` is the conductances and openings of joints.
+    ``material`` are k and rho c; ``through`` are the conductances and openings of joints.
     """
 
     def __init__(

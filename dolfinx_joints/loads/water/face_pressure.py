@@ -52,7 +52,7 @@ class HydrostaticPressure:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class SiltPressure:
-    """Earth pressure of submerged silt, K rho' g times the depth below its surface.
+    """Earth pressure of submerged silt, K rho' g times the depth below the silt surface.
 
     Attributes:
         group: Name of the facet group.
@@ -81,8 +81,8 @@ class SiltPressure:
 class WestergaardMass:
     """Generalised Westergaard added mass: 7/8 rho sqrt(H h) per area, along the normal.
 
-    H is the depth of the reservoir and h the depth of the point below the level; the mass is zero
-    above the level. It moves with the face and has no weight.
+    H is the depth of the reservoir and h the depth of the point below the level. The mass is zero
+    above the level. The mass moves with the face and has no weight.
 
     Attributes:
         group: Name of the facet group.

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Uniform wave along a reservoir excited by the ground, which the far end must not absorb."""
+"""Wave that ground motion excites equally along a reservoir; the far end must not absorb it."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Section:
         stiffness: Stiffness matrix [N/m^2].
         losses: Dashpots of floor and banks [N s/m^2].
         driven: Forces per velocity of the ground along each axis, shape (n, gdim), [N s/m^2].
-        by_rate: Force on the absorbing far end per rate of y of the uniform wave, shape (unknowns
-            of the water, unknowns of the section), [N s/m].
-        by_place: The same per y [N/m].
+        by_rate: Forces on the absorbing far end per dy/dt of the uniform wave, shape (unknowns of
+            the water, unknowns of the section), [N s/m].
+        by_place: Forces per y of the uniform wave, same shape [N/m].
     """
 
     mass: csr_array
@@ -51,9 +51,9 @@ class Section:
 
 
 class FarField:
-    """Forces that compensate the far-end dashpots for the uniform wave of the cross-section.
+    """Forces that cancel the far-end dashpot forces for the uniform wave of the cross-section.
 
-    The section is integrated by the midpoint rule from rest; its motion within a step is a cubic.
+    The motion of the section starts at rest, by the midpoint rule; it is a cubic within a step.
 
     Args:
         section: The cross-section.
@@ -85,7 +85,7 @@ class FarField:
         return np.asarray(section.by_rate @ rate + section.by_place @ place)
 
     def _state_after(self, number: int) -> tuple[Floats, Floats, Floats]:
-        """Return motion, velocity and force after a step, starting from the last cached step."""
+        """Return y, dy/dt and force after a step number, computed from the last cached step."""
         before = [cached for cached in self._cache if cached <= number]
         last = max(before) if before else 0
         state = self._cache[last] if before else self._rest
@@ -98,7 +98,7 @@ class FarField:
     def _next_state(
         self, place: Floats, rate: Floats, force: Floats, time: float
     ) -> tuple[Floats, Floats, Floats]:
-        """Take a step of the midpoint rule that ends at a time [s]."""
+        """Compute a step of the midpoint rule that ends at a time [s]."""
         section, h, end = self._section, self._step, self._driving_force(time)
         load = 0.5 * (force + end) + 2.0 / h * (section.mass @ rate) - section.stiffness @ place
         x = self._factor.solve(load)

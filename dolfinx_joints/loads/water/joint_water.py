@@ -120,20 +120,22 @@ class Uplift:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class JointWater:
-    """Reservoir water in a joint: full hydrostatic pressure at open points.
+    """Reservoir water in a joint, with full hydrostatic pressure at open points.
 
     In statics, openings and pressures are iterated until they are consistent. In dynamics, the
-    openings at the start of a step determine the pressure at its end; the mean of both ends acts.
+    openings at the start of a step determine the pressure at its end. The mean of the pressures
+    at the start and at the end acts in the step.
 
     Attributes:
         joint: Name of the joint.
         level: Height of the water level, a coordinate along z (y in 2-D) [m].
         aperture: Gap above which a point is open [m].
         closed: Pressure at points that are closed or not reached, like `Uplift.pressure` [Pa].
-        reached_from: Name of a facet group. If given, only open points that are connected with it
-            by open points of this joint have the full pressure; by default all open points.
-        in_dynamics: ``follows``: depends on the openings in each step. ``frozen``: as at the start
-            of the stage. ``drained``: likewise, but zero at other points while they are open.
+        reached_from: Name of a facet group. If given, only open points that are connected with the
+            group by open points have the full pressure; by default all open points.
+        in_dynamics: ``follows``: the pressure follows the openings in each step. ``frozen``: it
+            remains as at the start of the stage. ``drained``: points with full pressure at the
+            start keep it; other points have zero pressure while they are open.
         density: Density of the water [kg/m^3].
         gravity: g [m/s^2].
         factor: Multiplier at a time [s]; 1 by default.
@@ -163,8 +165,8 @@ class JointWater:
     def at_points(self, model: LoadedBody, joints: Response) -> Floats:
         """Return the pressure at local joint points for given openings, (n,), [Pa] (collective).
 
-        It is without ``factor``, and zero in other joints. ``joints`` is a response such as
-        ``StaticState.joints``, or of a dynamic stage if the water ``follows``.
+        The pressure excludes ``factor`` and is zero in other joints. ``joints`` is a response such
+        as ``StaticState.joints``, or that of a dynamic stage if ``in_dynamics`` is ``follows``.
         """
         water = self.in_joint(label(self), model)
         return water.pressure(water.by_opening(joints.state.gap))
@@ -173,7 +175,7 @@ class JointWater:
 class Wetness(IntEnum):
     """State of the water at a joint point."""
 
-    CLOSED = 0  # pressure of the closed joint; also for points of joints without water
+    CLOSED = 0  # pressure of a closed point; also the code of points in joints without water
     FULL = 1  # pressure of the reservoir
     DRAINED = 2  # zero pressure
 
@@ -182,7 +184,7 @@ class WaterInJoint:
     """Pressures of a `JointWater`; see `JointPressure` for the methods."""
 
     def __init__(self, name: str, load: JointWater, model: LoadedBody) -> None:
-        """Compute the closed and the full pressure of each point (collective)."""
+        """Compute the pressure of each point in the closed and in the full state (collective)."""
         self.name, self._load, self._in_joint = name, load, joint_points(model, load)
         assert model.operator is not None
         depth = np.maximum(load.level - model.operator.points[:, model.gdim - 1], 0.0)

@@ -17,20 +17,20 @@ from dolfinx_joints.mesh.blocks import connected, first_at_places
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
 
-# Distance, relative to the shortest edge, within which nodes are at the same place.
+# Distance, relative to the shortest edge, within which nodes count as coincident.
 SAME_PLACE = 1e-6
 
 
 class OpenPaths:
     """Paths from a facet group along the open points of a joint.
 
-    With a nodal rule, points of the same facet and points at the same place are neighbours. Paths
-    begin at points on the group. With a Gauss rule, points of the same facet and of facets with a
-    common edge (in 2-D: vertex) are neighbours. Paths begin in facets with an edge (vertex) on the
-    group. Coordinates are compared instead of node numbers, because nodes are duplicated where
-    another joint crosses and water passes there.
+    With a nodal rule, points of the same facet and coincident points are neighbours. Paths begin at
+    points on the group. With a Gauss rule, points of the same facet and of facets with a common
+    edge (in 2-D: vertex) are neighbours. Paths begin in facets with an edge (vertex) on the group.
+    Coordinates are compared instead of node numbers: where another joint crosses, nodes are
+    duplicated, but water passes.
 
-    Neighbours are linked by a common hub, a facet, edge or place, which one rank stores.
+    Neighbours are linked by a common hub: a facet, an edge or a place. One rank stores each hub.
     """
 
     def __init__(self, model: LoadedBody, joint: str, group: str) -> None:
@@ -77,7 +77,7 @@ class OpenPaths:
         label = connected(self._point[kept], self._hub[kept], self._size)[: len(passable)]
         reached = np.asarray(open_points & self._starts)
         grows = True
-        while grows:  # each pass follows the links of this rank and shares the points reached
+        while grows:  # each pass follows this rank's links, then exchanges the reached points
             before = self._linked(reached)
             after = passable & np.isin(label, label[before])
             self._linked.mark(after, reached)
@@ -86,7 +86,7 @@ class OpenPaths:
 
 
 def _places(comm: Any, points: Floats, wet: Floats, near: float) -> tuple[Ints, Flags]:
-    """Return the place number of each point, and True if it has a wet node (collective)."""
+    """Return the number of each point's place, and True if a wet node is there (collective)."""
     place = first_at_places(comm, np.concatenate([points, wet]), near)
     is_wet = np.zeros(len(place), dtype=bool)
     set_rows(comm, is_wet, place[len(points) :], np.ones(len(wet), dtype=bool))

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Added mass of a reservoir by finite elements, for incompressible water by default.
 
-The reservoir is the wet face extruded horizontally upstream: the edges of the face trace its floor
-and banks, so its cross-section is constant. It needs no separate mesh; see `reservoir_slabs`.
+The reservoir is the wet face extruded horizontally upstream, so its cross-section is constant. The
+edges of the face form floor and banks. No separate mesh is needed; see `reservoir_slabs`.
 """
 
 from __future__ import annotations
@@ -45,12 +45,12 @@ class ReservoirMass:
 
     By default the water is incompressible. The pressure satisfies Laplace's equation with p = 0 at
     the level, dp/dn = -rho a_n on the face and dp/dn = 0 on floor and banks. The mass couples all
-    nodes of the wet face, moves with it and has no weight.
+    nodes of the wet face, moves with the face and has no weight.
 
     Attributes:
         group: Name of the facet group, which must reach up to the level or higher.
         level: Height of the water level, a coordinate along z (y in 2-D) [m].
-        length: Length of the reservoir up to a rigid end at rest [m]; infinite by default.
+        length: Length of the reservoir up to a rigid wall at rest [m]; infinite by default.
         upstream: Horizontal vector along which the reservoir extends; by default the horizontal
             part of the mean normal of the wet face.
         density: Density of the water [kg/m^3].
@@ -77,8 +77,8 @@ class ReservoirMass:
         """Return the added mass in the layout of the model's matrices [kg] (collective).
 
         Raises:
-            ValueError: The face or a separate region of it does not reach the level, a part of it
-                does not face upstream, or the matrix does not fit into memory.
+            ValueError: A region of the face does not reach the level, a part of the face does not
+                face upstream, the frequency is too high, or the memory is too small.
             MeshError: The group does not exist, or some of its facets are inside the body.
         """
         comm = model.jointed.mesh.comm
@@ -102,7 +102,7 @@ class ReservoirMass:
         return _assembled(model, dofs, np.sqrt(self.density) * half)
 
     def _half(self, wet: WetFace, coupling: Floats) -> Floats:
-        """Return Y, where Y^T Y is the added mass over the density."""
+        """Return Y, where Y^T Y is the added mass divided by the density."""
         wavenumber = 2.0 * np.pi * self.frequency / self.sound_speed
         try:
             resists = resistance(wet.face, wet.upstream, self.length, wavenumber)
@@ -125,7 +125,7 @@ class ReservoirMass:
 
 
 def _assembled(model: LoadedBody, dofs: Ints, half: Floats) -> PETSc.Mat:
-    """Return Y^T Y over the given dofs, in the layout of the model's matrices (collective)."""
+    """Return Y^T Y at the given dofs, in the layout of the model's matrices (collective)."""
     blocks = model.V.dofmap.index_map
     first, owned = (model.gdim * n for n in (blocks.local_range[0], blocks.size_local))
     mine = np.flatnonzero((dofs >= first) & (dofs < first + owned))

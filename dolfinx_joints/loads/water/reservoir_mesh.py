@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Waves in a reservoir with a separate mesh, for any bathymetry and length of reservoir."""
+"""Waves in a reservoir with a separate mesh, for any bathymetry and length."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ from dolfinx_joints.mesh.cells import Floats, Ints, facet_slots, vtk_layout
 from dolfinx_joints.mesh.closest_points import ClosestPoints, FacetSurface
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-# Largest distance between the faces of dam and water, over the longest side of the larger facet.
-# Straight sides of 30 degrees on a circle deviate from it by 0.066 of their length.
+# Largest distance between the faces of dam and water, relative to the longest side of the larger
+# facet. Chords of 30 degrees deviate from their circle by 0.066 of their length.
 OUTSIDE = 0.07
 
 
@@ -90,7 +90,7 @@ class MeshedReservoir:
 
         Raises:
             MeshError: The distance between the faces of dam and water exceeds `OUTSIDE` times the
-                side of a facet, or no closest point was found on the face of the water.
+                side of a facet, or the search for a closest point did not converge.
         """
         whole = _Meshed(self)
         coupling = whole.coupling(model)
@@ -134,9 +134,9 @@ class _Meshed:
         self._assemble()
 
     def _water_face(self) -> tuple[FacetSurface, Ints]:
-        """Return the face in front of the dam, and unknowns at nodes of facets, -1 at the level.
+        """Return the face in front of the dam, and the unknowns at its nodes, -1 at the level.
 
-        Pressures and geometry have the same Lagrange element.
+        The pressure and the geometry have the same Lagrange element.
         """
         mesh, shape = self._jointed.mesh, self._jointed.shape
         cells, local = facet_slots(mesh, self._jointed.facets(self._given.face))
@@ -217,7 +217,7 @@ class _Meshed:
         return sum(others, start=first)
 
     def _closest(self, places: Floats, sizes: Floats) -> tuple[ClosestPoints, _Gap]:
-        """Return the points of the water's face closest to places on the dam, and the worst gap.
+        """Return the closest points on the water's face to places on the dam, and the worst gap.
 
         ``sizes`` are the longest sides of the dam's facets at these places [m]. The farthest place
         is checked first; if its gap is too large, only its closest point is returned. The search is
@@ -279,7 +279,7 @@ class _Gap:
     """Distance between a place on the dam's face and the water's face, ordered by ``part``.
 
     Attributes:
-        part: Distance over ``size``; infinite if no closest point was found.
+        part: Distance divided by ``size``; infinite if the search did not converge.
         distance: Distance [m].
         size: Longest side of the larger of the two facets [m].
         place: Coordinates on the dam's face [m].

@@ -3,8 +3,8 @@
 """Water upstream of a face of lines or triangles, as a stack of slabs of extruded face elements.
 
 In oblique coordinates (position on the face, distance s upstream) all slabs have the same matrix.
-Eliminating the nodes between two equal stacks gives a stack of twice the length. The pressure has
-decayed after 10 to 20 doublings. The result is a matrix over the nodes of the face.
+Eliminating the nodes between two equal stacks doubles the length. The pressure has decayed after 10
+to 20 doublings. The result is a matrix for the nodes of the face.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from scipy.sparse import coo_array
 from dolfinx_joints.mesh.blocks import connected
 from dolfinx_joints.mesh.cells import Floats, Ints
 
-# Thickness of the first slab over the mean edge of the face; its error is far below the face's.
+# Thickness of the first slab relative to the mean edge of the face, whose error is far larger.
 THINNEST = 0.1
 
-# Ratio of the coupling through a stack to its end matrix, below which the stack is infinite.
+# Ratio of a stack's coupling to its end matrix, below which the stack counts as infinite.
 ENDLESS = 1e-14
 
 # Number of a corner on the level, which is not a corner of the uncut line or triangle.
@@ -45,7 +45,7 @@ class WaterFace:
     corners: Floats
 
     def matrix(self, nodes: Ints, elements: Floats) -> coo_array:
-        """Assemble element matrices (n, k, k) over those of ``nodes`` (n, k) with a pressure."""
+        """Assemble element matrices (n, k, k) at ``nodes`` (n, k); omit nodes without pressure."""
         rows = np.broadcast_to(nodes[:, :, None], elements.shape)
         columns = np.broadcast_to(nodes[:, None, :], elements.shape)
         kept = (rows < self.count) & (columns < self.count)
@@ -103,7 +103,7 @@ _PARTS: dict[int, dict[int, list[list[tuple[int, int]]]]] = {
 
 
 def regions_below_level(face: WaterFace) -> int:
-    """Count the separate regions of the face that do not reach the level and have no solution."""
+    """Count the regions of the face that do not reach the level, where p is undetermined."""
     ends = np.minimum(face.nodes, face.below)
     return int(connected(np.repeat(ends[:, 0], ends.shape[1]), ends.ravel(), face.below + 1).max())
 
@@ -111,12 +111,12 @@ def regions_below_level(face: WaterFace) -> int:
 def resistance(
     face: WaterFace, upstream: Floats, length: float | None, wavenumber: float = 0.0
 ) -> Floats:
-    """Compute S, where 1/2 p S p is the energy of the water for pressures p at its face.
+    """Compute S, where p S p is the integral of (grad p)^2 - k^2 p^2 for pressures p at the face.
 
-    The energy is per density, with the pressure as potential; S p is the flux into the water.
+    The wavenumber k is zero for incompressible water. S p is the flux of grad p at the face.
 
     Args:
-        face: The face; each of its regions reaches the level.
+        face: The face; each of its regions must reach the level.
         upstream: Horizontal unit vector, shape (gdim,).
         length: Length of the water up to a rigid wall [m]; None for infinite length.
         wavenumber: Wavenumber of sound at the frequency [1/m]; zero for incompressible water.
@@ -149,12 +149,12 @@ def resistance(
 
 
 def half_of_inverse(matrix: Floats, columns: Floats) -> Floats:
-    """Return Y with Y^T Y = R^T S^-1 R for columns R and S symmetric, positive definite."""
+    """Return Y with Y^T Y = R^T S^-1 R for the columns R and the positive definite matrix S."""
     return solve_triangular(cholesky(matrix, lower=True), columns, lower=True)
 
 
 def _doubled(near: Floats, between: Floats, far: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the matrix of two equal stacks in series, over the nodes at both ends."""
+    """Return the matrix of two equal stacks in series, for the nodes at both ends."""
     lower = cholesky(near + far, lower=True)
     back, forth = (solve_triangular(lower, b, lower=True) for b in (between.T, between))
     return near - back.T @ back, -back.T @ forth, far - forth.T @ forth
@@ -170,7 +170,7 @@ def face_matrices(face: WaterFace, upstream: Floats) -> list[coo_array]:
     axes = corners.shape[2]
     sides = corners[:, 1:] - corners[:, :1]
     jacobian = np.concatenate([sides, np.broadcast_to(upstream, (len(sides), 1, axes))], axis=1)
-    # Columns of the inverse are the gradients of the coordinates.
+    # Columns of the inverse are the gradients of the oblique coordinates.
     gradients = np.linalg.inv(jacobian)
     slopes = np.concatenate(
         [-gradients[:, :, :-1].sum(axis=2, keepdims=True), gradients[:, :, :-1]], axis=2

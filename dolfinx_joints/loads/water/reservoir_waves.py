@@ -35,7 +35,7 @@ from dolfinx_joints.loads.water.wet_face import (
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 
-# Default length of an element along the reservoir, over the mean edge on the face.
+# Default length of an element along the reservoir, relative to the mean edge on the face.
 LAYER = 2.0
 
 QUADRILATERAL, WEDGE = 9, 13  # VTK cell types
@@ -62,8 +62,9 @@ class ReservoirWaves:
         gravity_waves: True for p = rho g times the elevation of the surface instead of p = 0.
         far_end: ``radiating``: absorbs plane waves along the reservoir; ``rigid``: a wall.
         absorbing_length: Length of a part with increasing damping before the far end, zero or at
-            least two elements [m]; absorbs also slow waves near natural frequencies of the section.
-        layers: Number of elements along the reservoir, by default twice as long as the mean edge.
+            least two elements [m]. It also absorbs slow waves near the section's frequencies.
+        layers: Number of elements along the reservoir; by default for elements of twice the mean
+            edge of the face.
     """
 
     group: str
@@ -93,8 +94,8 @@ class ReservoirWaves:
         """Return the matrices, ordered independently of the number of ranks (collective).
 
         Raises:
-            ValueError: The face or a separate region of it does not reach the level, or a part of
-                it does not face upstream.
+            ValueError: A region of the face does not reach the level, or a part of the face does
+                not face upstream.
             MeshError: The group does not exist, or some of its facets are inside the body.
         """
         comm = model.jointed.mesh.comm
@@ -120,7 +121,7 @@ class _Extruded:
         sides = np.linalg.norm(face.corners - np.roll(face.corners, 1, axis=1), axis=2)
         count = waves.layers or max(1, round(waves.length / (LAYER * float(sides.mean()))))
         layer = waves.length / count
-        if 0.0 < waves.absorbing_length < 1.99 * layer:  # tolerate the rounding in the message
+        if 0.0 < waves.absorbing_length < 1.99 * layer:  # accepts the rounded value of the message
             raise ValueError(
                 f"{waves}: absorbing_length is {waves.absorbing_length:g} m; it must be zero or at "
                 f"least two elements along the reservoir, {2.0 * layer:.3g} m."
@@ -162,7 +163,7 @@ class _Extruded:
         return places
 
     def _along(self, places: Floats) -> Floats:
-        """Return the coordinates of places of the face in all layers, (layers n, gdim), [m]."""
+        """Return the places of the face, moved to all layers, shape (layers n, gdim), [m]."""
         moved = np.multiply.outer(self._s, self._wet.upstream)[:, None]
         return (places + moved).reshape(-1, self._gdim)
 
@@ -187,7 +188,7 @@ class _Extruded:
         )
 
     def _section(self) -> Section | None:
-        """Return the cross-section with the forces of its wave on the absorbing far end."""
+        """Return the section, with the far-end forces of its wave; None without an absorbing end."""
         waves, end = self._waves, len(self._s) - 1
         if waves.far_end == "rigid" and not waves.absorbing_length:
             return None
@@ -210,7 +211,7 @@ class _Extruded:
         return rho * self._face_matrices[3] + surface_inertia(rho, c) * self._surface
 
     def _absorbing(self) -> csr_array:
-        """Return the dashpots of the far end and the absorbing part, over rho c times D."""
+        """Return the dashpots of far end and absorbing part along s, without the factor rho c D."""
         end = len(self._s) - 1
         dashpots = csr_array((end + 1, end + 1))
         if self._waves.far_end == "radiating":
@@ -242,7 +243,7 @@ class _Extruded:
         )
 
     def _damping(self, s: Floats) -> Floats:
-        """Return the damping over c in the absorbing part, (12x), [1/m]."""
+        """Return the damping of the absorbing part divided by c, (12x), [1/m]."""
         length = self._waves.absorbing_length
         share = np.maximum(s - self._waves.length + length, 0.0) / length
         return 6.0 / length * share**2
@@ -281,7 +282,7 @@ class _Edges:
     Attributes:
         nodes: Nodes, shape (n, gdim - 1).
         ends: Coordinates of the nodes, shape (n, gdim - 1, gdim), [m].
-        apex: Coordinates of the opposite corner, on the inner side, shape (n, gdim), [m].
+        apex: Coordinates of the corner opposite the edge, shape (n, gdim), [m].
     """
 
     nodes: Ints

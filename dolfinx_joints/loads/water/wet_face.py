@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Wet part of a face as lines or triangles of water, and its coupling with the body.
 
-A reservoir made by extruding this face horizontally upstream has its floor and banks along the
-edges of the face. It conforms to the face and needs no separate mesh.
+A reservoir is this face extruded horizontally upstream; the edges of the face form floor and banks.
+The water conforms to the face and needs no separate mesh.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from dolfinx_joints.mesh.blocks import same_places
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 
-# Distance from the level, over the height of the face, within which a node counts as on the level.
+# Distance from the level, relative to the height of the face, of a node that counts as on the level.
 ON_LEVEL = 1e-6
 
-# Distance, over the shortest edge, within which nodes of two blocks are one node of the water.
+# Distance, relative to the shortest edge, of nodes of two blocks that form one node of the water.
 SAME_NODE = 0.01
 
-# Distance, over the shortest side of the cut parts, within which corners on the level are merged.
+# Distance, relative to the shortest side of the cut parts, of corners on the level that are merged.
 SAME_CORNER = 0.01
 
 # Least cosine of the angle between the normal of the face and the upstream direction.
@@ -112,11 +112,11 @@ def wet_face(
 ) -> WetFace:
     """Build the wet face of a reservoir (collective).
 
-    Water nodes below the level come first, then those on the level. With ``order`` they follow the
-    order of the body's nodes. Nodes on the level have a pressure if ``surface_moves``.
+    Water nodes below the level come first, then nodes on the level. With ``order``, they are in the
+    order of the body's nodes. If ``surface_moves``, nodes on the level have a pressure.
 
     Raises:
-        ValueError: The face ends below the level, or a part of it does not face upstream.
+        ValueError: The face ends below the level, or part of the face does not face upstream.
         MeshError: The group does not exist, or some of its facets are inside the body.
     """
     comm = model.jointed.mesh.comm
@@ -179,8 +179,8 @@ def _check_faces_upstream(water: MovedFace, comm: Any, areas: Floats, upstream: 
     if sums[0] > 0.0:
         shown = ", ".join(f"{x:.3g}" for x in upstream)
         raise ValueError(
-            f"{water}: {100 * sums[0] / sums[1]:.3g} % of the wet face does not face upstream, "
-            f"({shown}): its normal is more than 87 degrees away. Remove these facets from the "
+            f"{water}: {100 * sums[0] / sums[1]:.3g} % of the wet face does not face upstream: its "
+            f"normal differs by more than 87 degrees from ({shown}). Remove these facets from the "
             "group, give another upstream=, or use a WestergaardMass."
         )
 
@@ -201,7 +201,7 @@ class _Face:
         self._corners = at.positions
 
     def numbers(self, comm: Any, water: MovedFace) -> tuple[Ints, int]:
-        """Return node numbers of this rank's corners, and the number of nodes (collective).
+        """Return the node numbers of this rank's corners, and the number of nodes (collective).
 
         Corners at or above the level have the number `SURFACE`.
         """
@@ -231,7 +231,7 @@ class _Face:
         return by_rank[comm.rank][np.searchsorted(own, self._nodes)], count
 
     def in_order(self, comm: Any, numbers: Ints, count: int, nodes: NodeNumbering) -> Ints:
-        """Renumber the nodes in the order of the body's nodes, on any rank count (collective)."""
+        """Renumber the nodes in the order of the body's nodes, for any rank count (collective)."""
         wet = numbers != SURFACE
         pairs = np.column_stack([numbers[wet], nodes.number[self._nodes[wet]]])
         place = _places_by_key(count, *np.concatenate(comm.allgather(pairs)).T)
@@ -242,7 +242,7 @@ class _Face:
     ) -> tuple[_WetParts, int]:
         """Cut the face at the level; return the wet parts and their number of nodes (collective).
 
-        Corners keep the numbers from `numbers` or `in_order`; nodes on the level have higher ones.
+        Corners keep the numbers from `numbers` or `in_order`; nodes on the level follow.
         """
         depths = self._level - self._corners[:, :, -1]
         depths = np.where(numbers == SURFACE, np.minimum(depths, 0.0), depths)
@@ -277,7 +277,7 @@ class _Face:
 
 
 def _places_by_key(count: int, label: Ints, keys: Ints) -> Ints:
-    """Return the rank of each label in the order of least keys, shape (count,)."""
+    """Return the position of each label when sorted by its least key, shape (count,)."""
     least = np.full(count, np.iinfo(np.int64).max)
     np.minimum.at(least, label, keys)
     place = np.empty(count, dtype=np.int64)
@@ -286,10 +286,10 @@ def _places_by_key(count: int, label: Ints, keys: Ints) -> Ints:
 
 
 def _edge_keys(nodes: Ints, shares: Floats, order: NodeNumbering | None) -> Ints:
-    """Return keys that sort corners on the level like the nodes of the body, shape (n,).
+    """Return keys that sort corners on the level in the order of the body's nodes, shape (n,).
 
-    Without an order all keys are zero. Nodes and shares (barycentric coordinates) refer to the
-    uncut part. Shares are zero except at the ends of the cut edge, or at the node on the level.
+    Without an order all keys are zero. Nodes and barycentric coordinates (``shares``) refer to the
+    uncut part. Shares are zero except at the ends of the cut edge, or at a node on the level.
     """
     if order is None:
         return np.zeros(len(nodes), dtype=np.int64)

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Quadrature on the part of a facet group below a water level.
 
-Facets are treated as triangles (quadrilaterals as two), in 2-D as lines. Each is cut into
+Facets are triangles, quadrilaterals divided into two triangles, or lines in 2-D. Each is cut into
 horizontal slices at the depths of its corners and at the level. The integrands are polynomials of
-the position, times sqrt(depth) or not. On a slice of a flat facet they are polynomials of
-sqrt(depth), so Gauss points in sqrt(depth) integrate pressures and added masses exactly.
+the position, with or without the factor sqrt(depth). On a slice of a flat facet they are
+polynomials of sqrt(depth), so Gauss points in sqrt(depth) integrate them exactly.
 
 A warped or curved facet that the level cuts is divided into `DIVISIONS` parts along each edge,
 because its height is not linear. Only the cut treats the height as linear on a part.
@@ -28,8 +28,8 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 DIVISIONS = 8
 _CHUNK = 128  # number of pieces of facets evaluated at a time
-_FLAT = 1e-4  # difference of corner depths over the depth, below which a piece is horizontal
-_LINEAR = 1e-9  # error of the height at mid-edges over the facet's height, if it counts as linear
+_FLAT = 1e-4  # a piece is horizontal if its corner depths differ by less, relative to the depth
+_LINEAR = 1e-9  # heights are linear if mid-edges deviate by less, relative to the facet's height
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,10 +59,10 @@ def wetted_facets(space: Any, jointed: JointedMesh, group: str, level: float) ->
 
 
 class WettedFacets:
-    """Exterior facets of this rank, cut at a level; iteration yields their quadrature points.
+    """Exterior facets of this rank, cut at a level; iteration yields quadrature points.
 
     Attributes:
-        lowest: Lowest height of a vertex of this rank's facets [m], infinite without facets.
+        lowest: Height of the lowest vertex of this rank's facets [m]; infinite without facets.
         nodes: Local nodes of the displacement on each facet, shape (facets, nodes).
     """
 
@@ -117,7 +117,7 @@ class WettedFacets:
         return np.concatenate([facet[wet], finer_facet]), np.concatenate([corners[wet], finer])
 
     def _depth(self, facet: Ints, points: Floats) -> Floats:
-        """Return depths, negative above the level, at points (n, p, dim) of the reference cells."""
+        """Return depths at points (n, p, dim) of the reference cells, negative above the level."""
         table = _tabulated(self._geometry, 0, points)[0]
         return self._level - np.einsum("npg,ng->np", table, self._x[facet][:, :, -1])
 
@@ -187,7 +187,7 @@ def slices(depth: Floats, degree: int) -> tuple[Floats, Floats]:
     horizontal = np.ptp(depth, axis=1) <= _FLAT * np.abs(depth).max(axis=1)
     order = np.argsort(depth, axis=1)
     level = np.take_along_axis(depth, order, axis=1)
-    # If all corners have the same depth, any slices are valid; avoid division by the difference.
+    # If all corners have the same depth, any slices are valid; avoid division by zero.
     level[horizontal] = np.arange(count)
     rule = _line(level, degree) if count == 2 else _triangle(level, degree)
     barycentric = np.empty_like(rule[0])
@@ -213,7 +213,7 @@ def _line(level: Floats, degree: int) -> tuple[Floats, Floats]:
 def _triangle(level: Floats, degree: int) -> tuple[Floats, Floats]:
     """Return the rule on triangles, in slices above and below the middle corner.
 
-    Slices lie between the edge from highest to lowest corner and the two other edges.
+    Slices extend from the edge between highest and lowest corner to the other two edges.
     """
     nodes, of_nodes = np.polynomial.legendre.leggauss(degree // 2 + 1)
     t, along = (1 + nodes) / 2, of_nodes / 2

@@ -93,8 +93,8 @@ class Column:
 
     def _interpolated(self, samples: Floats, times: Floats) -> Floats:
         """Interpolate the samples by cubics; the wave is zero before the first sample."""
-        place = np.maximum(times, -float(FEWEST) * self._spacing) / self._spacing
-        i = np.floor(place).astype(int)
-        near = np.arange(-1, 3)
-        weights = cubic((place - i)[:, None] - near)
-        return np.asarray(np.sum(samples[i[:, None] + BEFORE + near] * weights, axis=1))
+        position = np.maximum(times, -float(FEWEST) * self._spacing) / self._spacing
+        i = np.floor(position).astype(int)
+        neighbours = np.arange(-1, 3)
+        weights = cubic((position - i)[:, None] - neighbours)
+        return np.asarray(np.sum(samples[i[:, None] + BEFORE + neighbours] * weights, axis=1))

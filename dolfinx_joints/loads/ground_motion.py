@@ -35,8 +35,7 @@ GAUSS_POINTS, ROUNDING = 4, 1e-9
 class BaseMotion:
     """Uniform acceleration of the ground; displacements are then relative to the ground.
 
-    Along each axis, the force is F = -M iota a_g(t), with 1 in iota at the dofs of this axis. The
-    ground velocity excites water with waves (12v).
+    The force is F = -M iota a_g(t) per axis. The ground velocity excites water with waves (12v).
 
     Attributes:
         acceleration: Ground acceleration at a time [s], such as a `Motion`, shape (3,), [m/s^2]. In
@@ -85,11 +84,11 @@ def velocity_of(acceleration: Callable[[float], Any], spacing: float) -> Callabl
     sums = [np.zeros_like(acceleration(0.0))]
 
     def velocity(time: float) -> Floats:
-        whole = int(np.floor(time / spacing + ROUNDING))
-        while len(sums) <= whole:
+        intervals = int(np.floor(time / spacing + ROUNDING))
+        while len(sums) <= intervals:
             start = (len(sums) - 1) * spacing
             sums.append(sums[-1] + increment(start, start + spacing))
-        return sums[whole] + increment(whole * spacing, max(time, whole * spacing))
+        return sums[intervals] + increment(intervals * spacing, max(time, intervals * spacing))
 
     return velocity
 
@@ -130,11 +129,11 @@ def for_steps(given: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], li
             return item
         filtered = item.for_steps(dt)
         total = np.sum(item.acceleration**2)
-        kept = np.sum(filtered.acceleration**2) / total if total else 1.0
-        if filtered is not item and kept < 1.0 - LARGE_LOSS:
+        share = np.sum(filtered.acceleration**2) / total if total else 1.0
+        if filtered is not item and share < 1.0 - LARGE_LOSS:
             texts.append(
                 f"Steps of {dt:g} s resolve frequencies below {0.5 / dt:g} Hz. Higher frequencies "
-                f"of {shown(item.name)} are removed: {100.0 * (1.0 - kept):.3g} % of the integral "
+                f"of {shown(item.name)} are removed: {100.0 * (1.0 - share):.3g} % of the integral "
                 "of its squared acceleration. Take shorter steps to keep them."
             )
         return filtered
@@ -160,11 +159,11 @@ def in_axes(
     """Return the motion along the model's axes; in 2-D, x and z of three components, or two."""
 
     def moved(time: float) -> Floats:
-        given = motion(time)
-        values = numbers_of(given)
+        sample = motion(time)
+        values = numbers_of(sample)
         if values is None or values.ndim != 1 or len(values) < gdim or not finite(values):
             raise ValueError(
-                f"{name}({time:g}) is {shown(given)}; it must be at least {gdim} finite numbers."
+                f"{name}({time:g}) is {shown(sample)}; it must be at least {gdim} finite numbers."
             )
         return values[MOVING[gdim]] if len(values) > 2 else values[:gdim]
 

@@ -27,7 +27,7 @@ class Load(Protocol):
     """Load that consists of nodal patterns with time factors."""
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Return nodal forces with their time factors; force times factor is in [N] (collective)."""
+        """Return nodal forces and their time factors; force times factor is in N (collective)."""
 
 
 @runtime_checkable
@@ -105,9 +105,9 @@ class VaryingLoad:
         out.getArray()[self._rows] += self._at(time)
 
     def work(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
-        """Return the work of the mean of start and end force on an increment x, [J] (collective)."""
-        mine = 0.5 * float(x.array_r[self._rows] @ (self._at(start) + self._at(end)))
-        return {self.names[0]: float(np.sum(x.comm.tompi4py().allgather(mine)))}
+        """Return the work of the mean of start and end force along x, [J] (collective)."""
+        local_work = 0.5 * float(x.array_r[self._rows] @ (self._at(start) + self._at(end)))
+        return {self.names[0]: float(np.sum(x.comm.tompi4py().allgather(local_work)))}
 
 
 def always(_time: float) -> float:

@@ -90,8 +90,7 @@ def plane_waves(kind: str, angle: float, azimuth: float, rock: Layer) -> list[Pl
 class ObliqueFreeField:
     """Plane wave at oblique incidence that is reflected at the horizontal ground surface.
 
-    The load is that of a `FreeField`, but the rock is one material. An incident P or SV wave is
-    reflected as a P wave and an SV wave.
+    It acts like `FreeField`, in rock of one material. P and SV waves are reflected as P and SV.
 
     Attributes:
         groups: Names of facet groups with a viscous boundary: the bottom and all sides.

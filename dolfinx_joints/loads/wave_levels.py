@@ -153,9 +153,9 @@ def checked_base(
 def cubic(offset: Floats) -> Floats:
     """Return the weight of a sample at ``offset`` spacings in four-point Lagrange interpolation."""
     x = np.abs(offset)
-    near = (1.0 - x) * (1.0 + x) * (2.0 - x) / 2.0
-    far = (1.0 - x) * (2.0 - x) * (3.0 - x) / 6.0
-    return np.where(x < 1.0, near, np.where(x < 2.0, far, 0.0))
+    inner = (1.0 - x) * (1.0 + x) * (2.0 - x) / 2.0
+    outer = (1.0 - x) * (2.0 - x) * (3.0 - x) / 6.0
+    return np.where(x < 1.0, inner, np.where(x < 2.0, outer, 0.0))
 
 
 def _traction(model: LoadedBody, motion: Floats, slowness: Floats) -> Any:

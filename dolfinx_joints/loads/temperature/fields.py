@@ -235,8 +235,8 @@ def scalar_space(jointed: JointedMesh, components: int = 1) -> Any:
 
 def face_values(jointed: JointedMesh, faces: Mapping[str, Face], day: float) -> Floats:
     """Return the parts of the face temperatures at the nodes, shape (n, 3), NaN elsewhere."""
-    good = isinstance(faces, Mapping) and bool(faces)
-    check_kind_of("faces", faces, good, "a temperature per facet group")
+    valid = isinstance(faces, Mapping) and bool(faces)
+    check_kind_of("faces", faces, valid, "a temperature per facet group")
     space = scalar_space(jointed)
     gdim = jointed.mesh.geometry.dim
     points = space.tabulate_dof_coordinates()[:, :gdim]
@@ -259,17 +259,17 @@ def _parts(group: str, face: Face, points: Floats, day: float) -> Floats:
 
 
 def _solve(
-    jointed: JointedMesh, given: Floats, diffusivity: float | None, through: _JointHeat
+    jointed: JointedMesh, node_values: Floats, diffusivity: float | None, through: _JointHeat
 ) -> Any:
     """Solve for the field with given values at some nodes (collective).
 
     Args:
         jointed: The mesh.
-        given: Given values, NaN at free nodes, shape (n, components).
+        node_values: Given temperatures, NaN at free nodes, shape (n, components).
         diffusivity: kappa of the cosine and sine parts [m^2/s]; None for a steady field.
         through: Heat flow through joints.
     """
-    components = given.shape[1]
+    components = node_values.shape[1]
     space = scalar_space(jointed, components)
     t, q = ufl.TrialFunction(space), ufl.TestFunction(space)
     kappa = fem.Constant(jointed.mesh, float(diffusivity or 1.0))
@@ -281,7 +281,7 @@ def _solve(
     matrix = fem_petsc.assemble_matrix(jointed.form(form))
     matrix.assemble()
     b, x = matrix.createVecLeft(), matrix.createVecRight()
-    owned = given[: b.getLocalSize() // components].ravel()
+    owned = node_values[: b.getLocalSize() // components].ravel()
     fixed = np.isfinite(owned)
     rows = (np.flatnonzero(fixed) + matrix.getOwnershipRange()[0]).astype(PETSc.IntType)
     boundary_values = [np.where(fixed, owned, 0.0)]

@@ -42,11 +42,11 @@ def _read_points(path: str | Path, axes: int) -> tuple[Floats, Floats]:
         )
     table = [_row(f"{path}, line {n}", line, ";" in head, axes + 1) for n, line in rows[1:]]
     points, values = np.hsplit(np.reshape(table, (-1, axes + 1)), [axes])
-    apart = points - points[:1]
-    spread = np.linalg.matrix_rank(apart, tol=1e-9 * np.linalg.norm(apart)) if len(points) else 0
-    if spread < axes:
+    offsets = points - points[:1]
+    span = np.linalg.matrix_rank(offsets, tol=1e-9 * np.linalg.norm(offsets)) if len(points) else 0
+    if span < axes:
         raise TemperatureError(
-            f"{path} has {len(points)} points that span {spread} of {axes} dimensions; they must "
+            f"{path} has {len(points)} points that span {span} of {axes} dimensions; they must "
             "surround the body."
         )
     _, counts = np.unique(points, axis=0, return_counts=True)
@@ -116,12 +116,12 @@ def _interpolated(
     outside = np.flatnonzero(~np.isfinite(result))
     if len(outside):
         distance, nearest = KDTree(points).query(nodes[outside])
-        far = int(np.argmax(distance))
-        if distance[far] > reach:
-            place = ", ".join(f"{c:.4g}" for c in nodes[outside[far]])
+        farthest = int(np.argmax(distance))
+        if distance[farthest] > reach:
+            place = ", ".join(f"{c:.4g}" for c in nodes[outside[farthest]])
             raise TemperatureError(
                 f"{path} has no point within {reach:g} m of the node at ({place}) m, which is "
-                f"outside the convex hull of the points; the nearest is {distance[far]:.3g} m away."
+                f"outside the convex hull; the nearest point is {distance[farthest]:.3g} m away."
             )
         result[outside] = values[nearest]
     return result

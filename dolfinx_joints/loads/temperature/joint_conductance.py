@@ -68,8 +68,8 @@ def joint_term(
     for name, conductance in joints.items():
         if name not in jointed.joint_names:
             raise MeshError(no_such_joint(name, jointed.joint_names))
-        good = isinstance(conductance, JointConductance)
-        check_kind_of(f"The conductance of {name!r}", conductance, good, "a JointConductance")
+        valid = isinstance(conductance, JointConductance)
+        check_kind_of(f"The conductance of {name!r}", conductance, valid, "a JointConductance")
         opening = openings.get(name, 0.0)
         if not isinstance(opening, Expr):
             opening = fem.Constant(jointed.mesh, float(opening))

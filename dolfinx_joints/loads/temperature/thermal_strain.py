@@ -77,14 +77,13 @@ class Temperature:
             field.x.array[space.dofmap.list[cells, 0]] = value
             count[cells] += 1
         owned = jointed.mesh.topology.index_map(model.gdim).size_local
-        concerned = np.arange(owned) if self.cells is None else jointed.cells(self.cells)
-        wrong = int((count[concerned[concerned < owned]] != 1).sum())
-        if wrong := int(sum(jointed.mesh.comm.allgather(wrong))):
+        loaded_cells = np.arange(owned) if self.cells is None else jointed.cells(self.cells)
+        invalid = int((count[loaded_cells[loaded_cells < owned]] != 1).sum())
+        if invalid := int(sum(jointed.mesh.comm.allgather(invalid))):
             where = "the mesh" if self.cells is None else repr(self.cells)
             raise ValueError(
-                f"Temperature: {wrong} cells have no reference or several; the cell groups of "
-                f"reference ({', '.join(self.reference) or 'none'}) must cover {where} without "
-                "overlap."
+                f"Temperature: {invalid} cells have no reference or several; the reference groups "
+                f"({', '.join(self.reference) or 'none'}) must cover {where} without overlap."
             )
         return field
 

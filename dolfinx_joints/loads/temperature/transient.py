@@ -54,8 +54,7 @@ def transient_temperatures(
 ) -> list[Any]:
     """Compute the temperatures of a body at given times from an initial field (collective).
 
-    Successive equal steps use one factorization. To change the openings, call the function again
-    with the last field as ``initial``.
+    Successive equal steps share a factor. To change openings, call again from the last field.
 
     Args:
         jointed: The mesh.
@@ -95,8 +94,8 @@ def _initial_values(space: Any, initial: Any) -> Floats:
     """Return the initial temperature at the rank's owned nodes."""
     size = space.dofmap.index_map.size_local
     if isinstance(initial, fem.Function):
-        own = initial.function_space
-        if own.mesh is not space.mesh or own.ufl_element() != space.ufl_element():
+        source = initial.function_space
+        if source.mesh is not space.mesh or source.ufl_element() != space.ufl_element():
             raise ValueError("initial is in another function space; it must be on this mesh.")
         return np.array(initial.x.array[:size])
     return np.full(size, float(initial))
@@ -139,8 +138,8 @@ class _Stepper:
         if self._ksp is None or not math.isclose(dt, self._dt, rel_tol=1e-12):
             self._factor(dt)
         start = self._with_faces(start, time)
-        middle = self._stage(start, time + GAMMA * dt)
-        return self._stage(start + (1.0 - GAMMA) / GAMMA * (middle - start), time + dt)
+        stage_end = self._stage(start, time + GAMMA * dt)
+        return self._stage(start + (1.0 - GAMMA) / GAMMA * (stage_end - start), time + dt)
 
     def _with_faces(self, values: Floats, time: float) -> Floats:
         """Return the values with the face temperatures at a time inserted."""
@@ -148,15 +147,15 @@ class _Stepper:
         swing = self._parts @ np.array([1.0, math.cos(phase), math.sin(phase)])
         return np.where(self._fixed, swing, values)
 
-    def _stage(self, before: Floats, time: float) -> Floats:
+    def _stage(self, start_values: Floats, time: float) -> Floats:
         """Solve (M + gamma dt A) T = M before, with face temperatures at a time."""
-        given = self._with_faces(np.zeros_like(before), time)
-        self._x.setArray(before)
+        at_faces = self._with_faces(np.zeros_like(start_values), time)
+        self._x.setArray(start_values)
         self._mass.mult(self._x, self._b)
         load = self._b.getArray().copy()
-        self._x.setArray(given)
+        self._x.setArray(at_faces)
         self._matrix.mult(self._x, self._b)
-        self._b.setArray(np.where(self._fixed, given, load - self._b.getArray()))
+        self._b.setArray(np.where(self._fixed, at_faces, load - self._b.getArray()))
         self._ksp.solve(self._b, self._x)
         return self._x.getArray().copy()
 

@@ -86,10 +86,10 @@ class FarField:
 
     def _state_after(self, number: int) -> tuple[Floats, Floats, Floats]:
         """Return y, dy/dt and force after a step number, computed from the last cached step."""
-        before = [cached for cached in self._cache if cached <= number]
-        last = max(before) if before else 0
-        state = self._cache[last] if before else self._rest
-        for n in range(last, number):
+        cached_steps = [cached for cached in self._cache if cached <= number]
+        start_step = max(cached_steps) if cached_steps else 0
+        state = self._cache[start_step] if cached_steps else self._rest
+        for n in range(start_step, number):
             state = self._next_state(*state, (n + 1) * self._step)
             self._cache[n + 1] = state
             self._cache.pop(n - 2, None)

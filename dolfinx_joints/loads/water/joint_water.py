@@ -122,9 +122,8 @@ class Uplift:
 class JointWater:
     """Reservoir water in a joint, with full hydrostatic pressure at open points.
 
-    In statics, openings and pressures are iterated until they are consistent. In dynamics, the
-    openings at the start of a step determine the pressure at its end. The mean of the pressures
-    at the start and at the end acts in the step.
+    In statics, openings and pressures are iterated until they agree. In dynamics, the openings at
+    the start of a step determine the pressure at its end; the mean of both pressures acts.
 
     Attributes:
         joint: Name of the joint.
@@ -133,9 +132,8 @@ class JointWater:
         closed: Pressure at points that are closed or not reached, like `Uplift.pressure` [Pa].
         reached_from: Name of a facet group. If given, only open points that are connected with the
             group by open points have the full pressure; by default all open points.
-        in_dynamics: ``follows``: the pressure follows the openings in each step. ``frozen``: it
-            remains as at the start of the stage. ``drained``: points with full pressure at the
-            start keep it; other points have zero pressure while they are open.
+        in_dynamics: ``follows``: depends on the openings in each step. ``frozen``: as at the start
+            of the stage. ``drained``: like ``frozen``, but zero at open points that are not full.
         density: Density of the water [kg/m^3].
         gravity: g [m/s^2].
         factor: Multiplier at a time [s]; 1 by default.
@@ -205,20 +203,20 @@ class WaterInJoint:
 
     def by_opening(self, gap: Floats) -> Codes:
         """Return FULL for points that are open and reached, CLOSED for others (collective)."""
-        wet = self._open(gap)
+        is_full = self._open(gap)
         if self._paths is not None:
-            wet = self._paths.reached(wet)
-        return np.where(wet, Wetness.FULL, Wetness.CLOSED).astype(np.int8)
+            is_full = self._paths.reached(is_full)
+        return np.where(is_full, Wetness.FULL, Wetness.CLOSED).astype(np.int8)
 
     def in_step(self, codes: Codes, gap: Floats) -> Codes:
         """Return the codes after a time step, according to ``in_dynamics`` (collective)."""
         if self._load.in_dynamics == "follows":
             return self.by_opening(gap)
-        own = np.where(self._in_joint, codes, Wetness.CLOSED).astype(np.int8)
+        new_codes = np.where(self._in_joint, codes, Wetness.CLOSED).astype(np.int8)
         if self._load.in_dynamics == "drained":
-            now = np.where(self._open(gap), Wetness.DRAINED, Wetness.CLOSED)
-            own = np.where(own == Wetness.FULL, own, now).astype(np.int8)
-        return own
+            drained = np.where(self._open(gap), Wetness.DRAINED, Wetness.CLOSED)
+            new_codes = np.where(new_codes == Wetness.FULL, new_codes, drained).astype(np.int8)
+        return new_codes
 
     def _open(self, gap: Floats) -> Flags:
         return np.asarray(self._in_joint & (gap[:, 0] > self._load.aperture))
@@ -236,16 +234,16 @@ def joint_points(model: LoadedBody, load: JointLoad) -> Flags:
 def given_pressure(model: LoadedBody, load: JointLoad, attribute: str, in_joint: Flags) -> Floats:
     """Evaluate a pressure of a load at the points of its joint, 0 at others [Pa] (collective)."""
     assert model.operator is not None
-    value, places = getattr(load, attribute), model.operator.points[in_joint]
+    value, points = getattr(load, attribute), model.operator.points[in_joint]
     name, comm = f"{label(load)}: {attribute}", model.operator.comm
     with raised_together(comm):
-        pressure = check_each(name, value(places) if callable(value) else value, len(places))
+        pressure = check_each(name, value(points) if callable(value) else value, len(points))
     slack = ROUNDING * max(comm.allgather(float(pressure.max(initial=0.0))))
     pressure = np.where((pressure < 0.0) & (pressure >= -slack), 0.0, pressure)
-    everywhere = np.zeros(len(in_joint))
+    all_pressures = np.zeros(len(in_joint))
     with raised_together(comm):
-        everywhere[in_joint] = check_each(name, pressure, len(places), negative=False)
-    return everywhere
+        all_pressures[in_joint] = check_each(name, pressure, len(points), negative=False)
+    return all_pressures
 
 
 def opening_force(model: LoadedBody, pressure: Floats) -> PETSc.Vec:

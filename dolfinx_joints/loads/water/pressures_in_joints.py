@@ -40,8 +40,7 @@ class JointWaters:
         for joint in joints:
             if joints.count(joint) > 1:
                 raise ValueError(
-                    f"The joint {joint!r} has {joints.count(joint)} loads that depend on its "
-                    "opening; give one."
+                    f"{joints.count(joint)} loads depend on the gap of joint {joint!r}; give one."
                 )
         self.names = list(loads)
         self._model, self._waves = model, waves
@@ -138,10 +137,10 @@ class WaterPressures:
 
     def __init__(self, model: LoadedBody, loads: Sequence[Uplift | FollowsJoints]) -> None:
         """Compute the pressures of each point (collective)."""
-        given = [load for load in loads if isinstance(load, Uplift)]
-        self._given = [(load.at_points(model), load.factor) for load in given]
-        others = [load for load in loads if not isinstance(load, Uplift)]
-        self._parts = [load.in_joint(label(load), model) for load in others]
+        uplifts = [load for load in loads if isinstance(load, Uplift)]
+        self._uplifts = [(load.at_points(model), load.factor) for load in uplifts]
+        following = [load for load in loads if not isinstance(load, Uplift)]
+        self._parts = [load.in_joint(label(load), model) for load in following]
         assert model.operator is not None
         self._size = len(model.operator.areas)
 
@@ -153,7 +152,7 @@ class WaterPressures:
     def __call__(self, time: float, codes: Codes | None) -> Floats:
         """Return the pressure at local joint points, (n,), [Pa]; codes: ``DynamicState.water``."""
         total = np.zeros(self._size)
-        for pressure, factor in self._given:
+        for pressure, factor in self._uplifts:
             total += float(factor(time)) * pressure
         for part in self._parts:
             assert codes is not None

@@ -31,7 +31,7 @@ from dolfinx_joints.loads.water.wet_face import (
 from dolfinx_joints.mesh.cells import Floats, Ints
 
 # Coupling, relative to the largest one, below which a dof is not loaded by the water.
-UNFELT = 1e-12
+NEGLIGIBLE_COUPLING = 1e-12
 
 # Number of dense matrices over the water nodes during the doubling of slabs; bytes per entry of the
 # added mass, for its copies with indices in M and in the factor of a step.
@@ -87,16 +87,16 @@ class ReservoirMass:
 
         def solve() -> tuple[Ints, Floats]:
             count, (rows, dofs, values) = wet.face.count, wet.coupling
-            used, columns = np.unique(dofs, return_inverse=True)
-            self._check_size(count, len(used), free)
+            all_dofs, columns = np.unique(dofs, return_inverse=True)
+            self._check_size(count, len(all_dofs), free)
             check_reaches_level(self, wet.face)
-            coupling = np.zeros((count, len(used)))
+            coupling = np.zeros((count, len(all_dofs)))
             np.add.at(coupling, (rows, columns.ravel()), values)
             largest = np.abs(coupling).max(axis=0, initial=0.0)
-            felt = largest > UNFELT * largest.max(initial=0.0)
+            is_loaded = largest > NEGLIGIBLE_COUPLING * largest.max(initial=0.0)
             if not count:
-                return used[felt], coupling[:, felt]
-            return used[felt], self._half(wet, coupling[:, felt])
+                return all_dofs[is_loaded], coupling[:, is_loaded]
+            return all_dofs[is_loaded], self._half(wet, coupling[:, is_loaded])
 
         dofs, half = on_root(comm, solve)
         return _assembled(model, dofs, np.sqrt(self.density) * half)
@@ -105,8 +105,8 @@ class ReservoirMass:
         """Return Y, where Y^T Y is the added mass divided by the density."""
         wavenumber = 2.0 * np.pi * self.frequency / self.sound_speed
         try:
-            resists = resistance(wet.face, wet.upstream, self.length, wavenumber)
-            return half_of_inverse(resists, coupling)
+            resistance_matrix = resistance(wet.face, wet.upstream, self.length, wavenumber)
+            return half_of_inverse(resistance_matrix, coupling)
         except np.linalg.LinAlgError:
             raise ValueError(
                 f"{self}: frequency is {self.frequency:g} Hz; it must be below the lowest natural "
@@ -128,13 +128,13 @@ def _assembled(model: LoadedBody, dofs: Ints, half: Floats) -> PETSc.Mat:
     """Return Y^T Y at the given dofs, in the layout of the model's matrices (collective)."""
     blocks = model.V.dofmap.index_map
     first, owned = (model.gdim * n for n in (blocks.local_range[0], blocks.size_local))
-    mine = np.flatnonzero((dofs >= first) & (dofs < first + owned))
-    rows = half[:, mine].T @ half
+    owned_columns = np.flatnonzero((dofs >= first) & (dofs < first + owned))
+    rows = half[:, owned_columns].T @ half
     starts = np.zeros(owned + 1, dtype=PETSc.IntType)
-    starts[dofs[mine] - first + 1] = len(dofs)
+    starts[dofs[owned_columns] - first + 1] = len(dofs)
     csr = (
         np.cumsum(starts, dtype=PETSc.IntType),
-        np.tile(dofs.astype(PETSc.IntType), len(mine)),
+        np.tile(dofs.astype(PETSc.IntType), len(owned_columns)),
         rows.ravel(),
     )
     sizes = ((owned, None), (owned, None))

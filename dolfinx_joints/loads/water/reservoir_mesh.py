@@ -72,8 +72,8 @@ class MeshedReservoir:
     gravity_waves: bool = False
 
     def __post_init__(self) -> None:
-        good = isinstance(self.mesh, JointedMesh)
-        check_kind_of(f"{self}: mesh", self.mesh, good, "a mesh, as from read_msh")
+        valid = isinstance(self.mesh, JointedMesh)
+        check_kind_of(f"{self}: mesh", self.mesh, valid, "a mesh, as from read_msh")
         if self.mesh.mesh.comm.size > 1:
             raise MeshError(
                 f"{self}: its mesh is distributed over {self.mesh.mesh.comm.size} ranks; read it "
@@ -92,18 +92,18 @@ class MeshedReservoir:
             MeshError: The distance between the faces of dam and water exceeds `OUTSIDE` times the
                 side of a facet, or the search for a closest point did not converge.
         """
-        whole = _Meshed(self)
-        coupling = whole.coupling(model)
+        matrices = _Meshed(self)
+        coupling = matrices.coupling(model)
         uniform = np.tile(np.eye(model.gdim), (coupling.shape[1] // model.gdim, 1))
         return Water(
-            size=whole.size,
+            size=matrices.size,
             impedance=self.density * self.sound_speed,
-            rows=whole.rows,
+            rows=matrices.rows,
             coupling=coupling,
-            driven=whole.driven - coupling @ uniform,
-            places=whole.places,
+            driven=matrices.driven - coupling @ uniform,
+            places=matrices.places,
             face=np.flatnonzero(np.diff(coupling.indptr)),
-            cells=whole.cells,
+            cells=matrices.cells,
         )
 
 
@@ -117,19 +117,19 @@ class _Meshed:
         level: Height of the water level [m].
     """
 
-    def __init__(self, given: MeshedReservoir) -> None:
-        self._given, self._jointed = given, given.mesh
-        mesh, degree = given.mesh.mesh, given.mesh.shape.degree
+    def __init__(self, reservoir: MeshedReservoir) -> None:
+        self._reservoir, self._jointed = reservoir, reservoir.mesh
+        mesh, degree = reservoir.mesh.mesh, reservoir.mesh.shape.degree
         self._gdim = mesh.geometry.dim
         self._space = fem.functionspace(mesh, ("Lagrange", degree))
         x = self._space.tabulate_dof_coordinates()[:, : self._gdim]
         self.level = float(x[:, -1].max())
-        self._near = ON_LEVEL * float(np.ptp(x[:, -1]))
-        dry = (x[:, -1] > self.level - self._near) & (not given.gravity_waves)
-        self._kept = np.flatnonzero(~dry)
+        self._tolerance = ON_LEVEL * float(np.ptp(x[:, -1]))
+        dry = (x[:, -1] > self.level - self._tolerance) & (not reservoir.gravity_waves)
+        self._unknown_dofs = np.flatnonzero(~dry)
         self._number = np.full(len(x), -1)
-        self._number[self._kept] = np.arange(len(self._kept))
-        self.size, self.places = len(self._kept), x[self._kept]
+        self._number[self._unknown_dofs] = np.arange(len(self._unknown_dofs))
+        self.size, self.places = len(self._unknown_dofs), x[self._unknown_dofs]
         self._face, self._of_face = self._water_face()
         self._assemble()
 
@@ -139,7 +139,7 @@ class _Meshed:
         The pressure and the geometry have the same Lagrange element.
         """
         mesh, shape = self._jointed.mesh, self._jointed.shape
-        cells, local = facet_slots(mesh, self._jointed.facets(self._given.face))
+        cells, local = facet_slots(mesh, self._jointed.facets(self._reservoir.face))
         slots = shape.facet_nodes[local]
         nodes = np.take_along_axis(dolfinx_versions.geometry_nodes(mesh)[cells], slots, axis=1)
         dofs = np.take_along_axis(self._space.dofmap.list[cells], slots, axis=1)
@@ -147,35 +147,35 @@ class _Meshed:
         return FacetSurface(x, shape.facet_vertices.shape[1], shape.degree), self._number[dofs]
 
     def _assemble(self) -> None:
-        given, ds, surface = self._given, self._jointed.ds, self._surface()
+        reservoir, ds, surface = self._reservoir, self._jointed.ds, self._surface()
         u, v = ufl.TrialFunction(self._space), ufl.TestFunction(self._space)
-        n, rho, c = ufl.FacetNormal(self._jointed.mesh), given.density, given.sound_speed
+        n, rho, c = ufl.FacetNormal(self._jointed.mesh), reservoir.density, reservoir.sound_speed
         mass = rho * u * v * ufl.dx + surface_inertia(rho, c) * u * v * surface
         zero = fem.Constant(self._jointed.mesh, 0.0)
         losses = zero * u * v * ufl.dx
-        share = rho * c * reflected(given.bottom_reflection)
-        for name in given.bottom:
+        share = rho * c * reflected(reservoir.bottom_reflection)
+        for name in reservoir.bottom:
             losses += share * u * v * ds(name)
-        if given.far_end is not None:
-            losses += rho * c * u * v * ds(given.far_end)
+        if reservoir.far_end is not None:
+            losses += rho * c * u * v * ds(reservoir.far_end)
         stiffness = rho * c**2 * ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
         self._matrices = [self._matrix(form) for form in (mass, stiffness, losses)]
         self.driven = np.zeros((self.size, self._gdim))
-        for bound in (*(ds(name) for name in given.bottom), surface):
+        for bound in (*(ds(name) for name in reservoir.bottom), surface):
             for axis in range(self._gdim):
                 flux = fem.assemble_vector(fem.form(n[axis] * v * bound)).array
-                self.driven[:, axis] += flux[self._kept]
+                self.driven[:, axis] += flux[self._unknown_dofs]
 
     def _matrix(self, form: Any) -> csr_array:
         matrix = fem.assemble_matrix(fem.form(form)).to_scipy()
-        return csr_array(matrix)[self._kept][:, self._kept]
+        return csr_array(matrix)[self._unknown_dofs][:, self._unknown_dofs]
 
     def _surface(self) -> ufl.Measure:
         """Return the measure of the water surface; all or none of its nodes are unknowns."""
         mesh = self._jointed.mesh
         up, fdim = self._gdim - 1, mesh.topology.dim - 1
         top = np.sort(
-            locate_entities_boundary(mesh, fdim, lambda x: x[up] > self.level - self._near)
+            locate_entities_boundary(mesh, fdim, lambda x: x[up] > self.level - self._tolerance)
         )
         tags = meshtags(mesh, fdim, top, np.ones(len(top), dtype=np.int32))
         return ufl.Measure("ds", domain=mesh, subdomain_data=tags)(1)
@@ -198,10 +198,10 @@ class _Meshed:
         """Return the coupling matrix, unknowns times dofs of the body, [m^2] (collective)."""
         comm, blocks = model.jointed.mesh.comm, model.V.dofmap.index_map
         shape = (self.size, blocks.size_global * model.gdim)
-        mine, worst = csr_array(shape), _Gap()
-        wet = wetted_facets(model.V, model.jointed, self._given.group, self.level)
+        local_coupling, worst = csr_array(shape), _Gap()
+        facet_points = wetted_facets(model.V, model.jointed, self._reservoir.group, self.level)
         with raised_together(comm):
-            for points in wet:
+            for points in facet_points:
                 # On a facet that the level cuts, only the points below the level have an area.
                 acts = np.any(points.areas != 0.0, axis=2)
                 if not acts.any():
@@ -211,9 +211,9 @@ class _Meshed:
                 worst = max(worst, gap)
                 if worst.allowed:
                     entries = self._entries(points, acts, closest, model)
-                    mine = mine + csr_array(coo_array(entries, shape=shape))
+                    local_coupling = local_coupling + csr_array(coo_array(entries, shape=shape))
         self._check(max(comm.allgather(worst)))
-        first, *others = comm.allgather(mine)
+        first, *others = comm.allgather(local_coupling)
         return sum(others, start=first)
 
     def _closest(self, places: Floats, sizes: Floats) -> tuple[ClosestPoints, _Gap]:
@@ -223,9 +223,9 @@ class _Meshed:
         is checked first; if its gap is too large, only its closest point is returned. The search is
         slow for distant places, because all facets have about the same distance.
         """
-        for some in ([int(self._face.sample_distances(places).argmax())], slice(None)):
-            closest = self._face.closest(places[some])
-            gap = self._gap(places[some], sizes[some], closest)
+        for chosen in ([int(self._face.sample_distances(places).argmax())], slice(None)):
+            closest = self._face.closest(places[chosen])
+            gap = self._gap(places[chosen], sizes[chosen], closest)
             if not gap.allowed:
                 break
         return closest, gap
@@ -233,10 +233,10 @@ class _Meshed:
     def _gap(self, places: Floats, sizes: Floats, closest: ClosestPoints) -> _Gap:
         """Return the worst gap at places; sizes as in `_closest`."""
         sizes = np.maximum(sizes, self._face.sizes[closest.facet])
-        parts = np.where(closest.converged, closest.distance / sizes, np.inf)
-        worst = int(parts.argmax())
+        ratios = np.where(closest.converged, closest.distance / sizes, np.inf)
+        worst = int(ratios.argmax())
         return _Gap(
-            part=float(parts[worst]),
+            part=float(ratios[worst]),
             distance=float(closest.distance[worst]),
             size=float(sizes[worst]),
             place=tuple(places[worst].tolist()),
@@ -246,17 +246,17 @@ class _Meshed:
         if worst.allowed:
             return
         place = ", ".join(f"{value:.4g}" for value in worst.place)
-        face = f"the water's face {shown(self._given.face)}"
+        face = f"the water's face {shown(self._reservoir.face)}"
         if np.isinf(worst.part):
             raise MeshError(
-                f"{self._given}: the search for the point on {face} closest to ({place}) m on the "
-                f"dam's wet face did not converge; the best point is {worst.distance:.3g} m away. "
-                "Check this part of the water's mesh for folded facets."
+                f"{self._reservoir}: the search for the point on {face} closest to ({place}) m on "
+                f"the dam's wet face did not converge; the best point is {worst.distance:.3g} m "
+                "away. Check this part of the water's mesh for folded facets."
             )
         raise MeshError(
-            f"{self._given}: the dam's wet face at ({place}) m is {worst.distance:.3g} m away from "
-            f"{face}; the limit is {OUTSIDE * worst.size:.3g} m, {100 * OUTSIDE:g} % of a facet's "
-            "side. Both faces must be the same surface."
+            f"{self._reservoir}: the dam's wet face at ({place}) m is {worst.distance:.3g} m away "
+            f"from {face}; the limit is {OUTSIDE * worst.size:.3g} m, {100 * OUTSIDE:g} % of a "
+            "facet's side. Both faces must be the same surface."
         )
 
     def _entries(
@@ -270,8 +270,8 @@ class _Meshed:
         values = np.einsum("pw,pni->pwni", basis, forces)
         columns = model.gdim * blocks[:, None, :, None] + np.arange(model.gdim)
         rows, columns = np.broadcast_arrays(dofs[:, :, None, None], columns)
-        wet = rows >= 0
-        return values[wet], (rows[wet], columns[wet])
+        is_unknown = rows >= 0
+        return values[is_unknown], (rows[is_unknown], columns[is_unknown])
 
 
 @dataclass(frozen=True, kw_only=True, order=True)

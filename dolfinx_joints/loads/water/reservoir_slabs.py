@@ -48,8 +48,8 @@ class WaterFace:
         """Assemble element matrices (n, k, k) at ``nodes`` (n, k); omit nodes without pressure."""
         rows = np.broadcast_to(nodes[:, :, None], elements.shape)
         columns = np.broadcast_to(nodes[:, None, :], elements.shape)
-        kept = (rows < self.count) & (columns < self.count)
-        entries = (elements[kept], (rows[kept], columns[kept]))
+        has_pressure = (rows < self.count) & (columns < self.count)
+        entries = (elements[has_pressure], (rows[has_pressure], columns[has_pressure]))
         return coo_array(entries, shape=(self.count, self.count))
 
 
@@ -67,27 +67,27 @@ def cut_at_level(depths: Floats) -> tuple[Ints, Floats, Ints]:
     count = depths.shape[1]
     deepest_first = np.argsort(-depths, axis=1, kind="stable")
     below = (depths > 0.0).sum(axis=1)
-    whole, places, corners = [], [], []
-    for wet in range(1, count + 1):
-        chosen = np.flatnonzero(below == wet)
+    uncut, places, corners = [], [], []
+    for wet_corners in range(1, count + 1):
+        chosen = np.flatnonzero(below == wet_corners)
         order = deepest_first[chosen]
         sorted_depths = np.take_along_axis(depths[chosen], order, axis=1)
         cuts = np.zeros((len(chosen), count, count, count))
-        for a in range(wet):
-            for b in range(wet, count):
+        for a in range(wet_corners):
+            for b in range(wet_corners, count):
                 share = sorted_depths[:, a] / (sorted_depths[:, a] - sorted_depths[:, b])
                 cuts[:, a, b, a], cuts[:, a, b, b] = 1.0 - share, share
         for a in range(count):
             cuts[:, a, a, a] = 1.0
-        for part in _PARTS[count][wet]:
+        for part in _PARTS[count][wet_corners]:
             sorted_places = np.stack([cuts[:, a, b] for a, b in part], axis=1)
             place = np.empty_like(sorted_places)
             np.put_along_axis(place, order[:, None, :].repeat(count, 1), sorted_places, 2)
             corner = [order[:, a] if a == b else np.full(len(order), SURFACE) for a, b in part]
-            whole.append(chosen)
+            uncut.append(chosen)
             places.append(place)
             corners.append(np.stack(corner, axis=1))
-    return np.concatenate(whole), np.concatenate(places), np.concatenate(corners)
+    return np.concatenate(uncut), np.concatenate(places), np.concatenate(corners)
 
 
 # Corners of the parts below the level, by number of corners and number of wet corners: (a, a) is
@@ -136,12 +136,12 @@ def resistance(
     near = in_face * (thickness / 3) - even + across / thickness
     far = in_face * (thickness / 3) + even + across / thickness
     between = in_face * (thickness / 6) + odd - across / thickness
-    done = 0
-    while done != doublings and (
+    doubled_times = 0
+    while doubled_times != doublings and (
         doublings is not None or np.abs(between).max() > ENDLESS * np.abs(near).max()
     ):
         near, between, far = _doubled(near, between, far)
-        done += 1
+        doubled_times += 1
     if length is None:
         return near
     half = half_of_inverse(far, between.T)
@@ -177,10 +177,10 @@ def face_matrices(face: WaterFace, upstream: Floats) -> list[coo_array]:
     )
     along = gradients[:, :, -1]
     volume = np.abs(np.linalg.det(jacobian)) / (1 if axes == 2 else 2)
-    same = (np.ones((axes, axes)) + np.eye(axes)) / (axes * (axes + 1))
+    mass_pattern = (np.ones((axes, axes)) + np.eye(axes)) / (axes * (axes + 1))
     in_face = np.einsum("t,tdi,tdj->tij", volume, slopes, slopes)
     mixed = np.einsum("t,tdi,td->ti", volume / axes, slopes, along)
-    mass = np.einsum("t,ij->tij", volume, same)
+    mass = np.einsum("t,ij->tij", volume, mass_pattern)
     across = np.einsum("td,td,tij->tij", along, along, mass)
     matrices = (in_face, np.repeat(mixed[:, :, None], axes, axis=2), across, mass)
     return [face.matrix(face.nodes, elements) for elements in matrices]

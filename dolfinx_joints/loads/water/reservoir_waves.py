@@ -63,8 +63,7 @@ class ReservoirWaves:
         far_end: ``radiating``: absorbs plane waves along the reservoir; ``rigid``: a wall.
         absorbing_length: Length of a part with increasing damping before the far end, zero or at
             least two elements [m]. It also absorbs slow waves near the section's frequencies.
-        layers: Number of elements along the reservoir; by default for elements of twice the mean
-            edge of the face.
+        layers: Number of elements along the reservoir; by default twice as long as the face edges.
     """
 
     group: str
@@ -188,21 +187,21 @@ class _Extruded:
         )
 
     def _section(self) -> Section | None:
-        """Return the section, with the far-end forces of its wave; None without an absorbing end."""
+        """Return the section, with far-end forces of its wave; None without an absorbing end."""
         waves, end = self._waves, len(self._s) - 1
         if waves.far_end == "rigid" and not waves.absorbing_length:
             return None
         rho, c = waves.density, waves.sound_speed
         in_face, mixed, _, volume = self._face_matrices
-        whole = csr_array(np.ones((end + 1, 1)))
-        last = csr_array(([1.0], ([end], [0])), shape=(end + 1, 1))
+        all_layers = csr_array(np.ones((end + 1, 1)))
+        last_layer = csr_array(([1.0], ([end], [0])), shape=(end + 1, 1))
         return Section(
             mass=self._mass(),
             stiffness=rho * c**2 * in_face,
             losses=rho * c * reflected(waves.bottom_reflection) * self._bottom,
             driven=rho * c * self._driven,
-            by_rate=rho * c * kron(self._absorbing() @ whole, volume, format="csr"),
-            by_place=rho * c**2 * kron(last, mixed.T, format="csr"),
+            by_rate=rho * c * kron(self._absorbing() @ all_layers, volume, format="csr"),
+            by_place=rho * c**2 * kron(last_layer, mixed.T, format="csr"),
         )
 
     def _mass(self) -> csr_array:
@@ -231,13 +230,13 @@ class _Extruded:
         def along(matrix: csr_array, of_face: csr_array) -> csr_array:
             return kron(matrix[layers], of_face, format="csr")
 
-        whole, stretch, slope = _line(self._s)
-        stiffness = along(whole, in_face) + along(slope, mixed) + along(slope.T.tocsr(), mixed.T)
-        stiffness = stiffness + along(stretch, across)
-        losses = reflected(waves.bottom_reflection) * along(whole, self._bottom)
+        n_n, dn_dn, n_dn = _line(self._s)
+        stiffness = along(n_n, in_face) + along(n_dn, mixed) + along(n_dn.T.tocsr(), mixed.T)
+        stiffness = stiffness + along(dn_dn, across)
+        losses = reflected(waves.bottom_reflection) * along(n_n, self._bottom)
         losses = losses + along(self._absorbing(), volume)
         return WaterRows(
-            mass=along(whole, self._mass())[rows],
+            mass=along(n_n, self._mass())[rows],
             stiffness=(rho * c**2 * stiffness)[rows],
             losses=(rho * c * losses)[rows],
         )
@@ -312,10 +311,10 @@ def _outer(face: WaterFace) -> _Edges:
     """Return the boundary edges below the level, which belong to one part of the face only."""
     edges = _edges(face)
     edges = edges[np.flatnonzero((edges.nodes < face.below).any(axis=1))]
-    _, place, times = np.unique(
+    _, place, counts = np.unique(
         np.sort(edges.nodes, axis=1), axis=0, return_index=True, return_counts=True
     )
-    return edges[place[times == 1]]
+    return edges[place[counts == 1]]
 
 
 def _extruded(face: WaterFace, edges: _Edges, upstream: Floats) -> tuple[csr_array, Floats]:
@@ -328,9 +327,9 @@ def _extruded(face: WaterFace, edges: _Edges, upstream: Floats) -> tuple[csr_arr
     inward = np.einsum("nd,nd->n", edges.apex - ends[:, 0], normal) > 0.0
     normal[inward] *= -1.0
     area = np.linalg.norm(normal, axis=1)
-    same = (np.ones((axes - 1, axes - 1)) + np.eye(axes - 1)) / (axes * (axes - 1))
+    mass_pattern = (np.ones((axes - 1, axes - 1)) + np.eye(axes - 1)) / (axes * (axes - 1))
     driven = np.zeros((face.count, axes))
     for end in range(axes - 1):
-        unknown = nodes[:, end] < face.count
-        np.add.at(driven, nodes[unknown, end], normal[unknown] / (axes - 1))
-    return csr_array(face.matrix(nodes, area[:, None, None] * same)), driven
+        has_pressure = nodes[:, end] < face.count
+        np.add.at(driven, nodes[has_pressure, end], normal[has_pressure] / (axes - 1))
+    return csr_array(face.matrix(nodes, area[:, None, None] * mass_pattern)), driven

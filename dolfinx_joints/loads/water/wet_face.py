@@ -35,7 +35,7 @@ from dolfinx_joints.mesh.blocks import same_places
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 
-# Distance from the level, relative to the height of the face, of a node that counts as on the level.
+# Distance from the level, relative to the height of the face, of nodes that count as on the level.
 ON_LEVEL = 1e-6
 
 # Distance, relative to the shortest edge, of nodes of two blocks that form one node of the water.
@@ -124,8 +124,8 @@ def wet_face(
     numbers, below = face.numbers(comm, water)
     if order is not None:
         numbers = face.in_order(comm, numbers, below, order)
-    parts, every = face.wet_parts(comm, numbers, below, order)
-    count = every if surface_moves else below
+    parts, total_count = face.wet_parts(comm, numbers, below, order)
+    count = total_count if surface_moves else below
     areas = parts.points.areas.sum(axis=1)
     upstream = _direction(water, summed(comm, areas.sum(axis=0)))
     _check_faces_upstream(water, comm, areas, upstream)
@@ -174,8 +174,8 @@ def _check_top(water: MovedFace, highest: float, lowest: float) -> None:
 def _check_faces_upstream(water: MovedFace, comm: Any, areas: Floats, upstream: Floats) -> None:
     """Check that the normals of all parts point upstream (collective)."""
     size = np.linalg.norm(areas, axis=1)
-    off = areas @ upstream < STEEPEST * size
-    sums = summed(comm, np.array([size[off].sum(), size.sum()]))
+    turned_away = areas @ upstream < STEEPEST * size
+    sums = summed(comm, np.array([size[turned_away].sum(), size.sum()]))
     if sums[0] > 0.0:
         shown = ", ".join(f"{x:.3g}" for x in upstream)
         raise ValueError(
@@ -206,7 +206,7 @@ class _Face:
         Corners at or above the level have the number `SURFACE`.
         """
         level = float(water.level)
-        own, first = np.unique(self._nodes, return_index=True)
+        local_nodes, first = np.unique(self._nodes, return_index=True)
         points = self._corners.reshape(-1, self._corners.shape[2])[first]
         sides = self._corners - np.roll(self._corners, 1, axis=1)
         shortest = float(np.linalg.norm(sides, axis=2).min(initial=np.inf))
@@ -216,24 +216,24 @@ class _Face:
         _check_top(water, highest, lowest)
         self._on_level = ON_LEVEL * max(highest - lowest, 0.0)
         self._level = level
-        every = comm.gather(points, root=0)
+        all_x = comm.gather(points, root=0)
 
         def work() -> tuple[list[Ints], int]:
-            wet = level - np.concatenate(every)[:, -1] > self._on_level
+            wet = level - np.concatenate(all_x)[:, -1] > self._on_level
             numbers = np.full(len(wet), SURFACE)
             _, numbers[wet] = np.unique(
-                same_places(np.concatenate(every)[wet], SAME_NODE * shortest), return_inverse=True
+                same_places(np.concatenate(all_x)[wet], SAME_NODE * shortest), return_inverse=True
             )
-            splits = np.cumsum([len(p) for p in every])[:-1]
+            splits = np.cumsum([len(p) for p in all_x])[:-1]
             return np.split(numbers, splits), int(numbers.max(initial=SURFACE)) + 1
 
         by_rank, count = on_root(comm, work)
-        return by_rank[comm.rank][np.searchsorted(own, self._nodes)], count
+        return by_rank[comm.rank][np.searchsorted(local_nodes, self._nodes)], count
 
     def in_order(self, comm: Any, numbers: Ints, count: int, nodes: NodeNumbering) -> Ints:
         """Renumber the nodes in the order of the body's nodes, for any rank count (collective)."""
-        wet = numbers != SURFACE
-        pairs = np.column_stack([numbers[wet], nodes.number[self._nodes[wet]]])
+        is_wet = numbers != SURFACE
+        pairs = np.column_stack([numbers[is_wet], nodes.number[self._nodes[is_wet]]])
         place = _places_by_key(count, *np.concatenate(comm.allgather(pairs)).T)
         return np.append(place, SURFACE)[numbers]
 
@@ -247,19 +247,19 @@ class _Face:
         depths = self._level - self._corners[:, :, -1]
         depths = np.where(numbers == SURFACE, np.minimum(depths, 0.0), depths)
         depths[np.abs(depths) <= self._on_level] = 0.0
-        whole, shares, which = cut_at_level(depths)
-        corners = np.einsum("pab,pbi->pai", shares, self._corners[whole])
-        places = np.einsum("pab,pbi->pai", shares, self._places[whole])
+        uncut, shares, sources = cut_at_level(depths)
+        corners = np.einsum("pab,pbi->pai", shares, self._corners[uncut])
+        places = np.einsum("pab,pbi->pai", shares, self._places[uncut])
         size = sizes(places)
         kept = size > 1e-12
-        whole, corners, places, which = whole[kept], corners[kept], places[kept], which[kept]
-        nodes = np.take_along_axis(numbers[whole], np.maximum(which, 0), axis=1)
-        level = which == SURFACE
-        keys = _edge_keys(self._nodes[whole[level.nonzero()[0]]], shares[kept][level], order)
+        uncut, corners, places, sources = uncut[kept], corners[kept], places[kept], sources[kept]
+        nodes = np.take_along_axis(numbers[uncut], np.maximum(sources, 0), axis=1)
+        at_level = sources == SURFACE
+        keys = _edge_keys(self._nodes[uncut[at_level.nonzero()[0]]], shares[kept][at_level], order)
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-        shortest = float(sides[level | np.roll(level, 1, axis=1)].min(initial=np.inf))
-        on_level, count = _level_numbers(comm, corners[level], keys, shortest)
-        nodes[level] = below + on_level
+        shortest = float(sides[at_level | np.roll(at_level, 1, axis=1)].min(initial=np.inf))
+        on_level, count = _level_numbers(comm, corners[at_level], keys, shortest)
+        nodes[at_level] = below + on_level
         cell = (basix.CellType.interval, basix.CellType.triangle)[places.shape[1] - 2]
         points, weights = basix.make_quadrature(cell, DEGREE)
         pressures = np.column_stack([1.0 - points.sum(axis=1), points])
@@ -268,7 +268,7 @@ class _Face:
             corners=corners,
             pressures=pressures,
             points=self._facets.at(
-                self._of[whole],
+                self._of[uncut],
                 np.einsum("qa,pai->pqi", pressures, places),
                 size[kept][:, None] * weights,
             ),
@@ -303,14 +303,14 @@ def _level_numbers(comm: Any, points: Floats, keys: Ints, shortest: float) -> tu
 
     Points are this rank's corners; ``shortest`` is the shortest side of a part there [m].
     """
-    every = comm.gather((points, keys, shortest), root=0)
+    all_corners = comm.gather((points, keys, shortest), root=0)
 
     def work() -> tuple[list[Ints], int]:
-        places, keys = (np.concatenate([of_rank[i] for of_rank in every]) for i in (0, 1))
-        distance = SAME_CORNER * min(of_rank[2] for of_rank in every)
+        places, keys = (np.concatenate([of_rank[i] for of_rank in all_corners]) for i in (0, 1))
+        distance = SAME_CORNER * min(of_rank[2] for of_rank in all_corners)
         _, label = np.unique(same_places(places, distance), return_inverse=True)
         number = _places_by_key(int(label.max(initial=-1)) + 1, label, keys)
-        ends = np.cumsum([len(of_rank[0]) for of_rank in every])
+        ends = np.cumsum([len(of_rank[0]) for of_rank in all_corners])
         return np.split(number[label], ends[:-1]), len(number)
 
     by_rank, count = on_root(comm, work)
@@ -344,11 +344,11 @@ class _WetParts:
         )
         rows = np.broadcast_to(self.nodes[:, :, None, None], values.shape)
         columns = np.broadcast_to(dofs[:, None], values.shape)
-        wet = rows < count
-        return rows[wet], columns[wet], values[wet]
+        has_pressure = rows < count
+        return rows[has_pressure], columns[has_pressure], values[has_pressure]
 
 
 def _gathered(comm: Any, part: NDArray[Any]) -> NDArray[Any]:
     """Gather the rows of all ranks on rank 0; other ranks receive no rows (collective)."""
-    every = comm.gather(part, root=0)
-    return part[:0] if every is None else np.concatenate(every)
+    of_ranks = comm.gather(part, root=0)
+    return part[:0] if of_ranks is None else np.concatenate(of_ranks)

@@ -106,10 +106,10 @@ class WettedFacets:
         middles = np.stack([corners[:, i] + corners[:, j] for i, j in pairs], axis=1) / 2
         linear = np.stack([depth[:, i] + depth[:, j] for i, j in pairs], axis=1) / 2
         between = self._depth(facet, middles)
-        every = np.concatenate([depth, between], axis=1)
-        top, bottom = every.min(axis=1), every.max(axis=1)
-        bent = np.abs(between - linear).max(axis=1) > _LINEAR * (bottom - top)
-        refined = bent & (top < 0.0) & (bottom > 0.0)
+        all_depths = np.concatenate([depth, between], axis=1)
+        top, bottom = all_depths.min(axis=1), all_depths.max(axis=1)
+        is_curved = np.abs(between - linear).max(axis=1) > _LINEAR * (bottom - top)
+        refined = is_curved & (top < 0.0) & (bottom > 0.0)
         wet = (bottom > 0.0) & ~refined
         parts = _divided(count)
         finer = np.einsum("skc,ncd->nskd", parts, corners[refined]).reshape(-1, *corners.shape[1:])
@@ -221,12 +221,12 @@ def _triangle(level: Floats, degree: int) -> tuple[Floats, Floats]:
     points, weights = [], []
     for i in (0, 1):
         d, w = _roots(level[:, i], level[:, i + 1], degree)
-        far = (d - level[:, :1]) / height
+        share = (d - level[:, :1]) / height
         span = (level[:, i + 1] - level[:, i])[:, None]
         part = np.zeros_like(d)
         np.divide(np.abs(d - level[:, 2 * i, None]), span, out=part, where=span > 0.0)
         np.minimum(part, 1.0, out=part)  # relative width of the slice, 1 at the middle corner
-        longest = np.stack([1 - far, np.zeros_like(far), far], axis=2)
+        longest = np.stack([1 - share, np.zeros_like(share), share], axis=2)
         other = np.zeros_like(longest)
         other[:, :, 1], other[:, :, 2 * i] = part, 1 - part
         both = longest[:, :, None, :] * (1 - t)[:, None] + other[:, :, None, :] * t[:, None]

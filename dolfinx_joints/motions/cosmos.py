@@ -4,7 +4,7 @@
 
 A channel has text, 100 integers, 100 real numbers, comments, and blocks of values. Each part states
 its number of lines or values and their format. V1 (uncorrected) and V2 (corrected) accelerations
-are read; velocity and displacement of a V2 channel are skipped. Raw counts (V0) are an error.
+are read; velocity and displacement of a V2 channel are skipped. Raw counts (V0) raise an error.
 """
 
 import re
@@ -41,7 +41,7 @@ _UNIT_CODES = {"2": "g", "4": "cm/s^2", "10": "gal", "11": "mg"}
 
 
 def _record(text: RecordText) -> str:
-    """Return the name of the record: station and start time, from two lines of fixed position."""
+    """Return the name of the record: station (line 5) and start time (line 8)."""
     station, start = text.line(5, "the station"), text.line(8, "the starting time")
     code = re.search(r"Code:\s*(\S+)", station) or re.search(r"Statn No:\s*(\S+)", station)
     time = re.search(r"time:\s*([\d/]+)[,\s]+([\d:.]+)", start)
@@ -77,7 +77,7 @@ def _start(text: RecordText, number: int, whole: list[str], real: list[str]) -> 
     """Return the time of the first sample.
 
     Integers 40 and 42 to 45 are year, month, day, hour and minute; real number 30 is the seconds.
-    If one of them is missing (-999), use this line of text, if it states the time.
+    If one of these is missing (-999), use the text line ``number``, if it states the time.
     """
     numbers = " ".join((whole[39], *whole[41:45], real[29]))
     if _NUMBERS.match(numbers):
@@ -87,7 +87,7 @@ def _start(text: RecordText, number: int, whole: list[str], real: list[str]) -> 
 
 
 def _unit(text: RecordText, number: int, whole: list[str]) -> str:
-    """Return the name of the unit, from the second and third integer on a line."""
+    """Return the name of the unit from the second and third integer, in the line ``number``."""
     if whole[1] not in ("1", "-999"):  # acceleration or not specified
         text.fail(number, f"the channel must have acceleration, code 1, got {whole[1]}.")
     if whole[2] not in _UNIT_CODES:

@@ -16,7 +16,7 @@ from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import numbers_of, shown
 from dolfinx_joints.motions.motion import Motion, Seconds
 
-# Largest initial velocity of a velocity record, over its largest velocity.
+# Largest allowed initial velocity of a velocity record, relative to its largest velocity.
 AT_REST = 0.01
 
 
@@ -47,8 +47,8 @@ def motion_from_displacement(
 def motion_from_velocity(velocity: ArrayLike, *, dt: Seconds, name: str = "motion") -> Motion:
     """Make a motion from samples of its velocity.
 
-    The cubic spline through the samples is integrated and passed to `motion_from_displacement`. The
-    motion reproduces these displacements exactly, and the velocity to fourth order in ``dt``.
+    The integral of the cubic spline through the samples is passed to `motion_from_displacement`.
+    The motion has these displacements exactly, and the velocity to fourth order in ``dt``.
 
     Args:
         velocity: Shape (n, 3), n >= 4, starting from rest, [m/s].

@@ -52,17 +52,17 @@ def animate(
         results: The run.
         path: File ending in ``.gif`` or ``.mp4``.
         start: Time of the first state.
-        end: Time of the last state; the end of the run unless given.
-        frames: Largest number of pictures; if more states were recorded, some are skipped evenly.
+        end: Time of the last state; the end of the run by default.
+        frames: Largest number of pictures; of more states, evenly spaced ones are drawn.
         per_second: Pictures per second of the film.
-        scale: Factor of the displacements; unless given, a round number that suits the largest.
+        scale: Factor of the displacements; by default a round number for the largest displacement.
         relative_to: Reference of the displacements, as in `views.deformed`.
         groups: Cell groups that are drawn opaque, as in `views.deformed`.
         azimuth_deg: Azimuth of the viewpoint.
         elevation_deg: Elevation of the viewpoint.
 
     Raises:
-        JointsError: Fewer than two states were recorded in that time, or ffmpeg is missing.
+        JointsError: Fewer than two states from ``start`` to ``end``, or ffmpeg is missing.
     """
     check_results(results)
     place = Path(path)

@@ -72,7 +72,7 @@ def decorate(ax: Axes, xlabel: str, ylabel: str, *, grid: bool = True) -> None:
 
 
 def entitle(ax: Axes, text: str, *, over_legend: bool = False) -> None:
-    """Write a title at the left, in a line above the legend if that is ``above`` the axes."""
+    """Write a title at the left; with ``over_legend``, higher than a legend ``above`` the axes."""
     ax.set_title(text, loc="left", fontsize="medium", pad=20.0 if over_legend else None)
 
 
@@ -85,7 +85,7 @@ def legend(ax: Axes, where: str = "inside") -> None:
         "above": {"frameon": False, "ncols": 2, "loc": "lower right", "bbox_to_anchor": (1, 1)},
         "below": {"frameon": False, "ncols": 2, "loc": "upper left", "bbox_to_anchor": (0, 0)},
     }
-    if where == "below":  # the height of ticks and label does not depend on that of the axes
+    if where == "below":  # ticks and label have the same height for axes of any height
         down = ScaledTranslation(0.0, -_BELOW, ax.figure.figure.dpi_scale_trans)
         places[where]["bbox_transform"] = ax.transAxes + down
     ax.legend(fontsize="small", **places[where])

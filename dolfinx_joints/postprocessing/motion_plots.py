@@ -3,7 +3,7 @@
 """Figures of ground motions and responses: histories, spectra, frequency responses.
 
 Functions draw on the axes ``ax`` or on new axes, and return them. ``reference`` is a second motion
-that is drawn behind. Components are x (stream), y (cross-valley) and z (up).
+that is drawn behind the first. Components are x (stream), y (cross-valley) and z (up).
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ def frequency_response(
     first: Annotated[float, at.Gt(0), at.Unit("Hz")] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw the magnitude of accelerations relative to the ground acceleration over frequency.
+    """Draw the ratio of accelerations to the ground acceleration against frequency.
 
     Args:
         frequencies: Frequencies [Hz], shape (n,).

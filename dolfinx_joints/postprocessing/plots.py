@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Figures from a results file: histories, Fourier amplitudes, joint tractions, energies.
 
-Every function draws on the axes ``ax`` or on new axes, and returns them. Matplotlib's global state
-is not used.
+Every function draws on the axes ``ax`` or on new axes, and returns the axes. Matplotlib's global
+state is not used.
 
 - ``point``: name or number of a monitor point;
 - ``component``: x (stream), y (cross-valley) or z (up);
-- ``reference``: another run that is drawn behind;
+- ``reference``: another run that is drawn behind the first;
 - ``labels``: names of both runs; by default "with joints" and "linear" if only one run has joints,
   otherwise the file names;
-- ``time`` [s]: the nearest recorded state is drawn; without it the state number ``index``;
+- ``time`` [s]: the nearest recorded state is drawn; by default the state number ``index``;
 - ``relative_to``: monitor point or ``"ground"`` (`frames`) whose displacement is subtracted.
 
 Tractions keep the sign of the files: compression is negative.
@@ -186,10 +186,10 @@ def response_spectra(
 ) -> Axes:
     """Draw pseudo-acceleration response spectra of a monitor point and of the ground [g].
 
-    The spectrum of the point is that of its absolute acceleration. The ground of a free field is
-    the free surface without the body. Periods are 0.03 to 3 s unless given. All motions are
-    low-passed in the same ``band`` [Hz], at most `measures.common_band`; None for raw ones. Periods
-    that the runs do not resolve (`measures.resolved_frequencies`) are shaded.
+    The point's spectrum is computed from its absolute acceleration. The ground of a free field is
+    the free surface without the body. Default periods are 0.03 to 3 s. All motions are low-passed
+    in the same ``band`` [Hz], at most `measures.common_band`, or raw for None. Periods that the
+    runs do not resolve (`measures.resolved_frequencies`) are shaded.
     """
     natural = np.geomspace(0.03, 3.0, 120) if periods is None else np.asarray(periods)
     ax = ax or new_axes(height=3.6)
@@ -262,8 +262,8 @@ def joint_traction(
 def energies(results: Results, *, ax: Axes | None = None) -> Axes:
     """Draw the energies of the ledger against time (`energy_lines`).
 
-    The legend gives the largest error relative to the largest energy, and the total energies that
-    waves brought in and out through absorbing boundaries. The difference of the latter is drawn.
+    The legend states the largest error relative to the largest energy, and the total energies that
+    waves transported in and out through absorbing boundaries. Of these, the difference is drawn.
     """
     terms = energy_lines(results)
     time = results.time("energy")
@@ -308,7 +308,7 @@ def joint_states(results: Results, *, ax: Axes | None = None) -> Axes:
 
 
 def energy_unit(largest: float) -> tuple[float, str]:
-    """Return the largest unit in which an energy is at least 1: its size [J] and its name."""
+    """Return size [J] and name of the largest unit in which an energy is at least 1, or of J."""
     units = ((1e9, "GJ"), (1e6, "MJ"), (1e3, "kJ"))
     return next(((factor, unit) for factor, unit in units if largest >= factor), (1.0, "J"))
 
@@ -351,7 +351,7 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
         ax.margins(x=0.0)
         ax.set_ylim(bottom=lowest)
     panels[-1].axhline(1.0, color=RED, linewidth=0.8, linestyle="--")
-    highest = max(10.0, 1.5 * min(worst, default=0.0))  # ``worst`` is that of the last row, safety
+    highest = max(10.0, 1.5 * min(worst, default=0.0))  # ``worst`` is for the last row, safety
     panels[-1].set_ylim(0.0, min(highest, max(2.0, panels[-1].get_ylim()[1])))
     return panels
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Pictures of surfaces and lines in space, rendered off screen by VTK in parallel projection."""
+"""3-D pictures of surfaces and lines, rendered off screen by VTK in parallel projection."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Faces = Sequence[Sequence[int]] | Sequence[Ints] | Ints
 _MARGIN = 0.02  # share of the larger side of a picture
 _DARK = "#262626"
 _CONTOUR: dict[str, Any] = {"color": _DARK, "line_width": 2.5, "lighting": False, "scalars": None}
-_RAISED = 4e-3  # offset of lines from their surface towards the eye, share of the larger side
+_RAISED = 4e-3  # offset of lines from their surface towards the eye, relative to the larger side
 _HIGHEST = 1.4  # largest ratio of height to width of a figure
 _LONGEST_LINE = 26  # longest line of the label of a colour bar [characters]
 
@@ -75,8 +75,8 @@ class Scene:
         room: Additional points, shape (n, 3), [m], that must be within the picture.
 
     Attributes:
-        layers: Layers in the order in which they were added: a ``pyvista.PolyData`` and its drawing
-            options each.
+        layers: Layers in the order of drawing, each a ``pyvista.PolyData`` with its drawing
+            options.
     """
 
     def __init__(self, room: Floats | None = None) -> None:
@@ -95,7 +95,7 @@ class Scene:
     ) -> None:
         """Add polygons, given by points (n, 3) [m] and point numbers in cyclic order.
 
-        Values of points or of polygons are drawn in the colours ``cmap`` over the range ``clim``.
+        Values of points or of polygons are drawn in the colours ``cmap`` for the range ``clim``.
         Polygons with ``framed=False`` may extend beyond the picture.
         """
         data = polygons(points, faces)
@@ -216,7 +216,7 @@ def load_pyvista() -> Any:
         import vtkmodules
     except ImportError as error:
         raise JointsError(
-            f"Pictures in space need pyvista and VTK 9.5 or later ({error}); install them in the "
+            f"3-D pictures need pyvista and VTK 9.5 or later ({error}); install them in the "
             "same way as DOLFINx (pip, conda), or set DOLFINX_JOINTS_PRIVATE=1 for ./with-dolfinx."
         ) from error
     if "DISPLAY" in os.environ or "VTK_DEFAULT_OPENGL_WINDOW" in os.environ:
@@ -224,8 +224,7 @@ def load_pyvista() -> Any:
     version = tuple(int(part) for part in vtkmodules.__version__.split(".")[:2])
     if version < (9, 5):
         raise JointsError(
-            f"Without a screen, pictures in space need VTK 9.5 or later, got {version[0]}."
-            f"{version[1]}."
+            f"Without a screen, 3-D pictures need VTK 9.5 or later, got {version[0]}.{version[1]}."
         )
     # Check for a library first: VTK would abort the process without one.
     windows = {"libEGL.so.1": "vtkEGLRenderWindow", "libOSMesa.so.8": "vtkOSOpenGLRenderWindow"}
@@ -234,8 +233,7 @@ def load_pyvista() -> Any:
             os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
             return pyvista
     raise JointsError(
-        "Without a screen, pictures in space need the library EGL or OSMesa; on Debian install "
-        "libegl1."
+        "Without a screen, 3-D pictures need the library EGL or OSMesa; on Debian install libegl1."
     )
 
 

@@ -139,7 +139,7 @@ def static_stages(results: Results) -> list[StaticStage]:
 
 
 def stage_jumps(results: Results) -> dict[str, tuple[str, ...]]:
-    """Return the texts of the manifest on the jumps of each static stage with jumps."""
+    """Return the manifest's descriptions of jumps, for each static stage with jumps."""
     texts = (results.metadata.get("manifest") or {}).get("static_stages", {})
     of_stages = {
         name: tuple(p.removeprefix(JUMP) for p in text.split("; ") if p.startswith(JUMP))

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Pictures in space from a results file: mesh, deformed shape, maps on joints, stress envelopes.
+"""3-D pictures from a results file: mesh, deformed shape, maps on joints, stress envelopes.
 
 Every function returns a matplotlib figure, for ``plots.save``. VTK renders the bodies in parallel
 projection and needs no screen. The viewpoint is given by its elevation above the horizon and an
@@ -132,8 +132,8 @@ def deformed(
 ) -> Figure:
     """Draw the deformed body, coloured by the magnitude of the displacement, with red joints.
 
-    Thin lines are the outline of the undeformed body. Displacements are multiplied by ``scale``;
-    unless given, it is a round number and the largest becomes about 6 % of the model's size.
+    Thin lines are the outline of the undeformed body. Displacements are multiplied by ``scale``, by
+    default a round number that draws the largest at about 6 % of the model's size.
 
     Displacements are measured from the unloaded body. If the file has absolute displacements, the
     mean of the lowest nodes is subtracted. ``relative_to`` subtracts the displacement of a monitor

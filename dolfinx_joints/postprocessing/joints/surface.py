@@ -28,10 +28,10 @@ LABELS = {
     "ratio": r"$-|t_s|/|t_n|$ [-]",
 }
 _ELEVATION = "elevation [m]"
-# Tolerance in reference coordinates: a corner closer to the bisector of two points lies on it, so
-# that rounding errors do not decide on its side.
+# Tolerance in reference coordinates: a corner closer to the bisector of two points counts as on the
+# bisector, so that rounding errors do not assign it to either side.
 ON_BISECTOR = 1e-9
-_BENT = 0.8  # least squared length of the mean normal of a flat joint: it bends by up to 27 degrees
+_BENT = 0.8  # least squared length of the mean normal of a flat joint: normals within 27 degrees
 
 MAP_LABELS = LABELS | {
     "opening": "opening [mm]",
@@ -53,7 +53,7 @@ def is_plane(results: Statics) -> bool:
 
 
 class JointFacets:
-    """Facets of a joint in space, divided into one patch per joint point.
+    """Facets of a joint in 3-D, divided into one patch per joint point.
 
     Attributes:
         tied: Flags of the tied points, shape (n,).
@@ -87,7 +87,7 @@ class JointFacets:
         return both.swapaxes(1, 2)
 
     def patches_in_space(self) -> list[Floats]:
-        """Return the polygon of each point: the part of the facet nearest to it, [m].
+        """Return the polygon of each point: the part of the facet nearest to the point, [m].
 
         Distances are measured in reference coordinates, so a skew facet is divided like the
         reference square.
@@ -107,7 +107,7 @@ class JointFacets:
 
     @cached_property
     def _parts(self) -> list[Floats]:
-        """Part of the reference facet of each point; facets with equal points share their parts."""
+        """Part of the reference facet of each point; facets with equal points have equal parts."""
         reference = _Bilinear(self.corners).reference
         parts = [reference] * len(self._local)
         parts_by_points: dict[bytes, list[Floats]] = {}
@@ -123,7 +123,7 @@ class JointFacets:
 
 
 class JointSurface(JointFacets):
-    """Joint in a plane: points, facets and the patch of each point, all (.., 2) [m].
+    """Joint mapped to a plane: points, facets and the patch of each point, all (.., 2) [m].
 
     The plane is the mean plane of the joint. A curved joint, such as the perimetral joint of a dam,
     is unrolled.
@@ -178,7 +178,7 @@ class JointSurface(JointFacets):
 def facets_of_joint(results: Statics, joint: str) -> tuple[Ints, Ints]:
     """Return the facet number of each joint point, (n,), and two boundary facets, (facets, 2).
 
-    The two boundary facets, one on each side, have the centres nearest to that of the points.
+    The two boundary facets, one on each side, have the centres nearest to the mean of the points.
     """
     from scipy.spatial import cKDTree
 
@@ -219,7 +219,7 @@ class _Bilinear:
             self._d = corners[:, 2] - corners[:, 1] - self._c
 
     def __call__(self, local: Floats, facet: Ints) -> Floats:
-        """Return positions, in plane or space, of reference coordinates (n, 2) on facets (n,)."""
+        """Return 2-D or 3-D positions of reference coordinates (n, 2) on facets (n,)."""
         u, v = local[:, :1], local[:, 1:]
         linear = self._a[facet] + u * self._b[facet] + v * self._c[facet]
         return linear + u * v * self._d[facet]

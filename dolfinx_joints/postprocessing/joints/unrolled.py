@@ -37,7 +37,7 @@ def unrolled(corners: Floats, normals: Floats) -> Unrolled | None:
         normals: Normals of the facets, all to the same side, shape (facets, 3).
 
     Returns:
-        The plane surface; None if the surface has several parts or is closed.
+        The plane surface; None for several parts, or if the map folds, as for a closed surface.
     """
     points, number = _vertices(corners)
     triangles, flat = _triangles(corners, number, normals)
@@ -98,7 +98,7 @@ def _count_parts(triangles: Ints, count: int) -> int:
 
 
 def _conformal(triangles: Ints, flat: Floats, points: Floats) -> Floats:
-    """Return the places of the points in the plane, (n, 2); two distant points are fixed."""
+    """Return the points mapped to the plane, (n, 2); two distant points are fixed."""
     from scipy.sparse import bmat, coo_array
     from scipy.sparse.linalg import spsolve
 
@@ -124,7 +124,7 @@ def _conformal(triangles: Ints, flat: Floats, points: Floats) -> Floats:
 
 
 def _oriented(laid: Floats, points: Floats) -> tuple[Floats, bool]:
-    """Return the points rotated or mirrored in the plane, from (0, 0) on, and ``upright``.
+    """Return the points rotated or mirrored in the plane, with minima at 0, and ``upright``.
 
     The ordinate points upwards if a linear function in the plane fits the elevation better than the
     stream coordinate; the abscissa then points downstream. Otherwise the ordinate points upstream,

@@ -25,8 +25,8 @@ def write_vtk(
 ) -> list[Path]:
     """Write the recorded states of a results file for ParaView, PyVista and VTK.
 
-    ``NAME.vtkhdf`` contains the body, with cells of the same degree as the displacement, with
-    ``displacement [m]`` and ``in GROUP [-]``, 1 in the cells of a group.
+    ``NAME.vtkhdf`` contains the body in cells of the degree of the displacement. Its data are
+    ``displacement [m]`` and ``in GROUP [-]``, which is 1 in the cells of a group.
 
     ``NAME_joints.vtkhdf`` contains the joints, one polygon per joint point. Its data are
     ``displacement [m]`` (mean of both faces), ``gap [m]`` and ``traction [Pa]`` in local axes
@@ -83,7 +83,7 @@ def joints_path(path: Path) -> Path:
 
 
 def values_of(results: Results, joints: Sequence[str], number: int, grid: Grid) -> dict[str, Any]:
-    """Return the values of a record at the points of joints, in turn, by name with unit.
+    """Return the values of a record at the points of all given joints, by name with unit.
 
     Quantities that a joint does not have are NaN.
     """

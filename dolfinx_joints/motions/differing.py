@@ -117,7 +117,7 @@ class DifferingMotion(Summarised):
         if spread > DRIFT * largest:
             warn(
                 f"The motions of {', '.join(self.named)} end with velocities that differ by up to "
-                f"{spread:.3g} m/s, so the ground moves apart permanently; correct their baselines.",
+                f"{spread:.3g} m/s, so the ground keeps moving apart; correct their baselines.",
                 PlausibilityWarning,
             )
 

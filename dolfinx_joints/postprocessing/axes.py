@@ -106,10 +106,10 @@ def runs(
     """Return the runs in drawing order, each with the style of its line."""
     check_results(results)
     labels = labels or _names_of(results, reference)
-    own = (results, {"color": BLUE, "linewidth": 0.9, "label": labels[0]})
+    run = (results, {"color": BLUE, "linewidth": 0.9, "label": labels[0]})
     if reference is None:
-        return [own]
-    return [(reference, {"color": ORANGE, "linewidth": 1.3, "label": labels[1]}), own]
+        return [run]
+    return [(reference, {"color": ORANGE, "linewidth": 1.3, "label": labels[1]}), run]
 
 
 def _names_of(results: Results, reference: Results | None) -> tuple[str, str]:
@@ -119,5 +119,5 @@ def _names_of(results: Results, reference: Results | None) -> tuple[str, str]:
         return kind, ""
     if bool(results.joints) != bool(reference.joints):
         return kind, "with joints" if reference.joints else "linear"
-    own, other = Path(results.path).stem, Path(reference.path).stem
-    return own, other if other != own else f"{other}, reference"
+    name, reference_name = Path(results.path).stem, Path(reference.path).stem
+    return name, reference_name if reference_name != name else f"{reference_name}, reference"

@@ -285,11 +285,11 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
     traction = results.series("states", f"joints/{joint}/traction")
     areas = free_areas(results, joint)
     shares = areas / areas.sum()
-    late = time >= time[-1] - tail
-    drift = (gap[late, :, 1:] - gap[:1, :, 1:]).mean(axis=0)
+    is_late = time >= time[-1] - tail
+    drift = (gap[is_late, :, 1:] - gap[:1, :, 1:]).mean(axis=0)
     measures = {
         "opening_static": float(opening[0].max()),
-        "opening_residual": float((opening[late].mean(axis=0) - opening[0]).max()),
+        "opening_residual": float((opening[is_late].mean(axis=0) - opening[0]).max()),
         "slip_residual": float(np.linalg.norm(drift, axis=-1).max()),
         "share_broken": 0.0,
     }
@@ -304,11 +304,11 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
         measures[f"{key}_time"] = float(extremes.time[np.argmax(largest)])
     if f"joints/{joint}/status" in results.streams["states"]:
         status = results.series("states", f"joints/{joint}/status")
-        kinds = [status == kind for kind in (OPEN, SLIDING, FRICTIONLESS)]
+        flags_of_states = [status == kind for kind in (OPEN, SLIDING, FRICTIONLESS)]
     else:
         unknown = np.full(gap.shape[:-1], np.nan)
-        kinds = [open_points(gap, traction), unknown, unknown]
-    for name, flags in zip(("open", "sliding", "frictionless"), kinds, strict=True):
+        flags_of_states = [open_points(gap, traction), unknown, unknown]
+    for name, flags in zip(("open", "sliding", "frictionless"), flags_of_states, strict=True):
         measures[f"share_{name}"] = float((flags @ shares).mean())
     return {name: measures.get(name, np.nan) for name in JOINT_MEASURES}  # NaN in older files
 
@@ -316,9 +316,9 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
 def joint_shares(*runs: Results) -> list[Quantity]:
     """Return the rows of shares of joint points, without ``joint_frictionless`` if it is zero."""
     name, shares = "joint_frictionless", rows_below("histories", "joint_")
-    having = (run for run in runs if name in run.streams.get("histories", []))
-    free = any(run.series("histories", name).any() for run in having)
-    return [row for row in shares if free or row.name != name]
+    recorded_runs = (run for run in runs if name in run.streams.get("histories", []))
+    any_frictionless = any(run.series("histories", name).any() for run in recorded_runs)
+    return [row for row in shares if any_frictionless or row.name != name]
 
 
 def has_bonds(results: Results, joint: str) -> bool:

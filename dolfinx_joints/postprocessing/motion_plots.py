@@ -152,11 +152,11 @@ def frequency_response(
         ax: Axes to draw on.
     """
     ax = ax or new_axes()
-    over = np.asarray(frequencies) / (first or 1.0)
+    abscissa = np.asarray(frequencies) / (first or 1.0)
     for i, (label, values) in enumerate(accelerations.items(), start=1):
-        ax.plot(over, np.abs(values), color=RUNS[i % len(RUNS)], linewidth=1.2, label=label)
+        ax.plot(abscissa, np.abs(values), color=RUNS[i % len(RUNS)], linewidth=1.2, label=label)
     decorate(ax, "f / f₁" if first else "frequency [Hz]", "acceleration / ground acceleration")
-    ax.set_xlim(over.min(), over.max())
+    ax.set_xlim(abscissa.min(), abscissa.max())
     ax.set_ylim(bottom=0.0)
     legend(ax)
     return ax

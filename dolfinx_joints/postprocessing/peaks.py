@@ -104,14 +104,14 @@ def _largest(
     results: Results, points: Sequence[str], history: Callable[..., tuple[Floats, Floats]]
 ) -> Peak:
     """Return the largest absolute value of all components of all points."""
-    best = Peak(value=np.nan)
+    largest = Peak(value=np.nan)
     places = results.static("histories/points")
     for point in points:
         for component in COMPONENTS:
             time, values = history(results, point, component)
-            if values.size and not abs(values).max() <= abs(best.value):
+            if values.size and not abs(values).max() <= abs(largest.value):
                 at = int(np.argmax(np.abs(values)))
                 place = places[results.point_index(point)]
-                value, when = float(values[at]), float(time[at])
-                best = Peak(value=value, time=when, name=f"{point} {component}", place=place)
-    return best
+                value, instant = float(values[at]), float(time[at])
+                largest = Peak(value=value, time=instant, name=f"{point} {component}", place=place)
+    return largest

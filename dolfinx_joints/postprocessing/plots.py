@@ -121,15 +121,15 @@ def history(
     """
     ax, drawn = ax or new_axes(), runs(results, reference, labels)
     for run, style in drawn:
-        moved = displacement_history(run, point, component, relative_to, from_static=from_static)
-        ax.plot(moved[0], 1e3 * moved[1], **style)
-    since = "\nfrom the static state" if from_static else ""
-    decorate(ax, "time [s]", f"displacement {component}{since} [mm]")
+        record = displacement_history(run, point, component, relative_to, from_static=from_static)
+        ax.plot(record[0], 1e3 * record[1], **style)
+    suffix = "\nfrom the static state" if from_static else ""
+    decorate(ax, "time [s]", f"displacement {component}{suffix} [mm]")
     title = f"{point_name(results, point)}: displacement {component}"
-    over = reference is not None
-    entitle(ax, f"{title}, {_frames(drawn, relative_to)}", over_legend=over)
+    has_reference = reference is not None
+    entitle(ax, f"{title}, {_frames(drawn, relative_to)}", over_legend=has_reference)
     ax.margins(x=0.0)
-    if over:
+    if has_reference:
         legend(ax, "above")
     return ax
 
@@ -203,18 +203,18 @@ def response_spectra(
         ax.semilogx(natural, spectrum / STANDARD_GRAVITY, **style)
 
     for run, style in drawn:
-        moved = acceleration_history(run, point, component, band=band)
-        draw(*equally_spaced(*moved), style)
+        record = acceleration_history(run, point, component, band=band)
+        draw(*equally_spaced(*record), style)
     if has_ground_motion(results):
         time, ground = ground_motion(results)
         dt, ground = equally_spaced(time, ground[:, COMPONENTS.index(component)])
         dashes = {"color": "black", "linewidth": 0.9, "linestyle": "--"}
         dashes["label"] = ground_name(results)
         draw(dt, ground if band is None else low_pass(ground, dt, band), dashes)
-    resolved, by = resolved_frequencies(*(run for run, _ in drawn)).lowest
+    resolved, limit = resolved_frequencies(*(run for run, _ in drawn)).lowest
     if resolved * natural.min() < 1.0:
         ends = natural.min(), min(1.0 / resolved, natural.max())
-        name = f"beyond the {by}, above {resolved:.3g} Hz"
+        name = f"above {resolved:.3g} Hz, not resolved by the {limit}"
         ax.axvspan(*ends, color="0.93", zorder=0, label=name)
     decorate(ax, "period [s]", f"pseudo-acceleration {component} [g]")
     name = point_name(results, point)
@@ -276,7 +276,7 @@ def energies(results: Results, *, ax: Axes | None = None) -> Axes:
         if term == WAVES and through is not None:
             joule, fitting = energy_unit(max(map(abs, through)))
             inflow, outflow = (f"{energy / joule:.4g} {fitting}" for energy in through)
-            label = f"waves, {inflow} in less {outflow} out"
+            label = f"waves, {inflow} in minus {outflow} out"
         if term == "error" and largest > 0.0:
             label = f"error, within {np.abs(values).max() / largest:.1e} of the largest"
         ax.plot(time, values / factor, linestyle=style, color=colour, linewidth=1.2, label=label)
@@ -324,14 +324,14 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
     check_results(results)
     if not results.joints:
         raise ResultsError(f"{results.path} has no joints to draw.")
-    every = {joint: joint_extremes(results, joint) for joint in results.joints}
-    rows = drawn_series(every.values())
+    extremes_of_joints = {joint: joint_extremes(results, joint) for joint in results.joints}
+    rows = drawn_series(extremes_of_joints.values())
     drawn = figure or new_figure(figsize=(6.3, 2.1 * len(rows)), layout="compressed")
     panels: list[Axes] = list(drawn.subplots(len(rows), sharex=True))
     for ax, row in zip(panels, rows, strict=True):
         worst: dict[float, tuple[str, Floats, Floats]] = {}
         least, lowest = row.key == "safety", 0.0
-        for joint, extremes in every.items():
+        for joint, extremes in extremes_of_joints.items():
             values: Floats = row.factor * extremes.values[row.key]
             ax.plot(extremes.time, values, color="0.75", linewidth=0.7)
             finite = values[np.isfinite(values)]

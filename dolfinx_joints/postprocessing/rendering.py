@@ -257,8 +257,8 @@ def draw(scene: Scene, cameras: Sequence[Camera]) -> tuple[Figure, list[Axes]]:
     widths = [x_max - x_min for x_min, x_max, _, _ in extents]
     height = max(top - bottom for _, _, bottom, top in extents)
     inches = 6.3 if len(cameras) == 1 else 3.6 * len(cameras)
-    wanted = 0.7 + 0.85 * inches * height / sum(widths)
-    figure = new_figure(figsize=(inches, min(wanted, _HIGHEST * inches)), layout="compressed")
+    needed = 0.7 + 0.85 * inches * height / sum(widths)
+    figure = new_figure(figsize=(inches, min(needed, _HIGHEST * inches)), layout="compressed")
     axes = list(figure.subplots(1, len(cameras), width_ratios=widths, squeeze=False)[0])
     for ax, camera, extent in zip(axes, cameras, extents, strict=True):
         ax.imshow(scene.render(camera), extent=extent, interpolation="antialiased")

@@ -120,16 +120,18 @@ def static_stages(results: Results) -> list[StaticStage]:
     energies = _energies(results, len(names))
     jumps, stages = stage_jumps(results), []
     for i, name in enumerate(names):
-        moved = results.series("statics", "point_displacement", i)
+        points = results.series("statics", "point_displacement", i)
         stages.append(
             StaticStage(
                 name=name,
                 load_time=float(results.series("statics", "load_time", i)),
-                displacement=dict(zip(results.point_names, moved, strict=True)),
+                displacement=dict(zip(results.point_names, points, strict=True)),
                 reaction={
                     n.removeprefix("reaction/"): results.series("statics", n, i) for n in reactions
                 },
-                joints={one.joint: joint_in_state(results, "statics", one, i) for one in forces},
+                joints={
+                    loads.joint: joint_in_state(results, "statics", loads, i) for loads in forces
+                },
                 stresses=_stresses(results, i),
                 energy=energies[i],
                 jumps=jumps.get(name, ()),
@@ -154,7 +156,7 @@ def joint_in_state(
     """Return a joint at record ``number`` of a stream; ``forces`` must have the same records."""
     gap = gaps(results, stream, forces.joint, number)
     traction = results.series(stream, f"joints/{forces.joint}/traction", number)
-    pressed = traction[~tied_points(results, forces.joint), 0]
+    normal = traction[~tied_points(results, forces.joint), 0]
     water = 0.0
     if forces.water_force is not None:
         water = float(forces.water_force[number] @ forces.geometry.normal)
@@ -165,7 +167,7 @@ def joint_in_state(
         contact=float(forces.contact[number]),
         opening_max=float(gap[:, 0].max(initial=0.0)),
         slip_max=float(np.linalg.norm(gap[:, 1:], axis=1).max(initial=0.0)),
-        pressure_max=float(abs(pressed.min(initial=0.0))),
+        pressure_max=float(abs(normal.min(initial=0.0))),
         water_force=water,
     )
 

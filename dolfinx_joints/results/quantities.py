@@ -44,12 +44,12 @@ class JointPoints(NamedTuple):
 
     @property
     def compression(self) -> Floats:
-        """Pressure [Pa], zero in tension except at intact bonds: tension lowers their strength."""
+        """Pressure [Pa]; tension counts only at intact bonds, whose strength it reduces."""
         return np.where(self.cohesion > 0.0, self.pressure, np.maximum(self.pressure, 0.0))
 
     @property
     def shear(self) -> Floats:
-        """Size of the tangential traction, shape (..., points), [Pa]."""
+        """Magnitude of the tangential traction, shape (..., points), [Pa]."""
         return _size(self.traction[..., 1:])
 
 
@@ -90,7 +90,7 @@ class Quantity:
 
     @property
     def factor(self) -> float:
-        """Factor from the unit of files to that of figures and reports."""
+        """Factor from the unit in files to the unit in figures and reports."""
         return _FACTORS.get(self.shown, 1.0)
 
     @property
@@ -230,7 +230,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("pressure_max", "Pa", "largest pressure", "MPa"),
         Q("water_force", "N", "force of the joint's water", "MN"),
     ),
-    # From `joint_measures`, not in files; the last lines of this module add rows from "joints".
+    # From `joint_measures`, not in files; the end of this module adds rows from "joints".
     "measures": (
         Q("opening_static", "m", "static opening", "mm"),
         Q("opening_residual", "m", "residual opening", "mm"),
@@ -277,9 +277,9 @@ def row_of(stream: str, name: str) -> tuple[Quantity, str]:
     raise ResultsError(f"The table of quantities has no row for {name!r} of {stream!r}.")
 
 
-def rows_by(*ways: str) -> tuple[Quantity, ...]:
-    """Return the rows of the stream ``joints`` with these values of ``by``, in their order."""
-    return tuple(row for way in ways for row in TABLE["joints"] if row.by == way)
+def rows_by(*methods: str) -> tuple[Quantity, ...]:
+    """Return the rows of the stream ``joints`` with given values of ``by``, in this order."""
+    return tuple(row for method in methods for row in TABLE["joints"] if row.by == method)
 
 
 def at_points(rows: Iterable[Quantity], points: JointPoints) -> Floats:

@@ -85,7 +85,7 @@ def joint_extremes(
     else:
         rows = slice(results.rows("states"))
         time = results.time("states")[rows]
-        series = _derived(results, state_points(results, "states", joint, cohesion, rows), joint)
+        series = _derive(results, state_points(results, "states", joint, cohesion, rows), joint)
     forces = (series[name] for name in ("compression", "shear_sum", "bond"))
     series["safety"] = safety_against_sliding(friction, *forces)
     return JointExtremes(time=time, values=series)
@@ -97,12 +97,12 @@ def safety_against_sliding(
     """Return the shear strength of a joint divided by its shear, each summed over points, (...).
 
     The safety is (mu C + c A) / S, where C and S are the integrals of compression and shear of
-    `JointPoints`. It does not depend on a mean normal, so it applies to curved and closed joints.
+    `JointPoints`. It does not depend on a mean normal, so curved and closed surfaces are allowed.
 
     It is 1 if all points slide, and never less, because friction limits the shear of every point.
-    At 2 the points carry half of their total strength, but single points may slide. In a plane
-    joint with shear in one direction it equals the ratio of the resultants, (mu N + c A) / V.
-    Shear that is in equilibrium within the joint reduces it.
+    At a safety of 2, half of the total strength is used, but single points may slide. In a plane
+    joint with shear in one direction, the safety is the ratio of the resultants, (mu N + c A) / V.
+    Shear that is in equilibrium within the joint reduces the safety.
 
     The safety is infinite without shear, and NaN if no force is transmitted or mu is unknown.
 
@@ -163,8 +163,8 @@ def state_points(
 
 def drawn_series(joints: Iterable[JointExtremes]) -> list[Quantity]:
     """Return the rows of the series to draw, which all joints have; the safety is last."""
-    every, rows = list(joints), (*JOINT_SERIES, *rows_below("joints", "*/safety"))
-    return [row for row in rows if all(row.key in one.values for one in every)]
+    given, rows = list(joints), (*JOINT_SERIES, *rows_below("joints", "*/safety"))
+    return [row for row in rows if all(row.key in joint.values for joint in given)]
 
 
 def _series(results: Results, joint: str, rows: slice) -> dict[str, Floats]:
@@ -175,7 +175,7 @@ def _series(results: Results, joint: str, rows: slice) -> dict[str, Floats]:
     return {"bond": np.zeros_like(series["compression"]), **series}
 
 
-def _derived(results: Results, points: JointPoints, joint: str) -> dict[str, Floats]:
+def _derive(results: Results, points: JointPoints, joint: str) -> dict[str, Floats]:
     """Return the series of a joint by name, computed from the states of its points."""
     areas, tied = free_areas(results, joint), tied_points(results, joint)
     places, series = results.static(f"joints/{joint}/points"), {}

@@ -95,14 +95,14 @@ def draw_map(
     """
     from matplotlib.collections import LineCollection, PolyCollection
 
-    every, tied = surface.patches(), surface.tied
-    free = [patch for patch, apart in zip(every, tied, strict=True) if not apart]
+    all_patches, tied = surface.patches(), surface.tied
+    free = [patch for patch, apart in zip(all_patches, tied, strict=True) if not apart]
     patches = PolyCollection(free, array=values[~tied], cmap=map_colours(quantity, limits))
     patches.set(edgecolor="face", linewidth=0.3)
     patches.set_clim(*limits)
     ax.add_collection(patches)
     if tied.any():
-        apart = [patch for patch, is_tied in zip(every, tied, strict=True) if is_tied]
+        apart = [patch for patch, is_tied in zip(all_patches, tied, strict=True) if is_tied]
         ax.add_collection(PolyCollection(apart, **TIED_STYLE))
     ax.add_collection(LineCollection(list(surface.outlines()), colors=GREY, linewidths=0.3))
     ax.set_aspect("equal")

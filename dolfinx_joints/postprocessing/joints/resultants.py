@@ -179,9 +179,9 @@ class JointResultants(_Resultants):
             return np.full(np.shape(self.force), np.nan)
         n, normal = self.geometry.normal, self.normal_force
         size = np.linalg.norm(self.force, axis=-1)
-        some = np.abs(normal) > NEGLIGIBLE * np.max(size, initial=0.0)
-        safe = np.where(some, normal, np.nan)[..., None]
-        return np.asarray(self.geometry.centroid + np.cross(n, self.moment) / safe)
+        loaded = np.abs(normal) > NEGLIGIBLE * np.max(size, initial=0.0)
+        divisor = np.where(loaded, normal, np.nan)[..., None]
+        return np.asarray(self.geometry.centroid + np.cross(n, self.moment) / divisor)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,13 +231,13 @@ def joint_resultants(
         # Fix the number of rows here, as a run in progress adds rows.
         stream, rows = "resultants", slice(min(results.rows(s) for s in ("resultants", "joints")))
         names = ("force", "moment", "water_force", "water_moment", "contact")
-        parts = _recorded(results, where, names, rows)
+        parts = _series_of(results, where, names, rows)
         parts["geometry"] = joint_geometry(results, joint)
         extremes = joint_extremes(results, joint)
         parts |= {name: extremes.values[name][rows] for name in SLIDING}
     else:
         stream, rows = "states", slice(results.rows("states"))
-        parts = _from_fields(results, stream, joint, cohesion, rows)
+        parts = _from_tractions(results, stream, joint, cohesion, rows)
     time = results.time(stream)[rows]
     return JointResultants(joint=joint, time=time, friction=friction, **parts)
 
@@ -253,7 +253,7 @@ def stage_resultants(results: Results, joint: str) -> JointResultants:
     results.check_joint(joint)
     friction, cohesion = strength_of(results, joint, None)
     rows = slice(results.rows("statics"))
-    parts = _from_fields(results, "statics", joint, cohesion, rows)
+    parts = _from_tractions(results, "statics", joint, cohesion, rows)
     time = results.series("statics", "load_time", rows)
     return JointResultants(joint=joint, time=time, friction=friction, **parts)
 
@@ -277,7 +277,7 @@ def block_resultants(results: Results) -> BlockResultants:
         time=results.time("resultants")[rows],
         mass=results.static("blocks/mass"),
         centre=results.static("blocks/centre"),
-        **_recorded(results, "blocks", names, rows),
+        **_series_of(results, "blocks", names, rows),
     )
 
 
@@ -330,7 +330,7 @@ def _geometry(results: Results, joint: str) -> tuple[_Arrays, JointGeometry]:
     return arrays._replace(areas=free_areas(results, joint)), geometry
 
 
-def _recorded(results: Results, where: str, names: Iterable[str], rows: slice) -> dict[str, Any]:
+def _series_of(results: Results, where: str, names: Iterable[str], rows: slice) -> dict[str, Any]:
     """Return the series ``where/name`` of the stream ``resultants``, if recorded, by name."""
     available = results.streams["resultants"]
     return {
@@ -340,7 +340,7 @@ def _recorded(results: Results, where: str, names: Iterable[str], rows: slice) -
     }
 
 
-def _from_fields(
+def _from_tractions(
     results: Results, stream: str, joint: str, cohesion: float, rows: slice
 ) -> dict[str, Any]:
     """Return geometry and resultants, computed from the tractions in a stream."""
@@ -350,9 +350,9 @@ def _from_fields(
     parts: dict[str, Any] = {"geometry": geometry} | _sums(arrays, geometry, traction, "")
     parts["contact"] = (traction[..., 0] < 0.0) @ arrays.areas / arrays.areas.sum()
     if f"{where}/pressure" in series:
-        pressed = np.zeros_like(traction)
-        pressed[..., 0] = -results.series(stream, f"{where}/pressure", rows)
-        parts |= _sums(arrays, geometry, pressed, "water_")
+        water = np.zeros_like(traction)
+        water[..., 0] = -results.series(stream, f"{where}/pressure", rows)
+        parts |= _sums(arrays, geometry, water, "water_")
     points = state_points(results, stream, joint, cohesion, rows)
     integrands = (points.compression, points.shear, points.cohesion)
     return parts | {k: v @ arrays.areas for k, v in zip(SLIDING, integrands, strict=True)}

@@ -31,7 +31,7 @@ _ELEVATION = "elevation [m]"
 # Tolerance in reference coordinates: a corner closer to the bisector of two points counts as on the
 # bisector, so that rounding errors do not assign it to either side.
 ON_BISECTOR = 1e-9
-_BENT = 0.8  # least squared length of the mean normal of a flat joint: normals within 27 degrees
+_FLAT = 0.8  # least squared length of the mean normal of a flat joint: normals within 27 degrees
 
 MAP_LABELS = LABELS | {
     "opening": "opening [mm]",
@@ -102,8 +102,8 @@ class JointFacets:
     def _patches(self, target: _Bilinear) -> list[Floats]:
         lengths = [len(part) for part in self._parts]
         facets = np.repeat(self.facet_of_point, lengths)
-        every = target(np.concatenate(self._parts), facets)
-        return np.split(every, np.cumsum(lengths)[:-1])
+        corners = target(np.concatenate(self._parts), facets)
+        return np.split(corners, np.cumsum(lengths)[:-1])
 
     @cached_property
     def _parts(self) -> list[Floats]:
@@ -112,12 +112,12 @@ class JointFacets:
         parts = [reference] * len(self._local)
         parts_by_points: dict[bytes, list[Floats]] = {}
         order = np.argsort(self.facet_of_point, kind="stable")
-        for own in np.split(order, np.cumsum(np.bincount(self.facet_of_point))[:-1]):
-            local = self._local[own]
+        for points in np.split(order, np.cumsum(np.bincount(self.facet_of_point))[:-1]):
+            local = self._local[points]
             key = np.round(local / ON_BISECTOR).tobytes()
             if key not in parts_by_points:
                 parts_by_points[key] = [_part_of(i, local, reference) for i in range(len(local))]
-            for point, part in zip(own, parts_by_points[key], strict=True):
+            for point, part in zip(points, parts_by_points[key], strict=True):
                 parts[point] = part
         return parts
 
@@ -144,26 +144,26 @@ class JointSurface(JointFacets):
         areas = results.static(f"joints/{joint}/areas")
         normals = _means(frames[:, 0], areas, self.facet_of_point)
         mean = areas @ frames[:, 0] / areas.sum()
-        self._place(mean, unrolled(self.corners, normals) if mean @ mean < _BENT else None)
+        self._place(mean, unrolled(self.corners, normals) if mean @ mean < _FLAT else None)
 
-    def _place(self, normal: Floats, laid: Unrolled | None) -> None:
+    def _place(self, normal: Floats, unrolled_joint: Unrolled | None) -> None:
         """Set the places in the plane, the labels and the names of the ends."""
         flat = np.linalg.norm(normal) > 1e-9
         axes, labels = _plane_axes(normal if flat else np.array([0.0, 0.0, 1.0]))
         self.axes: Floats = axes
         across = "upstream", "downstream"
         banks = "right bank", "left bank"
-        if laid is None:
+        if unrolled_joint is None:
             plane = self.corners @ axes.T
             self.facets: Floats = plane - [plane[..., 0].min(), 0.0]
             self.labels = labels
             self.upright = labels[1] == _ELEVATION
             self.ends = (*(across if abs(axes[0, 0]) > 0.5 else banks), "", "")
         else:
-            self.facets = laid.corners
+            self.facets = unrolled_joint.corners
             self.upright = False
             self.labels = ("developed length [m]", "developed width [m]")
-            self.ends = (*across, "", "") if laid.upright else (*banks, *across[::-1])
+            self.ends = (*across, "", "") if unrolled_joint.upright else (*banks, *across[::-1])
         self.points: Floats = _Bilinear(self.facets)(self._local, self.facet_of_point)
 
     def patches(self) -> list[Floats]:
@@ -266,13 +266,13 @@ def _nearer_part(polygon: Floats, point: Floats, other: Floats) -> Floats:
     inside = beyond <= 0.0
     if inside.all():
         return polygon
-    then = np.arange(1, len(polygon) + 1) % len(polygon)
-    following = beyond[then]
+    after = np.arange(1, len(polygon) + 1) % len(polygon)
+    following = beyond[after]
     cut = beyond * following < 0.0
     share = np.divide(beyond, beyond - following, out=np.zeros_like(beyond), where=cut)
-    crossing = polygon + share[:, None] * (polygon[then] - polygon)
-    both = np.stack([polygon, crossing], axis=1).reshape(-1, 2)
-    return both[np.stack([inside, cut], axis=1).ravel()]
+    crossing = polygon + share[:, None] * (polygon[after] - polygon)
+    pairs = np.stack([polygon, crossing], axis=1).reshape(-1, 2)
+    return pairs[np.stack([inside, cut], axis=1).ravel()]
 
 
 def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) -> Floats:

@@ -43,12 +43,12 @@ def unrolled(corners: Floats, normals: Floats) -> Unrolled | None:
     triangles, flat = _triangles(corners, number, normals)
     if _count_parts(triangles, len(points)) > 1:
         return None
-    laid = _conformal(triangles, flat, points)
+    laid = _conformal_map(triangles, flat, points)
     areas, laid_areas = _doubled_areas(flat), _doubled_areas(laid[triangles])
     if np.any(areas * laid_areas <= 0.0):
         return None
     laid *= np.sqrt(np.abs(areas).sum() / np.abs(laid_areas).sum())
-    placed, upright = _oriented(laid, points)
+    placed, upright = _orient(laid, points)
     return Unrolled(placed[number], upright)
 
 
@@ -97,13 +97,13 @@ def _count_parts(triangles: Ints, count: int) -> int:
     return int(connected_components(graph, directed=False, return_labels=False))
 
 
-def _conformal(triangles: Ints, flat: Floats, points: Floats) -> Floats:
+def _conformal_map(triangles: Ints, flat: Floats, points: Floats) -> Floats:
     """Return the points mapped to the plane, (n, 2); two distant points are fixed."""
     from scipy.sparse import bmat, coo_array
     from scipy.sparse.linalg import spsolve
 
-    one = int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))
-    other = int(np.argmax(np.linalg.norm(points - points[one], axis=1)))
+    first_pin = int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))
+    second_pin = int(np.argmax(np.linalg.norm(points - points[first_pin], axis=1)))
     edges = np.roll(flat, 1, axis=1) - np.roll(flat, -1, axis=1)  # opposite to each corner
     edges /= np.sqrt(np.abs(_doubled_areas(flat)))[:, None, None]
     rows = np.repeat(np.arange(len(triangles)), 3)
@@ -113,8 +113,8 @@ def _conformal(triangles: Ints, flat: Floats, points: Floats) -> Floats:
     )
     system = bmat([[real, -imaginary], [imaginary, real]], format="csc")
     count = len(points)
-    pins = np.array([one, other, one + count, other + count])
-    values = np.array([0.0, np.linalg.norm(points[other] - points[one]), 0.0, 0.0])
+    pins = np.array([first_pin, second_pin, first_pin + count, second_pin + count])
+    values = np.array([0.0, np.linalg.norm(points[second_pin] - points[first_pin]), 0.0, 0.0])
     free = np.setdiff1d(np.arange(2 * count), pins)
     places = np.zeros(2 * count)
     places[pins] = values
@@ -123,7 +123,7 @@ def _conformal(triangles: Ints, flat: Floats, points: Floats) -> Floats:
     return places.reshape(2, count).T
 
 
-def _oriented(laid: Floats, points: Floats) -> tuple[Floats, bool]:
+def _orient(laid: Floats, points: Floats) -> tuple[Floats, bool]:
     """Return the points rotated or mirrored in the plane, with minima at 0, and ``upright``.
 
     The ordinate points upwards if a linear function in the plane fits the elevation better than the

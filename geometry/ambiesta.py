@@ -4,7 +4,7 @@
 
 python3 geometry/ambiesta.py --size 5.5 --order 2 --active-height 0.75 --duplicated --out dam.msh
 
-The shape is defined in ``arch``; other parameters make another dam.
+``arch`` defines the shape; other parameters make another dam.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ def ambiesta(
         cell: "hex" or "tet".
         joints: number of joints, 0 for a monolithic dam.
         active_height: relative height up to which the joints can open, in (0, 1].
-        crest_arch: True if the dam continues without joints above the active height. Otherwise it
-            ends there, and the joints are radial at that level.
+        crest_arch: True if the dam continues without joints above the active height. Otherwise the
+            dam ends at the active height, and the joints are radial at this level.
         layers: number of elements through the thickness.
         parameters: shape of the dam; None for the default.
         gui: show the mesh in Gmsh's window afterwards.

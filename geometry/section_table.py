@@ -87,10 +87,10 @@ class SectionTable:
             if name.endswith("angle"):
                 self._check(name, (values <= 0) | (values >= 90), "must be in (0, 90) [degrees]")
         falls = np.concatenate([[False], np.diff(elevation) <= 0])
-        self._check("elevation", falls, "must be above the section before: sections rise")
+        self._check("elevation", falls, "must be above the previous section")
         if self.height > _MAX_HEIGHT:
             raise ValueError(
-                f"{self.source} makes a dam {self.height:g} m high, but elevations must be in "
+                f"{self.source} gives a dam {self.height:g} m high, but elevations must be in "
                 f"metres and within {_MAX_HEIGHT:g} m."
             )
         widest = max(self.columns[name].max() for name in ("left_angle", "right_angle"))
@@ -152,8 +152,8 @@ class SectionHalf(CircularArches):
     def thickness(self, zeta: ArrayLike, s: ArrayLike) -> FloatArray:
         """Return t, measured towards the centre of the upstream face [m].
 
-        If the intrados has the radius r and its centre is by e nearer to the crown than that of
-        the extrados, t = R - e cos(alpha) - sqrt(r^2 - e^2 sin(alpha)^2).
+        If the intrados has the radius r, and its centre is nearer to the crown by e than the
+        centre of the extrados, t = R - e cos(alpha) - sqrt(r^2 - e^2 sin(alpha)^2).
         """
         names = self.table.columns
         if "intrados_radius" in names:
@@ -236,18 +236,18 @@ def _check_names(names: list[str], where: str) -> None:
     for name in _REQUIRED:
         if name not in names:
             raise ValueError(f"{where}: the column {name!r} is missing.")
-    given = [name for name in _OPTIONAL[:-1] if name in names]
+    names_given = [name for name in _OPTIONAL[:-1] if name in names]
     allowed = [
         ["intrados_radius"],
         ["crown_thickness"],
         ["intrados_radius", "crown_thickness"],
         ["crown_thickness", "left_thickness", "right_thickness"],
     ]
-    if given not in allowed:
-        ways = "; ".join(" and ".join(way) for way in allowed)
+    if names_given not in allowed:
+        choices = "; ".join(" and ".join(way) for way in allowed)
         raise ValueError(
-            f"{where}: the thickness is given by {' and '.join(given) or 'no column'}, but it must "
-            f"be given by one of: {ways}."
+            f"{where}: the thickness is given by {' and '.join(names_given) or 'no column'}, but "
+            f"it must be given by one of: {choices}."
         )
 
 

@@ -158,7 +158,7 @@ def match_spectrum(
         if abs(worst[0]) > tolerance:
             raise RecordError(
                 f"The spectrum of component {component} of {motion.name!r} was not matched within "
-                f"{rounds} rounds: the misfit is {worst[0]:+.2%} at {worst[1]:.4g} s, and the "
+                f"{rounds} rounds: its largest misfit is {worst[0]:+.2%} at {worst[1]:.4g} s, the "
                 f"tolerance is {tolerance:.2%}. Use a record whose spectrum is closer to the "
                 "target, fewer periods, or a larger tolerance."
             )

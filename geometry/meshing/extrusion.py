@@ -3,7 +3,7 @@
 """Plane meshes with named groups, and their extrusion to hexahedra or tetrahedra (NumPy only).
 
 A model is a plane mesh of quadrilaterals or triangles in two coordinates (p, q), extruded along a
-third coordinate r. The triple (p, q, r) is right-handed. Each model maps it to space.
+third coordinate r. The triple (p, q, r) is right-handed. Each model maps it to (x, y, z).
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def boundary_edges(cells: IntArray) -> IntArray:
 def split_quadrilaterals(points: FloatArray, quads: IntArray) -> IntArray:
     """Cut quadrilaterals into triangles along the diagonal that gives the better shape.
 
-    A triangle's shape is its area over the sum of its squared sides.
+    The measure of a triangle's shape is its area divided by the sum of its squared sides.
 
     Args:
         points: node coordinates, shape (num_points, 2).
@@ -134,7 +134,7 @@ def mirror(half: PlaneMesh, renamed: dict[str, str]) -> PlaneMesh:
 
     Args:
         half: mesh of the half p >= 0; nodes on the axis have exactly p = 0.
-        renamed: names of the edge groups that change on the other side.
+        renamed: names of edge groups in the mirror image, by name in the half.
 
     Returns:
         The whole mesh; a group with the same name on both sides contains both halves.

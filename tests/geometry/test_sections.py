@@ -228,7 +228,7 @@ BAD_TABLES = {
     ),
     "falling elevations": (
         HEADER + "30,50,4,40,60\n0,50,4,40,60\n",
-        "FILE, section 2: elevation is 0, but it must be above the section before: sections rise.",
+        "FILE, section 2: elevation is 0, but it must be above the previous section.",
     ),
     "thickness of zero": (
         HEADER + ROWS.replace("30,50,4", "30,50,0"),
@@ -248,7 +248,7 @@ BAD_TABLES = {
     ),
     "elevations in millimetres": (
         HEADER + ROWS.replace("30,", "30000,"),
-        "FILE makes a dam 30000 m high, but elevations must be in metres and within 1000 m.",
+        "FILE gives a dam 30000 m high, but elevations must be in metres and within 1000 m.",
     ),
     "downstream face too short": (
         HEADER.replace("crown", "intrados_radius,crown")

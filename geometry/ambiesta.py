@@ -133,10 +133,10 @@ def _elevation(sector: Sector, size: float, cell: str, joints: int, active: floa
     one_side = {f"joint_{k}": max(a, 0.0) for k, a in enumerate(arcs, start=1) if 2 * k > joints}
     half = half_elevation(sector, size, cell, one_side, active)
     twins = {f"joint_{k}": f"joint_{joints + 1 - k}" for k in range(1, joints + 1)}
-    whole = mirror(half, twins)
+    full = mirror(half, twins)
     names = [name for name in half.edges if not name.startswith("joint")]
-    names += [f"joint_{k}" for k in range(1, joints + 1) if f"joint_{k}" in whole.edges]
-    return PlaneMesh(whole.points, whole.cells, {name: whole.edges[name] for name in names})
+    names += [f"joint_{k}" for k in range(1, joints + 1) if f"joint_{k}" in full.edges]
+    return PlaneMesh(full.points, full.cells, {name: full.edges[name] for name in names})
 
 
 def main(argv: list[str] | None = None) -> None:

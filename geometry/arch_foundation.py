@@ -84,8 +84,8 @@ class Block:
         """Return the relative positions ta of all layers; [-1, 0] and [1, 2] are the block."""
         if self.reach == 0:
             return through
-        beyond = _graded(self.reach, self.size)[1:]
-        return np.concatenate([-beyond[::-1], through, 1 + beyond])
+        outside = _graded(self.reach, self.size)[1:]
+        return np.concatenate([-outside[::-1], through, 1 + outside])
 
     def place(
         self, sector: Sector, reference: FloatArray, ground: BoolArray, dam: FloatArray
@@ -197,11 +197,9 @@ def solid_with_foundation(
     before = (len(levels) - len(through)) // 2
     shift = before * len(plane.points)
     concrete, rock = plane.cells["concrete"], plane.cells["foundation"]
-    dam_edges = {k: v for k, v in plane.edges.items() if k not in ("ground", "outer", "rim")}
+    edges = {k: v for k, v in plane.edges.items() if k not in ("ground", "outer", "rim")}
     dam = extrude(
-        PlaneMesh(plane.points, {"concrete": concrete}, dam_edges),
-        through,
-        ("upstream", "downstream"),
+        PlaneMesh(plane.points, {"concrete": concrete}, edges), through, ("upstream", "downstream")
     )
     block_edges = {k: plane.edges[k] for k in ("ground", "outer", "rim")}
     ends = "outer" if before else "rim"
@@ -215,11 +213,11 @@ def solid_with_foundation(
     facets["foundation_outer"] = base.facets["outer"]
     facets["foundation_free"] = np.concatenate([f.reshape(-1, ground.shape[1]) for f in free])
     cells = {"concrete": dam.cells["concrete"] + shift, "foundation": base.cells["foundation"]}
-    used = np.unique(np.concatenate([nodes.ravel() for nodes in cells.values()]))
+    node_tags = np.unique(np.concatenate([nodes.ravel() for nodes in cells.values()]))
     number = np.zeros(len(base.points), dtype=np.int64)
-    number[used] = np.arange(len(used))
+    number[node_tags] = np.arange(len(node_tags))
     return SolidMesh(
-        base.points[used],
+        base.points[node_tags],
         {name: number[nodes] for name, nodes in cells.items()},
         {name: number[nodes] for name, nodes in facets.items()},
     )

@@ -109,8 +109,8 @@ def from_step(
             _warn_of_gaps(step, volumes)
             faces = _joints(volumes, joints or {}, tied)
             outer = _surfaces(volumes, surfaces or {})
-            if both := sorted(set(faces) & set(outer)):
-                raise ValueError(f"A joint and a surface have the same name: {both[0]!r}.")
+            if shared := sorted(set(faces) & set(outer)):
+                raise ValueError(f"A joint and a surface have the same name: {shared[0]!r}.")
             faces |= outer
             _group(3, volumes)
             _group(2, faces)
@@ -216,15 +216,15 @@ def _warn_of_gaps(step: Path, volumes: dict[str, list[int]]) -> None:
     box = {f: np.reshape(gmsh.model.getBoundingBox(2, f), (2, 3)) for _, f in faces}
     corners = {f: set(gmsh.model.getBoundary([(2, f)], recursive=True)) for _, f in faces}
     gaps: dict[tuple[int, int], float] = {}
-    for (one, f), (two, g) in combinations(faces, 2):
-        apart = np.maximum(box[f][0] - box[g][1], box[g][0] - box[f][1]).max() > NEAR
-        if one != two and not apart and not corners[f] & corners[g]:
+    for (tag_1, f), (tag_2, g) in combinations(faces, 2):
+        far = np.maximum(box[f][0] - box[g][1], box[g][0] - box[f][1]).max() > NEAR
+        if tag_1 != tag_2 and not far and not corners[f] & corners[g]:
             gap = gmsh.model.occ.getDistance(2, f, 2, g)[0]
-            gaps[one, two] = min(gap or np.inf, gaps.get((one, two), np.inf))
-    for (one, two), gap in gaps.items():
+            gaps[tag_1, tag_2] = min(gap or np.inf, gaps.get((tag_1, tag_2), np.inf))
+    for (tag_1, tag_2), gap in gaps.items():
         if gap <= NEAR:
             warn(
-                f"{step}: faces of the solids {name[one]!r} and {name[two]!r} are {gap:.3g} m "
+                f"{step}: faces of the solids {name[tag_1]!r} and {name[tag_2]!r} are {gap:.3g} m "
                 "apart, without a joint between them; close the gap if a joint is intended."
             )
 
@@ -359,12 +359,12 @@ def _mesh(size: float, joint_size: float | None, faces: dict[str, list[int]], or
     except Exception as error:
         raise RuntimeError(f"Gmsh cannot mesh the solids: {error}.") from None
     kind = 11 if order == 2 else 4
-    worst = float(
+    smallest = float(
         np.min([gmsh_model.scaled_jacobians(kind, t).min() for _, t in gmsh.model.getEntities(3)])
     )
-    if not worst > 0:
+    if not smallest > 0:
         raise RuntimeError(
-            f"the smallest scaled Jacobian of the mesh is {worst:.3g}, but it must be positive: "
+            f"the smallest scaled Jacobian of the mesh is {smallest:.3g}, but it must be positive: "
             "choose a smaller size or order 1."
         )
 

@@ -107,8 +107,8 @@ def _plane_mesh(
     count = _cells_along(half_length, size)
     step = 2.0 * half_length / count
     check_fine(2 * count * _number_graded(step, extent * half_length, growth))
-    beyond = half_length + _graded(step, (extent - 1.0) * half_length, growth)
-    away = _graded(step, extent * half_length, growth)
+    beyond = half_length + _graded_ends(step, (extent - 1.0) * half_length, growth)
+    away = _graded_ends(step, extent * half_length, growth)
     along = np.linspace(-half_length, half_length, count + 1)
     p = np.concatenate([-beyond[::-1], along, beyond])
     q = np.concatenate([-away[::-1], [0.0], away])
@@ -121,7 +121,7 @@ def _plane_mesh(
     return PlaneMesh(points, {"body": cells}, {"outer": np.concatenate(sides), "joint_1": crack})
 
 
-def _graded(first: float, length: float, growth: float) -> FloatArray:
+def _graded_ends(first: float, length: float, growth: float) -> FloatArray:
     """Return the ends of cells that fill a length and grow at a constant ratio from ``first``."""
     count = _number_graded(first, length, growth)
 

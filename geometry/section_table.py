@@ -100,13 +100,13 @@ class SectionTable:
             )
         for name in ("intrados_radius", "crown_thickness", "left_thickness", "right_thickness"):
             if name in self.columns:
-                wrong = self.columns[name] >= self.columns["extrados_radius"]
-                self._check(name, wrong, "must be below extrados_radius")
+                invalid = self.columns[name] >= self.columns["extrados_radius"]
+                self._check(name, invalid, "must be below extrados_radius")
 
-    def _check(self, name: str, wrong: BoolArray, rule: str) -> None:
+    def _check(self, name: str, invalid: BoolArray, rule: str) -> None:
         """Raise ValueError with the first section in which a column is invalid."""
-        if wrong.any():
-            row = int(np.flatnonzero(wrong)[0])
+        if invalid.any():
+            row = int(np.flatnonzero(invalid)[0])
             raise ValueError(
                 f"{self.source}, section {row + 1}: {name} is {self.columns[name][row]:g}, but it "
                 f"{rule}."

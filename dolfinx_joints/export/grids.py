@@ -143,8 +143,8 @@ def joint_grid(results: Statics, joint: str) -> Grid:
 def _motion_of_points(results: Statics, joint: str, points: Floats) -> csr_matrix:
     """Return `Grid.motion` for the points of a joint in a plane body."""
     nodes, surface = results.static("mesh/nodes"), results.static("mesh/surface")
-    facet_of_point, both = facets_of_joint(results, joint)
-    ends = surface[both[facet_of_point]]  # (points, sides, ends)
+    facet_of_point, sides = facets_of_joint(results, joint)
+    ends = surface[sides[facet_of_point]]  # (points, sides, ends)
     along = nodes[ends[:, :, 1]] - nodes[ends[:, :, 0]]
     share = np.einsum("psi,psi->ps", points[:, None] - nodes[ends[:, :, 0]], along)
     share /= np.einsum("psi,psi->ps", along, along)

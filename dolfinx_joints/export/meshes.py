@@ -56,15 +56,15 @@ def to_pyvista(
     pyvista = import_optional("pyvista")
     results, number, _ = chosen_state(results, time, index, stage)
     body = _grid(pyvista, body_grid(results, groups))
-    moved = results.series("states", "displacement", number)
-    body.point_data["displacement [m]"] = moved
+    displacement = results.series("states", "displacement", number)
+    body.point_data["displacement [m]"] = displacement
     if groups is not None:
         body = body.clean() if not body.n_cells else body.extract_cells(np.arange(body.n_cells))
     joints = pyvista.MultiBlock()
     for joint in results.joints:
         grid = joint_grid(results, joint)
         joints[joint] = _grid(pyvista, grid)
-        joints[joint].point_data["displacement [m]"] = grid.motion @ moved
+        joints[joint].point_data["displacement [m]"] = grid.motion @ displacement
         joints[joint].cell_data.update(values_of(results, [joint], number, grid))
     blocks = pyvista.MultiBlock()
     blocks["body"], blocks["joints"] = body, joints

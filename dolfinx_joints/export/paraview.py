@@ -66,15 +66,15 @@ def _write(results: Results, path: Path) -> None:
     times = results.time("states")
     body = VtkFile(path, body_grid(results))
     for number, time in enumerate(times):
-        moved = results.series("states", "displacement", number)
-        body.append(time, {"displacement [m]": moved}, {})
+        displacement = results.series("states", "displacement", number)
+        body.append(time, {"displacement [m]": displacement}, {})
     if results.joints:
         grid = joined({joint: joint_grid(results, joint) for joint in results.joints})
         file = VtkFile(joints_path(path), grid)
         for number, time in enumerate(times):
-            moved = grid.motion @ results.series("states", "displacement", number)
+            displacement = grid.motion @ results.series("states", "displacement", number)
             values = values_of(results, results.joints, number, grid)
-            file.append(time, {"displacement [m]": moved}, values)
+            file.append(time, {"displacement [m]": displacement}, values)
 
 
 def joints_path(path: Path) -> Path:

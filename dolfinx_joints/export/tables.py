@@ -143,27 +143,27 @@ def _histories(results: Results) -> Table:
     """Return the table of the steps: motions point by point, then the other series."""
     streams = results.streams["histories"]
     of_points = [n for n in streams if results.series("histories", n, slice(0)).ndim == 3]
-    others = _all_series(results, "histories", of_points)
+    other_series = _all_series(results, "histories", of_points)
     columns: list[tuple[str, str, Any]] = []
     for name in of_points:
-        values = results.series("histories", name, slice(len(others.rows)))
+        values = results.series("histories", name, slice(len(other_series.rows)))
         unit = results.unit("histories", name)
         motion = name if results.relative else f"absolute {name}"
         motion = f"raw {motion}" if name == "acceleration" else motion
         for i, point in enumerate(results.point_names):
             columns += _vector(f"{motion} of {point}", unit, values[:, i])
     motions = _columns(columns)
-    header = [others.header[0], *motions.header, *others.header[1:]]
-    row_pairs = zip(others.rows, motions.rows, strict=True)
+    header = [other_series.header[0], *motions.header, *other_series.header[1:]]
+    row_pairs = zip(other_series.rows, motions.rows, strict=True)
     return Table(header, [[row[0], *motion_row, *row[1:]] for row, motion_row in row_pairs])
 
 
 def _peaks(results: Results) -> Table:
     """Return the table of largest values, one per row, with times and places."""
     peaks: list[tuple[str, str, Peak]] = []
-    moved = "displacement" if results.relative else "absolute displacement"
+    quantity = "displacement" if results.relative else "absolute displacement"
     for point in results.point_names:
-        label = f"{moved} of {point} from the static state"
+        label = f"{quantity} of {point} from the static state"
         peaks.append((label, "m", displacement_peak(results, [point])))
         if "acceleration" in results.streams["histories"]:
             label = f"absolute acceleration of {point} up to {common_band(results):.3g} Hz"

@@ -69,12 +69,12 @@ class Column:
         """Append the next block of samples, short enough to depend on earlier samples only."""
         start = len(self._rising[0]) - BEFORE
         times: Floats = self._spacing * np.arange(start, start + self._block, dtype=np.float64)
-        sent = []
+        new_samples = []
         for i, (below, above) in enumerate(zip(self._z, self._z[1:], strict=False)):
             up, down = self._rising_in(i, times - self._travels[i]), self._falling_in(i + 1, times)
             transmitted = (2.0 * below * up + (above - below) * down) / (below + above)
-            sent.append((transmitted, transmitted + down - up))
-        for i, (rising, falling) in enumerate(sent):
+            new_samples.append((transmitted, transmitted + down - up))
+        for i, (rising, falling) in enumerate(new_samples):
             self._rising[i] = np.append(self._rising[i], rising)
             self._falling[i] = np.append(self._falling[i], falling)
 
@@ -91,7 +91,7 @@ class Column:
             return self._rising_in(layer, at_top - self._travels[layer])
         return self._interpolated(self._falling[layer], at_top)
 
-    def _interpolated(self, samples: Floats, times: Floats) -> Floats:
+    def _interpolate(self, samples: Floats, times: Floats) -> Floats:
         """Interpolate the samples by cubics; the wave is zero before the first sample."""
         position = np.maximum(times, -float(FEWEST) * self._spacing) / self._spacing
         i = np.floor(position).astype(int)

@@ -156,7 +156,7 @@ class SupportForces:
         self._force.getArray()[constrained] = 0.0
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Return the force vector, which later calls of `take` change in place."""
+        """Return the force vector; later calls of `take` change its values."""
         return [(self._force, always)]
 
 

@@ -112,19 +112,19 @@ class IncidentWave:
         return cast("Callable[[float], Floats]", spline.antiderivative())
 
 
-def for_steps(given: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], list[str]]:
+def for_steps(originals: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], list[str]]:
     """Filter motions and loads by `Motion.for_steps`; return them and warnings of large losses."""
     texts = []
 
-    def resolved(item: Any) -> Any:
+    def filter_item(item: Any) -> Any:
         if isinstance(item, BaseMotion):
-            return replace(item, acceleration=resolved(item.acceleration))
+            return replace(item, acceleration=filter_item(item.acceleration))
         if isinstance(item, DifferingMotion):
-            changed = {name: resolved(motion) for name, motion in item.named.items()}
+            changed = {name: filter_item(motion) for name, motion in item.named.items()}
             motions = changed[item.motions.name] if isinstance(item.motions, Motion) else changed
             return item if changed == item.named else replace(item, motions=motions)
         if isinstance(wave := getattr(item, "incident", None), IncidentWave):
-            return replace(item, incident=IncidentWave(resolved(wave.outcrop)))
+            return replace(item, incident=IncidentWave(filter_item(wave.outcrop)))
         if not isinstance(item, Motion):
             return item
         filtered = item.for_steps(dt)
@@ -138,7 +138,7 @@ def for_steps(given: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], li
             )
         return filtered
 
-    items = [resolved(item) for item in given]
+    items = [filter_item(item) for item in originals]
     doubt(comm, *texts)
     return items, texts
 
@@ -158,7 +158,7 @@ def in_axes(
 ) -> Callable[[float], Floats]:
     """Return the motion along the model's axes; in 2-D, x and z of three components, or two."""
 
-    def moved(time: float) -> Floats:
+    def in_model_axes(time: float) -> Floats:
         sample = motion(time)
         values = numbers_of(sample)
         if values is None or values.ndim != 1 or len(values) < gdim or not finite(values):
@@ -167,4 +167,4 @@ def in_axes(
             )
         return values[MOVING[gdim]] if len(values) > 2 else values[:gdim]
 
-    return moved
+    return in_model_axes

@@ -56,19 +56,19 @@ def plane_waves(kind: str, angle: float, azimuth: float, rock: Layer) -> list[Pl
     fast, slow = rock.pressure_speed, rock.shear_speed
     p = np.sin(angle) / (fast if kind == "P" else slow)
 
-    def slowness(speed: float, way: float) -> Floats:
+    def slowness(speed: float, sign: float) -> Floats:
         """Return the slowness of a wave that rises (way 1) or falls (way -1)."""
-        return np.asarray(p * h + way * np.sqrt(1.0 / speed**2 - p**2) * z, dtype=np.float64)
+        return np.asarray(p * h + sign * np.sqrt(1.0 / speed**2 - p**2) * z, dtype=np.float64)
 
-    def wave(speed: float, way: float, shear: bool) -> PlaneWave:
-        s = slowness(speed, way)
+    def wave(speed: float, sign: float, shear: bool) -> PlaneWave:
+        s = slowness(speed, sign)
         # The horizontal motion of rising and falling S waves points forwards.
-        across = way * ((s @ z) * h - (s @ h) * z)
+        across = sign * ((s @ z) * h - (s @ h) * z)
         return PlaneWave(motion=speed * (across if shear else s), slowness=s)
 
     if kind == "SH":
         sideways = np.cross(z, h)
-        return [PlaneWave(motion=sideways, slowness=slowness(slow, way)) for way in (1.0, -1.0)]
+        return [PlaneWave(motion=sideways, slowness=slowness(slow, sign)) for sign in (1.0, -1.0)]
     if p * fast >= 1.0:
         critical = np.rad2deg(np.arcsin(slow / fast))
         raise ValueError(

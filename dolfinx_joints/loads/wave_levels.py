@@ -84,7 +84,7 @@ def without_rounding(patterns: Patterns) -> Patterns:
 def extent_along(
     model: LoadedBody, groups: Sequence[str], axis: Floats, layer: Layer | None = None
 ) -> tuple[float, float]:
-    """Return the range of x.axis over the nodes of groups, or of one layer of them (collective)."""
+    """Return the range of x.axis at the nodes of groups, or only in one layer (collective)."""
     x = model.V.tabulate_dof_coordinates()[:, : model.gdim]
     nodes = np.concatenate([model.nodes(group) for group in groups])
     if layer is not None:

@@ -185,11 +185,11 @@ def _state_unit(text: RecordText, keys: Keys, number: int, unit: str) -> None:
         text.fail(number, f"the unit is {unit}, but in line {line} it is {earlier}; use one unit.")
 
 
-def _agreed(text: RecordText, keys: Keys, key: str, in_file: Any, given: Any) -> Any:
+def _agree(text: RecordText, keys: Keys, key: str, in_file: Any, user: Any) -> Any:
     """Return the value from the file or from the user; raise an error if they differ."""
-    if None not in (in_file, given) and in_file != given:
-        text.fail(keys[key][0], f"{key} is {in_file} in the file, but {given} was given.")
-    return given if in_file is None else in_file
+    if None not in (in_file, user) and in_file != user:
+        text.fail(keys[key][0], f"{key} is {in_file} in the file, but {user} was given.")
+    return user if in_file is None else in_file
 
 
 def _unit(text: RecordText, keys: Keys, user: str | None) -> str:
@@ -197,7 +197,7 @@ def _unit(text: RecordText, keys: Keys, user: str | None) -> str:
     unit_given = None if user is None else unit_named(user, "unit")
     if in_file and unit_given and UNITS[in_file] == UNITS[unit_given]:
         return unit_given
-    unit: str | None = _agreed(text, keys, "unit", in_file, unit_given)
+    unit: str | None = _agree(text, keys, "unit", in_file, unit_given)
     if unit is None:
         raise RecordError(
             f"{text.path} does not state the unit of its columns; pass unit=, or write "
@@ -211,7 +211,7 @@ def _names(text: RecordText, keys: Keys, user: Sequence[str | float] | str | Non
     in_file = keys["columns"][1].lower().split() if "columns" in keys else None
     user = user.split() if isinstance(user, str) else user
     names_given = None if user is None else [str(name).lower() for name in user]
-    names: list[str] | None = _agreed(text, keys, "columns", in_file, names_given)
+    names: list[str] | None = _agree(text, keys, "columns", in_file, names_given)
     if names is not None and "names" in keys:
         number, headings = keys["names"]
         for name, content in zip(headings.split(), names, strict=False):
@@ -234,9 +234,9 @@ def _names(text: RecordText, keys: Keys, user: Sequence[str | float] | str | Non
                 "columns='wrapped' for one component that continues from line to line."
             )
     valid = [n for n in names if n in ("time", "skip") or direction_named(n) is not None]
-    used = [name for name in names if name != "skip"]
+    contents = [name for name in names if name != "skip"]
     if names != ["wrapped"] and (
-        valid != names or len(set(used)) < len(used) or set(used) <= {"time"}
+        valid != names or len(set(contents)) < len(contents) or set(contents) <= {"time"}
     ):
         raise RecordError(
             f"{text.path}: columns must be different directions (N, E, S, W, UP, DOWN, azimuths, "
@@ -251,7 +251,7 @@ def _step(
 ) -> float:
     """Return the time between rows [s]; printed times may be rounded to their last digit."""
     in_file = text.positive(*keys["dt"], "dt") if "dt" in keys else None
-    dt: float | None = _agreed(text, keys, "dt", in_file, user)
+    dt: float | None = _agree(text, keys, "dt", in_file, user)
     if not printed:
         if dt is None:
             raise RecordError(

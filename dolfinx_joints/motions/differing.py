@@ -74,15 +74,15 @@ class DifferingMotion(Summarised):
     reference: str | None = None
 
     def __post_init__(self) -> None:
-        wanted = "a Motion, or several by name"
-        good = isinstance(self.motions, Motion | Mapping) and bool(self.named)
-        check_kind_of("DifferingMotion: motions", self.motions, good, wanted)
+        expected = "a Motion, or several by name"
+        valid = isinstance(self.motions, Motion | Mapping) and bool(self.named)
+        check_kind_of("DifferingMotion: motions", self.motions, valid, expected)
         for name, motion in self.named.items():
             check_kind_of(
                 f"The motion of {shown(name)}", motion, isinstance(motion, Motion), "a Motion"
             )
-        good = isinstance(self.passage, Passage | None)
-        check_kind_of("DifferingMotion: passage", self.passage, good, "a Passage")
+        valid = isinstance(self.passage, Passage | None)
+        check_kind_of("DifferingMotion: passage", self.passage, valid, "a Passage")
         if self.reference is not None and self.reference not in self.named:
             raise ValueError(
                 f"DifferingMotion: reference is {shown(self.reference)}; it must be one of "
@@ -177,13 +177,13 @@ class DifferingMotion(Summarised):
             for k, history in enumerate(histories.values())
         ]
 
-        def moved(time: float) -> Floats:
+        def relative_displacement(time: float) -> Floats:
             displacement = np.zeros((len(x), 3))
             for acting, share, delay, history in parts:
                 displacement[acting] += share * history(time - delay)
             return displacement - histories[self._reference](np.array([time]))
 
-        return moved
+        return relative_displacement
 
     def _shares(self, x: Floats, members: Mapping[str, Flags]) -> Floats:
         """Return the share of each motion at each place, shape (n, motions)."""

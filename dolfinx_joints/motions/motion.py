@@ -231,7 +231,7 @@ class Motion(Summarised):
 
     @checked
     def scaled(self, factor: float | Sequence[float]) -> Self:
-        """Multiply all components by one factor, or each by its factor."""
+        """Multiply all components by one factor, or each component by a separate factor."""
         factors = np.asarray(factor, dtype=np.float64)
         if factors.shape not in ((), (3,)):
             raise RecordError(f"factor must be one number or three, got {shown(factor, str)}.")
@@ -253,7 +253,7 @@ def synthetic_motion(
     random and the amplitudes fade in the outer quarters of the band. The envelope rises over 15 %
     of the duration, is 1 until 45 % and decays to zero. Then the envelope times a linear function
     of time is subtracted, so that velocity and displacement return to zero. Finally each component
-    is scaled to its peak. The phases use the raw PCG64 stream, which NumPy keeps unchanged.
+    is scaled to its peak. The phases use the raw PCG64 stream, the same in all versions of NumPy.
 
     Args:
         seed: integer that selects the phases.

@@ -76,8 +76,8 @@ def band_pass(
     pad = int(np.ceil(1.5 * order / (low or high or 1.0) / dt))
     padded = np.pad(acceleration, ((pad, pad), (0, 0)))
     forwards = sosfilt(sections, padded, axis=0)
-    both: Floats = sosfilt(sections, forwards[::-1], axis=0)[::-1]
-    return both[pad:-pad]
+    filtered: Floats = sosfilt(sections, forwards[::-1], axis=0)[::-1]
+    return filtered[pad:-pad]
 
 
 def low_pass(acceleration: Floats, dt: float, band: float) -> Floats:

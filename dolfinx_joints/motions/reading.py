@@ -117,7 +117,7 @@ def read_record(
     ]
     title = title or parts[0].record
     if directions is not None:
-        parts = _directed(parts, directions)
+        parts = _set_directions(parts, directions)
     motion, azimuth = _assemble_motion(parts, title)
     _warn_if_implausible(motion, parts)
     if azimuth is None and stream_azimuth_deg is not None:
@@ -149,9 +149,9 @@ def _files(
     chosen = [stem for stem in chosen if stem == name] or chosen
     if not chosen:
         names = ", ".join(records) or "none"
-        wanted = "" if name is None else f" with {name!r} in its name"
+        condition = "" if name is None else f" with {name!r} in its name"
         skipped = f"; skipped files: {', '.join(left_out[:5])}" if left_out else ""
-        raise RecordError(f"{path} has no record{wanted}; its records: {names}{skipped}.")
+        raise RecordError(f"{path} has no record{condition}; its records: {names}{skipped}.")
     if len(chosen) > 1:
         raise RecordError(f"{path} has several records; choose by name=: {', '.join(chosen)}.")
     return records[chosen[0]], chosen[0]
@@ -192,23 +192,23 @@ def _record_of(path: Path, any_columns: bool) -> str:
         raise
 
 
-def _directed(parts: list[Component], directions: Sequence[str | float]) -> list[Component]:
+def _set_directions(parts: list[Component], directions: Sequence[str | float]) -> list[Component]:
     """Return the components with the directions given by the user, checked against the files."""
     if len(directions) != len(parts):
         raise RecordError(
             f"directions has {len(directions)} entries, but the files have {len(parts)} components."
         )
     directed = []
-    for part, given in zip(parts, directions, strict=True):
-        direction = direction_named(str(given))
+    for part, name in zip(parts, directions, strict=True):
+        direction = direction_named(str(name))
         if direction is None:
             raise RecordError(
                 "directions must be N, E, S, W, UP, DOWN, azimuths from 0 to 360, or x, y, z of "
-                f"the dam, got {shown(given)}."
+                f"the dam, got {shown(name)}."
             )
         if part.stated not in (None, direction):
             raise RecordError(
-                f"{part.path} has the direction {part.stated}, but {shown(given)} was given."
+                f"{part.path} has the direction {part.stated}, but {shown(name)} was given."
             )
         directed.append(replace(part, stated=direction, suggested=None))
     return directed
@@ -221,7 +221,7 @@ def _warn_if_implausible(motion: Motion, parts: list[Component]) -> None:
         units = ", ".join(dict.fromkeys(part.unit for part in parts))
         reasons.append(f"its peak is {peak:.3g} g, read in {units}, not {WEAK_G} to {STRONG_G} g")
     if motion.dt > LONGEST_STEP:
-        reasons.append(f"its samples are {motion.dt:g} s apart, more than {LONGEST_STEP} s")
+        reasons.append(f"its time step is {motion.dt:g} s, more than {LONGEST_STEP} s")
     if reasons:
         text = f"Check the units of the record {shown(motion.name)}: {'; '.join(reasons)}."
         warn(text, PlausibilityWarning)
@@ -264,16 +264,16 @@ def _common_interval(parts: Sequence[Component], title: str) -> Floats:
     if max(abs(part.dt - dt) for part in parts) * shortest > _ALIGNMENT * dt:
         steps = ", ".join(f"{part.path.name} {part.dt:.6g} s" for part in parts)
         raise RecordError(f"The components of {shown(title)} have different time steps: {steps}.")
-    cut = [
+    shortened = [
         part.acceleration[skipped:]
         for part, skipped in zip(parts, _offsets(parts, dt, title), strict=True)
     ]
-    length = min(map(len, cut))
+    length = min(map(len, shortened))
     if length < 2:
         raise RecordError(
             f"The components of {shown(title)} have no common time interval: {_starts(parts)}."
         )
-    return np.stack([values[:length] for values in cut], axis=1)
+    return np.stack([values[:length] for values in shortened], axis=1)
 
 
 def _offsets(parts: Sequence[Component], dt: float, title: str) -> list[int]:

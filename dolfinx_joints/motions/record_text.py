@@ -235,7 +235,7 @@ def direction_named(text: str) -> Direction | None:
 
 
 def units_in(line: str) -> list[str]:
-    """Return the units in a line, except for those of coordinates, distances and numbers."""
+    """Return the units in a line, except units of coordinates, of distances and after numbers."""
     return [] if _OF_PLACES.search(line) else _UNIT.findall(line)
 
 

@@ -148,9 +148,9 @@ def match_spectrum(
         rounds: largest number of rounds that add wavelets.
     """
     columns = component_numbers(components)
-    periods, wanted = _refined(*_target(motion, target))
+    periods, wanted = _refine(*_target(motion, target))
     matcher = _Matcher(len(motion.acceleration), motion.dt, periods, wanted, damping_ratio)
-    values, factors, used = motion.acceleration.copy(), [], []
+    values, factors, counts_used = motion.acceleration.copy(), [], []
     for component, column in zip(components, columns, strict=True):
         if not values[:, column].any():
             raise RecordError(f"Component {component} of {motion.name!r} is zero throughout.")
@@ -164,7 +164,7 @@ def match_spectrum(
             )
         values[:, column] = matched
         factors.append(factor)
-        used.append(counts)
+        counts_used.append(counts)
     return SpectrumMatch(
         motion=replace(motion, acceleration=values),
         record=motion,
@@ -174,8 +174,8 @@ def match_spectrum(
         damping_ratio=damping_ratio,
         tolerance=tolerance,
         factors=np.array(factors),
-        passes=np.array(used, dtype=np.int64)[:, 0],
-        rounds=np.array(used, dtype=np.int64)[:, 1],
+        passes=np.array(counts_used, dtype=np.int64)[:, 0],
+        rounds=np.array(counts_used, dtype=np.int64)[:, 1],
     )
 
 
@@ -370,7 +370,7 @@ def _target(motion: Motion, target: Any) -> tuple[Floats, Floats]:
     return periods, values
 
 
-def _refined(periods: Floats, values: Floats) -> tuple[Floats, Floats]:
+def _refine(periods: Floats, values: Floats) -> tuple[Floats, Floats]:
     """Return the target with periods inserted, so that neighbours differ by at most 1 %."""
     parts = np.ceil(np.log(periods[1:] / periods[:-1]) / np.log(_PERIOD_RATIO) - ROUNDING)
     parts_of = [

@@ -53,7 +53,7 @@ def animate(
         path: File ending in ``.gif`` or ``.mp4``.
         start: Time of the first state.
         end: Time of the last state; the end of the run by default.
-        frames: Largest number of pictures; of more states, evenly spaced ones are drawn.
+        frames: Largest number of pictures; if there are more states, evenly spaced ones are drawn.
         per_second: Pictures per second of the film.
         scale: Factor of the displacements; by default a round number for the largest displacement.
         relative_to: Reference of the displacements, as in `views.deformed`.

@@ -106,22 +106,22 @@ class Deformed:
             cameras: Viewpoints.
             frame: Reference of the displacements, in words.
             title: Title of the figure.
-            limits: Range of the colours [mm]; the range of this state unless given.
+            limits: Range of the colours [mm]; the range of this state by default.
             room: Additional points, shape (n, 3), [m], that must be within the picture.
         """
-        body, moved = self._body, self._moved
+        body, positions = self._body, self._moved
         limits = limits or data_limits(self._size[body.shown])
         scene, levels = Scene(room), contour_levels(limits)
         colour: dict[str, Any] = {"cmap": colours(), "clim": limits}
-        scene.surface(moved, body.shown, nodal=self._size, **colour, **MESH)
-        scene.contours(moved, body.shown, self._size, levels)
+        scene.surface(positions, body.shown, nodal=self._size, **colour, **MESH)
+        scene.contours(positions, body.shown, self._size, levels)
         if body.joints.size:
-            scene.surface(moved, body.joints, color=RED, lighting=False)
+            scene.surface(positions, body.joints, color=RED, lighting=False)
         scene.edges(body.nodes, body.shown, **OUTLINE)
-        body.draw_translucent(scene, moved)
+        body.draw_translucent(scene, positions)
         figure, axes = draw(scene, cameras)
         for ax, camera in zip(axes, cameras, strict=True):
-            write_names(ax, body.tops(moved, camera), RED)
+            write_names(ax, body.tops(positions, camera), RED)
         label = f"displacement [mm], from the unloaded body, {frame}"
         colour_bar(figure, axes, colours(), limits, label, levels)
         figure.suptitle(title, fontsize="medium")
@@ -139,8 +139,8 @@ def jointed_groups(results: Results) -> list[str] | None:
     faces = [surface[facets_of_joint(results, joint)[1]] for joint in results.joints]
     jointed = []
     for name in names:
-        seen = np.unique(results.static("mesh/cells")[results.static(start + name)])
-        if any(np.isin(face, seen).all() for face in faces):
+        group_nodes = np.unique(results.static("mesh/cells")[results.static(start + name)])
+        if any(np.isin(face, group_nodes).all() for face in faces):
             jointed.append(name)
     return jointed or None
 

@@ -91,7 +91,7 @@ def reference_displacement(results: Results, relative_to: str | None) -> Floats:
         results: The run.
         relative_to: Name of a monitor point, or ``ground``. For ``ground`` the result is zero if
             the displacements of the file are relative to the ground, otherwise the displacement of
-            the free surface since the first record. None gives zero.
+            the free surface since the first record. For None the result is zero.
     """
     time = results.time("histories")
     if relative_to is None or (_is_ground(results, relative_to) and results.relative):

@@ -329,7 +329,7 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
     drawn = figure or new_figure(figsize=(6.3, 2.1 * len(rows)), layout="compressed")
     panels: list[Axes] = list(drawn.subplots(len(rows), sharex=True))
     for ax, row in zip(panels, rows, strict=True):
-        worst: dict[float, tuple[str, Floats, Floats]] = {}
+        by_value: dict[float, tuple[str, Floats, Floats]] = {}
         least, lowest = row.key == "safety", 0.0
         for joint, extremes in extremes_of_joints.items():
             values: Floats = row.factor * extremes.values[row.key]
@@ -338,20 +338,20 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
             if finite.size:
                 lowest = min(lowest, float(finite.min()))
                 extreme = finite.min() if least else finite.max()
-                worst.setdefault(float(extreme), (joint, extremes.time, values))
-        if worst:
-            extreme = min(worst) if least else max(worst)
-            joint, time, values = worst[extreme]
-            when = time[np.argmax(values == extreme)]
+                by_value.setdefault(float(extreme), (joint, extremes.time, values))
+        if by_value:
+            extreme = min(by_value) if least else max(by_value)
+            joint, time, values = by_value[extreme]
+            at_time = time[np.argmax(values == extreme)]
             unit = f" {row.shown}" if row.shown else ""
-            label = f"{joint}: {extreme:.3g}{unit} at {when:.6g} s"
+            label = f"{joint}: {extreme:.3g}{unit} at {at_time:.6g} s"
             ax.plot(time, values, color=BLUE, linewidth=1.1, label=label)
             legend(ax, "above")
         decorate(ax, "time [s]" if least else "", row.heading.replace(" [", "\n["))
         ax.margins(x=0.0)
         ax.set_ylim(bottom=lowest)
     panels[-1].axhline(1.0, color=RED, linewidth=0.8, linestyle="--")
-    highest = max(10.0, 1.5 * min(worst, default=0.0))  # ``worst`` is for the last row, safety
+    highest = max(10.0, 1.5 * min(by_value, default=0.0))  # of the last row, the safety
     panels[-1].set_ylim(0.0, min(highest, max(2.0, panels[-1].get_ylim()[1])))
     return panels
 

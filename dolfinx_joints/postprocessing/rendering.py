@@ -226,7 +226,7 @@ def load_pyvista() -> Any:
         raise JointsError(
             f"Without a screen, 3-D pictures need VTK 9.5 or later, got {version[0]}.{version[1]}."
         )
-    # Check for a library first: VTK would abort the process without one.
+    # Check for a library first: without a library, VTK would abort the process.
     windows = {"libEGL.so.1": "vtkEGLRenderWindow", "libOSMesa.so.8": "vtkOSOpenGLRenderWindow"}
     for library, window in windows.items():
         if _is_loadable(library):
@@ -257,8 +257,8 @@ def draw(scene: Scene, cameras: Sequence[Camera]) -> tuple[Figure, list[Axes]]:
     widths = [x_max - x_min for x_min, x_max, _, _ in extents]
     height = max(top - bottom for _, _, bottom, top in extents)
     inches = 6.3 if len(cameras) == 1 else 3.6 * len(cameras)
-    needed = 0.7 + 0.85 * inches * height / sum(widths)
-    figure = new_figure(figsize=(inches, min(needed, _HIGHEST * inches)), layout="compressed")
+    full_height = 0.7 + 0.85 * inches * height / sum(widths)
+    figure = new_figure(figsize=(inches, min(full_height, _HIGHEST * inches)), layout="compressed")
     axes = list(figure.subplots(1, len(cameras), width_ratios=widths, squeeze=False)[0])
     for ax, camera, extent in zip(axes, cameras, extents, strict=True):
         ax.imshow(scene.render(camera), extent=extent, interpolation="antialiased")
@@ -349,10 +349,10 @@ def _pair(place: Floats) -> tuple[float, float]:
     return float(place[0]), float(place[1])
 
 
-def round_down(wanted: float) -> float:
+def round_down(limit: float) -> float:
     """Return the largest number 1, 2 or 5 times a power of ten that does not exceed ``wanted``."""
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted))
+    power = 10.0 ** np.floor(np.log10(limit))
+    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= limit))
 
 
 def round_scale(nodes: Floats, largest: float) -> float:

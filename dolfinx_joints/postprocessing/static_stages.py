@@ -129,9 +129,7 @@ def static_stages(results: Results) -> list[StaticStage]:
                 reaction={
                     n.removeprefix("reaction/"): results.series("statics", n, i) for n in reactions
                 },
-                joints={
-                    loads.joint: joint_in_state(results, "statics", loads, i) for loads in forces
-                },
+                joints={f.joint: joint_in_state(results, "statics", f, i) for f in forces},
                 stresses=_stresses(results, i),
                 energy=energies[i],
                 jumps=jumps.get(name, ()),

@@ -234,7 +234,7 @@ def envelope(
 ) -> Figure:
     """Draw the envelope of a stress over the run on the boundary, from upstream and downstream.
 
-    Nodes without a value, such as those of a crest for arch stresses, are grey. The run must have
+    Nodes without a value, such as crest nodes for arch stresses, are grey. The run must have
     recorded the stream ``envelopes``. Cell ``groups`` such as ``["dam"]`` are drawn opaque and fill
     the picture; colours and title refer to their values. The other cells are translucent.
     """

@@ -66,7 +66,7 @@ def describe(path: str | Path) -> str:
     """Return a table of all arrays in a results file."""
     with Results(path) as results:
         lines = [f"{results.path}: {results.status}, created {results.created}"]
-        lines += _nested(results.metadata) + _nested(results.summary)
+        lines += _nested_lines(results.metadata) + _nested_lines(results.summary)
         rows: list[tuple[str, tuple[str, ...], tuple[int, ...]]] = [
             ("static", (name,), results.static(name).shape) for name in results.statics
         ]
@@ -108,13 +108,13 @@ def _static_energies(results: Results) -> list[str]:
     return [f"energies balance to {largest:.2g} of the largest", *(jumps or ["no jumps"])]
 
 
-def _nested(facts: Mapping[str, Any], indent: str = "  ") -> list[str]:
+def _nested_lines(facts: Mapping[str, Any], indent: str = "  ") -> list[str]:
     """Return one line per fact; the items of a dictionary are indented below its key."""
     lines = []
     for key, value in facts.items():
         inner = isinstance(value, dict) and len(indent) < 8
         lines.append(f"{indent}{key}:" if inner else f"{indent}{key}: {value}")
-        lines += _nested(value, indent + "  ") if inner else []
+        lines += _nested_lines(value, indent + "  ") if inner else []
     return lines
 
 
@@ -201,7 +201,7 @@ def _line(label: str, parts: Iterable[str]) -> list[str]:
     text = ", ".join(parts)
     if not text:
         return []
-    first, others = f"{label:<{_LABEL}} ", " " * (_LABEL + 1)
+    first, indent = f"{label:<{_LABEL}} ", " " * (_LABEL + 1)
     return textwrap.wrap(
-        text, _WIDTH, initial_indent=first, subsequent_indent=others, break_on_hyphens=False
+        text, _WIDTH, initial_indent=first, subsequent_indent=indent, break_on_hyphens=False
     )

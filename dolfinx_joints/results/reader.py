@@ -352,8 +352,7 @@ def _check(file: h5py.File, path: Path) -> None:
     check_version(version, VERSION)
     if version > VERSION:
         raise ResultsError(
-            f"{path} has version {version} of the layout; this program reads versions up to "
-            f"{VERSION}."
+            f"{path} has version {version} of the layout; the highest supported is {VERSION}."
         )
     if not all(key in file for key in ("metadata", "status", "summary", "static", "streams")):
         raise ResultsError(f"{path} was left incomplete before its run started.")

@@ -235,7 +235,7 @@ def extendable(
     row_bytes = max(1, int(np.prod(shape)) * dtype.itemsize)
     chunks = (min(1024, max(1, _CHUNK_BYTES // row_bytes)), *(max(1, length) for length in shape))
     # Do not fill large chunks: HDF5 would keep a filled chunk in memory.
-    when = "never" if row_bytes > _CHUNK_BYTES else "ifset"
+    fill_time = "never" if row_bytes > _CHUNK_BYTES else "ifset"
     return group.create_dataset(
         name,
         (0, *shape),
@@ -243,5 +243,5 @@ def extendable(
         maxshape=(None, *shape),
         chunks=chunks,
         fillvalue=fill,
-        fill_time=when,
+        fill_time=fill_time,
     )

@@ -165,12 +165,12 @@ def _quality(patch: FloatArray) -> float:
     A corner between sides of lengths e and f at the angle beta has 2 e f sin(beta)/(e^2 + f^2).
     """
     along, down = np.diff(patch, axis=1), np.diff(patch, axis=0)
-    worst = np.inf
+    smallest = np.inf
     for e in (along[:-1], along[1:]):
         for f in (down[:, :-1], down[:, 1:]):
             twice = 2 * (e[..., 1] * f[..., 0] - e[..., 0] * f[..., 1])
-            worst = min(worst, float((twice / (e**2 + f**2).sum(axis=-1)).min()))
-    return worst
+            smallest = min(smallest, float((twice / (e**2 + f**2).sum(axis=-1)).min()))
+    return smallest
 
 
 def _patch(left: FloatArray, right: FloatArray, upper: FloatArray, lower: FloatArray) -> FloatArray:

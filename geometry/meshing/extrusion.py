@@ -120,9 +120,9 @@ def split_quadrilaterals(points: FloatArray, quads: IntArray) -> IntArray:
         area = sides[..., 0, 0] * sides[..., 1, 1] - sides[..., 0, 1] * sides[..., 1, 0]
         return (area / (sides**2).sum(axis=(2, 3))).min(axis=1)
 
-    other = np.roll(quads, -1, axis=1)
-    better = shape(other) > shape(quads) + 1e-9
-    cells = np.where(better[:, None], other, quads)
+    turned = np.roll(quads, -1, axis=1)
+    better = shape(turned) > shape(quads) + 1e-9
+    cells = np.where(better[:, None], turned, quads)
     return cells[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
 
 
@@ -187,11 +187,11 @@ def extrude(plane: PlaneMesh, levels: FloatArray, ends: Sequence[str]) -> SolidM
     )
     shift = size * np.arange(levels.size - 1)[:, None, None]
 
-    def layered(nodes: IntArray) -> IntArray:
+    def in_layers(nodes: IntArray) -> IntArray:
         return (nodes[None] + shift).reshape(-1, nodes.shape[1])
 
-    cells = {name: layered(_prisms(nodes, size)) for name, nodes in plane.cells.items()}
-    facets = {name: layered(_sides(nodes, size, quads)) for name, nodes in plane.edges.items()}
+    cells = {name: in_layers(_prisms(nodes, size)) for name, nodes in plane.cells.items()}
+    facets = {name: in_layers(_sides(nodes, size, quads)) for name, nodes in plane.edges.items()}
     floor = np.concatenate(list(plane.cells.values()))
     for name, nodes in zip(ends, (floor[:, ::-1], floor + size * (levels.size - 1)), strict=True):
         facets[name] = np.concatenate([facets.get(name, nodes[:0]), nodes])

@@ -276,7 +276,7 @@ def describe(path: str | os.PathLike[str]) -> MeshReport:
 def _report() -> MeshReport:
     """Return the report of the current model."""
     names = {(d, t): gmsh.model.getPhysicalName(d, t) for d, t in gmsh.model.getPhysicalGroups()}
-    facets, volume, worst, num_cells, kind = {}, {}, np.inf, 0, 0
+    facets, volume, least, num_cells, kind = {}, {}, np.inf, 0, 0
     for (dim, tag), name in names.items():
         entities = gmsh.model.getEntitiesForPhysicalGroup(dim, tag)
         if dim == 2:
@@ -287,9 +287,9 @@ def _report() -> MeshReport:
             (kind,), (cells,), _ = gmsh.model.mesh.getElements(3, entity)
             num_cells += len(cells)
             volume[name] += _volume(kind, entity)
-            worst = float(np.minimum(worst, scaled_jacobians(kind, entity).min()))  # NaN stays
+            least = float(np.minimum(least, scaled_jacobians(kind, entity).min()))  # NaN stays
     num_nodes = len(gmsh.model.mesh.getNodes()[0])
-    return MeshReport(_NAMES[kind], num_nodes, num_cells, facets, worst, volume)
+    return MeshReport(_NAMES[kind], num_nodes, num_cells, facets, least, volume)
 
 
 def _volume(kind: int, entity: int) -> float:

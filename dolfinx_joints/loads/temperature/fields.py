@@ -48,7 +48,7 @@ ISOLATED = 1e-6
 @dataclass(frozen=True, kw_only=True)
 @checked
 class AnnualWave:
-    """Sinusoidal annual temperature, such as that of the air.
+    """Sinusoidal annual temperature, for example of the air.
 
     Attributes:
         mean: Annual mean [degrees C].

@@ -64,8 +64,8 @@ def _row(place: str, line: str, semicolons: bool, count: int) -> list[float]:
         row = []
     filler = not set(words[-1].strip().rstrip("0")) - set("-9.")
     if len(row) != count or not np.isfinite(row).all() or (filler and abs(row[-1]) >= _FILLER):
-        wanted = f"{count} finite numbers, without a filler for a missing temperature"
-        raise TemperatureError(f"{place} must have {wanted}, got {shown(line)}.")
+        expected = f"{count} finite numbers, without a filler for a missing temperature"
+        raise TemperatureError(f"{place} must have {expected}, got {shown(line)}.")
     return row
 
 
@@ -102,11 +102,11 @@ def temperature_from_file(
         doubt(mesh.comm, f"The points of {path} {extents}; check the unit of the points.")
     with raised_together(mesh.comm):
         nodes = space.tabulate_dof_coordinates()[:, :axes]
-        field.x.array[:] = _interpolated(path, points, values, nodes, reach)
+        field.x.array[:] = _interpolate(path, points, values, nodes, reach)
     return field
 
 
-def _interpolated(
+def _interpolate(
     path: str | Path, points: Floats, values: Floats, nodes: Floats, reach: float
 ) -> Floats:
     """Return the values at nodes: linear between points, nearest value outside."""

@@ -119,7 +119,7 @@ def check_temperatures(
                 )
 
 
-def _share_cells(jointed: JointedMesh, one: str | None, other: str) -> bool:
+def _share_cells(jointed: JointedMesh, a: str | None, b: str) -> bool:
     """Return True if two cell groups, or a group and the body, share cells (collective)."""
-    common = np.intersect1d(jointed.cells(one), jointed.cells(other)) if one and other else [0]
+    common = np.intersect1d(jointed.cells(a), jointed.cells(b)) if a and b else [0]
     return bool(jointed.mesh.comm.allreduce(len(common)))

@@ -67,9 +67,9 @@ class FarField:
         self._section, self._velocities, self._step = section, velocities, step
         matrix = 2.0 / step**2 * section.mass + section.losses / step + 0.5 * section.stiffness
         self._factor = splu(csc_array(matrix))
-        rest = np.zeros(section.mass.shape[0])
-        self._rest = rest, rest, self._driving_force(0.0)
-        self._cache = {0: self._rest}
+        zeros = np.zeros(section.mass.shape[0])
+        self._initial = zeros, zeros, self._driving_force(0.0)
+        self._cache = {0: self._initial}
 
     def force(self, time: float) -> Floats:
         """Return the forces at a time [s], shape (unknowns of the water,), [N]."""
@@ -88,7 +88,7 @@ class FarField:
         """Return y, dy/dt and force after a step number, computed from the last cached step."""
         cached_steps = [cached for cached in self._cache if cached <= number]
         start_step = max(cached_steps) if cached_steps else 0
-        state = self._cache[start_step] if cached_steps else self._rest
+        state = self._cache[start_step] if cached_steps else self._initial
         for n in range(start_step, number):
             state = self._next_state(*state, (n + 1) * self._step)
             self._cache[n + 1] = state

@@ -164,7 +164,7 @@ class JointWater:
         """Return the pressure at local joint points for given openings, (n,), [Pa] (collective).
 
         The pressure excludes ``factor`` and is zero in other joints. ``joints`` is a response such
-        as ``StaticState.joints``, or that of a dynamic stage if ``in_dynamics`` is ``follows``.
+        as ``StaticState.joints``, or of a dynamic stage if ``in_dynamics`` is ``follows``.
         """
         water = self.in_joint(label(self), model)
         return water.pressure(water.by_opening(joints.state.gap))

@@ -106,10 +106,10 @@ class JointWaters:
             for part, before, after in ends
         }
 
-    def toggled(self, codes: Codes, others: Codes) -> Ints:
+    def toggled(self, codes: Codes, other_codes: Codes) -> Ints:
         """Return the number of points of each joint with different codes (collective)."""
         differ = np.bincount(
-            self._operator.joint, codes != others, minlength=len(self._operator.names)
+            self._operator.joint, codes != other_codes, minlength=len(self._operator.names)
         )
         total = np.sum(self._operator.comm.allgather(differ), axis=0)
         return np.asarray(total).astype(np.int64)

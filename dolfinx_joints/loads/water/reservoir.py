@@ -33,7 +33,7 @@ from dolfinx_joints.mesh.cells import Floats, Ints
 # Coupling, relative to the largest one, below which a dof is not loaded by the water.
 NEGLIGIBLE_COUPLING = 1e-12
 
-# Number of dense matrices over the water nodes during the doubling of slabs; bytes per entry of the
+# Number of dense matrices of the water nodes during the doubling of slabs; bytes per entry of the
 # added mass, for its copies with indices in M and in the factor of a step.
 SLAB_MATRICES, MASS_BYTES = 8, 64
 
@@ -82,30 +82,30 @@ class ReservoirMass:
             MeshError: The group does not exist, or some of its facets are inside the body.
         """
         comm = model.jointed.mesh.comm
-        wet = wet_face(model, self)
+        part = wet_face(model, self)
         free = available_bytes(comm)
 
         def solve() -> tuple[Ints, Floats]:
-            count, (rows, dofs, values) = wet.face.count, wet.coupling
+            count, (rows, dofs, values) = part.face.count, part.coupling
             all_dofs, columns = np.unique(dofs, return_inverse=True)
             self._check_size(count, len(all_dofs), free)
-            check_reaches_level(self, wet.face)
+            check_reaches_level(self, part.face)
             coupling = np.zeros((count, len(all_dofs)))
             np.add.at(coupling, (rows, columns.ravel()), values)
             largest = np.abs(coupling).max(axis=0, initial=0.0)
             is_loaded = largest > NEGLIGIBLE_COUPLING * largest.max(initial=0.0)
             if not count:
                 return all_dofs[is_loaded], coupling[:, is_loaded]
-            return all_dofs[is_loaded], self._half(wet, coupling[:, is_loaded])
+            return all_dofs[is_loaded], self._half(part, coupling[:, is_loaded])
 
         dofs, half = on_root(comm, solve)
-        return _assembled(model, dofs, np.sqrt(self.density) * half)
+        return _assemble(model, dofs, np.sqrt(self.density) * half)
 
-    def _half(self, wet: WetFace, coupling: Floats) -> Floats:
+    def _half(self, part: WetFace, coupling: Floats) -> Floats:
         """Return Y, where Y^T Y is the added mass divided by the density."""
         wavenumber = 2.0 * np.pi * self.frequency / self.sound_speed
         try:
-            resistance_matrix = resistance(wet.face, wet.upstream, self.length, wavenumber)
+            resistance_matrix = resistance(part.face, part.upstream, self.length, wavenumber)
             return half_of_inverse(resistance_matrix, coupling)
         except np.linalg.LinAlgError:
             raise ValueError(
@@ -124,7 +124,7 @@ class ReservoirMass:
             )
 
 
-def _assembled(model: LoadedBody, dofs: Ints, half: Floats) -> PETSc.Mat:
+def _assemble(model: LoadedBody, dofs: Ints, half: Floats) -> PETSc.Mat:
     """Return Y^T Y at the given dofs, in the layout of the model's matrices (collective)."""
     blocks = model.V.dofmap.index_map
     first, owned = (model.gdim * n for n in (blocks.local_range[0], blocks.size_local))

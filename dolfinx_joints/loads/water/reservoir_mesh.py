@@ -190,15 +190,15 @@ class _Meshed:
         x = self._space.tabulate_dof_coordinates()[:, : self._gdim]
         return WaterCells(surface=x[dry], nodes=number[table][:, order], kind=kind)
 
-    def rows(self, first: int, last: int) -> WaterRows:
-        mass, stiffness, losses = (matrix[first:last] for matrix in self._matrices)
+    def rows(self, first: int, end: int) -> WaterRows:
+        mass, stiffness, losses = (matrix[first:end] for matrix in self._matrices)
         return WaterRows(mass=mass, stiffness=stiffness, losses=losses)
 
     def coupling(self, model: LoadedBody) -> csr_array:
         """Return the coupling matrix, unknowns times dofs of the body, [m^2] (collective)."""
         comm, blocks = model.jointed.mesh.comm, model.V.dofmap.index_map
         shape = (self.size, blocks.size_global * model.gdim)
-        local_coupling, worst = csr_array(shape), _Gap()
+        local_coupling, worst_gap = csr_array(shape), _Gap()
         facet_points = wetted_facets(model.V, model.jointed, self._reservoir.group, self.level)
         with raised_together(comm):
             for points in facet_points:
@@ -208,13 +208,13 @@ class _Meshed:
                     continue
                 sizes = np.broadcast_to(points.sizes[:, None], acts.shape)
                 closest, gap = self._closest(points.positions[acts], sizes[acts])
-                worst = max(worst, gap)
-                if worst.allowed:
+                worst_gap = max(worst_gap, gap)
+                if worst_gap.allowed:
                     entries = self._entries(points, acts, closest, model)
                     local_coupling = local_coupling + csr_array(coo_array(entries, shape=shape))
-        self._check(max(comm.allgather(worst)))
-        first, *others = comm.allgather(local_coupling)
-        return sum(others, start=first)
+        self._check(max(comm.allgather(worst_gap)))
+        first, *remaining = comm.allgather(local_coupling)
+        return sum(remaining, start=first)
 
     def _closest(self, places: Floats, sizes: Floats) -> tuple[ClosestPoints, _Gap]:
         """Return the closest points on the water's face to places on the dam, and the worst gap.
@@ -234,28 +234,28 @@ class _Meshed:
         """Return the worst gap at places; sizes as in `_closest`."""
         sizes = np.maximum(sizes, self._face.sizes[closest.facet])
         ratios = np.where(closest.converged, closest.distance / sizes, np.inf)
-        worst = int(ratios.argmax())
+        index = int(ratios.argmax())
         return _Gap(
-            part=float(ratios[worst]),
-            distance=float(closest.distance[worst]),
-            size=float(sizes[worst]),
-            place=tuple(places[worst].tolist()),
+            part=float(ratios[index]),
+            distance=float(closest.distance[index]),
+            size=float(sizes[index]),
+            place=tuple(places[index].tolist()),
         )
 
-    def _check(self, worst: _Gap) -> None:
-        if worst.allowed:
+    def _check(self, gap: _Gap) -> None:
+        if gap.allowed:
             return
-        place = ", ".join(f"{value:.4g}" for value in worst.place)
+        place = ", ".join(f"{value:.4g}" for value in gap.place)
         face = f"the water's face {shown(self._reservoir.face)}"
-        if np.isinf(worst.part):
+        if np.isinf(gap.part):
             raise MeshError(
                 f"{self._reservoir}: the search for the point on {face} closest to ({place}) m on "
-                f"the dam's wet face did not converge; the best point is {worst.distance:.3g} m "
+                f"the dam's wet face did not converge; the best point is {gap.distance:.3g} m "
                 "away. Check this part of the water's mesh for folded facets."
             )
         raise MeshError(
-            f"{self._reservoir}: the dam's wet face at ({place}) m is {worst.distance:.3g} m away "
-            f"from {face}; the limit is {OUTSIDE * worst.size:.3g} m, {100 * OUTSIDE:g} % of a "
+            f"{self._reservoir}: the dam's wet face at ({place}) m is {gap.distance:.3g} m away "
+            f"from {face}; the limit is {OUTSIDE * gap.size:.3g} m, {100 * OUTSIDE:g} % of a "
             "facet's side. Both faces must be the same surface."
         )
 

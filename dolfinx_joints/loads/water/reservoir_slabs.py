@@ -34,7 +34,7 @@ class WaterFace:
 
     Attributes:
         below: Number of nodes below the level; the other nodes are on the level.
-        count: Number of nodes with a pressure: those below the level, or all.
+        count: Number of nodes with a pressure: nodes below the level, or all nodes.
         nodes: Nodes of the parts, shape (parts, gdim).
         corners: Coordinates of these nodes, shape (parts, gdim, gdim), [m].
     """
@@ -133,19 +133,19 @@ def resistance(
         doublings = max(0, int(np.ceil(np.log2(length / thickness))))
         thickness = length / 2**doublings
     even, odd = (mixed + mixed.T) / 2, (mixed - mixed.T) / 2
-    near = in_face * (thickness / 3) - even + across / thickness
-    far = in_face * (thickness / 3) + even + across / thickness
-    between = in_face * (thickness / 6) + odd - across / thickness
+    at_face = in_face * (thickness / 3) - even + across / thickness
+    at_end = in_face * (thickness / 3) + even + across / thickness
+    coupling = in_face * (thickness / 6) + odd - across / thickness
     doubled_times = 0
     while doubled_times != doublings and (
-        doublings is not None or np.abs(between).max() > ENDLESS * np.abs(near).max()
+        doublings is not None or np.abs(coupling).max() > ENDLESS * np.abs(at_face).max()
     ):
-        near, between, far = _doubled(near, between, far)
+        at_face, coupling, at_end = _double(at_face, coupling, at_end)
         doubled_times += 1
     if length is None:
-        return near
-    half = half_of_inverse(far, between.T)
-    return near - half.T @ half
+        return at_face
+    half = half_of_inverse(at_end, coupling.T)
+    return at_face - half.T @ half
 
 
 def half_of_inverse(matrix: Floats, columns: Floats) -> Floats:
@@ -153,11 +153,11 @@ def half_of_inverse(matrix: Floats, columns: Floats) -> Floats:
     return solve_triangular(cholesky(matrix, lower=True), columns, lower=True)
 
 
-def _doubled(near: Floats, between: Floats, far: Floats) -> tuple[Floats, Floats, Floats]:
+def _double(at_face: Floats, coupling: Floats, at_end: Floats) -> tuple[Floats, Floats, Floats]:
     """Return the matrix of two equal stacks in series, for the nodes at both ends."""
-    lower = cholesky(near + far, lower=True)
-    back, forth = (solve_triangular(lower, b, lower=True) for b in (between.T, between))
-    return near - back.T @ back, -back.T @ forth, far - forth.T @ forth
+    lower = cholesky(at_face + at_end, lower=True)
+    back, forth = (solve_triangular(lower, b, lower=True) for b in (coupling.T, coupling))
+    return at_face - back.T @ back, -back.T @ forth, at_end - forth.T @ forth
 
 
 def face_matrices(face: WaterFace, upstream: Floats) -> list[coo_array]:

@@ -127,8 +127,8 @@ class _Extruded:
             )
         self._s: Floats = np.linspace(0.0, waves.length, count + 1).astype(np.float64)
         self._face_matrices = [m.tocsr() for m in face_matrices(face, wet.upstream)]
-        self._bottom, floor = _extruded(face, _outer(face), wet.upstream)
-        self._surface, surface = _extruded(face, _on_level(face), wet.upstream)
+        self._bottom, floor = _extrude(face, _outer(face), wet.upstream)
+        self._surface, surface = _extrude(face, _on_level(face), wet.upstream)
         self._driven = floor + surface
 
     def water(self) -> Water:
@@ -163,8 +163,8 @@ class _Extruded:
 
     def _along(self, places: Floats) -> Floats:
         """Return the places of the face, moved to all layers, shape (layers n, gdim), [m]."""
-        moved = np.multiply.outer(self._s, self._wet.upstream)[:, None]
-        return (places + moved).reshape(-1, self._gdim)
+        offsets = np.multiply.outer(self._s, self._wet.upstream)[:, None]
+        return (places + offsets).reshape(-1, self._gdim)
 
     def _cells(self) -> WaterCells:
         """Return the quadrilaterals or wedges between the layers."""
@@ -219,12 +219,12 @@ class _Extruded:
             dashpots = dashpots + _line(self._s, self._damping)[0]
         return dashpots
 
-    def _rows(self, first: int, last: int) -> WaterRows:
+    def _rows(self, first: int, end: int) -> WaterRows:
         """Return the rows of the unknowns ``first`` to ``last``, which are ordered by layer."""
         waves, count = self._waves, self._wet.face.count
         rho, c = waves.density, waves.sound_speed
-        layers = slice(first // count, -(-last // count))
-        rows = slice(first - layers.start * count, last - layers.start * count)
+        layers = slice(first // count, -(-end // count))
+        rows = slice(first - layers.start * count, end - layers.start * count)
         in_face, mixed, across, volume = self._face_matrices
 
         def along(matrix: csr_array, of_face: csr_array) -> csr_array:
@@ -294,10 +294,10 @@ class _Edges:
 
 def _edges(face: WaterFace) -> _Edges:
     axes = face.corners.shape[2]
-    others = [[j for j in range(axes) if j != i] for i in range(axes)]
+    corner_sets = [[j for j in range(axes) if j != i] for i in range(axes)]
     return _Edges(
-        nodes=np.concatenate([face.nodes[:, other] for other in others]),
-        ends=np.concatenate([face.corners[:, other] for other in others]),
+        nodes=np.concatenate([face.nodes[:, corners] for corners in corner_sets]),
+        ends=np.concatenate([face.corners[:, corners] for corners in corner_sets]),
         apex=np.concatenate([face.corners[:, i] for i in range(axes)]),
     )
 
@@ -317,7 +317,7 @@ def _outer(face: WaterFace) -> _Edges:
     return edges[place[counts == 1]]
 
 
-def _extruded(face: WaterFace, edges: _Edges, upstream: Floats) -> tuple[csr_array, Floats]:
+def _extrude(face: WaterFace, edges: _Edges, upstream: Floats) -> tuple[csr_array, Floats]:
     """Return the mass matrix and the outward normal integrals of extruded edges, per length."""
     nodes, ends, axes = edges.nodes, edges.ends, len(upstream)
     if axes == 2:

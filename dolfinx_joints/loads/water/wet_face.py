@@ -62,8 +62,8 @@ PARTS: dict[tuple[int, int], list[list[int]]] = {
 }
 
 
-class MovedFace(Protocol):
-    """Reservoir with the cross-section of its wet face; `str` gives its name for messages."""
+class Extruded(Protocol):
+    """Reservoir extruded from its wet face; `str` returns its name for messages."""
 
     @property
     def group(self) -> str:
@@ -94,7 +94,7 @@ class WetFace:
     coupling: tuple[Ints, Ints, Floats]
 
 
-def check_upstream(water: MovedFace) -> None:
+def check_upstream(water: Extruded) -> None:
     """Check that the upstream direction is horizontal."""
     if water.upstream is not None and not (water.upstream[-1] == 0.0 and np.any(water.upstream)):
         raise ValueError(
@@ -105,7 +105,7 @@ def check_upstream(water: MovedFace) -> None:
 
 def wet_face(
     model: LoadedBody,
-    water: MovedFace,
+    water: Extruded,
     order: NodeNumbering | None = None,
     *,
     surface_moves: bool = False,
@@ -129,8 +129,8 @@ def wet_face(
     areas = parts.points.areas.sum(axis=1)
     upstream = _direction(water, summed(comm, areas.sum(axis=0)))
     _check_faces_upstream(water, comm, areas, upstream)
-    nodes, corners = _gathered(comm, parts.nodes), _gathered(comm, parts.corners)
-    rows, dofs, values = (_gathered(comm, part) for part in parts.coupling(model, count))
+    nodes, corners = _gather(comm, parts.nodes), _gather(comm, parts.corners)
+    rows, dofs, values = (_gather(comm, part) for part in parts.coupling(model, count))
     return WetFace(
         face=WaterFace(below=below, count=count, nodes=nodes, corners=corners),
         upstream=upstream,
@@ -138,7 +138,7 @@ def wet_face(
     )
 
 
-def check_reaches_level(water: MovedFace, face: WaterFace) -> None:
+def check_reaches_level(water: Extruded, face: WaterFace) -> None:
     """Check that each region of a face reaches the level, so that the pressure is determined."""
     if lids := regions_below_level(face):
         raise ValueError(
@@ -147,7 +147,7 @@ def check_reaches_level(water: MovedFace, face: WaterFace) -> None:
         )
 
 
-def _direction(water: MovedFace, area: Floats) -> Floats:
+def _direction(water: Extruded, area: Floats) -> Floats:
     """Return the upstream unit vector; ``area`` is the area vector of the wet face [m^2]."""
     vector = np.append(area[:-1], 0.0)
     if water.upstream is not None:
@@ -163,7 +163,7 @@ def _direction(water: MovedFace, area: Floats) -> Floats:
     return np.asarray(vector / size)
 
 
-def _check_top(water: MovedFace, highest: float, lowest: float) -> None:
+def _check_top(water: Extruded, highest: float, lowest: float) -> None:
     if lowest < water.level and highest < water.level - ON_LEVEL * (highest - lowest):
         raise ValueError(
             f"{water}: the level is {water.level:g} m, but the face ends at {highest:g} m; it must "
@@ -171,7 +171,7 @@ def _check_top(water: MovedFace, highest: float, lowest: float) -> None:
         )
 
 
-def _check_faces_upstream(water: MovedFace, comm: Any, areas: Floats, upstream: Floats) -> None:
+def _check_faces_upstream(water: Extruded, comm: Any, areas: Floats, upstream: Floats) -> None:
     """Check that the normals of all parts point upstream (collective)."""
     size = np.linalg.norm(areas, axis=1)
     turned_away = areas @ upstream < STEEPEST * size
@@ -200,7 +200,7 @@ class _Face:
         at = facets.at(self._of, self._places, np.zeros(self._nodes.shape))
         self._corners = at.positions
 
-    def numbers(self, comm: Any, water: MovedFace) -> tuple[Ints, int]:
+    def numbers(self, comm: Any, water: Extruded) -> tuple[Ints, int]:
         """Return the node numbers of this rank's corners, and the number of nodes (collective).
 
         Corners at or above the level have the number `SURFACE`.
@@ -293,9 +293,9 @@ def _edge_keys(nodes: Ints, shares: Floats, order: NodeNumbering | None) -> Ints
     """
     if order is None:
         return np.zeros(len(nodes), dtype=np.int64)
-    ends, cut = order.number[nodes], shares > 0.0
-    least = np.where(cut, ends, order.count).min(axis=1)
-    return np.asarray(least * order.count + np.where(cut, ends, 0).max(axis=1))
+    ends, at_cut = order.number[nodes], shares > 0.0
+    least = np.where(at_cut, ends, order.count).min(axis=1)
+    return np.asarray(least * order.count + np.where(at_cut, ends, 0).max(axis=1))
 
 
 def _level_numbers(comm: Any, points: Floats, keys: Ints, shortest: float) -> tuple[Ints, int]:
@@ -348,7 +348,7 @@ class _WetParts:
         return rows[has_pressure], columns[has_pressure], values[has_pressure]
 
 
-def _gathered(comm: Any, part: NDArray[Any]) -> NDArray[Any]:
+def _gather(comm: Any, part: NDArray[Any]) -> NDArray[Any]:
     """Gather the rows of all ranks on rank 0; other ranks receive no rows (collective)."""
     of_ranks = comm.gather(part, root=0)
     return part[:0] if of_ranks is None else np.concatenate(of_ranks)

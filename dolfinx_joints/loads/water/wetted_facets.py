@@ -111,14 +111,14 @@ class WettedFacets:
         is_curved = np.abs(between - linear).max(axis=1) > _LINEAR * (bottom - top)
         refined = is_curved & (top < 0.0) & (bottom > 0.0)
         wet = (bottom > 0.0) & ~refined
-        parts = _divided(count)
+        parts = _subdivide(count)
         finer = np.einsum("skc,ncd->nskd", parts, corners[refined]).reshape(-1, *corners.shape[1:])
         finer_facet = np.repeat(facet[refined], len(parts))
         return np.concatenate([facet[wet], finer_facet]), np.concatenate([corners[wet], finer])
 
     def _depth(self, facet: Ints, points: Floats) -> Floats:
         """Return depths at points (n, p, dim) of the reference cells, negative above the level."""
-        table = _tabulated(self._geometry, 0, points)[0]
+        table = _tabulate(self._geometry, 0, points)[0]
         return self._level - np.einsum("npg,ng->np", table, self._x[facet][:, :, -1])
 
     def _points(self, facet: Ints, corners: Floats) -> WettedPoints:
@@ -138,7 +138,7 @@ class WettedFacets:
             points: Shape (n, points, dim).
             weights: Lengths or areas on the reference facets, shape (n, points).
         """
-        geometry = _tabulated(self._geometry, 1, points)
+        geometry = _tabulate(self._geometry, 1, points)
         x = self._x[facet]
         positions = np.einsum("npg,ngi->npi", geometry[0], x)
         jacobian = np.einsum("dnpg,ngi->npid", geometry[1:], x)
@@ -147,7 +147,7 @@ class WettedFacets:
         outward = np.broadcast_to(outward[:, None, :, None], (*points.shape, 1))
         normals = np.linalg.solve(np.swapaxes(jacobian, 2, 3), outward)[..., 0]
         scale = np.abs(np.linalg.det(jacobian)) * weights
-        shapes = _tabulated(self._displacement, 0, points)[0]
+        shapes = _tabulate(self._displacement, 0, points)[0]
         return WettedPoints(
             nodes=self.nodes[facet],
             shapes=np.take_along_axis(shapes, self._closure[facet][:, None, :], axis=2),
@@ -163,7 +163,7 @@ class WettedFacets:
         return self._displacement.points[self._closure]
 
 
-def _tabulated(element: Any, order: int, points: Floats) -> Floats:
+def _tabulate(element: Any, order: int, points: Floats) -> Floats:
     """Return basis functions at points (n, p, dim), shape (derivatives, n, p, functions)."""
     n, p, dim = points.shape
     # Add a point, because Basix aborts the process if there are no points.
@@ -235,7 +235,7 @@ def _triangle(level: Floats, degree: int) -> tuple[Floats, Floats]:
     return np.concatenate(points, axis=1), np.concatenate(weights, axis=1)
 
 
-def _divided(count: int) -> Floats:
+def _subdivide(count: int) -> Floats:
     """Return barycentric corners of the parts of a line or triangle, (parts, count, count)."""
     n = DIVISIONS
     if count == 2:

@@ -83,8 +83,8 @@ class JointFacets:
         numbers = self._surface[self._both]  # (facets, sides, corners)
         places = self._positions[numbers][:, :, None] - self.corners[:, None, :, None]
         nearest = np.linalg.norm(places, axis=-1).argmin(axis=-1)
-        both: Ints = np.take_along_axis(numbers, nearest, axis=-1)
-        return both.swapaxes(1, 2)
+        pairs: Ints = np.take_along_axis(numbers, nearest, axis=-1)
+        return pairs.swapaxes(1, 2)
 
     def patches_in_space(self) -> list[Floats]:
         """Return the polygon of each point: the part of the facet nearest to the point, [m].
@@ -188,10 +188,10 @@ def facets_of_joint(results: Statics, joint: str) -> tuple[Ints, Ints]:
     _, facet_of_point = np.unique(facet, return_inverse=True)
     corners = results.static("mesh/nodes")[results.static("mesh/surface")]
     centres = _means(points, areas, facet_of_point)
-    distance, both = cKDTree(corners.mean(axis=1)).query(centres, k=2)
+    distance, pairs = cKDTree(corners.mean(axis=1)).query(centres, k=2)
     # Sort equally distant facets by number, as rounding errors determine which is nearer.
     equal = np.diff(distance)[:, 0] < 1e-9 * np.ptp(corners)
-    return facet_of_point, np.where(equal[:, None], np.sort(both, axis=1), both)
+    return facet_of_point, np.where(equal[:, None], np.sort(pairs, axis=1), pairs)
 
 
 def _means(values: Floats, areas: Floats, facet_of_point: Ints) -> Floats:
@@ -261,18 +261,18 @@ def _part_of(point: int, local: Floats, polygon: Floats) -> Floats:
 
 def _nearer_part(polygon: Floats, point: Floats, other: Floats) -> Floats:
     """Return the part of a convex polygon that is nearer to one point than to another."""
-    beyond = (polygon - 0.5 * (point + other)) @ (other - point)
-    beyond[np.abs(beyond) < ON_BISECTOR] = 0.0
-    inside = beyond <= 0.0
+    excess = (polygon - 0.5 * (point + other)) @ (other - point)
+    excess[np.abs(excess) < ON_BISECTOR] = 0.0
+    inside = excess <= 0.0
     if inside.all():
         return polygon
     after = np.arange(1, len(polygon) + 1) % len(polygon)
-    following = beyond[after]
-    cut = beyond * following < 0.0
-    share = np.divide(beyond, beyond - following, out=np.zeros_like(beyond), where=cut)
+    following = excess[after]
+    crosses = excess * following < 0.0
+    share = np.divide(excess, excess - following, out=np.zeros_like(excess), where=crosses)
     crossing = polygon + share[:, None] * (polygon[after] - polygon)
     pairs = np.stack([polygon, crossing], axis=1).reshape(-1, 2)
-    return pairs[np.stack([inside, cut], axis=1).ravel()]
+    return pairs[np.stack([inside, crosses], axis=1).ravel()]
 
 
 def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) -> Floats:

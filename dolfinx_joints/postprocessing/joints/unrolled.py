@@ -43,12 +43,12 @@ def unrolled(corners: Floats, normals: Floats) -> Unrolled | None:
     triangles, flat = _triangles(corners, number, normals)
     if _count_parts(triangles, len(points)) > 1:
         return None
-    laid = _conformal_map(triangles, flat, points)
-    areas, laid_areas = _doubled_areas(flat), _doubled_areas(laid[triangles])
-    if np.any(areas * laid_areas <= 0.0):
+    plane_points = _conformal_map(triangles, flat, points)
+    areas, plane_areas = _doubled_areas(flat), _doubled_areas(plane_points[triangles])
+    if np.any(areas * plane_areas <= 0.0):
         return None
-    laid *= np.sqrt(np.abs(areas).sum() / np.abs(laid_areas).sum())
-    placed, upright = _orient(laid, points)
+    plane_points *= np.sqrt(np.abs(areas).sum() / np.abs(plane_areas).sum())
+    placed, upright = _orient(plane_points, points)
     return Unrolled(placed[number], upright)
 
 
@@ -123,14 +123,14 @@ def _conformal_map(triangles: Ints, flat: Floats, points: Floats) -> Floats:
     return places.reshape(2, count).T
 
 
-def _orient(laid: Floats, points: Floats) -> tuple[Floats, bool]:
+def _orient(plane_points: Floats, points: Floats) -> tuple[Floats, bool]:
     """Return the points rotated or mirrored in the plane, with minima at 0, and ``upright``.
 
     The ordinate points upwards if a linear function in the plane fits the elevation better than the
     stream coordinate; the abscissa then points downstream. Otherwise the ordinate points upstream,
     the abscissa to the left bank.
     """
-    centred, places = laid - laid.mean(axis=0), points - points.mean(axis=0)
+    centred, places = plane_points - plane_points.mean(axis=0), points - points.mean(axis=0)
     slope, *_ = np.linalg.lstsq(centred, places, rcond=None)  # (2, 3), by x, y, z
     unexplained = np.sum((places - centred @ slope) ** 2, axis=0) / np.sum(centred**2)
     upright = bool(unexplained[2] <= unexplained[0])

@@ -58,8 +58,8 @@ def inclined_crack(
     """Mesh a parallelogram about a crack through the origin, in 2-D or one cell thick in 3-D.
 
     The crack is at ``angle`` to the y axis; in 3-D it is parallel to the z axis. Two sides of the
-    body are parallel to the crack. Cells are equal along the crack and larger at a distance from
-    it. Columns of cells are inclined: the mesh is not symmetric about the crack. Groups: ``body``;
+    body are parallel to the crack. Cells are equal along the crack and grow with the distance from
+    the crack. Columns of cells are inclined, so the mesh is not symmetric. Groups: ``body``;
     ``outer`` (the four sides), ``joint_1`` (the crack), in 3-D ``faces`` (the two planes
     z = constant).
 

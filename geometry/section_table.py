@@ -22,7 +22,7 @@ from dolfinx_joints.geometry.meshing.extrusion import BoolArray, FloatArray
 
 _REQUIRED = ("elevation", "extrados_radius", "left_angle", "right_angle")
 _OPTIONAL = ("intrados_radius", "crown_thickness", "left_thickness", "right_thickness", "centre_x")
-_MAX_HEIGHT = 1000.0  # [m]; the highest dam has 305 m
+_MAX_HEIGHT = 1000.0  # [m]; the highest dam is 305 m high
 _MIN_ANGLE = 2.0  # [degrees]; if no angle is larger, the table has radians
 
 

@@ -32,7 +32,7 @@ class Grid:
     Attributes:
         points: Shape (num_points, 3), [m].
         connectivity: Point numbers of all cells in turn.
-        offsets: First entry of each cell in ``connectivity``, then its length, (num_cells + 1,).
+        offsets: First entry of each cell in ``connectivity``, and the total, (num_cells + 1,).
         kinds: VTK type of each cell, (num_cells,).
         cell_data: Constant values of the cells, by name with unit.
         motion: Matrix from displacements of the nodes of the body to displacements of the points,

@@ -81,7 +81,7 @@ def _vector(name: str, unit: str, values: Floats) -> list[tuple[str, str, Floats
 
 
 def _all_series(results: Results, stream: str, without: Sequence[str] = ()) -> Table:
-    """Return a table of all scalar and vector series of a stream, except some."""
+    """Return a table of all scalar and vector series of a stream, except ``without``."""
     rows = results.rows(stream)  # fixed here, as a run in progress adds rows
     columns: list[tuple[str, str, Any]] = [("time", "s", results.time(stream)[:rows])]
     for name in results.streams[stream]:

@@ -34,8 +34,8 @@ class VtkFile:
     """VTKHDF file to which times are appended, readable before and after each append.
 
     If the process is killed, at most the time being written is lost. An append ends by overwriting
-    a few kilobytes, in less than a millisecond. A kill meanwhile can leave the file unreadable;
-    `resume` then repairs it from ``NAME.vtkhdf.redo``. A power failure may damage the file.
+    a few kilobytes, in less than a millisecond. A kill in this time can make the file unreadable;
+    `resume` then repairs the file by ``NAME.vtkhdf.redo``. A power failure may damage the file.
 
     Args:
         path: The file, usually ``NAME.vtkhdf``; an existing file is replaced.

@@ -26,7 +26,7 @@ class Column:
 
     Args:
         incident: Velocity of the rising wave at the bottom at a time [s], [m/s].
-        impedances: Rho c of each layer, from the bottom up [Pa s/m].
+        impedances: Impedance rho c of each layer, from the bottom up [Pa s/m].
         travels: Travel time through each layer [s].
         spacing: Longest time between samples [s].
     """

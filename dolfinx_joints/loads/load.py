@@ -62,7 +62,7 @@ class FollowsJoints(JointLoad, Protocol):
 
 
 class JointPressure(Protocol):
-    """Pressure at the local joint points, by a code per point; zero with code 0 in other joints."""
+    """Pressure at local joint points, selected by codes; code and pressure 0 in other joints."""
 
     name: str
 

@@ -57,7 +57,7 @@ def plane_waves(kind: str, angle: float, azimuth: float, rock: Layer) -> list[Pl
     p = np.sin(angle) / (fast if kind == "P" else slow)
 
     def slowness(speed: float, sign: float) -> Floats:
-        """Return the slowness of a wave that rises (way 1) or falls (way -1)."""
+        """Return the slowness of a wave that rises (sign 1) or falls (sign -1)."""
         return np.asarray(p * h + sign * np.sqrt(1.0 / speed**2 - p**2) * z, dtype=np.float64)
 
     def wave(speed: float, sign: float, shear: bool) -> PlaneWave:

@@ -10,7 +10,7 @@ Lines with ``#`` above the numbers may give, as ``key: value``,
   ``35 305 UP``; or ``wrapped``: one component with equal numbers of values per line but the last.
 
 A line of names may follow, such as ``time (s),acc (g)``. Velocities, displacements and several
-units raise an error. Arguments give what the file does not state; if both do, they must agree.
+units raise an error. Facts that the file does not state are arguments; facts in both must agree.
 A single unnamed column is a component; two are time and a component. Decimal commas need blanks,
 tabs or semicolons between columns, or a single column.
 """

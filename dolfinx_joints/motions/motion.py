@@ -165,7 +165,7 @@ class Motion(Summarised):
 
     @checked
     def baseline_corrected(self, degree: Annotated[int, at.Interval(ge=0, le=6)] = 2) -> Self:
-        """Subtract a polynomial baseline, which makes the velocity drift.
+        """Subtract the polynomial baseline that makes the velocity drift.
 
         The integral of the polynomial, zero at the start, is the least-squares fit of the velocity.
         The motion should start at rest; it need not end at rest.

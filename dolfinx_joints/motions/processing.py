@@ -66,7 +66,7 @@ def band_pass(
 ) -> Floats:
     """Apply a Butterworth filter forwards and backwards, without phase shift.
 
-    The signal is padded at both ends by zeros, 1.5 ``order`` periods of the lowest corner long.
+    The signal is padded at both ends by zeros, for 1.5 ``order`` periods of the lowest corner.
     """
     from scipy.signal import butter, sosfilt
 

@@ -248,7 +248,7 @@ def _assemble_motion(parts: list[Component], title: str) -> tuple[Motion, float 
     ]
     if len(parts) != 3 or len(vertical) != 1 or len(pairs) != 1:
         raise RecordError(
-            "A record must have a vertical component and two horizontal ones at right angles, but "
+            "A record must have one vertical and two horizontal components at right angles, but "
             f"{shown(title)} has {contents}; give directions= if the files do not state them."
         )
     ((x, y, azimuth),) = pairs

@@ -37,7 +37,7 @@ def energy_lines(results: Results) -> dict[str, Floats]:
 
 
 def through_boundaries(results: Results) -> tuple[Floats, Floats] | None:
-    """Return the energy put in by free fields and the energy absorbed by viscous boundaries.
+    """Return the energy supplied by free fields and the energy absorbed by viscous boundaries.
 
     Both have shape (records,), [J]. The absorbed energy includes the losses at the bottom and the
     far end of a reservoir. Return None if the run has no absorbing boundary.

@@ -28,7 +28,7 @@ STAGE_STRESSES = {
 }
 
 _STEEP = 0.9  # limit of |n_z|: facets within 26 degrees of the horizontal have no arch direction
-_SMOOTH = 0.8  # least largest eigenvalue, divided by their sum; facets at 53 degrees have 0.8
+_SMOOTH = 0.8  # least ratio of largest eigenvalue and sum; 0.8 for two facets at 53 degrees
 
 
 def principal_extremes(stress: ArrayLike) -> Floats:

@@ -62,8 +62,8 @@ class FourierPeaks(NamedTuple):
     Attributes:
         frequency: Frequency of the highest peak [Hz].
         amplitude: Amplitude of the highest peak [m s].
-        bin_width: Distance of two frequencies, 1 / duration [Hz]. The uncertainty of a frequency
-            is half this distance.
+        bin_width: Spacing of the frequencies, 1 / duration [Hz]. The uncertainty of a frequency
+            is half the spacing.
         frequency_below: Frequency of the highest peak below the chosen frequency [Hz].
         amplitude_below: Amplitude of this second peak [m s].
     """
@@ -119,9 +119,9 @@ def acceleration_history(
 ) -> tuple[Floats, Floats]:
     """Return the mean acceleration of a point in each step, at the middle of the step.
 
-    It is absolute, or relative to the ground with ``absolute=False``. A file contains accelerations
-    with the reference of its displacements; the others are computed by means of the mean ground
-    acceleration of the step (`frames.ground_motion`).
+    It is absolute, or relative to the ground with ``absolute=False``. Accelerations in a file have
+    the reference of the displacements. For the other reference, the mean ground acceleration of the
+    step is added or subtracted (`frames.ground_motion`).
 
     If joints close with impact, raw accelerations do not converge with shorter steps. A zero-phase
     low-pass filter (`processing.low_pass`) removes frequencies above ``band`` [Hz], at most

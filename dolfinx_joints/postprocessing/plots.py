@@ -263,7 +263,7 @@ def energies(results: Results, *, ax: Axes | None = None) -> Axes:
     """Draw the energies of the ledger against time (`energy_lines`).
 
     The legend states the largest error relative to the largest energy, and the total energies that
-    waves transported in and out through absorbing boundaries. Of these, the difference is drawn.
+    waves transported in and out through absorbing boundaries. The curve shows their difference.
     """
     terms = energy_lines(results)
     time = results.time("energy")

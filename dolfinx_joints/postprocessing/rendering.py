@@ -350,7 +350,7 @@ def _pair(place: Floats) -> tuple[float, float]:
 
 
 def round_down(limit: float) -> float:
-    """Return the largest number 1, 2 or 5 times a power of ten that does not exceed ``wanted``."""
+    """Return the largest number 1, 2 or 5 times a power of ten that does not exceed ``limit``."""
     power = 10.0 ** np.floor(np.log10(limit))
     return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= limit))
 

@@ -22,7 +22,7 @@ COMPONENTS: tuple[Component, ...] = get_args(Component)
 def check_results(results: Any) -> None:
     """Raise a ValueError if the argument is not a `Results`."""
     is_results = isinstance(results, Results)
-    check_kind_of("results", results, is_results, "a Results, as Results(path) gives")
+    check_kind_of("results", results, is_results, "a Results object, such as Results(path)")
 
 
 def record_number(results: Results, time: float | None, index: int) -> int:

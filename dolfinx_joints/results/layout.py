@@ -73,7 +73,7 @@ def declare_body(
     """Write mesh and joints.
 
     Args:
-        writer: A writer before its `start`.
+        writer: Writer whose method `start` was not called yet.
         nodes: Shape (num_nodes, 3), [m]. The two sides of a joint have separate nodes.
         surface: Vertices of the boundary facets in cyclic order, shape (num_facets, 3 or 4). The
             facets on both sides of the joints are included.

@@ -24,8 +24,8 @@ class Resolved(NamedTuple):
 
     Attributes:
         step: 1 / (10 dt), with the longest step.
-        mesh: Ten nodes per shortest wavelength (`resolution.of_mesh`).
-        joints: Closed joints transmit half of a wave's energy (`resolution.of_joints`).
+        mesh: Frequency with ten nodes per shortest wavelength (`resolution.of_mesh`).
+        joints: Frequency at which closed joints transmit half the energy (`resolution.of_joints`).
     """
 
     step: float = math.inf

@@ -99,7 +99,7 @@ class ResultsWriter:
     def resume(
         cls, path: str | Path, rows: Mapping[str, int], metadata: Mapping[str, Any] | None = None
     ) -> Self:
-        """Continue the file of an interrupted run of any status.
+        """Continue the file of an interrupted run, with any status.
 
         HDF5 does not open the file of a killed run for writing. Therefore the file is copied, and
         the complete copy replaces it.

@@ -54,7 +54,7 @@ def transient_temperatures(
 ) -> list[Any]:
     """Compute the temperatures of a body at given times from an initial field (collective).
 
-    Successive equal steps share a factor. To change openings, call again from the last field.
+    Successive equal steps share a factor. To change openings, call again with the last field.
 
     Args:
         jointed: The mesh.
@@ -148,7 +148,7 @@ class _Stepper:
         return np.where(self._fixed, swing, values)
 
     def _stage(self, start_values: Floats, time: float) -> Floats:
-        """Solve (M + gamma dt A) T = M before, with face temperatures at a time."""
+        """Solve (M + gamma dt A) T = M T_start, with the face temperatures at a time."""
         at_faces = self._with_faces(np.zeros_like(start_values), time)
         self._x.setArray(start_values)
         self._mass.mult(self._x, self._b)

@@ -53,7 +53,7 @@ class Section:
 class FarField:
     """Forces that cancel the far-end dashpot forces for the uniform wave of the cross-section.
 
-    The motion of the section starts at rest, by the midpoint rule; it is a cubic within a step.
+    The midpoint rule integrates the section from rest; within a step, its motion is a cubic.
 
     Args:
         section: The cross-section.

@@ -162,7 +162,7 @@ class _Extruded:
         return places
 
     def _along(self, places: Floats) -> Floats:
-        """Return the places of the face, moved to all layers, shape (layers n, gdim), [m]."""
+        """Return places of the face, moved to each layer, shape (layers n, gdim), [m]."""
         offsets = np.multiply.outer(self._s, self._wet.upstream)[:, None]
         return (places + offsets).reshape(-1, self._gdim)
 
@@ -220,7 +220,7 @@ class _Extruded:
         return dashpots
 
     def _rows(self, first: int, end: int) -> WaterRows:
-        """Return the rows of the unknowns ``first`` to ``last``, which are ordered by layer."""
+        """Return the rows of the unknowns from ``first`` up to ``end``, ordered by layer."""
         waves, count = self._waves, self._wet.face.count
         rho, c = waves.density, waves.sound_speed
         layers = slice(first // count, -(-end // count))

@@ -8,7 +8,7 @@ the position, with or without the factor sqrt(depth). On a slice of a flat facet
 polynomials of sqrt(depth), so Gauss points in sqrt(depth) integrate them exactly.
 
 A warped or curved facet that the level cuts is divided into `DIVISIONS` parts along each edge,
-because its height is not linear. Only the cut treats the height as linear on a part.
+because its height is not linear. On each part, the cut assumes a linear height.
 """
 
 from __future__ import annotations

@@ -145,7 +145,7 @@ class _BufferedFile:
     def write(self, content: bytes | memoryview) -> int:
         """Buffer a change of existing bytes, or append new bytes to the disk."""
         count = memoryview(content).nbytes
-        if self._place < self.before or not self._appended(content):
+        if self._place < self.before or not self._append(content):
             self.pieces.append((self._place, bytes(content)))
         self._place += count
         self.size = max(self.size, self._place)

@@ -51,14 +51,14 @@ class Column:
         if layer == 0:
             return self._incident(time)
         self._extend_to(time)
-        return float(self._interpolated(self._rising[layer - 1], np.array([time]))[0])
+        return float(self._interpolate(self._rising[layer - 1], np.array([time]))[0])
 
     def falling(self, layer: int, time: float) -> float:
         """Return the velocity of the falling wave at the top of a layer [m/s]."""
         if layer == len(self._z) - 1:
             return self.rising(layer, time - self._travels[layer])
         self._extend_to(time)
-        return float(self._interpolated(self._falling[layer], np.array([time]))[0])
+        return float(self._interpolate(self._falling[layer], np.array([time]))[0])
 
     def _extend_to(self, time: float) -> None:
         """Extend the samples until cubic interpolation is possible at a time [s]."""
@@ -82,14 +82,14 @@ class Column:
         """Return the rising wave at the bottom of a layer."""
         if layer == 0:
             return np.array([self._incident(float(time)) for time in times])
-        return self._interpolated(self._rising[layer - 1], times)
+        return self._interpolate(self._rising[layer - 1], times)
 
     def _falling_in(self, layer: int, times: Floats) -> Floats:
         """Return the falling wave at the bottom of a layer."""
         at_top = times - self._travels[layer]
         if layer == len(self._z) - 1:
             return self._rising_in(layer, at_top - self._travels[layer])
-        return self._interpolated(self._falling[layer], at_top)
+        return self._interpolate(self._falling[layer], at_top)
 
     def _interpolate(self, samples: Floats, times: Floats) -> Floats:
         """Interpolate the samples by cubics; the wave is zero before the first sample."""

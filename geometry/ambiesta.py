@@ -4,7 +4,7 @@
 
 python3 geometry/ambiesta.py --size 5.5 --order 2 --active-height 0.75 --duplicated --out dam.msh
 
-The shape is defined in ``arch``; other parameters make another dam.
+``arch`` defines the shape; other parameters make another dam.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ def ambiesta(
         cell: "hex" or "tet".
         joints: number of joints, 0 for a monolithic dam.
         active_height: relative height up to which the joints can open, in (0, 1].
-        crest_arch: True if the dam continues without joints above the active height. Otherwise it
-            ends there, and the joints are radial at that level.
+        crest_arch: True if the dam continues without joints above the active height. Otherwise the
+            dam ends at the active height, and the joints are radial at this level.
         layers: number of elements through the thickness.
         parameters: shape of the dam; None for the default.
         gui: show the mesh in Gmsh's window afterwards.
@@ -133,10 +133,10 @@ def _elevation(sector: Sector, size: float, cell: str, joints: int, active: floa
     one_side = {f"joint_{k}": max(a, 0.0) for k, a in enumerate(arcs, start=1) if 2 * k > joints}
     half = half_elevation(sector, size, cell, one_side, active)
     twins = {f"joint_{k}": f"joint_{joints + 1 - k}" for k in range(1, joints + 1)}
-    whole = mirror(half, twins)
+    full = mirror(half, twins)
     names = [name for name in half.edges if not name.startswith("joint")]
-    names += [f"joint_{k}" for k in range(1, joints + 1) if f"joint_{k}" in whole.edges]
-    return PlaneMesh(whole.points, whole.cells, {name: whole.edges[name] for name in names})
+    names += [f"joint_{k}" for k in range(1, joints + 1) if f"joint_{k}" in full.edges]
+    return PlaneMesh(full.points, full.cells, {name: full.edges[name] for name in names})
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -4,7 +4,7 @@
 
 A point of the dam has the coordinates s in [-1, 1] across the valley (the abutments are s = -1 and
 s = 1), ta in [0, 1] from the upstream to the downstream face, and zeta = z/height in [0, 1].
-In space x points downstream, y across the valley and z up.
+The axis x points downstream, y across the valley and z up.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class CircularArches(ABC):
         """Return the x coordinate of the centre of the upstream face [m]."""
 
     def point(self, s: ArrayLike, ta: ArrayLike, zeta: ArrayLike) -> FloatArray:
-        """Return (x, y, z) along a last axis of 3 [m]; the arguments are broadcast."""
+        """Return points (x, y, z), shape (..., 3), [m]; the arguments are broadcast."""
         r = self.radius(zeta) - np.asarray(ta) * self.thickness(zeta, s)
         alpha = np.asarray(s) * self.half_angle(zeta)
         x = self.centre(zeta) - r * np.cos(alpha)

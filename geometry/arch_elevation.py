@@ -19,7 +19,7 @@ from dolfinx_joints.geometry.meshing.extrusion import (
     split_quadrilaterals,
 )
 
-_MIDDLE = 0.5  # the elevation is that of the surface halfway between the faces
+_MIDDLE = 0.5  # ta of the elevation, a surface halfway between the faces
 
 
 def half_elevation(
@@ -77,9 +77,9 @@ def fitted_level(
 ) -> FloatArray:
     """Return the levels of the elevation, shifted so that they fit the foundation at ta.
 
-    The shift decreases linearly from the foundation to zero at the active height, so that height
-    is kept exactly. If the foundation is near or above that height, the shift decreases to zero
-    within ``depth``.
+    The shift decreases linearly from the foundation to zero at the active height, which therefore
+    does not move. If the foundation is near or above the active height, the shift decreases to
+    zero within ``depth``.
 
     Args:
         sector: the body and the axis of its top arch.
@@ -87,13 +87,13 @@ def fitted_level(
         ta: relative positions between the faces, shape (num_nodes,).
         zeta: relative heights in the elevation, shape (num_nodes,).
         active: relative height up to which the joints are active.
-        depth: least relative height over which the shift decreases to zero.
+        depth: least difference of relative heights in which the shift decreases to zero.
 
     Returns:
         Relative heights, shape (num_nodes,).
     """
-    drawn = sector.foundation(theta, _MIDDLE)
-    shift = sector.foundation(theta, ta) - drawn
-    reach = np.maximum(active - drawn, np.minimum(depth, sector.top - drawn))
-    fade = np.clip(1 - (zeta - drawn) / np.maximum(reach, 1e-12), 0, 1)
+    elevation_level = sector.foundation(theta, _MIDDLE)
+    shift = sector.foundation(theta, ta) - elevation_level
+    reach = np.maximum(active - elevation_level, np.minimum(depth, sector.top - elevation_level))
+    fade = np.clip(1 - (zeta - elevation_level) / np.maximum(reach, 1e-12), 0, 1)
     return zeta + shift * fade

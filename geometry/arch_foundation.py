@@ -4,8 +4,8 @@
 
 In the elevation (a, z) the block lies between the ground and its image, enlarged about the middle
 of the crest. It consists of rings that are enlarged step by step, so that cells grow outwards and
-never fold. In space each node has the same distance from the axis of the crest's arch as its image
-on the ground. Beyond the faces of the dam, the block continues along the radius.
+never fold. In 3-D each node has the same distance from the axis of the crest's arch as its image
+on the ground. Beyond the faces of the dam, the block continues in the radial direction.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Block:
         if self.depth > deepest:
             raise ValueError(
                 f"foundation is {self.depth!r}, but with a crest of {turn:.4g} degrees to one side "
-                f"it must be at most {deepest:.4g} m, or its ends meet downstream of the dam."
+                f"it must be at most {deepest:.4g} m; otherwise its ends meet downstream."
             )
         zeta = np.linspace(0, 1, 201)
         nearest = min(
@@ -84,24 +84,24 @@ class Block:
         """Return the relative positions ta of all layers; [-1, 0] and [1, 2] are the block."""
         if self.reach == 0:
             return through
-        beyond = _graded(self.reach, self.size)[1:]
-        return np.concatenate([-beyond[::-1], through, 1 + beyond])
+        outside = _graded(self.reach, self.size)[1:]
+        return np.concatenate([-outside[::-1], through, 1 + outside])
 
     def place(
         self, sector: Sector, reference: FloatArray, ground: BoolArray, dam: FloatArray
     ) -> FloatArray:
-        """Return the nodes in space: block nodes from (a >= 0, z, ta), others from ``dam``.
+        """Return the positions of the nodes, in the block computed from (a >= 0, z, ta).
 
         Args:
             sector: half of the dam.
             reference: coordinates (a, z, ta) of all nodes of this half, shape (num_nodes, 3).
             ground: True at nodes on the ground under the dam, shape (num_nodes,).
-            dam: positions from the map of the dam, z from the base, shape (num_nodes, 3), [m].
+            dam: positions of the nodes of the dam, z from the base, shape (num_nodes, 3), [m].
         """
         a, z, ta = reference.T
         factor = np.where(ground, 1.0, self._factor(sector, a, z))
-        mine = (factor > 1) | (ta < -1e-12) | (ta > 1 + 1e-12)
-        a, z, ta, factor = a[mine], z[mine], ta[mine], factor[mine]
+        in_block = (factor > 1) | (ta < -1e-12) | (ta > 1 + 1e-12)
+        a, z, ta, factor = a[in_block], z[in_block], ta[in_block], factor[in_block]
         height = sector.dam.height
         theta, through = a / factor / sector.radius, np.clip(ta, 0, 1)
         if sector.upright:
@@ -115,7 +115,7 @@ class Block:
         top = np.where(np.abs(z - height) < 1e-9 * height, height, top)
         xyz = dam.copy()
         x = sector.axis - radius * np.cos(angle)
-        xyz[mine] = np.column_stack([x, radius * np.sin(angle), top])
+        xyz[in_block] = np.column_stack([x, radius * np.sin(angle), top])
         return xyz
 
     def _factor(self, sector: Sector, a: FloatArray, z: FloatArray) -> FloatArray:
@@ -130,12 +130,12 @@ class Block:
             return (zeta >= -1e-12) & (across <= limit + slack) & (across <= end + slack)
 
         low, high = np.ones(a.shape), np.full(a.shape, 2 * float(self.factors()[-1]))
-        within = inside(low)
+        inside_dam = inside(low)
         for _ in range(60):
             middle = 0.5 * (low + high)
-            there = inside(middle)
-            low, high = np.where(there, low, middle), np.where(there, middle, high)
-        return np.where(within, 1.0, high)
+            is_inside = inside(middle)
+            low, high = np.where(is_inside, low, middle), np.where(is_inside, middle, high)
+        return np.where(inside_dam, 1.0, high)
 
 
 def _graded(length: float, first: float) -> FloatArray:
@@ -161,24 +161,24 @@ def ground_ring(plane: PlaneMesh, block: Block, cell: str) -> PlaneMesh:
         points.append(np.column_stack([factor * foot[:, 0], top - factor * (top - foot[:, 1])]))
         points[-1][foot[:, 1] == top, 1] = top
         rings.append(len(plane.points) + ring * len(nodes) + np.arange(len(nodes)))
-    every = np.concatenate(points)
+    all_points = np.concatenate(points)
     quads = np.concatenate(
         [np.hstack([inner[local], outer[local][:, ::-1]]) for inner, outer in pairwise(rings)]
     )
-    quads = _counter_clockwise(every, quads)
+    quads = _counter_clockwise(all_points, quads)
     ends = np.flatnonzero(foot[:, 1] == top)
     rim = [np.column_stack([i[ends], o[ends]]) for i, o in pairwise(rings)]
     edges = {k: v for k, v in plane.edges.items() if k not in ("base", "abutments")}
     edges |= {"ground": ground, "outer": rings[-1][local], "rim": np.concatenate(rim)}
-    ring_cells = split_quadrilaterals(every, quads) if cell == "tet" else quads
-    return PlaneMesh(every, {**plane.cells, "foundation": ring_cells}, edges)
+    ring_cells = split_quadrilaterals(all_points, quads) if cell == "tet" else quads
+    return PlaneMesh(all_points, {**plane.cells, "foundation": ring_cells}, edges)
 
 
 def _counter_clockwise(points: FloatArray, quads: IntArray) -> IntArray:
     """Return the quadrilaterals with the clockwise ones reversed."""
     p = points[quads]
-    one, two = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
-    clockwise = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0] < 0
+    diagonal, other_diagonal = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
+    clockwise = diagonal[:, 0] * other_diagonal[:, 1] - diagonal[:, 1] * other_diagonal[:, 0] < 0
     return np.where(clockwise[:, None], quads[:, ::-1], quads)
 
 
@@ -197,13 +197,13 @@ def solid_with_foundation(
     before = (len(levels) - len(through)) // 2
     shift = before * len(plane.points)
     concrete, rock = plane.cells["concrete"], plane.cells["foundation"]
-    own = {k: v for k, v in plane.edges.items() if k not in ("ground", "outer", "rim")}
+    edges = {k: v for k, v in plane.edges.items() if k not in ("ground", "outer", "rim")}
     dam = extrude(
-        PlaneMesh(plane.points, {"concrete": concrete}, own), through, ("upstream", "downstream")
+        PlaneMesh(plane.points, {"concrete": concrete}, edges), through, ("upstream", "downstream")
     )
-    around = {k: plane.edges[k] for k in ("ground", "outer", "rim")}
+    block_edges = {k: plane.edges[k] for k in ("ground", "outer", "rim")}
     ends = "outer" if before else "rim"
-    base = extrude(PlaneMesh(plane.points, {"foundation": rock}, around), levels, (ends, ends))
+    base = extrude(PlaneMesh(plane.points, {"foundation": rock}, block_edges), levels, (ends, ends))
     ground = base.facets["ground"]
     layers = ground.reshape(len(levels) - 1, -1, ground.shape[1])
     inside = slice(before, before + len(through) - 1)
@@ -213,11 +213,11 @@ def solid_with_foundation(
     facets["foundation_outer"] = base.facets["outer"]
     facets["foundation_free"] = np.concatenate([f.reshape(-1, ground.shape[1]) for f in free])
     cells = {"concrete": dam.cells["concrete"] + shift, "foundation": base.cells["foundation"]}
-    used = np.unique(np.concatenate([nodes.ravel() for nodes in cells.values()]))
+    node_tags = np.unique(np.concatenate([nodes.ravel() for nodes in cells.values()]))
     number = np.zeros(len(base.points), dtype=np.int64)
-    number[used] = np.arange(len(used))
+    number[node_tags] = np.arange(len(node_tags))
     return SolidMesh(
-        base.points[used],
+        base.points[node_tags],
         {name: number[nodes] for name, nodes in cells.items()},
         {name: number[nodes] for name, nodes in facets.items()},
     )

@@ -39,10 +39,10 @@ from dolfinx_joints.geometry.meshing.step_options import (
     pair_of,
 )
 
-_NAMELESS = "Open CASCADE STEP translator"  # its writer's label of unnamed solids
+_NAMELESS = "Open CASCADE STEP translator"  # label that Open CASCADE writes for unnamed solids
 _FUZZY = "Geometry.ToleranceBoolean"
 _OPTIONS = {"Geometry.OCCImportLabels": 1, "Geometry.OCCScaling": 1e-3, _FUZZY: 0.0}
-JOINED = 1e-6  # faces closer than this part of the body's extent are joined
+JOINED = 1e-6  # faces at a smaller distance, relative to the body's extent, are joined
 NEAR = 2e-3  # wider gaps between faces are assumed to be intended [m]
 
 
@@ -74,8 +74,8 @@ def from_step(
         size: largest cell size [m].
         joint_size: largest cell size at the joints [m]; ``size`` by default.
         order: order of the tetrahedra, 1 or 2.
-        solids: names with a point (x, y, z) inside the solid [m]; they replace those of the file.
-        joints: other names of joints, NAME: (A, B) for the group ``joint_NAME``.
+        solids: names with a point (x, y, z) inside the solid [m]; they replace names in the file.
+        joints: other names of joints; NAME: (A, B) makes the group ``joint_NAME``.
         tied: pairs (A, B) of volumes that are connected without a joint.
         surfaces: names of outer faces, with the plane that contains them.
         gui: show the mesh in Gmsh's window afterwards.
@@ -98,8 +98,8 @@ def from_step(
     with gmsh_model.gmsh_session():
         unit = gmsh.option.getString("Geometry.OCCTargetUnit")
         numbers = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
-        # Open CASCADE uses the unit of the last file for everything that it writes later in the
-        # process. Its default is millimetres.
+        # Open CASCADE uses the unit of the last file for all files that it writes later in the
+        # process; restore its default, millimetres.
         gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
         for name, value in _OPTIONS.items():
             gmsh.option.setNumber(name, value)
@@ -109,8 +109,8 @@ def from_step(
             _warn_of_gaps(step, volumes)
             faces = _joints(volumes, joints or {}, tied)
             outer = _surfaces(volumes, surfaces or {})
-            if both := sorted(set(faces) & set(outer)):
-                raise ValueError(f"A joint and a surface have the same name: {both[0]!r}.")
+            if shared := sorted(set(faces) & set(outer)):
+                raise ValueError(f"A joint and a surface have the same name: {shared[0]!r}.")
             faces |= outer
             _group(3, volumes)
             _group(2, faces)
@@ -161,8 +161,8 @@ def _import(
             others = [other for other in owner if other != tag]
             gap, other = min((gmsh.model.occ.getDistance(3, tag, 3, o)[0], o) for o in others)
             raise ValueError(
-                f"{step}: the solid {name!r} shares no face with another one; {owner[other]!r} is "
-                f"{gap:.3g} m away; close the gap, or mesh the solid alone."
+                f"{step}: the solid {name!r} shares no face with another solid; {owner[other]!r} "
+                f"is {gap:.3g} m away; close the gap, or mesh each solid separately."
             )
     return owner
 
@@ -216,15 +216,15 @@ def _warn_of_gaps(step: Path, volumes: dict[str, list[int]]) -> None:
     box = {f: np.reshape(gmsh.model.getBoundingBox(2, f), (2, 3)) for _, f in faces}
     corners = {f: set(gmsh.model.getBoundary([(2, f)], recursive=True)) for _, f in faces}
     gaps: dict[tuple[int, int], float] = {}
-    for (one, f), (two, g) in combinations(faces, 2):
-        apart = np.maximum(box[f][0] - box[g][1], box[g][0] - box[f][1]).max() > NEAR
-        if one != two and not apart and not corners[f] & corners[g]:
+    for (tag_1, f), (tag_2, g) in combinations(faces, 2):
+        far = np.maximum(box[f][0] - box[g][1], box[g][0] - box[f][1]).max() > NEAR
+        if tag_1 != tag_2 and not far and not corners[f] & corners[g]:
             gap = gmsh.model.occ.getDistance(2, f, 2, g)[0]
-            gaps[one, two] = min(gap or np.inf, gaps.get((one, two), np.inf))
-    for (one, two), gap in gaps.items():
+            gaps[tag_1, tag_2] = min(gap or np.inf, gaps.get((tag_1, tag_2), np.inf))
+    for (tag_1, tag_2), gap in gaps.items():
         if gap <= NEAR:
             warn(
-                f"{step}: faces of the solids {name[one]!r} and {name[two]!r} are {gap:.3g} m "
+                f"{step}: faces of the solids {name[tag_1]!r} and {name[tag_2]!r} are {gap:.3g} m "
                 "apart, without a joint between them; close the gap if a joint is intended."
             )
 
@@ -269,10 +269,10 @@ def _joints(
         if frozenset(pair) in touching
     }
     allowed = ", ".join(" and ".join(p) for p in combinations(volumes, 2) if frozenset(p) in names)
-    wanted = [*((f"Joint {name!r}", pair) for name, pair in joints.items())]
-    wanted += [("A tied pair", pair) for pair in tied]
-    seen: set[frozenset[str]] = set()
-    for subject, pair in wanted:
+    given_pairs = [*((f"Joint {name!r}", pair) for name, pair in joints.items())]
+    given_pairs += [("A tied pair", pair) for pair in tied]
+    checked_pairs: set[frozenset[str]] = set()
+    for subject, pair in given_pairs:
         if isinstance(pair, str) or len(pair) != 2:
             raise ValueError(f"{subject} is {pair!r}, but it must be a pair of names.")
         if frozenset(pair) not in touching:
@@ -280,9 +280,9 @@ def _joints(
                 f"{subject} is between {shown(pair[0])[1:-1]} and {shown(pair[1])[1:-1]}, which do "
                 f"not touch; touching pairs: {allowed or 'none'}."
             )
-        if frozenset(pair) in seen:
+        if frozenset(pair) in checked_pairs:
             raise ValueError(f"{subject} is between {' and '.join(pair)}, which are given twice.")
-        seen.add(frozenset(pair))
+        checked_pairs.add(frozenset(pair))
     for name, pair in joints.items():
         check_word("A joint", name)
         names[frozenset(pair)] = name
@@ -337,12 +337,12 @@ def _group(dim: int, groups: dict[str, list[int]]) -> None:
 
 def _number_of_cells(size: float, joint_size: float, joint: list[tuple[int, int]]) -> float:
     """Return the approximate number of tetrahedra in the solids and at the joints."""
-    whole = sum(gmsh.model.occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3))
+    volume = sum(gmsh.model.occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3))
     outer = sum(gmsh.model.occ.getMass(2, tag) for _, tag in gmsh.model.getEntities(2))
     edges = sum(gmsh.model.occ.getMass(1, tag) for _, tag in gmsh.model.getEntities(1))
-    cut = sum(gmsh.model.occ.getMass(2, tag) for _, tag in joint)
+    joint_area = sum(gmsh.model.occ.getMass(2, tag) for _, tag in joint)
     h = min(size, joint_size)
-    return whole / size**3 * 8 + outer / size**2 * 2 + edges / size + cut / h**2 * 8
+    return volume / size**3 * 8 + outer / size**2 * 2 + edges / size + joint_area / h**2 * 8
 
 
 def _mesh(size: float, joint_size: float | None, faces: dict[str, list[int]], order: int) -> None:
@@ -359,12 +359,12 @@ def _mesh(size: float, joint_size: float | None, faces: dict[str, list[int]], or
     except Exception as error:
         raise RuntimeError(f"Gmsh cannot mesh the solids: {error}.") from None
     kind = 11 if order == 2 else 4
-    worst = float(
+    smallest = float(
         np.min([gmsh_model.scaled_jacobians(kind, t).min() for _, t in gmsh.model.getEntities(3)])
     )
-    if not worst > 0:
+    if not smallest > 0:
         raise RuntimeError(
-            f"the smallest scaled Jacobian of the mesh is {worst:.3g}, but it must be positive: "
+            f"the smallest scaled Jacobian of the mesh is {smallest:.3g}, but it must be positive: "
             "choose a smaller size or order 1."
         )
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Mesh of a gravity dam monolith with horizontal lift joints, in the plane or as a solid.
+"""Mesh of a gravity dam monolith with horizontal lift joints, plane or solid.
 
 python3 geometry/gravity_dam.py --section koyna --joint neck=66.5 --joint base=0 --out koyna.msh
 """
@@ -47,7 +47,7 @@ from dolfinx_joints.geometry.meshing.plane_mesh import write_plane
 
 Corners = tuple[tuple[float, float], ...]
 
-_CLOSEST = 1e-6  # least distance of different corners or joints, over the height
+_CLOSEST = 1e-6  # least distance of different corners or joints, relative to the height
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class GravitySection:
                 f"{ends[1]:g} m, but both must end at the crest."
             )
         thickness = self.thickness(self.levels)
-        if not thickness.min() > 0:  # also when it is not a number
+        if not thickness.min() > 0:  # also true for NaN
             raise ValueError(
                 f"The least thickness of the section is {thickness.min():g} m, but the "
                 "downstream face must be downstream of the upstream face everywhere."
@@ -143,9 +143,9 @@ def battered_section(
         height: height of the crest above the base [m].
         base: thickness at the base [m].
         crest: thickness at the crest [m].
-        upstream_slope: horizontal over vertical, below ``upstream_break``.
+        upstream_slope: ratio of horizontal to vertical length, below ``upstream_break``.
         upstream_break: height above which the upstream face is vertical [m].
-        downstream_slope: horizontal over vertical, below the downstream break.
+        downstream_slope: ratio of horizontal to vertical length, below the downstream break.
 
     Raises:
         ValueError: if a break is not between the base and the crest.
@@ -213,7 +213,7 @@ def gravity_dam(
         width: extent in y [m]; None for a plane mesh.
         size: height of the cells, and their mean width [m]; rounded so that whole cells fit.
         order: order of the elements, 1 or 2.
-        cell: "hex" or "tet"; in the plane quadrilaterals or triangles.
+        cell: "hex" or "tet"; in a plane mesh quadrilaterals or triangles.
         gui: show the mesh in Gmsh's window afterwards.
         duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.
 
@@ -324,7 +324,7 @@ def main(argv: list[str] | None = None) -> None:
         metavar="NAME=HEIGHT",
         help="horizontal joint at a height above the base [m]; base=0 is the base joint",
     )
-    parser.add_argument("--width", type=float, help="extent of a solid in y; plane without it [m]")
+    parser.add_argument("--width", type=float, help="extent of a solid in y [m]; default: plane")
 
     def model(out: Path, *, section: str, joints: list[tuple[str, float]], **options: Any) -> Path:
         if len(dict(joints)) < len(joints):

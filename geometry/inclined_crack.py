@@ -58,8 +58,8 @@ def inclined_crack(
     """Mesh a parallelogram about a crack through the origin, in 2-D or one cell thick in 3-D.
 
     The crack is at ``angle`` to the y axis; in 3-D it is parallel to the z axis. Two sides of the
-    body are parallel to the crack. Cells have equal lengths along the crack and grow away from it.
-    Their columns are inclined, so that the mesh is not symmetric about the crack. Groups: ``body``;
+    body are parallel to the crack. Cells are equal along the crack and grow with the distance from
+    the crack. Columns of cells are inclined, so the mesh is not symmetric. Groups: ``body``;
     ``outer`` (the four sides), ``joint_1`` (the crack), in 3-D ``faces`` (the two planes
     z = constant).
 
@@ -67,7 +67,7 @@ def inclined_crack(
         out: path of the .msh file.
         half_length: half the length of the crack [m].
         angle: angle between crack and y axis [degrees].
-        extent: half the length and half the height of the body, over ``half_length``.
+        extent: half the length and half the height of the body, relative to ``half_length``.
         lean: inclination of the columns of cells to the normal of the crack [degrees].
         size: cell size at the crack, and thickness in 3-D [m]; rounded so that whole cells fit.
         growth: largest ratio of the sizes of neighbouring cells away from the crack.
@@ -86,7 +86,7 @@ def inclined_crack(
     gmsh_model.check_window(gui)
     plane_cell = {"quad": "hex", "tri": "tet"}.get(cell)
     plane = _plane_mesh(half_length, extent, size, growth, plane_cell or cell)
-    points = _turned_points(plane.points, angle, lean)
+    points = _to_body_axes(plane.points, angle, lean)
     plane = replace(plane, points=points)
     if plane_cell:
         return write_plane(out, plane, order, gui=gui, duplicated=duplicated)
@@ -107,8 +107,8 @@ def _plane_mesh(
     count = _cells_along(half_length, size)
     step = 2.0 * half_length / count
     check_fine(2 * count * _number_graded(step, extent * half_length, growth))
-    beyond = half_length + _graded(step, (extent - 1.0) * half_length, growth)
-    away = _graded(step, extent * half_length, growth)
+    beyond = half_length + _graded_ends(step, (extent - 1.0) * half_length, growth)
+    away = _graded_ends(step, extent * half_length, growth)
     along = np.linspace(-half_length, half_length, count + 1)
     p = np.concatenate([-beyond[::-1], along, beyond])
     q = np.concatenate([-away[::-1], [0.0], away])
@@ -121,7 +121,7 @@ def _plane_mesh(
     return PlaneMesh(points, {"body": cells}, {"outer": np.concatenate(sides), "joint_1": crack})
 
 
-def _graded(first: float, length: float, growth: float) -> FloatArray:
+def _graded_ends(first: float, length: float, growth: float) -> FloatArray:
     """Return the ends of cells that fill a length and grow at a constant ratio from ``first``."""
     count = _number_graded(first, length, growth)
 
@@ -138,8 +138,8 @@ def _number_graded(first: float, length: float, growth: float) -> int:
     return math.ceil(math.log1p(length * (growth - 1.0) / first) / math.log(growth))
 
 
-def _turned_points(points: FloatArray, angle: float, lean: float) -> FloatArray:
-    """Return the points with inclined columns, and the crack turned from axis 1 to its angle."""
+def _to_body_axes(points: FloatArray, angle: float, lean: float) -> FloatArray:
+    """Incline the columns of points, rotate the crack to its angle, and return the points."""
     p = points[:, 0] + points[:, 1] * np.tan(np.radians(lean))
     along, normal = crack_axes(angle)
     return p[:, None] * along + points[:, 1:] * normal
@@ -157,7 +157,7 @@ def main(argv: list[str] | None = None) -> None:
     for flag, default, text in (
         ("half-length", 1.0, "half the length of the crack [m]"),
         ("angle", 45.0, "angle between crack and y axis [degrees]"),
-        ("extent", 40.0, "half the size of the body over the half-length"),
+        ("extent", 40.0, "half the size of the body, relative to the half-length"),
         ("lean", 25.0, "inclination of the columns of cells [degrees]"),
         ("growth", 1.5, "largest ratio of the sizes of neighbouring cells"),
     ):

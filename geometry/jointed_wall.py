@@ -88,7 +88,7 @@ def jointed_wall(
         )
     check_fine(n_x * n_y * n_z)
 
-    # Reference coordinates (p, q, r) = (x, y, z); p counts cells, so that joints compare exactly.
+    # Reference coordinates (p, q, r) = (x, y, z); p counts cells, so it is exact at the joints.
     points, cells = grid(np.arange(n_x + 1.0), np.linspace(0, thickness, n_y + 1), cell)
     lines = {"x_min": (0, 0), "x_max": (0, n_x), "y_min": (1, 0), "y_max": (1, thickness)}
     lines |= {f"joint_{k}": (0, k * n_x // blocks) for k in range(1, blocks)}

@@ -22,7 +22,7 @@ from dolfinx_joints.geometry.meshing.extrusion import BoolArray, FloatArray
 
 _REQUIRED = ("elevation", "extrados_radius", "left_angle", "right_angle")
 _OPTIONAL = ("intrados_radius", "crown_thickness", "left_thickness", "right_thickness", "centre_x")
-_MAX_HEIGHT = 1000.0  # [m]; the highest dam has 305 m
+_MAX_HEIGHT = 1000.0  # [m]; the highest dam is 305 m high
 _MIN_ANGLE = 2.0  # [degrees]; if no angle is larger, the table has radians
 
 
@@ -87,10 +87,10 @@ class SectionTable:
             if name.endswith("angle"):
                 self._check(name, (values <= 0) | (values >= 90), "must be in (0, 90) [degrees]")
         falls = np.concatenate([[False], np.diff(elevation) <= 0])
-        self._check("elevation", falls, "must be above the section before: sections rise")
+        self._check("elevation", falls, "must be above the previous section")
         if self.height > _MAX_HEIGHT:
             raise ValueError(
-                f"{self.source} makes a dam {self.height:g} m high, but elevations must be in "
+                f"{self.source} gives a dam {self.height:g} m high, but elevations must be in "
                 f"metres and within {_MAX_HEIGHT:g} m."
             )
         widest = max(self.columns[name].max() for name in ("left_angle", "right_angle"))
@@ -100,13 +100,13 @@ class SectionTable:
             )
         for name in ("intrados_radius", "crown_thickness", "left_thickness", "right_thickness"):
             if name in self.columns:
-                wrong = self.columns[name] >= self.columns["extrados_radius"]
-                self._check(name, wrong, "must be below extrados_radius")
+                invalid = self.columns[name] >= self.columns["extrados_radius"]
+                self._check(name, invalid, "must be below extrados_radius")
 
-    def _check(self, name: str, wrong: BoolArray, rule: str) -> None:
+    def _check(self, name: str, invalid: BoolArray, rule: str) -> None:
         """Raise ValueError with the first section in which a column is invalid."""
-        if wrong.any():
-            row = int(np.flatnonzero(wrong)[0])
+        if invalid.any():
+            row = int(np.flatnonzero(invalid)[0])
             raise ValueError(
                 f"{self.source}, section {row + 1}: {name} is {self.columns[name][row]:g}, but it "
                 f"{rule}."
@@ -152,8 +152,8 @@ class SectionHalf(CircularArches):
     def thickness(self, zeta: ArrayLike, s: ArrayLike) -> FloatArray:
         """Return t, measured towards the centre of the upstream face [m].
 
-        If the intrados has the radius r and its centre is by e nearer to the crown than that of
-        the extrados, t = R - e cos(alpha) - sqrt(r^2 - e^2 sin(alpha)^2).
+        If the intrados has the radius r, and its centre is nearer to the crown by e than the
+        centre of the extrados, t = R - e cos(alpha) - sqrt(r^2 - e^2 sin(alpha)^2).
         """
         names = self.table.columns
         if "intrados_radius" in names:
@@ -236,18 +236,18 @@ def _check_names(names: list[str], where: str) -> None:
     for name in _REQUIRED:
         if name not in names:
             raise ValueError(f"{where}: the column {name!r} is missing.")
-    given = [name for name in _OPTIONAL[:-1] if name in names]
+    names_given = [name for name in _OPTIONAL[:-1] if name in names]
     allowed = [
         ["intrados_radius"],
         ["crown_thickness"],
         ["intrados_radius", "crown_thickness"],
         ["crown_thickness", "left_thickness", "right_thickness"],
     ]
-    if given not in allowed:
-        ways = "; ".join(" and ".join(way) for way in allowed)
+    if names_given not in allowed:
+        choices = "; ".join(" and ".join(way) for way in allowed)
         raise ValueError(
-            f"{where}: the thickness is given by {' and '.join(given) or 'no column'}, but it must "
-            f"be given by one of: {ways}."
+            f"{where}: the thickness is given by {' and '.join(names_given) or 'no column'}, but "
+            f"it must be given by one of: {choices}."
         )
 
 

@@ -42,7 +42,7 @@ from dolfinx_joints.geometry.meshing.extrusion import BoolArray, FloatArray, Pla
 from dolfinx_joints.geometry.section_table import SectionTable, read_sections
 
 _SIDES = (1, -1)
-_CLOSEST = 1e-6  # least angle between two joints, over that of the crest
+_CLOSEST = 1e-6  # least angle between two joints, relative to the angle of the crest
 
 
 @checked
@@ -82,11 +82,11 @@ def sections_dam(
         cell: "hex" or "tet".
         layers: number of elements through the thickness.
         joints: number of joints at equal arcs of the crest, or ascending angles of the joints
-            [degrees]. Angles are about the axis of the crest's arch, 0 at the crown, positive left.
+            [degrees], measured about the axis of the crest's arch from the crown to the left bank.
         active_height: relative height up to which the joints can open, in (0, 1].
         foundation: depth of the foundation below the base [m]; None for no foundation.
-        spread: extent of the foundation upstream and downstream of the faces [m]; by default its
-            depth; 0 makes a saddle as thick as the dam (pulvino).
+        spread: extent of the foundation upstream and downstream of the faces [m], by default equal
+            to ``foundation``; 0 gives a saddle as thick as the dam (pulvino).
         perimetral: add a joint between dam and foundation.
         gui: show the mesh in Gmsh's window afterwards.
         duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.
@@ -124,12 +124,12 @@ def sections_dam(
             ground |= groups.get(name, False)
         xyz = np.empty_like(reference)
         for side, sector in sectors.items():
-            mine = side * reference[:, 0] >= 0
-            local = reference[mine] * [side, 1, 1]
-            part = _dam_xyz(sector, local, ground[mine], groups["crest"][mine], active_height, size)
+            half = side * reference[:, 0] >= 0
+            local = reference[half] * [side, 1, 1]
+            part = _dam_xyz(sector, local, ground[half], groups["crest"][half], active_height, size)
             if block is not None:
-                part = block.place(sector, local, ground[mine], part)
-            xyz[mine] = part * [1, side, 1]
+                part = block.place(sector, local, ground[half], part)
+            xyz[half] = part * [1, side, 1]
         return xyz + np.array([0.0, 0.0, table.base])
 
     return gmsh_model.write_mesh(out, solid, order, place=place, gui=gui, duplicated=duplicated)
@@ -144,8 +144,8 @@ def _joint_arcs(sectors: dict[int, Sector], joints: int | Sequence[float]) -> di
         angles = -right + (left + right) * np.arange(1, joints + 1) / (joints + 1)
     else:
         angles = np.asarray(joints, dtype=float)
-        apart = np.diff([-right, *angles, left]) > _CLOSEST * (left + right)
-        if not apart.all() or len(angles) > MAX_JOINTS:
+        rising = np.diff([-right, *angles, left]) > _CLOSEST * (left + right)
+        if not rising.all() or len(angles) > MAX_JOINTS:
             raise ValueError(
                 f"joints is {shown(joints)}, but the angles must rise and lie between "
                 f"-{right:.4g} and {left:.4g} degrees, the ends of the crest."
@@ -186,12 +186,12 @@ def _dam_xyz(
     active: float,
     size: float,
 ) -> FloatArray:
-    """Return the dam nodes at (a, z, ta) in space, z from the base, shape (num_nodes, 3)."""
+    """Return (x, y, z) of dam nodes at (a, z, ta), z from the base, shape (num_nodes, 3)."""
     theta, zeta, ta = reference.T / [[sector.radius], [sector.dam.height], [1.0]]
     ta = np.clip(ta, 0, 1)
     if not sector.upright:
-        drawn = fitted_level(sector, theta, ta, zeta, active, 0.5 * size / sector.dam.height)
-        zeta = np.where(ground, sector.foundation(theta, ta), drawn)
+        fitted = fitted_level(sector, theta, ta, zeta, active, 0.5 * size / sector.dam.height)
+        zeta = np.where(ground, sector.foundation(theta, ta), fitted)
     zeta = np.clip(np.where(crest, 1.0, zeta), 0, 1)
     return sector.dam.point(sector.across(theta, ta, zeta), ta, zeta)
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Mesh of a circular arch of equal voussoirs with radial joints, in the plane or as a solid.
+"""Mesh of a circular arch of equal voussoirs with radial joints, plane or solid.
 
 python3 geometry/voussoir_arch.py --voussoirs 15 --thickness 1.2 --out arch.msh
 """
@@ -73,13 +73,13 @@ def voussoir_arch(
         radius: radius of the centre line [m].
         thickness: thickness of the arch, below twice the radius [m].
         half_angle: angle from the crown to a springing, 90 for a semicircle, at most 120 [degrees].
-        voussoirs: number of blocks; an odd number has one at the crown.
+        voussoirs: number of blocks; if odd, a block is at the crown.
         width: extent in y [m]; None for a plane mesh.
         divisions: number of cells along each voussoir, through the thickness, and across the
             width.
         size: cell size [m], rounded so that whole cells fit; if given, replaces ``divisions``.
         order: order of the elements, 1 or 2.
-        cell: "hex" or "tet"; in the plane quadrilaterals or triangles.
+        cell: "hex" or "tet"; in a plane mesh quadrilaterals or triangles.
         gui: show the mesh in Gmsh's window afterwards.
         duplicated: duplicate the joint faces: group NAME becomes NAME- and NAME+.
 
@@ -126,7 +126,7 @@ def voussoir_arch(
 
 
 def _reference(voussoirs: int, n_along: int, n_through: int, cell: str) -> PlaneMesh:
-    """Return the mesh in cells p along the arch, from the left springing, and q through it."""
+    """Return the mesh in p, cells from the left springing, and q, cells through the thickness."""
     length = n_along * voussoirs
     points, cells = grid(np.arange(-1.0, length + 2), np.arange(n_through + 1.0), cell)
     p, q = points.T

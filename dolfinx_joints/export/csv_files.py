@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Export of tables to CSV files, with units in the headers.
 
-Numbers are written with all digits, so reading them gives the same values.
+Numbers are written with all digits, so that reading restores the same values.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ def write_csv(results: Results, folder: str | Path, *, overwrite: bool = False) 
     - ``modes.csv``: one row per mode, for a file of modes.
 
     The normal force of a joint is positive in compression. Other forces are global components on
-    its + side. If the flatness of a joint is below 0.95, its normal and shear force are not
-    meaningful, as the joint has no distinct normal.
+    the + side of the joint. If the flatness is below 0.95, normal and shear force are not
+    meaningful, because the joint has no distinct normal.
 
     Args:
         results: The run.

@@ -10,7 +10,7 @@ import numpy as np
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.common.errors import ResultsError
-from dolfinx_joints.export.optional import imported
+from dolfinx_joints.export.optional import import_optional
 from dolfinx_joints.results.arguments import COMPONENTS, check_results
 from dolfinx_joints.results.joint_points import tied_points
 from dolfinx_joints.results.reader import Results, listing
@@ -31,8 +31,8 @@ def to_xarray(results: Results, stream: StreamName = "histories") -> Dataset:
     - ``histories``: dimensions ``time``, ``point`` (names; coordinates ``x``, ``y``, ``z``) and
       ``component`` (x, y, z; forces in a plane model have NaN in z);
     - ``energy``, ``joints``: ``time``, and ``component`` for vectors;
-    - ``states``: ``displacement`` over ``time``, ``node``, ``component``. The points of all joints
-      are in one dimension: ``gap``, ``traction``, ``status`` over ``time``, ``joint_point`` and
+    - ``states``: ``displacement`` with ``time``, ``node``, ``component``. The points of all joints
+      form one dimension: ``gap``, ``traction``, ``status`` have ``time``, ``joint_point`` and
       ``axis`` (n, s1, s2). Coordinates of ``joint_point`` are ``joint``, ``area``, ``tied`` (True
       if both sides share their nodes), ``joint_x``, ``joint_y`` and ``joint_z``.
 
@@ -44,7 +44,7 @@ def to_xarray(results: Results, stream: StreamName = "histories") -> Dataset:
         ResultsError: The file does not contain the stream.
         ImportError: xarray is missing.
     """
-    xarray = imported("xarray")
+    xarray = import_optional("xarray")
     check_results(results)
     if stream not in results.streams:
         available = listing(results.streams)
@@ -74,12 +74,12 @@ class _Builder:
         """Add a series; the shape of its records determines its dimensions."""
         values = self._results.series(self._stream, name, slice(self._rows))
         if values.ndim == 3:
-            many, places = "node", "mesh/nodes"
+            dimension, places = "node", "mesh/nodes"
             if self._stream == "histories":
-                many, places = "point", "histories/points"
+                dimension, places = "point", "histories/points"
                 self.coordinates["point"] = self._results.point_names
-            self._coordinates(many, "", self._results.static(places))
-            dims: tuple[str, ...] = ("time", many, "component")
+            self._coordinates(dimension, "", self._results.static(places))
+            dims: tuple[str, ...] = ("time", dimension, "component")
         else:
             dims = ("time", "component")[: values.ndim]
         if "component" in dims:
@@ -91,7 +91,7 @@ class _Builder:
         self.variables[name] = (dims, values, self._attributes(name))
 
     def add_joint_points(self, names: set[str]) -> None:
-        """Add series of the points of all joints in turn, NaN for joints without the series."""
+        """Add series of the points of one joint after the other, NaN for joints without them."""
         results, joints = self._results, self._results.joints
         static = {
             name: [results.static(f"joints/{joint}/{name}") for joint in joints]
@@ -125,6 +125,6 @@ class _Builder:
         unit = self._results.unit(self._stream, name)
         return {"units": unit, "long_name": self._results.description(self._stream, name)}
 
-    def _coordinates(self, many: str, prefix: str, places: Any) -> None:
+    def _coordinates(self, dimension: str, prefix: str, places: Any) -> None:
         for axis, values in zip(COMPONENTS, places.T, strict=True):
-            self.coordinates[prefix + axis] = (many, values, {"units": "m"})
+            self.coordinates[prefix + axis] = (dimension, values, {"units": "m"})

@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 from dolfinx_joints.common.declared import checked
-from dolfinx_joints.export.optional import imported
+from dolfinx_joints.export.optional import import_optional
 from dolfinx_joints.export.tables import TABLES, tables_of
 from dolfinx_joints.results.reader import Results
 
@@ -21,7 +21,7 @@ else:
 
 @checked
 def to_pandas(results: Results, table: TableName = "histories") -> DataFrame:
-    """Return a table of a results file, one of those that `csv_files.write_csv` writes.
+    """Return a table of a results file, with the contents of `csv_files.write_csv`.
 
     Column names include the unit: ``displacement of crest x [m]``. A table with one row per time is
     indexed by the time. ``frame.attrs["file"]`` is the path of the results file.
@@ -34,7 +34,7 @@ def to_pandas(results: Results, table: TableName = "histories") -> DataFrame:
         ResultsError: The file has no data for the table.
         ImportError: pandas is missing.
     """
-    pandas = imported("pandas")
+    pandas = import_optional("pandas")
     columns = tables_of(results, table)[table]
     frame = pandas.DataFrame(columns.rows, columns=columns.header)
     if columns.header[0] == "time [s]":

@@ -27,12 +27,12 @@ POLYGON, VERTEX = 7, 1  # VTK cell types
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """Unstructured grid, whole or a rank's part; arrays of a whole one may be dealt over the ranks.
+    """Unstructured grid, complete (possibly with distributed arrays) or the part of a rank.
 
     Attributes:
         points: Shape (num_points, 3), [m].
         connectivity: Point numbers of all cells in turn.
-        offsets: First entry of each cell in ``connectivity``, then its length, (num_cells + 1,).
+        offsets: First entry of each cell in ``connectivity``, and the total, (num_cells + 1,).
         kinds: VTK type of each cell, (num_cells,).
         cell_data: Constant values of the cells, by name with unit.
         motion: Matrix from displacements of the nodes of the body to displacements of the points,
@@ -52,7 +52,7 @@ def body_grid(results: Results, groups: Collection[str] | None = None) -> Grid:
 
     Args:
         results: The run.
-        groups: Names of cell groups; all cells unless given.
+        groups: Names of cell groups; all cells by default.
 
     Raises:
         ResultsError: The file has no cells (earlier versions), or not these groups.
@@ -67,9 +67,9 @@ def body_grid(results: Results, groups: Collection[str] | None = None) -> Grid:
     start = "mesh/groups/"
     paths = [name for name in results.statics if name.startswith(start)]
     rows = {name.removeprefix(start): results.static(name) for name in paths}
-    inside = {name: np.flatnonzero(np.isin(chosen, own)) for name, own in rows.items()}
+    members = {name: np.flatnonzero(np.isin(chosen, group)) for name, group in rows.items()}
     kind = int(results.static("mesh/cell_kind")[0])
-    return uniform_grid(results.static("mesh/nodes"), cells[chosen], kind, inside)
+    return uniform_grid(results.static("mesh/nodes"), cells[chosen], kind, members)
 
 
 def uniform_grid(points: Floats, cells: Ints, kind: int, groups: Mapping[str, Ints]) -> Grid:
@@ -104,7 +104,7 @@ class StaticArrays(dict[str, NDArray[Any]]):
 
 
 def joint_grid(results: Statics, joint: str) -> Grid:
-    """Return the grid of a joint: one polygon per joint point, the part of the facet nearest to it.
+    """Return the grid of a joint; each joint point is a polygon, the nearest part of its facet.
 
     In a plane model each point is a vertex. The displacement is the mean of both faces.
     """
@@ -112,7 +112,7 @@ def joint_grid(results: Statics, joint: str) -> Grid:
         name: results.static(f"joints/{joint}/{name}") for name in ("points", "areas", "frames")
     }
     polygons: list[Any] = []
-    if not len(static["points"]):  # a rank may have none
+    if not len(static["points"]):  # a rank may have no joint points
         motion = csr_matrix((0, len(results.static("mesh/nodes"))))
     elif is_plane(results):
         polygons = [point[None] for point in static["points"]]
@@ -143,8 +143,8 @@ def joint_grid(results: Statics, joint: str) -> Grid:
 def _motion_of_points(results: Statics, joint: str, points: Floats) -> csr_matrix:
     """Return `Grid.motion` for the points of a joint in a plane body."""
     nodes, surface = results.static("mesh/nodes"), results.static("mesh/surface")
-    facet_of_point, both = facets_of_joint(results, joint)
-    ends = surface[both[facet_of_point]]  # (points, sides, ends)
+    facet_of_point, sides = facets_of_joint(results, joint)
+    ends = surface[sides[facet_of_point]]  # (points, sides, ends)
     along = nodes[ends[:, :, 1]] - nodes[ends[:, :, 0]]
     share = np.einsum("psi,psi->ps", points[:, None] - nodes[ends[:, :, 0]], along)
     share /= np.einsum("psi,psi->ps", along, along)
@@ -160,31 +160,31 @@ def _mean_of_faces(results: Statics, weights: NDArray[Any], numbers: NDArray[Any
 
 
 def joined(grids: Mapping[str, Grid]) -> Grid:
-    """Return several grids as one.
+    """Combine several grids into one.
 
     Cell data ``in NAME [-]`` is 1 in the cells of a grid, and ``joint [-]`` is its number, from 0.
     """
-    every = list(grids.values())
-    points = np.cumsum([0, *(len(grid.points) for grid in every)])
-    ends = np.cumsum([0, *(grid.offsets[-1] for grid in every)])
-    number = np.repeat(np.arange(len(every)), [len(grid.kinds) for grid in every])
-    names = every[0].cell_data if every else ()
-    data = {name: np.concatenate([np.asarray(g.cell_data[name]) for g in every]) for name in names}
+    parts = list(grids.values())
+    points = np.cumsum([0, *(len(grid.points) for grid in parts)])
+    ends = np.cumsum([0, *(grid.offsets[-1] for grid in parts)])
+    number = np.repeat(np.arange(len(parts)), [len(grid.kinds) for grid in parts])
+    names = parts[0].cell_data if parts else ()
+    data = {name: np.concatenate([np.asarray(g.cell_data[name]) for g in parts]) for name in names}
     return Grid(
-        points=np.concatenate([grid.points for grid in every]),
+        points=np.concatenate([grid.points for grid in parts]),
         connectivity=np.concatenate(
-            [g.connectivity + first for g, first in zip(every, points, strict=False)]
+            [g.connectivity + first for g, first in zip(parts, points, strict=False)]
         ),
         offsets=np.concatenate(
-            [[0], *(g.offsets[1:] + first for g, first in zip(every, ends, strict=False))]
+            [[0], *(g.offsets[1:] + first for g, first in zip(parts, ends, strict=False))]
         ).astype(np.int64),
-        kinds=np.concatenate([grid.kinds for grid in every]),
+        kinds=np.concatenate([grid.kinds for grid in parts]),
         cell_data={
             **{f"in {name} [-]": (number == i).astype(np.int8) for i, name in enumerate(grids)},
             "joint [-]": number,
             **data,
         },
-        motion=vstack([grid.motion for grid in every], format="csr"),
+        motion=vstack([grid.motion for grid in parts], format="csr"),
     )
 
 
@@ -194,7 +194,7 @@ def joint_values(
     count: int = 1,
     added: Callable[[Floats], Floats] = np.asarray,
 ) -> dict[str, Any]:
-    """Return values of joint points by their names with units in exported files.
+    """Return values of joint points by their names in exported files, which include units.
 
     The opening and the tangential gap are added. Means over a joint are repeated at all its points.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from dolfinx_joints.common.declared import checked
 from dolfinx_joints.export.grids import Grid, body_grid, joint_grid
-from dolfinx_joints.export.optional import imported
+from dolfinx_joints.export.optional import import_optional
 from dolfinx_joints.export.paraview import values_of
 from dolfinx_joints.results.arguments import chosen_state
 from dolfinx_joints.results.reader import Results
@@ -47,24 +47,24 @@ def to_pyvista(
         time: Time [s]; the nearest state is used.
         index: Number of the state if no time is given, negative from the end.
         stage: Name or number of a static stage, instead of a time.
-        groups: Names of cell groups of the body; all cells unless given.
+        groups: Names of cell groups of the body; all cells by default.
 
     Raises:
         ResultsError: The file has no cells, or not these groups.
         ImportError: PyVista is missing.
     """
-    pyvista = imported("pyvista")
+    pyvista = import_optional("pyvista")
     results, number, _ = chosen_state(results, time, index, stage)
     body = _grid(pyvista, body_grid(results, groups))
-    moved = results.series("states", "displacement", number)
-    body.point_data["displacement [m]"] = moved
+    displacement = results.series("states", "displacement", number)
+    body.point_data["displacement [m]"] = displacement
     if groups is not None:
         body = body.clean() if not body.n_cells else body.extract_cells(np.arange(body.n_cells))
     joints = pyvista.MultiBlock()
     for joint in results.joints:
         grid = joint_grid(results, joint)
         joints[joint] = _grid(pyvista, grid)
-        joints[joint].point_data["displacement [m]"] = grid.motion @ moved
+        joints[joint].point_data["displacement [m]"] = grid.motion @ displacement
         joints[joint].cell_data.update(values_of(results, [joint], number, grid))
     blocks = pyvista.MultiBlock()
     blocks["body"], blocks["joints"] = body, joints

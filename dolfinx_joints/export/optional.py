@@ -10,7 +10,7 @@ from typing import Any
 _EXTRAS = {"pandas": "tables", "xarray": "tables", "pyvista": "views"}
 
 
-def imported(package: str) -> Any:
+def import_optional(package: str) -> Any:
     """Import an optional package.
 
     Raises:

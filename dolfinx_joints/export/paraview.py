@@ -25,8 +25,8 @@ def write_vtk(
 ) -> list[Path]:
     """Write the recorded states of a results file for ParaView, PyVista and VTK.
 
-    ``NAME.vtkhdf`` contains the body, with cells of the same degree as the displacement, with
-    ``displacement [m]`` and ``in GROUP [-]``, 1 in the cells of a group.
+    ``NAME.vtkhdf`` contains the body in cells of the degree of the displacement. Its data are
+    ``displacement [m]`` and ``in GROUP [-]``, which is 1 in the cells of a group.
 
     ``NAME_joints.vtkhdf`` contains the joints, one polygon per joint point. Its data are
     ``displacement [m]`` (mean of both faces), ``gap [m]`` and ``traction [Pa]`` in local axes
@@ -66,15 +66,15 @@ def _write(results: Results, path: Path) -> None:
     times = results.time("states")
     body = VtkFile(path, body_grid(results))
     for number, time in enumerate(times):
-        moved = results.series("states", "displacement", number)
-        body.append(time, {"displacement [m]": moved}, {})
+        displacement = results.series("states", "displacement", number)
+        body.append(time, {"displacement [m]": displacement}, {})
     if results.joints:
         grid = joined({joint: joint_grid(results, joint) for joint in results.joints})
         file = VtkFile(joints_path(path), grid)
         for number, time in enumerate(times):
-            moved = grid.motion @ results.series("states", "displacement", number)
+            displacement = grid.motion @ results.series("states", "displacement", number)
             values = values_of(results, results.joints, number, grid)
-            file.append(time, {"displacement [m]": moved}, values)
+            file.append(time, {"displacement [m]": displacement}, values)
 
 
 def joints_path(path: Path) -> Path:
@@ -83,7 +83,7 @@ def joints_path(path: Path) -> Path:
 
 
 def values_of(results: Results, joints: Sequence[str], number: int, grid: Grid) -> dict[str, Any]:
-    """Return the values of a record at the points of joints, in turn, by name with unit.
+    """Return the values of a record at the points of all given joints, by name with unit.
 
     Quantities that a joint does not have are NaN.
     """

@@ -47,7 +47,7 @@ def tables_of(results: Results, only: str | None = None) -> dict[str, Table]:
 
     Args:
         results: The run.
-        only: Name of the only table to make; all unless given.
+        only: Name of the table to make; all tables by default.
 
     Raises:
         ResultsError: The file has no data for the table ``only``.
@@ -81,7 +81,7 @@ def _vector(name: str, unit: str, values: Floats) -> list[tuple[str, str, Floats
 
 
 def _all_series(results: Results, stream: str, without: Sequence[str] = ()) -> Table:
-    """Return a table of all series of a stream: numbers, or components of vectors."""
+    """Return a table of all scalar and vector series of a stream, except ``without``."""
     rows = results.rows(stream)  # fixed here, as a run in progress adds rows
     columns: list[tuple[str, str, Any]] = [("time", "s", results.time(stream)[:rows])]
     for name in results.streams[stream]:
@@ -143,27 +143,27 @@ def _histories(results: Results) -> Table:
     """Return the table of the steps: motions point by point, then the other series."""
     streams = results.streams["histories"]
     of_points = [n for n in streams if results.series("histories", n, slice(0)).ndim == 3]
-    others = _all_series(results, "histories", of_points)
+    other_series = _all_series(results, "histories", of_points)
     columns: list[tuple[str, str, Any]] = []
     for name in of_points:
-        values = results.series("histories", name, slice(len(others.rows)))
+        values = results.series("histories", name, slice(len(other_series.rows)))
         unit = results.unit("histories", name)
         motion = name if results.relative else f"absolute {name}"
         motion = f"raw {motion}" if name == "acceleration" else motion
         for i, point in enumerate(results.point_names):
             columns += _vector(f"{motion} of {point}", unit, values[:, i])
     motions = _columns(columns)
-    header = [others.header[0], *motions.header, *others.header[1:]]
-    both = zip(others.rows, motions.rows, strict=True)
-    return Table(header, [[row[0], *motion_row, *row[1:]] for row, motion_row in both])
+    header = [other_series.header[0], *motions.header, *other_series.header[1:]]
+    row_pairs = zip(other_series.rows, motions.rows, strict=True)
+    return Table(header, [[row[0], *motion_row, *row[1:]] for row, motion_row in row_pairs])
 
 
 def _peaks(results: Results) -> Table:
     """Return the table of largest values, one per row, with times and places."""
     peaks: list[tuple[str, str, Peak]] = []
-    moved = "displacement" if results.relative else "absolute displacement"
+    quantity = "displacement" if results.relative else "absolute displacement"
     for point in results.point_names:
-        label = f"{moved} of {point} from the static state"
+        label = f"{quantity} of {point} from the static state"
         peaks.append((label, "m", displacement_peak(results, [point])))
         if "acceleration" in results.streams["histories"]:
             label = f"absolute acceleration of {point} up to {common_band(results):.3g} Hz"
@@ -184,36 +184,36 @@ def _joints(results: Results) -> Table:
     header = ["joint", *(f"{row.name} [{row.unit}]" for row in columns)]
     rows, forces = [], resultant_measures(results)
     for joint, measures in joint_measures(results).items():
-        both = measures | forces[joint]
-        rows.append([joint, *(both[row.name] for row in columns)])
+        values = measures | forces[joint]
+        rows.append([joint, *(values[row.name] for row in columns)])
     return Table(header, rows)
 
 
-def _over_time(rows: Iterable[Quantity], values: Mapping[str, Any], time: Floats) -> Table:
-    """Return a table over time of the quantities that have a label."""
+def _time_table(rows: Iterable[Quantity], values: Mapping[str, Any], time: Floats) -> Table:
+    """Return a table with one row per time of the quantities that have a label."""
     columns: list[tuple[str, str, Any]] = [("time", "s", time)]
     for row in rows:
         if row.label and row.key in values:
-            one = row.label, row.unit, values[row.key]
-            columns += _vector(*one) if one[2].ndim > 1 else [one]
+            column = row.label, row.unit, values[row.key]
+            columns += _vector(*column) if column[2].ndim > 1 else [column]
     return _columns(columns)
 
 
 def _resultants(results: Results) -> Table:
     parts, rows = {}, rows_below("resultants", "joints/*/")
     for joint in results.joints:
-        one = joint_resultants(results, joint)
-        assert one.time is not None
-        values = {row.key: getattr(one, row.key) for row in rows if row.key != "flatness"}
-        values["flatness"] = np.full(len(one.time), one.geometry.flatness)
-        parts[joint] = _over_time(rows, values, one.time)
-    return _stacked("joint", parts)
+        resultants = joint_resultants(results, joint)
+        assert resultants.time is not None
+        values = {row.key: getattr(resultants, row.key) for row in rows if row.key != "flatness"}
+        values["flatness"] = np.full(len(resultants.time), resultants.geometry.flatness)
+        parts[joint] = _time_table(rows, values, resultants.time)
+    return _stack("joint", parts)
 
 
 def _joint_extremes(results: Results) -> Table:
     extremes = {joint: joint_extremes(results, joint) for joint in results.joints}
     rows = rows_below("joints", "*/")
-    return _stacked("joint", {n: _over_time(rows, e.values, e.time) for n, e in extremes.items()})
+    return _stack("joint", {n: _time_table(rows, e.values, e.time) for n, e in extremes.items()})
 
 
 def _blocks(results: Results) -> Table:
@@ -222,11 +222,11 @@ def _blocks(results: Results) -> Table:
         values = {row.key: getattr(blocks, row.key) for row in rows if row.label}
         for name in ("mass", "centre"):
             values[name] = np.repeat(values[name][None], len(blocks.time), axis=0)
-        parts[i] = _over_time(rows, {k: value[:, i] for k, value in values.items()}, blocks.time)
-    return _stacked("block", parts)
+        parts[i] = _time_table(rows, {k: value[:, i] for k, value in values.items()}, blocks.time)
+    return _stack("block", parts)
 
 
-def _stacked(kind: str, parts: Mapping[Any, Table]) -> Table:
+def _stack(kind: str, parts: Mapping[Any, Table]) -> Table:
     """Return tables with equal columns as one; the new first column names the joint or block."""
     header = [kind, *next(iter(parts.values())).header]
     return Table(header, [[name, *row] for name, part in parts.items() for row in part.rows])
@@ -253,7 +253,7 @@ def _modes(results: Results) -> Table:
     return _columns(columns)
 
 
-# For each table: the stream it needs, whether it needs joints, and the function that makes it.
+# For each table: the required stream, True if joints are required, and the making function.
 TABLES: dict[str, tuple[str, bool, Callable[[Results], Table]]] = {
     "stages": ("statics", False, _stages),
     "stage_joints": ("statics", True, _stage_joints),

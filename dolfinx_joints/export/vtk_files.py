@@ -31,11 +31,11 @@ Values = Mapping[str, ArrayLike | Dealt]
 
 
 class VtkFile:
-    """VTKHDF file to which times are appended; it can be read between them.
+    """VTKHDF file to which times are appended, readable before and after each append.
 
-    If the process is killed, at most the time being written is lost. Writing ends with a few
-    kilobytes, in less than a millisecond. A kill during that write can leave the file unreadable;
-    `resume` then repairs it from ``NAME.vtkhdf.redo``. A power failure may damage the file.
+    If the process is killed, at most the time being written is lost. An append ends by overwriting
+    a few kilobytes, in less than a millisecond. A kill in this time can make the file unreadable;
+    `resume` then repairs the file by ``NAME.vtkhdf.redo``. A power failure may damage the file.
 
     Args:
         path: The file, usually ``NAME.vtkhdf``; an existing file is replaced.
@@ -70,12 +70,12 @@ class VtkFile:
         try:
             repair(path)
             with changing(path) as opened:
-                same = _has_grid(opened["VTKHDF"], grid)
-                if same:
+                same_grid = _has_grid(opened["VTKHDF"], grid)
+                if same_grid:
                     _truncate(opened["VTKHDF"], last)
         except (OSError, KeyError, RuntimeError) as error:
             raise DamagedFileError(f"{path} cannot be continued: {error}.") from None
-        if not same:
+        if not same_grid:
             raise ResultsError(f"{path} cannot be continued: its mesh differs from this model's.")
         return file
 
@@ -113,10 +113,10 @@ def vtk_path(path: str | PathLike[str]) -> Path:
     Raises:
         ResultsError: The path is a folder.
     """
-    given = Path(path)
-    if given.is_dir():
+    full_path = Path(path)
+    if full_path.is_dir():
         raise ResultsError(f"{path} is a folder; give the name of a file, such as run{SUFFIX}.")
-    return given if given.suffix == SUFFIX else given.with_name(given.name + SUFFIX)
+    return full_path if full_path.suffix == SUFFIX else full_path.with_name(full_path.name + SUFFIX)
 
 
 def check_free(paths: Iterable[Path], *, overwrite: bool) -> None:
@@ -133,18 +133,18 @@ def check_free(paths: Iterable[Path], *, overwrite: bool) -> None:
 def _has_grid(root: h5py.Group, grid: Grid) -> bool:
     size = max(np.abs(block).max(initial=0.0) for block in blocks_in(grid.points))
     arrays = {"Points": grid.points, "Connectivity": grid.connectivity, "Offsets": grid.offsets}
-    return all(_agrees(root[name], array, 1e-9 * size) for name, array in arrays.items())
+    return all(_equal_to(root[name], array, 1e-9 * size) for name, array in arrays.items())
 
 
-def _agrees(dataset: h5py.Dataset, expected: Array, tolerance: float) -> bool:
+def _equal_to(dataset: h5py.Dataset, expected: Array, tolerance: float) -> bool:
     if dataset.shape != expected.shape:
         return False
-    first, same = 0, True
+    first, all_equal = 0, True
     for block in blocks_in(expected):
         stored = dataset[first : first + len(block)]
-        same &= bool(np.allclose(stored, block, rtol=0.0, atol=tolerance))
+        all_equal &= bool(np.allclose(stored, block, rtol=0.0, atol=tolerance))
         first += len(block)
-    return same
+    return all_equal
 
 
 def _write_grid(file: h5py.File, grid: Grid) -> None:
@@ -155,13 +155,13 @@ def _write_grid(file: h5py.File, grid: Grid) -> None:
     root["NumberOfPoints"] = np.array([len(grid.points)], dtype=np.int64)
     root["NumberOfCells"] = np.array([len(grid.kinds)], dtype=np.int64)
     root["NumberOfConnectivityIds"] = np.array([len(grid.connectivity)], dtype=np.int64)
-    whole: tuple[tuple[str, Array, Any], ...] = (
+    datasets: tuple[tuple[str, Array, Any], ...] = (
         ("Points", grid.points, np.float64),
         ("Connectivity", grid.connectivity, np.int64),
         ("Offsets", grid.offsets, np.int64),
         ("Types", grid.kinds, np.uint8),
     )
-    for name, values, dtype in whole:
+    for name, values, dtype in datasets:
         write_whole(root.create_dataset(name, values.shape, dtype), values)
     steps = root.create_group("Steps")
     steps.attrs["NSteps"] = 0
@@ -178,12 +178,12 @@ def _append_values(
     data: h5py.Group,
     offsets: h5py.Group,
     name: str,
-    given: ArrayLike | Dealt,
+    data_values: ArrayLike | Dealt,
     *,
     once: bool = False,
 ) -> None:
     """Append values of all points or cells and their offset; ``once`` stores them for all times."""
-    values = given if isinstance(given, Dealt) else np.asarray(given)
+    values = data_values if isinstance(data_values, Dealt) else np.asarray(data_values)
     key = name.replace("/", " per ")  # a slash would create a group in HDF5
     if (dataset := data.get(key)) is None:
         rows = min(len(values), _CHUNK // max(1, int(np.prod(values.shape[1:]))))
@@ -221,13 +221,13 @@ def _extend(dataset: h5py.Dataset, rows: Any) -> None:
 def _truncate(root: h5py.Group, last: float) -> None:
     """Remove the times after ``last`` [s]."""
     steps = root["Steps"]
-    kept = int(np.searchsorted(steps["Values"][:], last, side="right"))
+    time_count = int(np.searchsorted(steps["Values"][:], last, side="right"))
     for kind in ("PointData", "CellData"):
         for name, offsets in steps[f"{kind}Offsets"].items():
             once = len(offsets) > 1 and offsets[1] == 0  # stored for all times
-            if kept < len(offsets) and not once:
-                root[kind][name].resize(int(offsets[kept]), axis=0)
-            offsets.resize(kept, axis=0)
+            if time_count < len(offsets) and not once:
+                root[kind][name].resize(int(offsets[time_count]), axis=0)
+            offsets.resize(time_count, axis=0)
     for name in ("Values", "NumberOfParts", *_FIXED_OFFSETS):
-        steps[name].resize(kept, axis=0)
-    steps.attrs["NSteps"] = kept
+        steps[name].resize(time_count, axis=0)
+    steps.attrs["NSteps"] = time_count

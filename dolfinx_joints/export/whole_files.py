@@ -3,7 +3,7 @@
 """Atomic changes of HDF5 files: complete or absent, even if the process is killed.
 
 HDF5 changes a file at many places in turn, so a kill in between leaves an unreadable file. Here
-new bytes are written behind the end of the file, where no reference points yet. The changes of
+new bytes are written after the end of the file, to which nothing refers yet. The changes of
 existing bytes, a few kilobytes, are buffered in memory. They are saved in ``NAME.redo`` before they
 are written, so that `repair` can repeat them after a kill.
 """
@@ -56,15 +56,15 @@ def repair(path: Path) -> None:
     """Repeat the changes that a killed process had begun to apply."""
     redo = _redo(path)
     if redo.exists():
-        with path.open("r+b", buffering=0) as disk, np.load(redo) as kept:
-            content, ends = kept["content"].tobytes(), np.cumsum(kept["lengths"])
-            begins = ends - kept["lengths"]
+        with path.open("r+b", buffering=0) as disk, np.load(redo) as saved:
+            content, ends = saved["content"].tobytes(), np.cumsum(saved["lengths"])
+            begins = ends - saved["lengths"]
             pieces = [
                 (int(place), content[begin:end])
-                for place, begin, end in zip(kept["places"], begins, ends, strict=True)
+                for place, begin, end in zip(saved["places"], begins, ends, strict=True)
             ]
             _write(disk, pieces)
-            disk.truncate(int(kept["size"]))
+            disk.truncate(int(saved["size"]))
         redo.unlink()
 
 
@@ -79,24 +79,24 @@ def _redo(path: Path) -> Path:
 
 def _apply(path: Path, disk: io.FileIO, buffered: _BufferedFile) -> None:
     """Write the buffered changes to the disk, in the order in which HDF5 made them."""
-    before, size, inside = buffered.before, buffered.size, buffered.pieces
+    before, size, changes = buffered.before, buffered.size, buffered.pieces
     try:
         if size > before:
             os.posix_fallocate(disk.fileno(), before, size - before)
-        kept = io.BytesIO()
+        saved = io.BytesIO()
         np.savez(
-            kept,
+            saved,
             size=size,
-            places=np.array([place for place, _ in inside], dtype=np.int64),
-            lengths=np.array([len(content) for _, content in inside], dtype=np.int64),
-            content=np.frombuffer(b"".join(content for _, content in inside), dtype=np.uint8),
+            places=np.array([place for place, _ in changes], dtype=np.int64),
+            lengths=np.array([len(content) for _, content in changes], dtype=np.int64),
+            content=np.frombuffer(b"".join(content for _, content in changes), dtype=np.uint8),
         )
         with replacing(_redo(path)) as part:
-            part.write_bytes(kept.getvalue())
+            part.write_bytes(saved.getvalue())
     except OSError:
         disk.truncate(before)
         raise
-    _write(disk, inside)
+    _write(disk, changes)
     disk.truncate(size)
     discard_redo(path)
 
@@ -116,7 +116,7 @@ class _BufferedFile:
         before: Size of the file before the changes [bytes].
         size: Size of the file with the changes [bytes].
         pieces: Changes of existing bytes, the earliest first.
-        error: First error of a write to the disk, stored because HDF5 must not see an exception.
+        error: First error of a write to the disk; stored, because exceptions must not reach HDF5.
     """
 
     def __init__(self, disk: io.FileIO) -> None:
@@ -145,13 +145,13 @@ class _BufferedFile:
     def write(self, content: bytes | memoryview) -> int:
         """Buffer a change of existing bytes, or append new bytes to the disk."""
         count = memoryview(content).nbytes
-        if self._place < self.before or not self._appended(content):
+        if self._place < self.before or not self._append(content):
             self.pieces.append((self._place, bytes(content)))
         self._place += count
         self.size = max(self.size, self._place)
         return count
 
-    def _appended(self, content: bytes | memoryview) -> bool:
+    def _append(self, content: bytes | memoryview) -> bool:
         """Append new bytes to the disk; return False after an error or an interrupt."""
         if self.error is None:
             try:

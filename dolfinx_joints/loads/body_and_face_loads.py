@@ -48,7 +48,7 @@ class Gravity:
     cells: str | None = None
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Return M g with the mass of the body or of its cells, without the extra mass form."""
+        """Return M g with the mass of the body or of the cell group, without redistributed mass."""
         gdim = model.gdim
         vector = np.zeros(gdim)
         if self.acceleration is None:

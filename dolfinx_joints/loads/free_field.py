@@ -56,11 +56,11 @@ def incident_wave(outcrop: Motion) -> IncidentWave:
 class FreeField:
     """Plane wave that rises vertically through rock and is reflected at the horizontal surface.
 
-    The wave acts on viscous boundaries. Their dashpots act on the difference from the free-field
-    velocity, and the free-field stress is added. On a horizontal bottom this load is twice the
+    The wave acts on viscous boundaries. The dashpots resist the velocity relative to the free
+    field, and the free-field stress is applied. On a horizontal bottom this load is twice the
     dashpot traction at the incident velocity. The rock along the groups is one material or several
-    horizontal layers with reflections at the interfaces. Horizontal components are S waves, the
-    vertical one is a P wave. Displacements are absolute, so a ground motion is not allowed.
+    horizontal layers with reflections at the interfaces. Horizontal components are S waves; the
+    vertical component is a P wave. Displacements are absolute, so a ground motion is not allowed.
 
     Attributes:
         groups: Names of facet groups with a viscous boundary: the bottom and the sides.
@@ -109,7 +109,7 @@ class FreeField:
     def surface_velocity(self, model: LoadedBody) -> Callable[[float], Floats]:
         """Return the free-field velocity of the surface, (3,) at a time [s], [m/s] (collective).
 
-        It is twice the velocity of the wave that arrives at the surface.
+        At the free surface it is twice the velocity of the rising wave.
         """
         layers, columns = self._columns(model)
 
@@ -141,7 +141,7 @@ class FreeField:
 
 
 class SupportForces:
-    """Reactions of supports that a dynamic stage replaces by dashpots, applied as forces."""
+    """Static reactions of supports that dashpots replace in dynamics, applied as forces."""
 
     def __init__(self, model: LoadedBody) -> None:
         """Start with zero forces (collective)."""
@@ -156,7 +156,7 @@ class SupportForces:
         self._force.getArray()[constrained] = 0.0
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Return the force vector, which later calls of `take` change in place."""
+        """Return the force vector; later calls of `take` change its values."""
         return [(self._force, always)]
 
 

@@ -35,12 +35,12 @@ GAUSS_POINTS, ROUNDING = 4, 1e-9
 class BaseMotion:
     """Uniform acceleration of the ground; displacements are then relative to the ground.
 
-    The force is F = -M iota a_g(t) per axis. The ground velocity drives water with waves (12v).
+    The force is F = -M iota a_g(t) per axis. The ground velocity excites water with waves (12v).
 
     Attributes:
         acceleration: Ground acceleration at a time [s], such as a `Motion`, shape (3,), [m/s^2]. In
-            2-D its x and z act along x and y of the model; two numbers are used unchanged.
-        velocity: Ground velocity in the same form [m/s]; only models with `ReservoirWaves` need it.
+            2-D, its x and z components act along x and y; shape (2,) is used unchanged.
+        velocity: Ground velocity, same shape [m/s]; needed only for water with waves.
     """
 
     acceleration: Callable[[float], Any]
@@ -62,7 +62,7 @@ class BaseMotion:
 
 
 def moved_by(acceleration: Callable[[float], Floats] | None, spacing: float) -> list[BaseMotion]:
-    """Return the load of a ground motion, with `velocity_of`; an empty list without motion."""
+    """Return the load of a ground motion with its velocity; an empty list without a motion."""
     if acceleration is None:
         return []
     velocity = velocity_of(acceleration, spacing)
@@ -84,11 +84,11 @@ def velocity_of(acceleration: Callable[[float], Any], spacing: float) -> Callabl
     sums = [np.zeros_like(acceleration(0.0))]
 
     def velocity(time: float) -> Floats:
-        whole = int(np.floor(time / spacing + ROUNDING))
-        while len(sums) <= whole:
+        intervals = int(np.floor(time / spacing + ROUNDING))
+        while len(sums) <= intervals:
             start = (len(sums) - 1) * spacing
             sums.append(sums[-1] + increment(start, start + spacing))
-        return sums[whole] + increment(whole * spacing, max(time, whole * spacing))
+        return sums[intervals] + increment(intervals * spacing, max(time, intervals * spacing))
 
     return velocity
 
@@ -112,39 +112,39 @@ class IncidentWave:
         return cast("Callable[[float], Floats]", spline.antiderivative())
 
 
-def for_steps(given: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], list[str]]:
-    """Apply `Motion.for_steps` to motions and loads; return them and the warnings of losses."""
+def for_steps(originals: Sequence[Any], dt: float, comm: Any) -> tuple[list[Any], list[str]]:
+    """Filter motions and loads by `Motion.for_steps`; return them and warnings of large losses."""
     texts = []
 
-    def resolved(item: Any) -> Any:
+    def filter_item(item: Any) -> Any:
         if isinstance(item, BaseMotion):
-            return replace(item, acceleration=resolved(item.acceleration))
+            return replace(item, acceleration=filter_item(item.acceleration))
         if isinstance(item, DifferingMotion):
-            changed = {name: resolved(motion) for name, motion in item.named.items()}
+            changed = {name: filter_item(motion) for name, motion in item.named.items()}
             motions = changed[item.motions.name] if isinstance(item.motions, Motion) else changed
             return item if changed == item.named else replace(item, motions=motions)
         if isinstance(wave := getattr(item, "incident", None), IncidentWave):
-            return replace(item, incident=IncidentWave(resolved(wave.outcrop)))
+            return replace(item, incident=IncidentWave(filter_item(wave.outcrop)))
         if not isinstance(item, Motion):
             return item
         filtered = item.for_steps(dt)
         total = np.sum(item.acceleration**2)
-        kept = np.sum(filtered.acceleration**2) / total if total else 1.0
-        if filtered is not item and kept < 1.0 - LARGE_LOSS:
+        share = np.sum(filtered.acceleration**2) / total if total else 1.0
+        if filtered is not item and share < 1.0 - LARGE_LOSS:
             texts.append(
                 f"Steps of {dt:g} s resolve frequencies below {0.5 / dt:g} Hz. Higher frequencies "
-                f"of {shown(item.name)} are removed: {100.0 * (1.0 - kept):.3g} % of the integral "
+                f"of {shown(item.name)} are removed: {100.0 * (1.0 - share):.3g} % of the integral "
                 "of its squared acceleration. Take shorter steps to keep them."
             )
         return filtered
 
-    items = [resolved(item) for item in given]
+    items = [filter_item(item) for item in originals]
     doubt(comm, *texts)
     return items, texts
 
 
 def _by_axis(motion: Callable[[float], Any], gdim: int, name: str) -> list[TimeFactor]:
-    """Return the components of a motion as functions of time, which share one evaluation."""
+    """Return each component of a motion as a function of time; one evaluation serves all."""
     latest = lru_cache(maxsize=1)(in_axes(motion, gdim, name))
 
     def factor(axis: int) -> TimeFactor:
@@ -156,15 +156,15 @@ def _by_axis(motion: Callable[[float], Any], gdim: int, name: str) -> list[TimeF
 def in_axes(
     motion: Callable[[float], Any], gdim: int, name: str = "motion"
 ) -> Callable[[float], Floats]:
-    """Return the components along the axes of a model; in 2-D x and z of three, or both of two."""
+    """Return the motion along the model's axes; in 2-D, x and z of three components, or two."""
 
-    def moved(time: float) -> Floats:
-        given = motion(time)
-        values = numbers_of(given)
+    def in_model_axes(time: float) -> Floats:
+        sample = motion(time)
+        values = numbers_of(sample)
         if values is None or values.ndim != 1 or len(values) < gdim or not finite(values):
             raise ValueError(
-                f"{name}({time:g}) is {shown(given)}; it must be at least {gdim} finite numbers."
+                f"{name}({time:g}) is {shown(sample)}; it must be at least {gdim} finite numbers."
             )
         return values[MOVING[gdim]] if len(values) > 2 else values[:gdim]
 
-    return moved
+    return in_model_axes

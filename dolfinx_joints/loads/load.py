@@ -29,7 +29,7 @@ class Load(Protocol):
     """Load that consists of nodal patterns with time factors."""
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Return nodal forces, [N] or [N] per unit of the factor, with factors (collective)."""
+        """Return nodal forces and their time factors; force times factor is in N (collective)."""
 
 
 @runtime_checkable
@@ -64,7 +64,7 @@ class FollowsJoints(JointLoad, Protocol):
 
 
 class JointPressure(Protocol):
-    """Pressure at the local joint points, selected by codes; zero, with code 0, in other joints."""
+    """Pressure at local joint points, selected by codes; code and pressure 0 in other joints."""
 
     name: str
 
@@ -82,7 +82,7 @@ class JointPressure(Protocol):
 
 
 class AddedMass(Protocol):
-    """Mass without weight that moves with the body."""
+    """Mass that moves with the body and has no weight."""
 
     def matrix(self, model: LoadedBody) -> PETSc.Mat:
         """Return the mass in the layout of the model's matrices [kg] (collective)."""
@@ -98,7 +98,7 @@ class VaryingLoad:
     """
 
     def __init__(self, name: str, rows: slice, force: Callable[[float], Floats]) -> None:
-        """Store the arguments; the forces are evaluated on demand."""
+        """Store the arguments; the forces are evaluated when they are needed."""
         self.names, self._rows = (name,), rows
         self._at = lru_cache(maxsize=4)(force)
 
@@ -107,9 +107,9 @@ class VaryingLoad:
         out.getArray()[self._rows] += self._at(time)
 
     def work(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
-        """Return the work of the mean of both end forces on an increment x, [J] (collective)."""
-        mine = 0.5 * float(x.array_r[self._rows] @ (self._at(start) + self._at(end)))
-        return {self.names[0]: float(np.sum(x.comm.tompi4py().allgather(mine)))}
+        """Return the work of the mean of start and end force along x, [J] (collective)."""
+        local_work = 0.5 * float(x.array_r[self._rows] @ (self._at(start) + self._at(end)))
+        return {self.names[0]: float(np.sum(x.comm.tompi4py().allgather(local_work)))}
 
 
 def always(_time: float) -> float:

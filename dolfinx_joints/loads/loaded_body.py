@@ -44,7 +44,7 @@ class LoadedBody(Protocol):
         """
 
     def joined(self, force: PETSc.Vec) -> PETSc.Vec:
-        """Return a vector of the body as one of all unknowns of a dynamic stage (collective)."""
+        """Extend a body vector to all unknowns of a dynamic stage, such as water (collective)."""
 
     def nodes(self, group: str) -> Ints:
         """Return the owned nodes of a facet group as local numbers (collective)."""

@@ -45,9 +45,9 @@ class PlaneWave:
 
 
 def plane_waves(kind: str, angle: float, azimuth: float, rock: Layer) -> list[PlaneWave]:
-    """Return the incident P, SV or SH wave and its reflections at the free surface z = 0, (12ab).
+    """Return an incident P, SV or SH wave and its reflections at the free surface z = 0, (12ab).
 
-    The angle is between ray and vertical; the azimuth is from x towards y [rad].
+    The angle is measured from the vertical to the ray, the azimuth from x towards y [rad].
 
     Raises:
         ValueError: An SV wave exceeds the critical angle, where no plane P wave is reflected.
@@ -56,19 +56,19 @@ def plane_waves(kind: str, angle: float, azimuth: float, rock: Layer) -> list[Pl
     fast, slow = rock.pressure_speed, rock.shear_speed
     p = np.sin(angle) / (fast if kind == "P" else slow)
 
-    def slowness(speed: float, way: float) -> Floats:
-        """Return the slowness of a wave that rises (way 1) or falls (way -1)."""
-        return np.asarray(p * h + way * np.sqrt(1.0 / speed**2 - p**2) * z, dtype=np.float64)
+    def slowness(speed: float, sign: float) -> Floats:
+        """Return the slowness of a wave that rises (sign 1) or falls (sign -1)."""
+        return np.asarray(p * h + sign * np.sqrt(1.0 / speed**2 - p**2) * z, dtype=np.float64)
 
-    def wave(speed: float, way: float, shear: bool) -> PlaneWave:
-        s = slowness(speed, way)
+    def wave(speed: float, sign: float, shear: bool) -> PlaneWave:
+        s = slowness(speed, sign)
         # The horizontal motion of rising and falling S waves points forwards.
-        across = way * ((s @ z) * h - (s @ h) * z)
+        across = sign * ((s @ z) * h - (s @ h) * z)
         return PlaneWave(motion=speed * (across if shear else s), slowness=s)
 
     if kind == "SH":
         sideways = np.cross(z, h)
-        return [PlaneWave(motion=sideways, slowness=slowness(slow, way)) for way in (1.0, -1.0)]
+        return [PlaneWave(motion=sideways, slowness=slowness(slow, sign)) for sign in (1.0, -1.0)]
     if p * fast >= 1.0:
         critical = np.rad2deg(np.arcsin(slow / fast))
         raise ValueError(
@@ -90,16 +90,16 @@ def plane_waves(kind: str, angle: float, azimuth: float, rock: Layer) -> list[Pl
 class ObliqueFreeField:
     """Plane wave at oblique incidence that is reflected at the horizontal ground surface.
 
-    It acts like `FreeField`, in a half space of one material. P and SV waves reflect as both.
+    It acts like `FreeField`, in rock of one material. P and SV waves are reflected as P and SV.
 
     Attributes:
         groups: Names of facet groups with a viscous boundary: the bottom and all sides.
-        wave: ``P``: motion along the ray. ``SV``: across the ray in its vertical plane, forwards.
-            ``SH``: horizontal, to the left of the propagation direction; not in 2-D.
+        wave: ``P``: motion along the ray. ``SV``: motion normal to the ray in its vertical plane,
+            positive forwards. ``SH``: horizontal, positive to the left of the ray; not in 2-D.
         angle_deg: Angle between ray and vertical [degrees]; for SV below the critical angle.
         azimuth_deg: Azimuth of the ray, from x counterclockwise [degrees]; in 2-D 0 or 180.
         incident: Velocity [m/s] of the incident wave at a time [s], at the point of the groups that
-            it reaches first; zero until time zero.
+            the wave reaches first; must be zero before time zero.
         surface: Height of the ground surface, a coordinate along z (y in 2-D) [m].
         highest_frequency: Highest frequency for which delays along the boundary are resolved [Hz].
     """
@@ -128,7 +128,7 @@ class ObliqueFreeField:
     def surface_velocity(self, model: LoadedBody) -> Callable[[float], Floats]:
         """Return the free-field velocity of the surface, (3,) at a time [s], [m/s] (collective).
 
-        It is the velocity above the middle of the groups.
+        The surface point is above the middle of the groups.
         """
         waves, velocity = self._waves(model), self._velocity()
         middle = [np.mean(extent_along(model, self.groups, axis)) for axis in np.eye(model.gdim)]
@@ -143,7 +143,7 @@ class ObliqueFreeField:
         return surface
 
     def _waves(self, model: LoadedBody) -> list[tuple[Floats, Floats, float]]:
-        """Return motion, slowness and phase without delay of each wave (collective)."""
+        """Return motion, slowness and phase of zero delay for each wave (collective)."""
         name = "ObliqueFreeField"
         base = checked_base(name, model, self.groups, self.surface, None)
         layers = layers_along(name, model, self.groups, base, self.surface)
@@ -167,21 +167,21 @@ class ObliqueFreeField:
             (
                 wave.motion[axes],
                 wave.slowness[axes],
-                # All waves have the same phase at the surface.
+                # At the surface, reflected waves have the phase of the incident wave.
                 first + (wave.slowness - incident)[2] * self.surface,
             )
             for wave in waves
         ]
 
     def _velocity(self) -> Callable[[float], float]:
-        """Return the velocity of the incident wave, checked to be a number and cached."""
+        """Return the velocity function of the incident wave, which checks and caches its values."""
         name = "ObliqueFreeField: incident"
         velocity = lru_cache(maxsize=512)(lambda t: number_at(name, self.incident, t, unit="m/s"))
         velocity(0.0)
         return velocity
 
 
-# Loads that include the motion of the ground.
+# Loads that prescribe the ground motion as an incident wave.
 Waves = FreeField | ObliqueFreeField
 
 

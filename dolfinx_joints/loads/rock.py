@@ -44,7 +44,7 @@ class Layer:
 
 
 def cells_behind(model: LoadedBody, groups: Sequence[str]) -> tuple[Ints, Floats, Floats]:
-    """Return the local cells behind the facets of groups, with the heights of their ends [m]."""
+    """Return the local cells behind the facets of groups, and their bottoms and tops [m]."""
     facets = np.concatenate([model.jointed.facets(group) for group in groups])
     cells, _ = facet_slots(model.jointed.mesh, facets)
     heights = model.V.tabulate_dof_coordinates()[:, model.gdim - 1][model.V.dofmap.list[cells]]
@@ -61,23 +61,23 @@ def layers_along(
     """
     cells, low, high = cells_behind(model, groups)
     fields = (model.body.first_lame, model.body.shear_modulus, model.body.density)
-    mine = np.column_stack([low, high, *(_values(field, cells) for field in fields)])
-    every = model.jointed.mesh.comm.allgather(np.unique(mine, axis=0))
-    rows = np.unique(np.concatenate(every), axis=0)
+    local_rows = np.column_stack([low, high, *(_values(field, cells) for field in fields)])
+    all_rows = model.jointed.mesh.comm.allgather(np.unique(local_rows, axis=0))
+    rows = np.unique(np.concatenate(all_rows), axis=0)
     if not rows[:, 4].all():
         raise ValueError(f"{name}: the rock along {', '.join(groups)} must have mass everywhere.")
     slack = LEVEL * max(np.abs(rows[:, :2]).max(), np.ptp(rows[:, :2]))
     layers: list[Layer] = []
     for bottom, top, lame, shear, density in rows.tolist():
         rock = Layer(bottom=bottom, top=top, first_lame=lame, shear_modulus=shear, density=density)
-        last = layers[-1] if layers else None
-        if last is not None and replace(rock, bottom=last.bottom, top=last.top) == last:
-            layers[-1] = replace(last, top=max(last.top, top))
-        elif last is not None and abs(bottom - last.top) > slack:
-            ends = [f"{round(height, 6) + 0.0:g}" for height in (last.bottom, last.top, bottom)]
+        below = layers[-1] if layers else None
+        if below is not None and replace(rock, bottom=below.bottom, top=below.top) == below:
+            layers[-1] = replace(below, top=max(below.top, top))
+        elif below is not None and abs(bottom - below.top) > slack:
+            ends = [f"{round(height, 6) + 0.0:g}" for height in (below.bottom, below.top, bottom)]
             raise ValueError(
                 f"{name}: the rock along {', '.join(groups)} has materials of densities "
-                f"{last.density:g} and {density:g} kg/m^3, the first from {ends[0]} to {ends[1]} "
+                f"{below.density:g} and {density:g} kg/m^3, the first from {ends[0]} to {ends[1]} "
                 f"m, the second from {ends[2]} m up. They must form horizontal, adjacent layers."
             )
         else:

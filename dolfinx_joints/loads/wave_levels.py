@@ -22,13 +22,13 @@ from dolfinx_joints.loads.rock import Layer, cells_behind
 from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.mesh.orientation import facet_normals
 
-# Levels per period of the highest frequency; cubic interpolation between them errs by 2e-4.
+# Levels per period of the highest frequency; the error of cubic interpolation is then 2e-4.
 LEVELS = 20.0
 
 # Patterns smaller than this, relative to the largest one, are rounding error.
 ROUNDING = 1e-13
 
-# Slope above which a part of a boundary counts as a side, not as the bottom.
+# Ratio of the horizontal to the vertical part of a normal, above which a facet counts as a side.
 STEEP = 0.5
 
 Patterns = list[tuple[PETSc.Vec, TimeFactor]]
@@ -44,11 +44,11 @@ def forces_of_levels(
     start: float = 0.0,
     layer: Layer | None = None,
 ) -> list[tuple[float, PETSc.Vec]]:
-    """Return the delay of each level [s] and the forces of unit velocity there, (12j) (collective).
+    """Return the delay of each level [s] and the forces per velocity, (12j) (collective).
 
-    Velocities are interpolated by cubics between levels ``spacing`` apart [s], and by the shape
-    functions on facets. The wave has the motion d and the slowness s [s/m]. Its delay is zero where
-    the phase s.x equals ``start`` [s]. If a layer is given, only its facets are loaded.
+    Velocities are interpolated by cubics between levels at a distance of ``spacing`` [s], and by
+    the shape functions on facets. The wave has the motion d and the slowness s [s/m]. The delay is
+    zero where the phase s.x equals ``start`` [s]. If a layer is given, only its facets are loaded.
     """
     degree = model.V.element.basix_element.degree
     scalar = fem.functionspace(model.jointed.mesh, ("Lagrange", degree))
@@ -84,7 +84,7 @@ def without_rounding(patterns: Patterns) -> Patterns:
 def extent_along(
     model: LoadedBody, groups: Sequence[str], axis: Floats, layer: Layer | None = None
 ) -> tuple[float, float]:
-    """Return the range of x.axis over the nodes of groups, or of one layer of them (collective)."""
+    """Return the range of x.axis at the nodes of groups, or only in one layer (collective)."""
     x = model.V.tabulate_dof_coordinates()[:, : model.gdim]
     nodes = np.concatenate([model.nodes(group) for group in groups])
     if layer is not None:
@@ -97,7 +97,7 @@ def extent_along(
 
 
 def warn_of_sides(model: LoadedBody) -> list[str]:
-    """Warn of dashpots at the sides of rock under a uniform ground motion (collective).
+    """Warn of dashpots at the sides of the rock under a uniform ground motion (collective).
 
     Returns:
         The warnings, on rank 0 only.
@@ -113,7 +113,7 @@ def warn_of_sides(model: LoadedBody) -> list[str]:
     text = (
         "The ground motion is uniform, so the dashpots at the sides of the rock "
         f"({', '.join(steep)}) disturb the rising wave. Pass the wave to dynamics() as a "
-        "FreeField; or put a ViscousBoundary at the bottom only and constrain the sides across "
+        "FreeField, or use a ViscousBoundary at the bottom only and constrain the sides normal to "
         "the motion."
     )
     warn(text, PlausibilityWarning)
@@ -153,9 +153,9 @@ def checked_base(
 def cubic(offset: Floats) -> Floats:
     """Return the weight of a sample at ``offset`` spacings in four-point Lagrange interpolation."""
     x = np.abs(offset)
-    near = (1.0 - x) * (1.0 + x) * (2.0 - x) / 2.0
-    far = (1.0 - x) * (2.0 - x) * (3.0 - x) / 6.0
-    return np.where(x < 1.0, near, np.where(x < 2.0, far, 0.0))
+    inner = (1.0 - x) * (1.0 + x) * (2.0 - x) / 2.0
+    outer = (1.0 - x) * (2.0 - x) * (3.0 - x) / 6.0
+    return np.where(x < 1.0, inner, np.where(x < 2.0, outer, 0.0))
 
 
 def _traction(model: LoadedBody, motion: Floats, slowness: Floats) -> Any:

@@ -33,7 +33,7 @@ from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_dire
 from dolfinx_joints.results.layout import declare, declare_body, declare_points, stage_bytes
 from dolfinx_joints.results.quantities import rows_below
 from dolfinx_joints.results.reader import ABSOLUTE, RELATIVE
-from dolfinx_joints.results.writer import ResultsWriter, check_storable, holds_statics_alone
+from dolfinx_joints.results.writer import ResultsWriter, check_storable, contains_only_statics
 from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record, StageRecord
 
@@ -156,7 +156,7 @@ class ResultsMonitor(Monitor):
         facts = {"manifest": made_by, "stage": "static", **self._facts(model)}
         if self._stages:
             return ResultsWriter.resume(self._path, {"statics": self._stages}, facts)
-        aside = None if holds_statics_alone(self._path) else self._aside
+        aside = None if contains_only_statics(self._path) else self._aside
         self._moved_aside = self.overwrite and aside is not None and self._path.exists()
         again = self.overwrite or self._stages == 0
         return ResultsWriter(self._path, facts, overwrite=again, aside=aside)
@@ -192,7 +192,7 @@ class ResultsMonitor(Monitor):
             facts["manifest"] = manifest(
                 model, first.settings, self._mesh_sha256, first.stages, self._resolved
             )
-            own = self._stages is not None and holds_statics_alone(self._path)
+            own = self._stages is not None and contains_only_statics(self._path)
             replaces = self.overwrite or own
             self._writer = writer = ResultsWriter(self._path, facts, overwrite=replaces)
             if self._moved_aside:

@@ -7,10 +7,10 @@ Lines with ``#`` above the numbers may give, as ``key: value``,
 - ``unit``: unit of acceleration, for example ``cm/s^2``, also as ``# acceleration (cm/s^2)``;
 - ``dt``: time between rows [s], if there is no time column [s];
 - ``columns``: ``time``, the direction of a component, or ``skip``, for example ``time N E UP`` or
-  ``35 305 UP``; or ``wrapped``: one component with equal counts on all lines except the last.
+  ``35 305 UP``; or ``wrapped``: one component with equal numbers of values per line but the last.
 
-A line of names may follow, such as ``time (s),acc (g)``. Velocities, displacements and different
-units are errors. The user must give any missing description; if both are given, they must agree.
+A line of names may follow, such as ``time (s),acc (g)``. Velocities, displacements and several
+units raise an error. Facts that the file does not state are arguments; facts in both must agree.
 A single unnamed column is a component; two are time and a component. Decimal commas need blanks,
 tabs or semicolons between columns, or a single column.
 """
@@ -45,7 +45,7 @@ _TIME = re.compile(r"t|time|times|zeit|tempo|temps|tiempo|period", re.I)
 _NUMBER_FIRST = re.compile(r"\s*[+-]?\.?\d")
 _DECIMAL = re.compile(r"([+-]?\d+),(\d+)(?:e[+-]?\d+)?", re.I)
 Keys = dict[str, tuple[int, str]]  # number of the line and value
-_STEP_TOLERANCE = 0.02  # error allowed in rounded times, relative to the step
+_STEP_TOLERANCE = 0.02  # allowed error of rounded times, relative to the step
 
 
 def is_columns(text: RecordText) -> bool:
@@ -71,7 +71,7 @@ def read_columns(
     unit, names = _unit(text, keys, unit), _names(text, keys, columns)
     record = text.path.stem
     if names == ["wrapped"]:
-        _refuse_counted_lines(text, first)
+        _refuse_line_numbers(text, first)
         dt = _step(text, keys, dt, [], first)
         return [component(text, text.values(first), dt=dt, unit=unit, record=record)]
     rows = text.rows(first, len(names))
@@ -95,14 +95,14 @@ def read_columns(
     ]
 
 
-def _refuse_counted_lines(text: RecordText, first: int) -> None:
+def _refuse_line_numbers(text: RecordText, first: int) -> None:
     """Raise an error if a column of a wrapped series has times or line numbers."""
     words = [text.words(number) for number in range(first, len(text.lines) + 1)]
-    full = [row for row in words if len(row) == len(words[0]) > 1]
-    for column in zip(*full, strict=True) if len(full) > 3 else ():
+    full_rows = [row for row in words if len(row) == len(words[0]) > 1]
+    for column in zip(*full_rows, strict=True) if len(full_rows) > 3 else ():
         values = np.array([text.number(first + i, word) for i, word in enumerate(column)])
-        line = np.linspace(values[0], values[-1], len(values))
-        if (np.diff(values) > 0.0).all() and np.abs(values - line).max() <= _digit(column):
+        ramp = np.linspace(values[0], values[-1], len(values))
+        if (np.diff(values) > 0.0).all() and np.abs(values - ramp).max() <= _digit(column):
             counter = f"{column[0]} is a time or line number, which increases by equal steps"
             text.fail(first, f"{counter}; remove it, because columns='wrapped' reads samples only.")
 
@@ -120,11 +120,11 @@ def _first_row(text: RecordText) -> int:
     names, below, next_row = (*text.lines[number - 1 : number + 2], "", "", "")[:3]
     if _NUMBER_FIRST.match(names) or not any(map(_NUMBER_FIRST.match, (below, next_row))):
         return number
-    columns = len(text.words(number + 1)), len(_parts(below))  # the second for decimal commas
-    return number + (len(_parts(names)) in columns)
+    columns = len(text.words(number + 1)), len(_headings(below))  # the latter for decimal commas
+    return number + (len(_headings(names)) in columns)
 
 
-def _parts(line: str) -> list[str]:
+def _headings(line: str) -> list[str]:
     """Split a line of names at semicolons, tabs, commas or blanks."""
     line = re.sub(r"\s+(?=[\[(])", "", line)  # a unit belongs to the name before it
     mark = next((mark for mark in ";\t," if mark in line), None)
@@ -134,9 +134,9 @@ def _parts(line: str) -> list[str]:
 def _use_decimal_points(text: RecordText, first: int) -> None:
     """Replace decimal commas by points, from the first line of values.
 
-    Commas are decimal if there are no points, and either the columns have other separators or each
-    line is one number with the same number of decimals. Increasing integers before the comma are
-    times, however, so that the comma separates columns.
+    Commas are decimal if there are no points, and either the columns have other separators or all
+    lines are one number with equally many decimals. If the integers before the comma increase,
+    however, they are times and the comma separates columns.
     """
     lines = [line.strip() for line in text.lines[first - 1 :]]
     if any("." in line for line in lines):
@@ -165,7 +165,7 @@ def _keys(text: RecordText) -> Keys:
                 _state_unit(text, keys, number, unit)
             continue
         columns = []
-        for heading in filter(None, map(_NAME.fullmatch, _parts(line))):
+        for heading in filter(None, map(_NAME.fullmatch, _headings(line))):
             name, unit = _OF_ACCELERATION.sub("", heading[1]), heading[2]
             time = bool(_TIME.fullmatch(name)) or (unit or "") in ("s", "sec")
             if _OTHER_NAME.match(name) or (time and (unit or "s")[0] not in "sS"):
@@ -185,19 +185,19 @@ def _state_unit(text: RecordText, keys: Keys, number: int, unit: str) -> None:
         text.fail(number, f"the unit is {unit}, but in line {line} it is {earlier}; use one unit.")
 
 
-def _agreed(text: RecordText, keys: Keys, key: str, in_file: Any, given: Any) -> Any:
+def _agree(text: RecordText, keys: Keys, key: str, in_file: Any, user: Any) -> Any:
     """Return the value from the file or from the user; raise an error if they differ."""
-    if None not in (in_file, given) and in_file != given:
-        text.fail(keys[key][0], f"{key} is {in_file} in the file, but {given} was given.")
-    return given if in_file is None else in_file
+    if None not in (in_file, user) and in_file != user:
+        text.fail(keys[key][0], f"{key} is {in_file} in the file, but {user} was given.")
+    return user if in_file is None else in_file
 
 
 def _unit(text: RecordText, keys: Keys, user: str | None) -> str:
     in_file = keys["unit"][1] if "unit" in keys else None
-    given = None if user is None else unit_named(user, "unit")
-    if in_file and given and UNITS[in_file] == UNITS[given]:
-        return given
-    unit: str | None = _agreed(text, keys, "unit", in_file, given)
+    unit_given = None if user is None else unit_named(user, "unit")
+    if in_file and unit_given and UNITS[in_file] == UNITS[unit_given]:
+        return unit_given
+    unit: str | None = _agree(text, keys, "unit", in_file, unit_given)
     if unit is None:
         raise RecordError(
             f"{text.path} does not state the unit of its columns; pass unit=, or write "
@@ -210,8 +210,8 @@ def _names(text: RecordText, keys: Keys, user: Sequence[str | float] | str | Non
     """Return the content of each column; by default a component, or time and a component."""
     in_file = keys["columns"][1].lower().split() if "columns" in keys else None
     user = user.split() if isinstance(user, str) else user
-    given = None if user is None else [str(name).lower() for name in user]
-    names: list[str] | None = _agreed(text, keys, "columns", in_file, given)
+    names_given = None if user is None else [str(name).lower() for name in user]
+    names: list[str] | None = _agree(text, keys, "columns", in_file, names_given)
     if names is not None and "names" in keys:
         number, headings = keys["names"]
         for name, content in zip(headings.split(), names, strict=False):
@@ -234,9 +234,9 @@ def _names(text: RecordText, keys: Keys, user: Sequence[str | float] | str | Non
                 "columns='wrapped' for one component that continues from line to line."
             )
     valid = [n for n in names if n in ("time", "skip") or direction_named(n) is not None]
-    used = [name for name in names if name != "skip"]
+    contents = [name for name in names if name != "skip"]
     if names != ["wrapped"] and (
-        valid != names or len(set(used)) < len(used) or set(used) <= {"time"}
+        valid != names or len(set(contents)) < len(contents) or set(contents) <= {"time"}
     ):
         raise RecordError(
             f"{text.path}: columns must be different directions (N, E, S, W, UP, DOWN, azimuths, "
@@ -251,7 +251,7 @@ def _step(
 ) -> float:
     """Return the time between rows [s]; printed times may be rounded to their last digit."""
     in_file = text.positive(*keys["dt"], "dt") if "dt" in keys else None
-    dt: float | None = _agreed(text, keys, "dt", in_file, user)
+    dt: float | None = _agree(text, keys, "dt", in_file, user)
     if not printed:
         if dt is None:
             raise RecordError(
@@ -261,11 +261,11 @@ def _step(
         return dt
     times, counted = np.array(printed, dtype=np.float64), np.arange(len(printed))
     step = float((times[-1] - times[0]) / (len(times) - 1)) if dt is None else dt
-    usual, off = step, times - times[0] - step * counted
-    missed = np.abs(off) >= _STEP_TOLERANCE * step
-    if dt is not None:  # times may be rounded; after a missing row they are off by a step
-        digit, spread = _digit(printed), np.maximum.accumulate(off) - np.minimum.accumulate(off)
-        far = np.abs(off) >= (0.5 - _STEP_TOLERANCE) * (digit + dt)
+    usual, lag = step, times - times[0] - step * counted
+    missed = np.abs(lag) >= _STEP_TOLERANCE * step
+    if dt is not None:  # times may be rounded; after a missing row their error is a step
+        digit, spread = _digit(printed), np.maximum.accumulate(lag) - np.minimum.accumulate(lag)
+        far = np.abs(lag) >= (0.5 - _STEP_TOLERANCE) * (digit + dt)
         missed &= far | (spread > digit * (1.0 + _STEP_TOLERANCE))
     elif missed.any():
         steps = np.diff(times)

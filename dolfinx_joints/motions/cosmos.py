@@ -4,7 +4,7 @@
 
 A channel has text, 100 integers, 100 real numbers, comments, and blocks of values. Each part states
 its number of lines or values and their format. V1 (uncorrected) and V2 (corrected) accelerations
-are read; velocity and displacement of a V2 channel are skipped. Raw counts (V0) are an error.
+are read; velocity and displacement of a V2 channel are skipped. Raw counts (V0) raise an error.
 """
 
 import re
@@ -41,7 +41,7 @@ _UNIT_CODES = {"2": "g", "4": "cm/s^2", "10": "gal", "11": "mg"}
 
 
 def _record(text: RecordText) -> str:
-    """Return the name of the record: station and start time, from two lines of fixed position."""
+    """Return the name of the record: station (line 5) and start time (line 8)."""
     station, start = text.line(5, "the station"), text.line(8, "the starting time")
     code = re.search(r"Code:\s*(\S+)", station) or re.search(r"Statn No:\s*(\S+)", station)
     time = re.search(r"time:\s*([\d/]+)[,\s]+([\d:.]+)", start)
@@ -53,9 +53,9 @@ def _channels(text: RecordText) -> Iterator[Component]:
     line = 1
     while line <= len(text.lines) and (title := _TITLE.search(text.lines[line - 1])):
         head, first = line + 7, line + int(title[1])
-        whole, second = _header(text, first)
+        integers, second = _header(text, first)
         real, after = _header(text, second)
-        unit = _unit(text, first + 1, whole)
+        unit = _unit(text, first + 1, integers)
         step = text.positive(second + 1, real[61], "the time step [ms] (62nd real number)")
         after = _after_comments(text, after)
         stated = map(_UNKNOWN.search, text.lines[line - 1 : first - 1])
@@ -66,34 +66,34 @@ def _channels(text: RecordText) -> Iterator[Component]:
             samples,
             dt=1e-3 * step,
             unit=unit,
-            stated=_direction(whole[53]),
+            stated=_direction(integers[53]),
             record=_record(text),
-            start=_start(text, head, whole, real),
+            start=_start(text, head, integers, real),
             unknown=unknown,
         )
 
 
-def _start(text: RecordText, number: int, whole: list[str], real: list[str]) -> float | None:
+def _start(text: RecordText, number: int, integers: list[str], real: list[str]) -> float | None:
     """Return the time of the first sample.
 
     Integers 40 and 42 to 45 are year, month, day, hour and minute; real number 30 is the seconds.
-    If one of them is missing (-999), use this line of text, if it states the time.
+    If one of these is missing (-999), use the text line ``number``, if it states the time.
     """
-    numbers = " ".join((whole[39], *whole[41:45], real[29]))
+    numbers = " ".join((integers[39], *integers[41:45], real[29]))
     if _NUMBERS.match(numbers):
         return start_time(text, number, _NUMBERS, numbers)
     line = text.line(number, "the starting time")
     return start_time(text, number, _START, line) if _START.match(line) else None
 
 
-def _unit(text: RecordText, number: int, whole: list[str]) -> str:
-    """Return the name of the unit, from the second and third integer on a line."""
-    if whole[1] not in ("1", "-999"):  # acceleration or not specified
-        text.fail(number, f"the channel must have acceleration, code 1, got {whole[1]}.")
-    if whole[2] not in _UNIT_CODES:
+def _unit(text: RecordText, number: int, integers: list[str]) -> str:
+    """Return the name of the unit from the second and third integer, in the line ``number``."""
+    if integers[1] not in ("1", "-999"):  # acceleration or not specified
+        text.fail(number, f"the channel must have acceleration, code 1, got {integers[1]}.")
+    if integers[2] not in _UNIT_CODES:
         codes = ", ".join(f"{code} ({name})" for code, name in _UNIT_CODES.items())
-        text.fail(number, f"the unit code is {whole[2]}; use {codes}.")
-    return _UNIT_CODES[whole[2]]
+        text.fail(number, f"the unit code is {integers[2]}; use {codes}.")
+    return _UNIT_CODES[integers[2]]
 
 
 def _header(text: RecordText, number: int) -> tuple[list[str], int]:

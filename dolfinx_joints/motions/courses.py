@@ -16,7 +16,7 @@ from dolfinx_joints.common.errors import RecordError
 from dolfinx_joints.common.parameters import numbers_of, shown
 from dolfinx_joints.motions.motion import Motion, Seconds
 
-# Largest initial velocity of a velocity record, over its largest velocity.
+# Largest allowed initial velocity of a velocity record, relative to its largest velocity.
 AT_REST = 0.01
 
 
@@ -47,8 +47,8 @@ def motion_from_displacement(
 def motion_from_velocity(velocity: ArrayLike, *, dt: Seconds, name: str = "motion") -> Motion:
     """Make a motion from samples of its velocity.
 
-    The cubic spline through the samples is integrated and passed to `motion_from_displacement`. The
-    motion reproduces these displacements exactly, and the velocity to fourth order in ``dt``.
+    The integral of the cubic spline through the samples is passed to `motion_from_displacement`.
+    The motion has these displacements exactly, and the velocity to fourth order in ``dt``.
 
     Args:
         velocity: Shape (n, 3), n >= 4, starting from rest, [m/s].
@@ -77,25 +77,25 @@ def displacement_of(motion: Motion, *, rate: bool = False) -> Callable[[Floats],
     acceleration, dt = motion.acceleration, motion.dt
     jerk = np.diff(acceleration, axis=0) / dt
 
-    def displaced(times: Floats) -> Floats:
-        within = np.clip(times, 0.0, motion.duration)
-        i = np.minimum((within / dt).astype(int), len(jerk) - 1)
-        past = (within - i * dt)[:, None]
+    def at_times(times: Floats) -> Floats:
+        inside = np.clip(times, 0.0, motion.duration)
+        i = np.minimum((inside / dt).astype(int), len(jerk) - 1)
+        after = (inside - i * dt)[:, None]
         if rate:
-            return np.asarray(velocity[i] + past * (acceleration[i] + 0.5 * past * jerk[i]))
-        curvature = 0.5 * acceleration[i] + past * jerk[i] / 6.0
+            return np.asarray(velocity[i] + after * (acceleration[i] + 0.5 * after * jerk[i]))
+        curvature = 0.5 * acceleration[i] + after * jerk[i] / 6.0
         beyond_end = np.maximum(times - motion.duration, 0.0)[:, None]
-        moved: Floats = displacement[i] + past * (velocity[i] + past * curvature)
-        return moved + beyond_end * velocity[-1]
+        result: Floats = displacement[i] + after * (velocity[i] + after * curvature)
+        return result + beyond_end * velocity[-1]
 
-    return displaced
+    return at_times
 
 
-def _samples(name: str, given: Any) -> Floats:
+def _samples(name: str, samples: Any) -> Floats:
     """Return the samples as finite numbers of shape (n >= 4, 3)."""
-    values = numbers_of(given)
+    values = numbers_of(samples)
     if values is None or values.ndim != 2 or values.shape[1] != 3 or len(values) < 4:
-        got = shown(given) if values is None else values.shape
+        got = shown(samples) if values is None else values.shape
         raise RecordError(f"{name} must be real numbers of shape (n >= 4, 3), got {got}.")
     if not np.isfinite(values).all():
         raise RecordError(f"{name} must be finite.")

@@ -20,14 +20,14 @@ from dolfinx_joints.common.summary import Rows, Summarised
 from dolfinx_joints.motions.courses import displacement_of
 from dolfinx_joints.motions.motion import Motion
 
-# Largest difference between final velocities of motions, over the largest velocity.
+# Largest difference between final velocities of motions, relative to the largest velocity.
 DRIFT = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
 @checked
 class Passage:
-    """Wave passage along the ground: the arrival at x is delayed by x.n / c.
+    """Wave passage along the ground: the delay at x is x.n / c, with the unit vector n.
 
     Attributes:
         speed: Apparent velocity c along the direction [m/s].
@@ -43,7 +43,7 @@ class Passage:
 
     def delays(self, x: Floats) -> Floats:
         """Return the delays at places (n, 3) [m] relative to the origin, shape (n,), [s]."""
-        n = _in_space(self.direction)
+        n = _three_numbers(self.direction)
         return np.asarray(x @ n / (np.linalg.norm(n) * self.speed))
 
 
@@ -53,17 +53,17 @@ class DifferingMotion(Summarised):
     """Spatially varying motion of the supports, for the ``motion`` of a dynamic stage.
 
     Displacements are relative to a reference ground motion, which loads the body by inertia forces
-    like a uniform motion. In addition, the supports move by the difference between the displacement
-    of their ground and that of the reference.
+    like a uniform motion. In addition, each support moves by the displacement of its ground minus
+    the displacement of the reference.
 
     Attributes:
         motions: One motion, or several by name: names of facet groups with supports, or of the
-            stations in ``positions``. A node of several groups moves with the last of them.
+            stations in ``positions``. A node of several groups moves with the last group.
         positions: Coordinates of the stations by name [m].
         between: Interpolation between stations. ``line``: linear in the distance along the line
-            from the first to the last, constant beyond the ends. ``places``: by distances in space,
-            for stations on both banks and at several heights.
-        passage: Delays by wave passage, zero at the support reached first; no delays by default.
+            from first to last station, constant beyond. ``places``: by 3-D distances, for stations
+            on both banks and at several heights.
+        passage: Wave passage; its delay is zero at the support reached first. None by default.
         reference: Name of the reference motion, which has no delay; the first by default.
     """
 
@@ -74,15 +74,15 @@ class DifferingMotion(Summarised):
     reference: str | None = None
 
     def __post_init__(self) -> None:
-        wanted = "a Motion, or several by name"
-        good = isinstance(self.motions, Motion | Mapping) and bool(self.named)
-        check_kind_of("DifferingMotion: motions", self.motions, good, wanted)
+        expected = "a Motion, or several by name"
+        valid = isinstance(self.motions, Motion | Mapping) and bool(self.named)
+        check_kind_of("DifferingMotion: motions", self.motions, valid, expected)
         for name, motion in self.named.items():
             check_kind_of(
                 f"The motion of {shown(name)}", motion, isinstance(motion, Motion), "a Motion"
             )
-        good = isinstance(self.passage, Passage | None)
-        check_kind_of("DifferingMotion: passage", self.passage, good, "a Passage")
+        valid = isinstance(self.passage, Passage | None)
+        check_kind_of("DifferingMotion: passage", self.passage, valid, "a Passage")
         if self.reference is not None and self.reference not in self.named:
             raise ValueError(
                 f"DifferingMotion: reference is {shown(self.reference)}; it must be one of "
@@ -113,11 +113,11 @@ class DifferingMotion(Summarised):
     def _warn_of_drift(self) -> None:
         ends = np.array([m.integrated()[0][-1] for m in self.named.values()])
         largest = max(np.abs(m.integrated()[0]).max() for m in self.named.values())
-        apart = float(np.ptp(ends, axis=0).max())
-        if apart > DRIFT * largest:
+        spread = float(np.ptp(ends, axis=0).max())
+        if spread > DRIFT * largest:
             warn(
                 f"The motions of {', '.join(self.named)} end with velocities that differ by up to "
-                f"{apart:.3g} m/s, so the ground continues to move apart; correct their baselines.",
+                f"{spread:.3g} m/s, so the ground keeps moving apart; correct their baselines.",
                 PlausibilityWarning,
             )
 
@@ -177,13 +177,13 @@ class DifferingMotion(Summarised):
             for k, history in enumerate(histories.values())
         ]
 
-        def moved(time: float) -> Floats:
+        def relative_displacement(time: float) -> Floats:
             displacement = np.zeros((len(x), 3))
             for acting, share, delay, history in parts:
                 displacement[acting] += share * history(time - delay)
             return displacement - histories[self._reference](np.array([time]))
 
-        return moved
+        return relative_displacement
 
     def _shares(self, x: Floats, members: Mapping[str, Flags]) -> Floats:
         """Return the share of each motion at each place, shape (n, motions)."""
@@ -207,7 +207,7 @@ class DifferingMotion(Summarised):
 
     def _places(self, positions: Mapping[str, Sequence[float]]) -> Floats:
         """Return the positions in the order of the motions, shape (motions, 3), [m]."""
-        return np.array([_in_space(positions[name]) for name in self.named])
+        return np.array([_three_numbers(positions[name]) for name in self.named])
 
     def _along(self, positions: Mapping[str, Sequence[float]]) -> Callable[[Floats], Floats]:
         """Return the function of the distance along the line through first and last station [m]."""
@@ -216,8 +216,8 @@ class DifferingMotion(Summarised):
         return lambda x: np.asarray(x @ line / (np.linalg.norm(line) or 1.0))
 
 
-def _in_space(vector: Sequence[float]) -> Floats:
-    """Return a vector with two or three numbers as one with three."""
+def _three_numbers(vector: Sequence[float]) -> Floats:
+    """Return a vector of two or three numbers as three numbers, padded by zero."""
     padded = np.zeros(3)
     padded[: len(vector)] = vector
     return padded

@@ -215,9 +215,9 @@ def _smc_record(text: RecordText) -> str:
     return record_named(station.removeprefix("station ="), day)
 
 
-def _smc_start(whole: list[str]) -> float | None:
+def _smc_start(integers: list[str]) -> float | None:
     """Return the time from integers 2 to 7: year, day of the year, hour, minute, s, ms; or None."""
-    missing, *parts = whole[:7]
+    missing, *parts = integers[:7]
     if missing in parts or not all(part.isdigit() for part in parts) or not int(parts[0]):
         return None
     year, day, hour, minute, second, ms = (int(part) for part in parts)
@@ -232,15 +232,15 @@ def _read_smc(text: RecordText) -> list[Component]:
             1, f"must be '2 CORRECTED ACCELEROGRAM', sampled at equal steps, got {shown(kind)}."
         )
     text.line(27, "the end of the headers")
-    whole = [word for number in range(12, 18) for word in text.words(number, 10)]
-    if len(whole) != 48:
-        text.fail(17, f"lines 12 to 17 must have 48 integers, got {len(whole)}.")
-    if whole[17] == "1":
+    integers = [word for number in range(12, 18) for word in text.words(number, 10)]
+    if len(integers) != 48:
+        text.fail(17, f"lines 12 to 17 must have 48 integers, got {len(integers)}.")
+    if integers[17] == "1":
         text.fail(14, "the file flags a problem of the record (18th integer is 1).")
     rate = text.positive(18, (*text.words(18, 15), "", "")[1], "the sampling rate")
-    count = text.count(14, whole[16])
-    comments = int(text.number(13, whole[15], "the number of comments"))
-    tilt, azimuth = (text.number(13, word, "orientation") for word in whole[12:14])
+    count = text.count(14, integers[16])
+    comments = int(text.number(13, integers[15], "the number of comments"))
+    tilt, azimuth = (text.number(13, word, "orientation") for word in integers[12:14])
     sideways = direction_named(f"{azimuth:g}") if tilt == 90.0 else None
     vertical: dict[float, Direction] = {0.0: "up", 180.0: "down"}
     return [
@@ -251,7 +251,7 @@ def _read_smc(text: RecordText) -> list[Component]:
             unit="cm/s^2",
             stated=vertical.get(tilt, sideways),
             record=_smc_record(text),
-            start=_smc_start(whole),
+            start=_smc_start(integers),
         )
     ]
 

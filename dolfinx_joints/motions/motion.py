@@ -128,7 +128,7 @@ class Motion(Summarised):
 
         The samples, padded by an equal number of zeros, are one period of a Fourier series. For a
         longer step, a half-cosine low-pass from 80 % of the new Nyquist frequency prevents
-        aliasing. Taper a motion that starts or ends away from zero, because the series rings there.
+        aliasing. Taper a motion whose ends are not zero, because the series oscillates there.
 
         Args:
             dt: new time between samples [s].
@@ -144,7 +144,7 @@ class Motion(Summarised):
         """Remove the frequencies that time steps of length ``step`` [s] would alias.
 
         The gain is 1 / (1 + (2.5 f step)^8): 98 % at half the Nyquist frequency of the step, 14 %
-        at this frequency, 0.07 % at twice this frequency. Steps up to ``dt`` change nothing.
+        at the Nyquist frequency, 0.07 % at its double. Steps up to ``dt`` change nothing.
         """
         if step <= self.dt * (1.0 + ROUNDING):
             return self
@@ -175,13 +175,13 @@ class Motion(Summarised):
 
     @checked
     def baseline_corrected(self, degree: Annotated[int, at.Interval(ge=0, le=6)] = 2) -> Self:
-        """Subtract a polynomial baseline, which makes the velocity drift.
+        """Subtract the polynomial baseline that makes the velocity drift.
 
         The integral of the polynomial, zero at the start, is the least-squares fit of the velocity.
         The motion should start at rest; it need not end at rest.
 
         Args:
-            degree: of the polynomial: 0 an offset, 1 a line, 2 a parabola, ... up to 6.
+            degree: degree of the polynomial: 0 an offset, 1 a line, 2 a parabola, ... up to 6.
         """
         return replace(self, acceleration=without_baseline(self.acceleration, degree))
 
@@ -195,14 +195,14 @@ class Motion(Summarised):
     ) -> Self:
         """Apply a Butterworth filter forwards and backwards, without phase shift.
 
-        The gain of both passes is 1/2 at the corners and falls twice as steeply as that of one
-        pass. The motion is padded by zeros: correct its baseline and taper it first. The response
-        beyond the ends is cut off, so the displacement can drift: correct the baseline again.
+        The gain of both passes is 1/2 at the corners and falls twice as steeply as for one pass.
+        The motion is padded by zeros: correct its baseline and taper it first. The response beyond
+        the ends is cut off, so the displacement can drift: correct the baseline again.
 
         Args:
             low: lower corner [Hz]; no high-pass by default.
             high: upper corner [Hz]; no low-pass by default.
-            order: of one pass, from 1 to 8.
+            order: filter order of one pass, from 1 to 8.
         """
         nyquist = 0.5 / self.dt
         corners = [corner for corner in (low, high) if corner is not None]
@@ -241,7 +241,7 @@ class Motion(Summarised):
 
     @checked
     def scaled(self, factor: float | Sequence[float]) -> Self:
-        """Multiply all components by one factor, or each by its factor."""
+        """Multiply all components by one factor, or each component by a separate factor."""
         factors = np.asarray(factor, dtype=np.float64)
         if factors.shape not in ((), (3,)):
             raise RecordError(f"factor must be one number or three, got {shown(factor, str)}.")
@@ -263,7 +263,7 @@ def synthetic_motion(
     random and the amplitudes fade in the outer quarters of the band. The envelope rises over 15 %
     of the duration, is 1 until 45 % and decays to zero. Then the envelope times a linear function
     of time is subtracted, so that velocity and displacement return to zero. Finally each component
-    is scaled to its peak. The phases use the raw PCG64 stream, which NumPy guarantees to keep.
+    is scaled to its peak. The phases use the raw PCG64 stream, the same in all versions of NumPy.
 
     Args:
         seed: integer that selects the phases.

@@ -55,7 +55,7 @@ def without_baseline(acceleration: Floats, degree: int) -> Floats:
     """Subtract the polynomial whose integral is the least-squares fit of the velocity."""
     place = np.linspace(-1.0, 1.0, len(acceleration))
     shapes: Floats = np.polynomial.legendre.legvander(place, degree)
-    # Use trapezoids for both, so that a polynomial baseline is removed exactly.
+    # Integrate both by trapezoids, so that a polynomial baseline is removed exactly.
     velocities, velocity = integrate(shapes, 1.0)[0], integrate(acceleration, 1.0)[0]
     coefficients = np.linalg.lstsq(velocities, velocity, rcond=None)[0]
     return acceleration - shapes @ coefficients
@@ -66,7 +66,7 @@ def band_pass(
 ) -> Floats:
     """Apply a Butterworth filter forwards and backwards, without phase shift.
 
-    The signal is padded at both ends by zeros, 1.5 ``order`` periods of the lowest corner long.
+    The signal is padded at both ends by zeros, for 1.5 ``order`` periods of the lowest corner.
     """
     from scipy.signal import butter, sosfilt
 
@@ -76,14 +76,14 @@ def band_pass(
     pad = int(np.ceil(1.5 * order / (low or high or 1.0) / dt))
     padded = np.pad(acceleration, ((pad, pad), (0, 0)))
     forwards = sosfilt(sections, padded, axis=0)
-    both: Floats = sosfilt(sections, forwards[::-1], axis=0)[::-1]
-    return both[pad:-pad]
+    filtered: Floats = sosfilt(sections, forwards[::-1], axis=0)[::-1]
+    return filtered[pad:-pad]
 
 
 def low_pass(acceleration: Floats, dt: float, band: float) -> Floats:
     """Apply the gain 1 / (1 + (f / band)^8) at the frequency f, without phase shift.
 
-    The gain is the same for every ``dt``. The cosine transform mirrors the signal at its first and
+    The gain does not depend on ``dt``. The cosine transform mirrors the signal at its first and
     last value, so even a signal that alternates at each sample is removed up to the ends. The
     mirror image affects two periods of the band next to each end.
     """

@@ -28,11 +28,11 @@ WEAK_G, STRONG_G = 0.02, 5.0
 Seism. Soc. Am. 102, 2012, 204); the strongest record has 4 g (Aoi et al., Science 322, 2008)."""
 
 LONGEST_STEP = 0.1
-"""Longest plausible time between samples [s]; accelerographs take 50 to 200 samples a second."""
+"""Longest plausible time between samples [s]; accelerographs record 50 to 200 samples a second."""
 
 _HEAD = 20_000  # bytes, enough for the header of any format
 _ANGLE = 1e-6  # tolerance of the right angle between horizontal components [degrees]
-_OFF = 0.25  # tolerance of the sample times of components, in steps: headers round to 1 ms
+_ALIGNMENT = 0.25  # allowed offset of sample times of components, in steps; headers round to 1 ms
 
 
 @checked
@@ -90,20 +90,20 @@ def read_record(
 ) -> Motion:
     """Read the three components of one record.
 
-    The horizontal component x is the one with y 90 degrees to its left, seen from above: azimuths 0
-    and 270, or east and north. A downward component changes its sign. If ``stream_azimuth_deg`` is
-    given, the horizontal axes are rotated so that x points downstream.
+    Of the horizontal components, y is 90 degrees to the left of x, seen from above: azimuths 0 and
+    270, or east and north. The sign of a downward component is changed. If ``stream_azimuth_deg``
+    is given, the horizontal axes are rotated so that x points downstream.
 
-    Components are cut to their common time interval. The time of the first sample is taken from the
-    header (ESM, K-NET, COSMOS, SMC) or the time column; without it, components start together. It
-    is an error if only some components have such a time, if there is no common interval, or if
+    Components are cut to their common time interval. The time of the first sample is read from the
+    header (ESM, K-NET, COSMOS, SMC) or the time column; without it, components start together. An
+    error is raised if only some components have such a time, if there is no common interval, or if
     samples of two components are more than a quarter of a step apart.
 
     Args:
         source: a directory, one file, or several files. Files of a directory are grouped to records
             by their headers; AT2 files by names that end in a component (``-UP``, ``DWN``,
             ``000``). Subdirectories and plain columns without a unit are skipped.
-        name: name of the record, or a unique part of it; needed if there are several.
+        name: name of the record, or a unique part of the name; needed if there are several records.
         unit: unit of plain columns, see :func:`read_components`.
         dt: time step of plain columns [s].
         columns: contents of plain columns.
@@ -128,9 +128,9 @@ def read_record(
     ]
     title = title or parts[0].record
     if directions is not None:
-        parts = _directed(parts, directions)
-    motion, azimuth = _assembled(parts, title)
-    _warn_of(motion, parts)
+        parts = _set_directions(parts, directions)
+    motion, azimuth = _assemble_motion(parts, title)
+    _warn_if_implausible(motion, parts)
     if azimuth is None and stream_azimuth_deg is not None:
         raise RecordError("stream_azimuth_deg is not allowed for components along x and y.")
     if azimuth is None or stream_azimuth_deg is None:
@@ -146,7 +146,7 @@ def record_names(directory: str | Path) -> list[str]:
 def _files(
     source: str | Path | Iterable[str | Path], name: str | None, any_columns: bool
 ) -> tuple[list[Path], str]:
-    """Return the files to read and the name of their record, empty if not chosen by name."""
+    """Return the files to read and the name of their record, empty for given files."""
     if not isinstance(source, str | Path):
         files = [Path(path) for path in source]
         if not files:
@@ -160,9 +160,9 @@ def _files(
     chosen = [stem for stem in chosen if stem == name] or chosen
     if not chosen:
         names = ", ".join(records) or "none"
-        wanted = "" if name is None else f" with {name!r} in its name"
+        condition = "" if name is None else f" with {name!r} in its name"
         skipped = f"; skipped files: {', '.join(left_out[:5])}" if left_out else ""
-        raise RecordError(f"{path} has no record{wanted}; its records: {names}{skipped}.")
+        raise RecordError(f"{path} has no record{condition}; its records: {names}{skipped}.")
     if len(chosen) > 1:
         raise RecordError(f"{path} has several records; choose by name=: {', '.join(chosen)}.")
     return records[chosen[0]], chosen[0]
@@ -188,7 +188,7 @@ def _records_in(directory: Path, any_columns: bool) -> tuple[dict[str, list[Path
 
 
 def _record_of(path: Path, any_columns: bool) -> str:
-    """Return the name of the record of a file from its first lines; raise RecordError if none."""
+    """Return the record name of a file from its first lines; raise RecordError without a name."""
     try:
         text = RecordText(path, head=_HEAD)
         file_format = next((candidate for candidate in FORMATS if candidate.matches(text)), None)
@@ -203,42 +203,42 @@ def _record_of(path: Path, any_columns: bool) -> str:
         raise
 
 
-def _directed(parts: list[Component], directions: Sequence[str | float]) -> list[Component]:
+def _set_directions(parts: list[Component], directions: Sequence[str | float]) -> list[Component]:
     """Return the components with the directions given by the user, checked against the files."""
     if len(directions) != len(parts):
         raise RecordError(
             f"directions has {len(directions)} entries, but the files have {len(parts)} components."
         )
     directed = []
-    for part, given in zip(parts, directions, strict=True):
-        direction = direction_named(str(given))
+    for part, name in zip(parts, directions, strict=True):
+        direction = direction_named(str(name))
         if direction is None:
             raise RecordError(
                 "directions must be N, E, S, W, UP, DOWN, azimuths from 0 to 360, or x, y, z of "
-                f"the dam, got {shown(given)}."
+                f"the dam, got {shown(name)}."
             )
         if part.stated not in (None, direction):
             raise RecordError(
-                f"{part.path} has the direction {part.stated}, but {shown(given)} was given."
+                f"{part.path} has the direction {part.stated}, but {shown(name)} was given."
             )
         directed.append(replace(part, stated=direction, suggested=None))
     return directed
 
 
-def _warn_of(motion: Motion, parts: list[Component]) -> None:
+def _warn_if_implausible(motion: Motion, parts: list[Component]) -> None:
     """Warn of a peak or a time step that is implausible for an accelerogram."""
     peak, reasons = float(motion.peak.max()) / STANDARD_GRAVITY, []
     if not WEAK_G <= peak <= STRONG_G:
         units = ", ".join(dict.fromkeys(part.unit for part in parts))
         reasons.append(f"its peak is {peak:.3g} g, read in {units}, not {WEAK_G} to {STRONG_G} g")
     if motion.dt > LONGEST_STEP:
-        reasons.append(f"its samples are {motion.dt:g} s apart, more than {LONGEST_STEP} s")
+        reasons.append(f"its time step is {motion.dt:g} s, more than {LONGEST_STEP} s")
     if reasons:
         text = f"Check the units of the record {shown(motion.name)}: {'; '.join(reasons)}."
         warn(text, PlausibilityWarning)
 
 
-def _assembled(parts: list[Component], title: str) -> tuple[Motion, float | None]:
+def _assemble_motion(parts: list[Component], title: str) -> tuple[Motion, float | None]:
     """Return the motion along x, y, z and the azimuth of x [degrees], None for x of the dam."""
     for part in parts:
         if part.stated is not None and part.suggested not in (None, part.stated):
@@ -246,7 +246,7 @@ def _assembled(parts: list[Component], title: str) -> tuple[Motion, float | None
                 f"{part.path}, line 2: component and file name disagree; correct one."
             )
     contents = ", ".join(f"{part.path.name} (direction {part.direction})" for part in parts)
-    upright = [part for part in parts if part.direction in ("up", "down")]
+    vertical = [part for part in parts if part.direction in ("up", "down")]
     flat = [(part, part.direction) for part in parts if isinstance(part.direction, float)]
     pairs: list[tuple[Component, Component, float | None]] = [
         (a, b, azimuth)
@@ -257,37 +257,37 @@ def _assembled(parts: list[Component], title: str) -> tuple[Motion, float | None
     pairs += [
         (a, b, None) for a in parts for b in parts if (a.direction, b.direction) == ("x", "y")
     ]
-    if len(parts) != 3 or len(upright) != 1 or len(pairs) != 1:
+    if len(parts) != 3 or len(vertical) != 1 or len(pairs) != 1:
         raise RecordError(
-            "A record must have a vertical component and two horizontal ones at right angles, but "
+            "A record must have one vertical and two horizontal components at right angles, but "
             f"{shown(title)} has {contents}; give directions= if the files do not state them."
         )
     ((x, y, azimuth),) = pairs
-    columns = _shared_time((x, y, upright[0]), title)
-    if upright[0].direction == "down":
+    columns = _common_interval((x, y, vertical[0]), title)
+    if vertical[0].direction == "down":
         columns[:, 2] *= -1.0
     return Motion(acceleration=columns, dt=x.dt, name=title), azimuth
 
 
-def _shared_time(parts: Sequence[Component], title: str) -> Floats:
+def _common_interval(parts: Sequence[Component], title: str) -> Floats:
     """Return the accelerations in the common time interval, shape (n, components), [m/s^2]."""
     dt, shortest = parts[0].dt, min(len(part.acceleration) for part in parts)
-    if max(abs(part.dt - dt) for part in parts) * shortest > _OFF * dt:
+    if max(abs(part.dt - dt) for part in parts) * shortest > _ALIGNMENT * dt:
         steps = ", ".join(f"{part.path.name} {part.dt:.6g} s" for part in parts)
         raise RecordError(f"The components of {shown(title)} have different time steps: {steps}.")
-    cut = [
+    shortened = [
         part.acceleration[skipped:]
-        for part, skipped in zip(parts, _skipped(parts, dt, title), strict=True)
+        for part, skipped in zip(parts, _offsets(parts, dt, title), strict=True)
     ]
-    length = min(map(len, cut))
+    length = min(map(len, shortened))
     if length < 2:
         raise RecordError(
             f"The components of {shown(title)} have no common time interval: {_starts(parts)}."
         )
-    return np.stack([values[:length] for values in cut], axis=1)
+    return np.stack([values[:length] for values in shortened], axis=1)
 
 
-def _skipped(parts: Sequence[Component], dt: float, title: str) -> list[int]:
+def _offsets(parts: Sequence[Component], dt: float, title: str) -> list[int]:
     """Count the samples of each component before the latest start of a component."""
     starts = [part.start for part in parts if part.start is not None]
     if not starts:
@@ -298,7 +298,7 @@ def _skipped(parts: Sequence[Component], dt: float, title: str) -> list[int]:
             f"the first sample: {_starts(parts)}."
         )
     steps = (max(starts) - np.array(starts)) / dt
-    if np.abs(steps - np.rint(steps)).max() > _OFF:
+    if np.abs(steps - np.rint(steps)).max() > _ALIGNMENT:
         raise RecordError(
             f"The components of {shown(title)} cannot be aligned: the differences of their starts "
             f"are not multiples of the step, {dt:.6g} s: {_starts(parts)}."

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Parsing of record files: lines, numbers, counts, units and directions, checked when read.
+"""Parsing and checking of record files: lines, numbers, counts, units and directions.
 
 Every message names the file, the line, its content and the expected content.
 """
@@ -24,7 +24,7 @@ MAX_PEAK_G = 20.0
 """Largest acceleration that is accepted, in units of g."""
 
 FILLER_JUMP = 3.0
-"""A single filler differs from its neighbours by this many times the largest other difference."""
+"""Least jump to a single filler value, relative to the largest other difference of neighbours."""
 
 UNITS = {"m/s^2": 1.0, "cm/s^2": 0.01, "mm/s^2": 0.001, "gal": 0.01}
 UNITS |= {"g": STANDARD_GRAVITY, "mg": 0.001 * STANDARD_GRAVITY}
@@ -235,7 +235,7 @@ def direction_named(text: str) -> Direction | None:
 
 
 def units_in(line: str) -> list[str]:
-    """Return the units in a line, except for those of coordinates, distances and numbers."""
+    """Return the units in a line, except units of coordinates, of distances and after numbers."""
     return [] if _OF_PLACES.search(line) else _UNIT.findall(line)
 
 
@@ -297,7 +297,7 @@ def component(
 
 
 def _filler(values: Floats, unknown: float | None) -> int | None:
-    """Return the index of a filler, ``unknown`` or only nines that repeat or jump, or None."""
+    """Return the index of a filler, the value ``unknown`` or nines that repeat or jump, or None."""
     if unknown is not None and (values == unknown).any():
         return int(np.argmax(values == unknown))
     size, steps = np.abs(values), np.abs(np.diff(values))
@@ -306,12 +306,12 @@ def _filler(values: Floats, unknown: float | None) -> int | None:
     for value in np.unique(size[size > 9.89 * powers]):
         if not re.fullmatch("0*9{2,}", f"{value:.9g}".replace(".", "")):
             continue
-        same = size == value
-        if same.sum() > max(2, counts[sizes != value].max(initial=0)):  # the most frequent number
-            return int(np.argmax(same))
-        factor = FILLER_JUMP if same.sum() == 1 else 1.0
-        between = steps[~same[1:] & ~same[:-1]]
-        jumps = steps[same[1:] != same[:-1]]
+        is_value = size == value
+        if is_value.sum() > max(2, counts[sizes != value].max(initial=0)):  # most frequent value
+            return int(np.argmax(is_value))
+        factor = FILLER_JUMP if is_value.sum() == 1 else 1.0
+        between = steps[~is_value[1:] & ~is_value[:-1]]
+        jumps = steps[is_value[1:] != is_value[:-1]]
         if jumps.min(initial=np.inf) > factor * between.max(initial=0.0):
-            return int(np.argmax(same))
+            return int(np.argmax(is_value))
     return None

@@ -45,7 +45,7 @@ class ResponseSpectrum(NamedTuple):
 
 
 def equally_spaced(time: ArrayLike, values: ArrayLike) -> tuple[float, Floats]:
-    """Interpolate values to equal steps, with the shortest step, if their steps differ.
+    """Interpolate values to equal steps of the shortest step, if the steps differ.
 
     Args:
         time: increasing times, shape (n,), n at least 2, [s].
@@ -62,9 +62,9 @@ def equally_spaced(time: ArrayLike, values: ArrayLike) -> tuple[float, Floats]:
     dt = float((t[-1] - t[0]) / count)
     if np.allclose(steps, dt, rtol=1e-6, atol=0.0):
         return dt, v
-    equal = np.linspace(t[0], t[-1], count + 1)
-    flat = v.reshape(len(v), -1)
-    columns = [np.interp(equal, t, column) for column in flat.T]
+    equal_times = np.linspace(t[0], t[-1], count + 1)
+    columns_in = v.reshape(len(v), -1)
+    columns = [np.interp(equal_times, t, column) for column in columns_in.T]
     return dt, np.stack(columns, axis=1).reshape(count + 1, *v.shape[1:])
 
 
@@ -118,8 +118,8 @@ def response_spectrum(
     Each oscillator obeys u'' + 2 zeta omega u' + omega^2 u = -a(t) from rest, solved in closed form
     between samples (Nigam and Jennings, Bull. Seism. Soc. Am. 59, 1969, 909-922). Peaks between
     samples and after the motion are included. A step is divided into parts h of at most a twelfth
-    of the period; the peak in a part is that of the cubic through both ends. Its error is about
-    (omega h)^4 / 384 of the largest accelerations of oscillator and ground, less than 0.1 %.
+    of the period; the peak in a part is computed from the cubic through both end states. The error
+    is about (omega h)^4 / 384 of the largest accelerations of oscillator and ground, below 0.1 %.
 
     Args:
         acceleration: ground acceleration, shape (n, ...), [m/s^2].
@@ -133,14 +133,14 @@ def response_spectrum(
     parts = np.ceil(PARTS * dt / natural * (1.0 - ROUNDING)).astype(int)
     for states, loads in _oscillators(flat, dt, natural, damping_ratio):
         for count in np.unique(parts):
-            some = parts == count
-            start = before = states[:-1, some]
+            rows = parts == count
+            start = before = states[:-1, rows]
             for part in range(1, count + 1):
-                end = states[1:, some]
+                end = states[1:, rows]
                 if part < count:
-                    by_state, by_load = _recursion(natural[some], damping_ratio, dt, part / count)
+                    by_state, by_load = _recursion(natural[rows], damping_ratio, dt, part / count)
                     end = by_state @ before + by_load @ loads
-                largest[some] = np.maximum(largest[some], _highest(start, end, dt / count))
+                largest[rows] = np.maximum(largest[rows], _highest(start, end, dt / count))
                 start = end
     largest = np.maximum(largest, _free_vibration(states[-1], natural, damping_ratio))
     shaped = largest.reshape(len(natural), *values.shape[1:])
@@ -154,7 +154,7 @@ def response_history(
 ) -> Floats:
     """Compute the displacement of oscillators relative to the ground, shape (n, p, ...), [m].
 
-    It is zero at the first sample. The arguments are those of :func:`response_spectrum`.
+    The displacement is zero at the first sample. Arguments: see :func:`response_spectrum`.
     """
     values, natural = _signal(acceleration), _periods(periods)
     flat = values.reshape(len(values), -1)
@@ -230,9 +230,9 @@ def _oscillators(
     homogeneous, by_load = _recursion(periods, damping_ratio, dt)
     state: Floats = np.zeros((len(periods), 2, acceleration.shape[1]))
     for first in range(0, len(acceleration) - 1, BLOCK):
-        some = acceleration[first : first + BLOCK + 1]
-        loads = np.stack([some[:-1], some[1:]], axis=1)[:, None]
-        states = np.empty((len(some), *state.shape))
+        block = acceleration[first : first + BLOCK + 1]
+        loads = np.stack([block[:-1], block[1:]], axis=1)[:, None]
+        states = np.empty((len(block), *state.shape))
         states[0], states[1:] = state, by_load @ loads
         for i in range(1, len(states)):
             states[i] += homogeneous @ states[i - 1]
@@ -241,7 +241,7 @@ def _oscillators(
 
 
 def _highest(start: Floats, end: Floats, length: float) -> Floats:
-    """Return the largest values of the cubics u + s (d + s (b + s c)) given by both end states."""
+    """Return the largest |u| of the cubics u + s (d + s (b + s c)) through both end states."""
     highest: Floats = np.abs(end[:, :, 0]).max(axis=0)
     turns = np.nonzero(start[:, :, 1] * end[:, :, 1] < 0.0)
     u, v = (np.moveaxis(start, 2, -1)[turns].T, np.moveaxis(end, 2, -1)[turns].T)

@@ -37,18 +37,18 @@ SAMPLES = 10
 5 % higher. Wavelets correct peaks at samples; misfits include peaks between samples."""
 
 LENGTHS = 4
-"""Least duration of the motion over the longest matched period."""
+"""Least duration of the motion, in longest matched periods."""
 
-_CHECKED = 1.01  # largest ratio of neighbouring periods where spectrum and target are compared
-_MATCHED = 1.02  # ratio of period intervals, each with wavelets for its first period
-_FAR = 2.0  # ratio of spectrum and target above which Fourier amplitudes are changed
+_PERIOD_RATIO = 1.01  # largest ratio of neighbouring periods where spectrum and target are compared
+_INTERVAL_RATIO = 1.02  # ratio of the ends of a period interval; wavelets are for its first period
+_LARGE_RATIO = 2.0  # ratio of spectrum and target above which Fourier amplitudes are changed
 _PASSES = 4  # largest number of passes that change Fourier amplitudes
-_SMOOTHED = 5  # width of the smoothing of their factors, in steps of 1 % of the period
+_SMOOTHING = 5  # smoothing width of the factors of the amplitudes, in steps of 1 % of the period
 _PEAKS = 12  # largest number of peaks of an oscillator that are controlled at the same time
-_NEAR = 0.5  # least height of a controlled peak, over the target
+_LEAST_PEAK = 0.5  # least height of a controlled peak, relative to the target
 _SWAPS = 8  # largest number of updates of the active peaks in a fit
-_DAMPED = 1e-2  # weight of squared amplitudes relative to squared misfits
-_FORGOTTEN = 0.9  # exponent by which the emphasis on periods decays from round to round
+_DAMPING = 1e-2  # weight of squared amplitudes relative to squared misfits
+_EMPHASIS_DECAY = 0.9  # exponent by which the emphasis on periods decays from round to round
 _NORM = 8  # exponent of the misfit norm that selects the share of a correction
 _PARTS = (1.0, 0.6, 0.3)  # shares of a correction that are tried
 
@@ -83,12 +83,12 @@ class SpectrumMatch:
 
     @property
     def misfit_before(self) -> Floats:
-        """Spectrum of the original motion over the target, minus 1, shape (p, k)."""
+        """Spectrum of the original motion divided by the target, minus 1, shape (p, k)."""
         return self._misfit(self.record)
 
     @property
     def misfit(self) -> Floats:
-        """Spectrum of the matched motion over the target, minus 1, shape (p, k)."""
+        """Spectrum of the matched motion divided by the target, minus 1, shape (p, k)."""
         return self._misfit(self.motion)
 
     def report(self) -> str:
@@ -110,7 +110,7 @@ class SpectrumMatch:
         return "\n".join(lines)
 
     def with_rest(self, motion: Motion) -> Motion:
-        """Append zeros to a motion, long enough for the peaks of free vibrations."""
+        """Append zeros to a motion, for the peaks of free vibrations after the motion."""
         after = _free_vibration_samples(motion.dt, self.periods, self.damping_ratio)
         return replace(motion, acceleration=np.pad(motion.acceleration, ((0, after), (0, 0))))
 
@@ -142,15 +142,15 @@ def match_spectrum(
         motion: the motion, with its baseline corrected.
         target: increasing periods [s] and pseudo-accelerations [m/s^2], at least 2 of each. The
             shortest period must have 10 samples; the motion must have 4 of the longest periods.
-        components: which of ``x``, ``y``, ``z`` to match; the others do not change.
+        components: letters of the components ``x``, ``y``, ``z`` to match; others do not change.
         damping_ratio: damping ratio of the oscillators, from 0.005 to 0.3.
         tolerance: misfit allowed at any period, 0.02 to 0.5 of the target.
         rounds: largest number of rounds that add wavelets.
     """
     columns = component_numbers(components)
-    periods, wanted = _refined(*_target(motion, target))
+    periods, wanted = _refine(*_target(motion, target))
     matcher = _Matcher(len(motion.acceleration), motion.dt, periods, wanted, damping_ratio)
-    values, factors, used = motion.acceleration.copy(), [], []
+    values, factors, counts_used = motion.acceleration.copy(), [], []
     for component, column in zip(components, columns, strict=True):
         if not values[:, column].any():
             raise RecordError(f"Component {component} of {motion.name!r} is zero throughout.")
@@ -158,13 +158,13 @@ def match_spectrum(
         if abs(worst[0]) > tolerance:
             raise RecordError(
                 f"The spectrum of component {component} of {motion.name!r} was not matched within "
-                f"{rounds} rounds: the smallest misfit is {worst[0]:+.2%}, at {worst[1]:.4g} s, "
+                f"{rounds} rounds: its largest misfit is {worst[0]:+.2%} at {worst[1]:.4g} s, the "
                 f"tolerance is {tolerance:.2%}. Use a record whose spectrum is closer to the "
                 "target, fewer periods, or a larger tolerance."
             )
         values[:, column] = matched
         factors.append(factor)
-        used.append(counts)
+        counts_used.append(counts)
     return SpectrumMatch(
         motion=replace(motion, acceleration=values),
         record=motion,
@@ -174,8 +174,8 @@ def match_spectrum(
         damping_ratio=damping_ratio,
         tolerance=tolerance,
         factors=np.array(factors),
-        passes=np.array(used, dtype=np.int64)[:, 0],
-        rounds=np.array(used, dtype=np.int64)[:, 1],
+        passes=np.array(counts_used, dtype=np.int64)[:, 0],
+        rounds=np.array(counts_used, dtype=np.int64)[:, 1],
     )
 
 
@@ -190,7 +190,7 @@ def component_numbers(components: str) -> list[int]:
 class _Matcher:
     """Oscillators of a target, their impulse responses, and wavelets that change their peaks.
 
-    Responses are pseudo-accelerations over the target.
+    Responses are pseudo-accelerations divided by the target.
     """
 
     def __init__(self, count: int, dt: float, periods: Floats, target: Floats, zeta: float) -> None:
@@ -202,19 +202,19 @@ class _Matcher:
         # Delay between the middle of a wavelet and the largest response of its oscillator.
         self.lag = np.arctan(np.sqrt(1.0 - zeta**2) / zeta) / self.damped
         self.width = 1.178 * periods**0.93  # after Al Atik and Abrahamson
-        steps = np.log(periods / periods[0]) / np.log(_MATCHED)
+        steps = np.log(periods / periods[0]) / np.log(_INTERVAL_RATIO)
         self.matched = np.unique(np.floor(steps + ROUNDING), return_index=True)[1]
         self.even = np.geomspace(periods[0], periods[-1], 2 + 2 * int(steps[-1]))
         impulses = np.zeros((self.count, 2))
         impulses[1, 0] = impulses[0, 1] = 1.0
         responses = response_history(impulses, dt, periods[self.matched], zeta)
-        self.to_inner = responses[1:, :, 0].T.copy()  # response to a unit sample, from its time
-        self.to_first = responses[:, :, 1].T.copy()  # the first sample has no rising part before it
+        self.to_inner = responses[1:, :, 0].T.copy()  # response to a unit sample, from this sample
+        self.to_first = responses[:, :, 1].T.copy()  # the first sample has no ramp before it
 
     def match(
         self, values: Floats, tolerance: float, rounds: int
     ) -> tuple[Floats, float, tuple[int, int], tuple[float, float]]:
-        """Return the best acceleration, its factor, passes and rounds, worst misfit and period."""
+        """Return best acceleration, factor, passes and rounds, and worst misfit with its period."""
         values = np.append(values, np.zeros(self.count - self.given))
         factor = float(np.exp(self._log_misfit(values).mean()))
         values, passes = self._with_scaled_amplitudes(factor * values)
@@ -226,7 +226,7 @@ class _Matcher:
                 break
             # Increase the weight of peaks that remain off the target because of their neighbours.
             emphasis *= 1.0 + np.minimum(np.abs(misfit[self.matched]) / tolerance, 1.0) ** 2
-            emphasis = (emphasis / np.exp(np.log(emphasis).mean())) ** _FORGOTTEN
+            emphasis = (emphasis / np.exp(np.log(emphasis).mean())) ** _EMPHASIS_DECAY
             correction = self._correction(responses, emphasis)
             change = self._responses(correction)
             misfits = self._ratio(values[:, None] + np.outer(correction, _PARTS)) - 1.0
@@ -245,27 +245,27 @@ class _Matcher:
         return np.asarray(self.scale * history)
 
     def _ratio(self, values: Floats) -> Floats:
-        """Return the spectrum of accelerations (n, ...) over the target, shape (p, ...)."""
+        """Return the spectrum of accelerations (n, ...) divided by the target, shape (p, ...)."""
         largest = response_spectrum(values, self.dt, self.periods, self.zeta).displacement
         return np.asarray((self.scale * largest.T).T)
 
     def _log_misfit(self, values: Floats) -> Floats:
-        """Return the logarithm of target over spectrum at even steps of log(period)."""
+        """Return log(target / spectrum) at even steps of log(period)."""
         return np.interp(self.even, self.periods, -np.log(self._ratio(values)))
 
     def _with_scaled_amplitudes(self, values: Floats) -> tuple[Floats, int]:
         """Scale the Fourier amplitudes of a motion; return the motion and the number of passes."""
         padded = 2 * self.count  # avoids wrap-around between the two ends
         spectrum, frequency = np.fft.rfft(values, padded), np.fft.rfftfreq(padded, self.dt)
-        # The gain is 1 from twice the longest period, to keep the long-period displacement.
+        # The gain is 1 from twice the longest period on, to keep the long-period displacement.
         nodes = np.append(0.5 / self.periods[-1], 1.0 / self.even[::-1])
         envelope = self._window(self.periods[0])
         changed, logarithms = values, np.zeros(len(self.even))
         for number in range(_PASSES):
-            missing = self._log_misfit(changed)
-            if np.abs(missing).max() <= np.log(_FAR):
+            log_misfit = self._log_misfit(changed)
+            if np.abs(log_misfit).max() <= np.log(_LARGE_RATIO):
                 return changed, number
-            logarithms += gaussian_filter1d(missing, _SMOOTHED, mode="nearest")  # (12ag)
+            logarithms += gaussian_filter1d(log_misfit, _SMOOTHING, mode="nearest")  # (12ag)
             gain = np.exp(np.interp(frequency, nodes, np.append(0.0, logarithms[::-1])))
             change = envelope * np.fft.irfft(spectrum * (gain - 1.0), padded)[: self.count]
             changed = values + without_drift(change[:, None], envelope, self.dt)[:, 0]
@@ -276,17 +276,17 @@ class _Matcher:
         rows, places, highest = self._peaks(responses)
         oscillators = self.matched[rows]
         peaks = responses[places, oscillators]
-        lacking = 1.0 - np.abs(peaks)
+        deficit = 1.0 - np.abs(peaks)
         sampled = np.zeros((len(rows), self.count))
         for k, (row, place) in enumerate(zip(rows, places, strict=True)):
             sampled[k, 1 : place + 1] = self.to_inner[row, :place][::-1]
             sampled[k, 0] = self.to_first[row, place]
         sampled *= (np.sign(peaks) * self.scale[oscillators])[:, None]
-        own = np.flatnonzero(highest | (lacking < 0.0))  # peaks that have a wavelet
-        wavelets = np.array([self._wavelet(int(oscillators[k]), int(places[k])) for k in own]).T
+        chosen = np.flatnonzero(highest | (deficit < 0.0))  # peaks that have a wavelet
+        wavelets = np.array([self._wavelet(int(oscillators[k]), int(places[k])) for k in chosen]).T
         effects = sampled @ wavelets
         size = np.abs(effects).max(axis=0)
-        amplitudes = _amplitudes(effects / size, lacking, highest, emphasis[rows])
+        amplitudes = _amplitudes(effects / size, deficit, highest, emphasis[rows])
         return np.asarray(wavelets @ (amplitudes / size))
 
     def _peaks(self, responses: Floats) -> tuple[Whole, Whole, Flags]:
@@ -299,7 +299,7 @@ class _Matcher:
             order = peaks[np.argsort(-size[peaks], kind="stable")][:_PEAKS]
             controlled.append((row, int(order[0]), True))
             controlled.extend(
-                (row, int(place), False) for place in order[1:] if size[place] > _NEAR
+                (row, int(place), False) for place in order[1:] if size[place] > _LEAST_PEAK
             )
         rows, places, highest = zip(*controlled, strict=True)
         return np.array(rows), np.array(places), np.array(highest)
@@ -319,19 +319,19 @@ class _Matcher:
         return 1.0 - fall(inside, 0.0, length)
 
 
-def _amplitudes(effects: Floats, lacking: Floats, highest: Flags, weight: Floats) -> Floats:
+def _amplitudes(effects: Floats, deficit: Floats, highest: Flags, weight: Floats) -> Floats:
     """Fit the amplitudes of wavelets by least squares, shape (w,).
 
     The highest peaks are fitted to the target; other peaks must not exceed it. ``effects``, shape
-    (m, w), are the changes of peaks by unit wavelets; ``lacking`` is target minus peak, shape (m,).
+    (m, w), are the changes of peaks by unit wavelets; ``deficit`` is target minus peak, shape (m,).
     """
-    active = highest | (lacking < 0.0)
+    active = highest | (deficit < 0.0)
     for _ in range(_SWAPS):  # (12aj)
         weighted = (weight[:, None] * effects)[active]
-        matrix = weighted.T @ weighted + _DAMPED * np.eye(effects.shape[1])
-        amplitudes: Floats = solve(matrix, weighted.T @ (weight * lacking)[active], assume_a="pos")
-        before, active = active, highest | (effects @ amplitudes > lacking)
-        if (active == before).all():
+        matrix = weighted.T @ weighted + _DAMPING * np.eye(effects.shape[1])
+        amplitudes: Floats = solve(matrix, weighted.T @ (weight * deficit)[active], assume_a="pos")
+        previous, active = active, highest | (effects @ amplitudes > deficit)
+        if (active == previous).all():
             break
     return amplitudes
 
@@ -356,7 +356,7 @@ def _target(motion: Motion, target: Any) -> tuple[Floats, Floats]:
             "target must be a pair: 2 or more increasing periods [s] and the same number of "
             f"pseudo-accelerations [m/s^2], all positive and finite, got {shown(target)}."
         )
-    periods, wanted = pair
+    periods, values = pair
     if periods[0] < SAMPLES * motion.dt * (1.0 - ROUNDING):
         raise RecordError(
             f"The target begins at {periods[0]:.6g} s; with samples every {motion.dt:.6g} s the "
@@ -367,18 +367,18 @@ def _target(motion: Motion, target: Any) -> tuple[Floats, Floats]:
             f"The target ends at {periods[-1]:.6g} s; for a motion of {motion.duration:.6g} s the "
             f"limit is {motion.duration / LENGTHS:.6g} s. Shorten the target."
         )
-    return periods, wanted
+    return periods, values
 
 
-def _refined(periods: Floats, wanted: Floats) -> tuple[Floats, Floats]:
+def _refine(periods: Floats, values: Floats) -> tuple[Floats, Floats]:
     """Return the target with periods inserted, so that neighbours differ by at most 1 %."""
-    parts = np.ceil(np.log(periods[1:] / periods[:-1]) / np.log(_CHECKED) - ROUNDING)
+    parts = np.ceil(np.log(periods[1:] / periods[:-1]) / np.log(_PERIOD_RATIO) - ROUNDING)
     parts_of = [
         np.geomspace(a, b, int(max(count, 1.0)), endpoint=False)
         for a, b, count in zip(periods[:-1], periods[1:], parts, strict=True)
     ]
     refined = np.concatenate([*parts_of, periods[-1:]])
-    return refined, np.exp(np.interp(np.log(refined), np.log(periods), np.log(wanted)))
+    return refined, np.exp(np.interp(np.log(refined), np.log(periods), np.log(values)))
 
 
 def _line(label: str, motion: Motion, name: str, periods: Floats, misfit: Floats) -> str:

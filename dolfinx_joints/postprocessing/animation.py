@@ -52,17 +52,17 @@ def animate(
         results: The run.
         path: File ending in ``.gif`` or ``.mp4``.
         start: Time of the first state.
-        end: Time of the last state; the end of the run unless given.
-        frames: Largest number of pictures; if more states were recorded, some are skipped evenly.
+        end: Time of the last state; the end of the run by default.
+        frames: Largest number of pictures; if there are more states, evenly spaced ones are drawn.
         per_second: Pictures per second of the film.
-        scale: Factor of the displacements; unless given, a round number that suits the largest.
+        scale: Factor of the displacements; by default a round number for the largest displacement.
         relative_to: Reference of the displacements, as in `views.deformed`.
         groups: Cell groups that are drawn opaque, as in `views.deformed`.
         azimuth_deg: Azimuth of the viewpoint.
         elevation_deg: Elevation of the viewpoint.
 
     Raises:
-        JointsError: Fewer than two states were recorded in that time, or ffmpeg is missing.
+        JointsError: Fewer than two states from ``start`` to ``end``, or ffmpeg is missing.
     """
     check_results(results)
     place = Path(path)
@@ -75,17 +75,17 @@ def animate(
             f"{results.path} has {len(rows)} states from {start:g} to {end:g} s; a film needs two."
         )
     chosen = rows[np.unique(np.linspace(0, len(rows) - 1, min(frames, len(rows))).astype(int))]
-    moved = {k: nodal_displacement(results, int(k), relative_to) for k in chosen}
+    states = {k: nodal_displacement(results, int(k), relative_to) for k in chosen}
     body = Body(results, groups)
-    largest = max(float(np.linalg.norm(u[body.seen], axis=1).max()) for u, _ in moved.values())
+    largest = max(float(np.linalg.norm(u[body.seen], axis=1).max()) for u, _ in states.values())
     factor = round_scale(body.nodes[body.seen], largest) if scale is None else scale
-    shapes = {k: Deformed(body, u, factor) for k, (u, _) in moved.items()}
-    room = np.concatenate([shape.places for shape in shapes.values()])
+    bodies = {k: Deformed(body, u, factor) for k, (u, _) in states.items()}
+    room = np.concatenate([shape.places for shape in bodies.values()])
     camera, limits = Camera(azimuth_deg, elevation_deg), (0.0, 1e3 * largest or 1.0)
     progress, pictures = Progress("film", len(chosen), "pictures"), []
-    for k, (_, frame) in moved.items():
+    for k, (_, frame) in states.items():
         title = f"t = {times[k]:.3f} s, displacements x {factor:g}"
-        figure = shapes[k].draw([camera], frame, title, limits=limits, room=room)
+        figure = bodies[k].draw([camera], frame, title, limits=limits, room=room)
         pictures.append(_pixels(figure))
         progress.advance()
     _write(pictures, writer, place)

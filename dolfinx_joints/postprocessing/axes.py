@@ -72,7 +72,7 @@ def decorate(ax: Axes, xlabel: str, ylabel: str, *, grid: bool = True) -> None:
 
 
 def entitle(ax: Axes, text: str, *, over_legend: bool = False) -> None:
-    """Write a title at the left, in a line above the legend if that is ``above`` the axes."""
+    """Write a title at the left; with ``over_legend``, higher than a legend ``above`` the axes."""
     ax.set_title(text, loc="left", fontsize="medium", pad=20.0 if over_legend else None)
 
 
@@ -85,7 +85,7 @@ def legend(ax: Axes, where: str = "inside") -> None:
         "above": {"frameon": False, "ncols": 2, "loc": "lower right", "bbox_to_anchor": (1, 1)},
         "below": {"frameon": False, "ncols": 2, "loc": "upper left", "bbox_to_anchor": (0, 0)},
     }
-    if where == "below":  # the height of ticks and label does not depend on that of the axes
+    if where == "below":  # ticks and label have the same height for axes of any height
         down = ScaledTranslation(0.0, -_BELOW, ax.figure.figure.dpi_scale_trans)
         places[where]["bbox_transform"] = ax.transAxes + down
     ax.legend(fontsize="small", **places[where])
@@ -106,10 +106,10 @@ def runs(
     """Return the runs in drawing order, each with the style of its line."""
     check_results(results)
     labels = labels or _names_of(results, reference)
-    own = (results, {"color": BLUE, "linewidth": 0.9, "label": labels[0]})
+    run = (results, {"color": BLUE, "linewidth": 0.9, "label": labels[0]})
     if reference is None:
-        return [own]
-    return [(reference, {"color": ORANGE, "linewidth": 1.3, "label": labels[1]}), own]
+        return [run]
+    return [(reference, {"color": ORANGE, "linewidth": 1.3, "label": labels[1]}), run]
 
 
 def _names_of(results: Results, reference: Results | None) -> tuple[str, str]:
@@ -119,5 +119,5 @@ def _names_of(results: Results, reference: Results | None) -> tuple[str, str]:
         return kind, ""
     if bool(results.joints) != bool(reference.joints):
         return kind, "with joints" if reference.joints else "linear"
-    own, other = Path(results.path).stem, Path(reference.path).stem
-    return own, other if other != own else f"{other}, reference"
+    name, reference_name = Path(results.path).stem, Path(reference.path).stem
+    return name, reference_name if reference_name != name else f"{reference_name}, reference"

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Boundary of a body for pictures in space, undeformed and deformed."""
+"""Boundary of a body for 3-D pictures, undeformed and deformed."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class Body:
     """Boundary of a body: an opaque part that fills the picture, and a translucent part.
 
     Args:
-        results: A run of a body in space.
-        groups: Cell groups that are opaque; the whole body unless given.
+        results: A run of a 3-D body.
+        groups: Cell groups that are opaque; the whole body by default.
 
     Attributes:
         nodes: Positions of all nodes, shape (n, 3), [m].
@@ -51,9 +51,7 @@ class Body:
         self.nodes: Floats = results.static("mesh/nodes")
         surface = results.static("mesh/surface")
         if surface.shape[1] < 3:
-            raise ValueError(
-                f"Pictures in space need a body in space; the body of {results.path} is plane."
-            )
+            raise ValueError(f"3-D pictures need a 3-D body; the body of {results.path} is plane.")
         sides = [facets_of_joint(results, joint)[1].ravel() for joint in results.joints]
         every = np.unique(np.concatenate(sides)) if sides else np.empty(0, dtype=np.int64)
         outer: Ints = np.delete(surface, every, axis=0)
@@ -77,12 +75,12 @@ class Body:
             scene.surface(nodes, self.translucent, color=CONCRETE, opacity=0.25, framed=False)
 
     def tops(self, nodes: Floats, camera: Camera) -> dict[str, Floats]:
-        """Return the places of the joint names in a picture, with nodes at (n, 3) [m]."""
+        """Return the places of the joint names in a picture; nodes are positions (n, 3) [m]."""
         return {name: top(nodes[corners], camera) for name, corners in self._corners.items()}
 
 
 class Deformed:
-    """Body whose nodes have moved by a factor times their displacements.
+    """Body whose nodes are moved by a factor times their displacements.
 
     ``places`` are the positions of the nodes of the opaque facets, shape (n, 3), [m].
     """
@@ -108,22 +106,22 @@ class Deformed:
             cameras: Viewpoints.
             frame: Reference of the displacements, in words.
             title: Title of the figure.
-            limits: Range of the colours [mm]; the range of this state unless given.
+            limits: Range of the colours [mm]; the range of this state by default.
             room: Additional points, shape (n, 3), [m], that must be within the picture.
         """
-        body, moved = self._body, self._moved
+        body, positions = self._body, self._moved
         limits = limits or data_limits(self._size[body.shown])
         scene, levels = Scene(room), contour_levels(limits)
         colour: dict[str, Any] = {"cmap": colours(), "clim": limits}
-        scene.surface(moved, body.shown, nodal=self._size, **colour, **MESH)
-        scene.contours(moved, body.shown, self._size, levels)
+        scene.surface(positions, body.shown, nodal=self._size, **colour, **MESH)
+        scene.contours(positions, body.shown, self._size, levels)
         if body.joints.size:
-            scene.surface(moved, body.joints, color=RED, lighting=False)
+            scene.surface(positions, body.joints, color=RED, lighting=False)
         scene.edges(body.nodes, body.shown, **OUTLINE)
-        body.draw_translucent(scene, moved)
+        body.draw_translucent(scene, positions)
         figure, axes = draw(scene, cameras)
         for ax, camera in zip(axes, cameras, strict=True):
-            write_names(ax, body.tops(moved, camera), RED)
+            write_names(ax, body.tops(positions, camera), RED)
         label = f"displacement [mm], from the unloaded body, {frame}"
         colour_bar(figure, axes, colours(), limits, label, levels)
         figure.suptitle(title, fontsize="medium")
@@ -131,9 +129,9 @@ class Deformed:
 
 
 def jointed_groups(results: Results) -> list[str] | None:
-    """Return the cell groups with both faces of a joint in the group; None without such a group.
+    """Return the cell groups that contain both faces of a joint; None without such a group.
 
-    For a dam on rock this is the dam, unless there are joints in the rock.
+    For a dam on rock this is the group of the dam, unless there are joints in the rock.
     """
     start = "mesh/groups/"
     names = [n.removeprefix(start) for n in results.statics if n.startswith(start)]
@@ -141,8 +139,8 @@ def jointed_groups(results: Results) -> list[str] | None:
     faces = [surface[facets_of_joint(results, joint)[1]] for joint in results.joints]
     jointed = []
     for name in names:
-        seen = np.unique(results.static("mesh/cells")[results.static(start + name)])
-        if any(np.isin(face, seen).all() for face in faces):
+        group_nodes = np.unique(results.static("mesh/cells")[results.static(start + name)])
+        if any(np.isin(face, group_nodes).all() for face in faces):
             jointed.append(name)
     return jointed or None
 
@@ -169,7 +167,7 @@ def data_limits(values: Floats) -> tuple[float, float]:
 
 
 def short_names(joints: Sequence[str]) -> dict[str, str]:
-    """Return the names without their common beginning, by name."""
+    """Return the joint names without their common beginning, by full name."""
     if len(joints) < 2:
         return {joint: joint for joint in joints}
     start = 0

@@ -14,15 +14,15 @@ from dolfinx_joints.results.quantities import rows_below
 from dolfinx_joints.results.reader import Results
 
 WAVES = "waves"
-_ROUNDING = 1e-12  # relative to the larger of the energies that waves bring in and out
+_ROUNDING = 1e-12  # tolerance, relative to the larger of the energies of waves in and out
 
 
 def energy_lines(results: Results) -> dict[str, Floats]:
     """Return the terms of the ledger of the whole model by name, shape (records,), [J].
 
-    With viscous boundaries or waves in a reservoir, the term ``waves`` is the energy that has come
-    in through them minus the energy that has gone out (`through_boundaries`). ``input`` and
-    ``viscous`` then exclude these parts, which may be a thousand times larger than all others.
+    With viscous boundaries or waves in a reservoir, the term ``waves`` is the energy that entered
+    through the boundaries minus the energy that left (`through_boundaries`). ``input`` and
+    ``viscous`` then exclude these energies, which may be a thousand times larger than all others.
     """
     check_results(results)
     terms = [row.name for row in rows_below("energy") if row.name in results.streams["energy"]]
@@ -37,10 +37,10 @@ def energy_lines(results: Results) -> dict[str, Floats]:
 
 
 def through_boundaries(results: Results) -> tuple[Floats, Floats] | None:
-    """Return the energy put in by free fields and the energy absorbed by viscous boundaries.
+    """Return the energy supplied by free fields and the energy absorbed by viscous boundaries.
 
-    Both have shape (records,), [J]. The absorbed energy includes that of the bottom and the far end
-    of a reservoir. None if the run has no absorbing boundary.
+    Both have shape (records,), [J]. The absorbed energy includes the losses at the bottom and the
+    far end of a reservoir. Return None if the run has no absorbing boundary.
     """
     names = results.streams["energy"]
     if "absorbed" not in names:

@@ -28,7 +28,7 @@ STAGE_STRESSES = {
 }
 
 _STEEP = 0.9  # limit of |n_z|: facets within 26 degrees of the horizontal have no arch direction
-_SMOOTH = 0.8  # least share of the largest eigenvalue: facets at over 53 degrees form an edge
+_SMOOTH = 0.8  # least ratio of largest eigenvalue and sum; 0.8 for two facets at 53 degrees
 
 
 def principal_extremes(stress: ArrayLike) -> Floats:
@@ -39,14 +39,14 @@ def principal_extremes(stress: ArrayLike) -> Floats:
 
 
 def stress_along(stress: ArrayLike, direction: ArrayLike) -> Floats:
-    """Return the normal stress along unit vectors (n, 3) or NaN, of stresses (n, 6) [Pa]."""
+    """Return the normal stress along unit vectors (n, 3), which may be NaN; stress (n, 6) [Pa]."""
     x, y, z = np.asarray(direction, dtype=np.float64).T
     factors = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * y * z, 2 * x * z], axis=1)
     return np.einsum("ij,ij->i", np.asarray(stress, dtype=np.float64), factors)
 
 
 def extreme_of(name: str, values: Floats) -> float:
-    """Return the largest value of an envelope ``.._max``, the smallest of ``.._min``, or NaN."""
+    """Return the largest value of an envelope ``.._max``, or the smallest of ``.._min``, or NaN."""
     valid = values[~np.isnan(values)]
     return float(valid.max() if name.endswith("max") else valid.min()) if valid.size else np.nan
 

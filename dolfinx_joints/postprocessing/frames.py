@@ -3,8 +3,8 @@
 """Reference of the displacements of a run, and the motion of its ground.
 
 With a ground motion, displacements are relative to the ground. With incoming waves (`FreeField`) or
-moving supports they are absolute. The ground motion of incoming waves is that of the level free
-surface without the body, for example at an outcrop far from the dam.
+moving supports they are absolute. The ground motion of incoming waves is the motion of the level
+free surface without the body, for example at an outcrop far from the dam.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dolfinx_joints.common.errors import ResultsError
 from dolfinx_joints.postprocessing.joints.surface import is_plane
 from dolfinx_joints.results.reader import ABSOLUTE, RELATIVE, Results
 
-GROUND = "ground"  # allowed value of relative_to, like the names of monitor points
+GROUND = "ground"  # value of relative_to that is not the name of a monitor point
 BASE = "mean of the base"
 
 _SURFACE = "free_surface_velocity"
@@ -30,7 +30,7 @@ def has_free_surface(results: Results) -> bool:
 
 
 def ground_name(results: Results) -> str:
-    """Return the name of the ground whose motion is `ground_motion`."""
+    """Return the name of the ground that `ground_motion` describes."""
     return "free surface" if has_free_surface(results) else GROUND
 
 
@@ -60,7 +60,7 @@ def ground_motion(results: Results) -> tuple[Floats, Floats]:
 
     Returns:
         Times [s], shape (n,), and accelerations [m/s^2], shape (n, 3). For a free surface these are
-        mean values of the steps at their midpoints, as in `measures.acceleration_history`.
+        means over each step, at its midpoint, as in `measures.acceleration_history`.
     """
     time = results.time("histories")
     if has_free_surface(results):
@@ -91,7 +91,7 @@ def reference_displacement(results: Results, relative_to: str | None) -> Floats:
         results: The run.
         relative_to: Name of a monitor point, or ``ground``. For ``ground`` the result is zero if
             the displacements of the file are relative to the ground, otherwise the displacement of
-            the free surface since the first record. None gives zero.
+            the free surface since the first record. For None the result is zero.
     """
     time = results.time("histories")
     if relative_to is None or (_is_ground(results, relative_to) and results.relative):
@@ -142,5 +142,5 @@ def _check_ground(results: Results) -> None:
 
 
 def _is_ground(results: Results, relative_to: str) -> bool:
-    """Return True if ``relative_to`` is the ground and not a monitor point named "ground"."""
+    """Return True if ``relative_to`` means the ground, not a monitor point named "ground"."""
     return relative_to == GROUND and GROUND not in results.point_names

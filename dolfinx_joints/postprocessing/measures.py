@@ -62,10 +62,10 @@ class FourierPeaks(NamedTuple):
     Attributes:
         frequency: Frequency of the highest peak [Hz].
         amplitude: Amplitude of the highest peak [m s].
-        bin_width: Distance of two frequencies, 1 / duration [Hz]. Frequencies have an uncertainty
-            of half of it.
+        bin_width: Spacing of the frequencies, 1 / duration [Hz]. The uncertainty of a frequency
+            is half the spacing.
         frequency_below: Frequency of the highest peak below the chosen frequency [Hz].
-        amplitude_below: Amplitude of that peak [m s].
+        amplitude_below: Amplitude of this second peak [m s].
     """
 
     frequency: float
@@ -119,14 +119,14 @@ def acceleration_history(
 ) -> tuple[Floats, Floats]:
     """Return the mean acceleration of a point in each step, at the middle of the step.
 
-    It is absolute, or relative to the ground with ``absolute=False``. A file contains one of the
-    two, with the same reference as its displacements. The other follows from the mean ground
-    acceleration of the step (`frames.ground_motion`).
+    It is absolute, or relative to the ground with ``absolute=False``. Accelerations in a file have
+    the reference of the displacements. For the other reference, the mean ground acceleration of the
+    step is added or subtracted (`frames.ground_motion`).
 
     If joints close with impact, raw accelerations do not converge with shorter steps. A zero-phase
     low-pass filter (`processing.low_pass`) removes frequencies above ``band`` [Hz], at most
-    `common_band`. None returns raw values. Compare runs in the same band. A warning is given if
-    the band exceeds the resolved frequencies (`resolved_frequencies`).
+    `common_band`; with None, raw values are returned. Compare runs in the same band. A warning is
+    raised if the band exceeds the resolved frequencies (`resolved_frequencies`).
 
     Returns:
         Times [s] and accelerations [m/s^2], both of shape (records - 1,). With a band, the steps
@@ -166,7 +166,7 @@ def band_name(band: float | None, *runs: Results) -> str:
 
 
 def _equal_means(time: Floats, means: Floats) -> tuple[float, Floats]:
-    """Return an equal step [s], near the shortest, and the means over it, from means over steps."""
+    """Convert means over steps to means over equal steps; return the equal step [s] and means."""
     steps = np.diff(time)
     count = round((time[-1] - time[0]) / steps.min())
     dt = float((time[-1] - time[0]) / count)
@@ -225,7 +225,7 @@ def fourier_peaks(
 ) -> FourierPeaks:
     """Return the highest peak of the Fourier amplitude of a point's displacement.
 
-    The amplitude is that of `plots.fourier`. A peak exceeds both its neighbours, so the mean value
+    The amplitude is drawn by `plots.fourier`. A peak exceeds both its neighbours, so the mean value
     (with any residual displacement) is not a peak. A second peak is sought ``below`` a frequency.
     """
     dt, values = equally_spaced(*displacement_history(results, point, component, relative_to))
@@ -239,7 +239,7 @@ def joint_history(results: Results, joint: str) -> tuple[Floats, Floats, Floats]
     """Return opening and slip of the points of a joint at the stored states.
 
     The opening is the positive part of the normal gap. The slip is the relative tangential
-    displacement of the sides since the static state, including the elastic part, closed or open.
+    displacement of the sides since the static state, with the elastic part, at all points.
 
     Returns:
         Times of the stream ``states``, shape (records,), [s]; opening and slip, both of shape
@@ -300,11 +300,11 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
     traction = results.series("states", f"joints/{joint}/traction")
     areas = free_areas(results, joint)
     shares = areas / areas.sum()
-    late = time >= time[-1] - tail
-    drift = (gap[late, :, 1:] - gap[:1, :, 1:]).mean(axis=0)
+    is_late = time >= time[-1] - tail
+    drift = (gap[is_late, :, 1:] - gap[:1, :, 1:]).mean(axis=0)
     measures = {
         "opening_static": float(opening[0].max()),
-        "opening_residual": float((opening[late].mean(axis=0) - opening[0]).max()),
+        "opening_residual": float((opening[is_late].mean(axis=0) - opening[0]).max()),
         "slip_residual": float(np.linalg.norm(drift, axis=-1).max()),
         "share_broken": 0.0,
     }
@@ -319,11 +319,11 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
         measures[f"{key}_time"] = float(extremes.time[np.argmax(largest)])
     if f"joints/{joint}/status" in results.streams["states"]:
         status = results.series("states", f"joints/{joint}/status")
-        kinds = [status == kind for kind in (OPEN, SLIDING, FRICTIONLESS)]
+        flags_of_states = [status == kind for kind in (OPEN, SLIDING, FRICTIONLESS)]
     else:
         unknown = np.full(gap.shape[:-1], np.nan)
-        kinds = [open_points(gap, traction), unknown, unknown]
-    for name, flags in zip(("open", "sliding", "frictionless"), kinds, strict=True):
+        flags_of_states = [open_points(gap, traction), unknown, unknown]
+    for name, flags in zip(("open", "sliding", "frictionless"), flags_of_states, strict=True):
         measures[f"share_{name}"] = float((flags @ shares).mean())
     return {name: measures.get(name, np.nan) for name in JOINT_MEASURES}  # NaN in older files
 
@@ -331,9 +331,9 @@ def _measures_of(results: Results, joint: str, tail: float) -> dict[str, float]:
 def joint_shares(*runs: Results) -> list[Quantity]:
     """Return the rows of shares of joint points, without ``joint_frictionless`` if it is zero."""
     name, shares = "joint_frictionless", rows_below("histories", "joint_")
-    having = (run for run in runs if name in run.streams.get("histories", []))
-    free = any(run.series("histories", name).any() for run in having)
-    return [row for row in shares if free or row.name != name]
+    recorded_runs = (run for run in runs if name in run.streams.get("histories", []))
+    any_frictionless = any(run.series("histories", name).any() for run in recorded_runs)
+    return [row for row in shares if any_frictionless or row.name != name]
 
 
 def has_bonds(results: Results, joint: str) -> bool:

@@ -3,7 +3,7 @@
 """Figures of ground motions and responses: histories, spectra, frequency responses.
 
 Functions draw on the axes ``ax`` or on new axes, and return them. ``reference`` is a second motion
-that is drawn behind. Components are x (stream), y (cross-valley) and z (up).
+that is drawn behind the first. Components are x (stream), y (cross-valley) and z (up).
 """
 
 from __future__ import annotations
@@ -58,16 +58,16 @@ def history(
     Velocity and displacement are integrated from rest and show the drift of a record.
     """
     ax = ax or new_axes()
-    for drawn, label, colour in ((reference, labels[1], GREY), (motion, labels[0], BLUE)):
-        if drawn is None:
+    for curve, label, colour in ((reference, labels[1], GREY), (motion, labels[0], BLUE)):
+        if curve is None:
             continue
-        velocity, displacement = drawn.integrated()
+        velocity, displacement = curve.integrated()
         values = {
-            "acceleration": drawn.acceleration / STANDARD_GRAVITY,
+            "acceleration": curve.acceleration / STANDARD_GRAVITY,
             "velocity": velocity,
             "displacement": displacement,
         }[quantity][:, COMPONENTS.index(component)]
-        ax.plot(drawn.time, values, color=colour, linewidth=0.8, label=label)
+        ax.plot(curve.time, values, color=colour, linewidth=0.8, label=label)
     decorate(ax, "time [s]", f"{quantity} {component} [{_UNITS[quantity]}]")
     entitle(ax, f"{motion.name}: {quantity} {component}")
     ax.margins(x=0.0)
@@ -95,16 +95,16 @@ def response_spectra(
     columns = component_numbers(components)
     natural = np.geomspace(0.03, 3.0, 120) if periods is None else np.asarray(periods)
     ax = ax or new_axes(height=3.6)
-    for drawn, line in ((reference, "--"), (motion, "-")):
-        if drawn is None:
+    for curve, line in ((reference, "--"), (motion, "-")):
+        if curve is None:
             continue
-        spectra = response_spectrum(drawn.acceleration, drawn.dt, natural, damping_ratio)
+        spectra = response_spectrum(curve.acceleration, curve.dt, natural, damping_ratio)
         for component, column in zip(components, columns, strict=True):
             name = f"{component}, {_AXES[component]}"
-            label = f"{component}, {reference_label}" if drawn is reference else name
+            label = f"{component}, {reference_label}" if curve is reference else name
             values = spectra.pseudo_acceleration[:, column] / STANDARD_GRAVITY
             style = {"color": _COLOURS[component], "linestyle": line, "label": label}
-            ax.semilogx(natural, values, linewidth=0.9 if drawn is reference else 1.2, **style)
+            ax.semilogx(natural, values, linewidth=0.9 if curve is reference else 1.2, **style)
     if target is not None:
         ax.plot(target[0], np.asarray(target[1]) / STANDARD_GRAVITY, color="black", label="target")
     decorate(ax, "period [s]", "pseudo-acceleration [g]")
@@ -143,7 +143,7 @@ def frequency_response(
     first: Annotated[float, at.Gt(0), at.Unit("Hz")] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw the magnitude of accelerations relative to the ground acceleration over frequency.
+    """Draw the ratio of accelerations to the ground acceleration against frequency.
 
     Args:
         frequencies: Frequencies [Hz], shape (n,).
@@ -152,11 +152,11 @@ def frequency_response(
         ax: Axes to draw on.
     """
     ax = ax or new_axes()
-    over = np.asarray(frequencies) / (first or 1.0)
+    abscissa = np.asarray(frequencies) / (first or 1.0)
     for i, (label, values) in enumerate(accelerations.items(), start=1):
-        ax.plot(over, np.abs(values), color=RUNS[i % len(RUNS)], linewidth=1.2, label=label)
+        ax.plot(abscissa, np.abs(values), color=RUNS[i % len(RUNS)], linewidth=1.2, label=label)
     decorate(ax, "f / f₁" if first else "frequency [Hz]", "acceleration / ground acceleration")
-    ax.set_xlim(over.min(), over.max())
+    ax.set_xlim(abscissa.min(), abscissa.max())
     ax.set_ylim(bottom=0.0)
     legend(ax)
     return ax

@@ -23,7 +23,7 @@ CONCRETE, OPEN, TIED = "#d9d5cc", "black", "#bdb8ac"
 
 
 def colours(*, dark_is_low: bool = False) -> ListedColormap:
-    """Return colours from nearly white to dark blue, monotonic also in grey; black means open.
+    """Return colours from nearly white to dark blue, also monotonic in grey; NaN is black (open).
 
     Args:
         dark_is_low: True to draw the lowest values dark, for quantities that are negative.

@@ -18,7 +18,7 @@ from dolfinx_joints.postprocessing.measures import acceleration_history, displac
 from dolfinx_joints.results.arguments import COMPONENTS
 from dolfinx_joints.results.reader import Results
 
-_CREST = 0.01  # crest points are this share of the height of all monitor points below the highest
+_CREST = 0.01  # largest depth of crest points below the highest point, relative to all heights
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +64,7 @@ def acceleration_peak(
 ) -> Peak:
     """Return the largest component of the absolute acceleration of points [m/s^2].
 
-    `acceleration_history` gives it, low-passed at ``band`` [Hz]; None for raw values.
+    `acceleration_history` computes it, low-passed at ``band`` [Hz], or raw for None.
     """
     return _largest(results, points, partial(acceleration_history, band=band))
 
@@ -89,7 +89,7 @@ def joint_peaks(results: Results, joint: str) -> dict[str, Peak]:
 
 
 def stress_peak(results: Results, name: EnvelopeName) -> Peak:
-    """Return the largest value of an envelope ``.._max``, the smallest of ``.._min``, or NaN."""
+    """Return the largest value of an envelope ``.._max``, or the smallest of ``.._min``, or NaN."""
     if name not in results.streams.get("envelopes", []) or not results.rows("envelopes"):
         return Peak(value=np.nan)
     values = results.series("envelopes", name, -1)
@@ -103,15 +103,15 @@ def stress_peak(results: Results, name: EnvelopeName) -> Peak:
 def _largest(
     results: Results, points: Sequence[str], history: Callable[..., tuple[Floats, Floats]]
 ) -> Peak:
-    """Return the component of largest magnitude of all points."""
-    best = Peak(value=np.nan)
+    """Return the largest absolute value of all components of all points."""
+    largest = Peak(value=np.nan)
     places = results.static("histories/points")
     for point in points:
         for component in COMPONENTS:
             time, values = history(results, point, component)
-            if values.size and not abs(values).max() <= abs(best.value):
+            if values.size and not abs(values).max() <= abs(largest.value):
                 at = int(np.argmax(np.abs(values)))
                 place = places[results.point_index(point)]
-                value, when = float(values[at]), float(time[at])
-                best = Peak(value=value, time=when, name=f"{point} {component}", place=place)
-    return best
+                value, instant = float(values[at]), float(time[at])
+                largest = Peak(value=value, time=instant, name=f"{point} {component}", place=place)
+    return largest

@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Figures from a results file: histories, Fourier amplitudes, joint tractions, energies.
 
-Every function draws on the axes ``ax`` or on new axes, and returns them. Matplotlib's global state
-is not used.
+Every function draws on the axes ``ax`` or on new axes, and returns the axes. Matplotlib's global
+state is not used.
 
 - ``point``: name or number of a monitor point;
 - ``component``: x (stream), y (cross-valley) or z (up);
-- ``reference``: another run that is drawn behind;
+- ``reference``: another run that is drawn behind the first;
 - ``labels``: names of both runs; by default "with joints" and "linear" if only one run has joints,
   otherwise the file names;
-- ``time`` [s]: the nearest recorded state is drawn; without it the state number ``index``;
+- ``time`` [s]: the nearest recorded state is drawn; by default the state number ``index``;
 - ``relative_to``: monitor point or ``"ground"`` (`frames`) whose displacement is subtracted.
 
 Tractions keep the sign of the files: compression is negative.
@@ -121,15 +121,15 @@ def history(
     """
     ax, drawn = ax or new_axes(), runs(results, reference, labels)
     for run, style in drawn:
-        moved = displacement_history(run, point, component, relative_to, from_static=from_static)
-        ax.plot(moved[0], 1e3 * moved[1], **style)
-    since = "\nfrom the static state" if from_static else ""
-    decorate(ax, "time [s]", f"displacement {component}{since} [mm]")
+        record = displacement_history(run, point, component, relative_to, from_static=from_static)
+        ax.plot(record[0], 1e3 * record[1], **style)
+    suffix = "\nfrom the static state" if from_static else ""
+    decorate(ax, "time [s]", f"displacement {component}{suffix} [mm]")
     title = f"{point_name(results, point)}: displacement {component}"
-    over = reference is not None
-    entitle(ax, f"{title}, {_frames(drawn, relative_to)}", over_legend=over)
+    has_reference = reference is not None
+    entitle(ax, f"{title}, {_frames(drawn, relative_to)}", over_legend=has_reference)
     ax.margins(x=0.0)
-    if over:
+    if has_reference:
         legend(ax, "above")
     return ax
 
@@ -186,10 +186,10 @@ def response_spectra(
 ) -> Axes:
     """Draw pseudo-acceleration response spectra of a monitor point and of the ground [g].
 
-    The spectrum of the point is that of its absolute acceleration. The ground of a free field is
-    the free surface without the body. Periods are 0.03 to 3 s unless given. All motions are
-    low-passed in the same ``band`` [Hz], at most `measures.common_band`; None for raw ones. Periods
-    that the runs do not resolve (`measures.resolved_frequencies`) are shaded.
+    The point's spectrum is computed from its absolute acceleration. The ground of a free field is
+    the free surface without the body. Default periods are 0.03 to 3 s. All motions are low-passed
+    in the same ``band`` [Hz], at most `measures.common_band`, or raw for None. Periods that the
+    runs do not resolve (`measures.resolved_frequencies`) are shaded.
     """
     natural = np.geomspace(0.03, 3.0, 120) if periods is None else np.asarray(periods)
     ax = ax or new_axes(height=3.6)
@@ -203,18 +203,18 @@ def response_spectra(
         ax.semilogx(natural, spectrum / STANDARD_GRAVITY, **style)
 
     for run, style in drawn:
-        moved = acceleration_history(run, point, component, band=band)
-        draw(*equally_spaced(*moved), style)
+        record = acceleration_history(run, point, component, band=band)
+        draw(*equally_spaced(*record), style)
     if has_ground_motion(results):
         time, ground = ground_motion(results)
         dt, ground = equally_spaced(time, ground[:, COMPONENTS.index(component)])
         dashes = {"color": "black", "linewidth": 0.9, "linestyle": "--"}
         dashes["label"] = ground_name(results)
         draw(dt, ground if band is None else low_pass(ground, dt, band), dashes)
-    resolved, by = resolved_frequencies(*(run for run, _ in drawn)).lowest
+    resolved, limit = resolved_frequencies(*(run for run, _ in drawn)).lowest
     if resolved * natural.min() < 1.0:
         ends = natural.min(), min(1.0 / resolved, natural.max())
-        name = f"beyond the {by}, above {resolved:.3g} Hz"
+        name = f"above {resolved:.3g} Hz, not resolved by the {limit}"
         ax.axvspan(*ends, color="0.93", zorder=0, label=name)
     decorate(ax, "period [s]", f"pseudo-acceleration {component} [g]")
     name = point_name(results, point)
@@ -262,8 +262,8 @@ def joint_traction(
 def energies(results: Results, *, ax: Axes | None = None) -> Axes:
     """Draw the energies of the ledger against time (`energy_lines`).
 
-    The legend gives the largest error relative to the largest energy, and the total energies that
-    waves brought in and out through absorbing boundaries. The difference of the latter is drawn.
+    The legend states the largest error relative to the largest energy, and the total energies that
+    waves transported in and out through absorbing boundaries. The curve shows their difference.
     """
     terms = energy_lines(results)
     time = results.time("energy")
@@ -276,7 +276,7 @@ def energies(results: Results, *, ax: Axes | None = None) -> Axes:
         if term == WAVES and through is not None:
             joule, fitting = energy_unit(max(map(abs, through)))
             inflow, outflow = (f"{energy / joule:.4g} {fitting}" for energy in through)
-            label = f"waves, {inflow} in less {outflow} out"
+            label = f"waves, {inflow} in minus {outflow} out"
         if term == "error" and largest > 0.0:
             label = f"error, within {np.abs(values).max() / largest:.1e} of the largest"
         ax.plot(time, values / factor, linestyle=style, color=colour, linewidth=1.2, label=label)
@@ -308,7 +308,7 @@ def joint_states(results: Results, *, ax: Axes | None = None) -> Axes:
 
 
 def energy_unit(largest: float) -> tuple[float, str]:
-    """Return the largest unit in which an energy is at least 1: its size [J] and its name."""
+    """Return size [J] and name of the largest unit in which an energy is at least 1, or of J."""
     units = ((1e9, "GJ"), (1e6, "MJ"), (1e3, "kJ"))
     return next(((factor, unit) for factor, unit in units if largest >= factor), (1.0, "J"))
 
@@ -324,34 +324,34 @@ def joint_histories(results: Results, *, figure: Figure | SubFigure | None = Non
     check_results(results)
     if not results.joints:
         raise ResultsError(f"{results.path} has no joints to draw.")
-    every = {joint: joint_extremes(results, joint) for joint in results.joints}
-    rows = drawn_series(every.values())
+    extremes_of_joints = {joint: joint_extremes(results, joint) for joint in results.joints}
+    rows = drawn_series(extremes_of_joints.values())
     drawn = figure or new_figure(figsize=(6.3, 2.1 * len(rows)), layout="compressed")
     panels: list[Axes] = list(drawn.subplots(len(rows), sharex=True))
     for ax, row in zip(panels, rows, strict=True):
-        worst: dict[float, tuple[str, Floats, Floats]] = {}
+        by_value: dict[float, tuple[str, Floats, Floats]] = {}
         least, lowest = row.key == "safety", 0.0
-        for joint, extremes in every.items():
+        for joint, extremes in extremes_of_joints.items():
             values: Floats = row.factor * extremes.values[row.key]
             ax.plot(extremes.time, values, color="0.75", linewidth=0.7)
             finite = values[np.isfinite(values)]
             if finite.size:
                 lowest = min(lowest, float(finite.min()))
                 extreme = finite.min() if least else finite.max()
-                worst.setdefault(float(extreme), (joint, extremes.time, values))
-        if worst:
-            extreme = min(worst) if least else max(worst)
-            joint, time, values = worst[extreme]
-            when = time[np.argmax(values == extreme)]
+                by_value.setdefault(float(extreme), (joint, extremes.time, values))
+        if by_value:
+            extreme = min(by_value) if least else max(by_value)
+            joint, time, values = by_value[extreme]
+            at_time = time[np.argmax(values == extreme)]
             unit = f" {row.shown}" if row.shown else ""
-            label = f"{joint}: {extreme:.3g}{unit} at {when:.6g} s"
+            label = f"{joint}: {extreme:.3g}{unit} at {at_time:.6g} s"
             ax.plot(time, values, color=BLUE, linewidth=1.1, label=label)
             legend(ax, "above")
         decorate(ax, "time [s]" if least else "", row.heading.replace(" [", "\n["))
         ax.margins(x=0.0)
         ax.set_ylim(bottom=lowest)
     panels[-1].axhline(1.0, color=RED, linewidth=0.8, linestyle="--")
-    highest = max(10.0, 1.5 * min(worst, default=0.0))  # ``worst`` is that of the last row, safety
+    highest = max(10.0, 1.5 * min(by_value, default=0.0))  # of the last row, the safety
     panels[-1].set_ylim(0.0, min(highest, max(2.0, panels[-1].get_ylim()[1])))
     return panels
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Pictures of surfaces and lines in space, rendered off screen by VTK in parallel projection."""
+"""3-D pictures of surfaces and lines, rendered off screen by VTK in parallel projection."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Faces = Sequence[Sequence[int]] | Sequence[Ints] | Ints
 _MARGIN = 0.02  # share of the larger side of a picture
 _DARK = "#262626"
 _CONTOUR: dict[str, Any] = {"color": _DARK, "line_width": 2.5, "lighting": False, "scalars": None}
-_RAISED = 4e-3  # offset of lines from their surface towards the eye, share of the larger side
+_RAISED = 4e-3  # offset of lines from their surface towards the eye, relative to the larger side
 _HIGHEST = 1.4  # largest ratio of height to width of a figure
 _LONGEST_LINE = 26  # longest line of the label of a colour bar [characters]
 
@@ -75,8 +75,8 @@ class Scene:
         room: Additional points, shape (n, 3), [m], that must be within the picture.
 
     Attributes:
-        layers: Layers in the order in which they were added: a ``pyvista.PolyData`` and its drawing
-            options each.
+        layers: Layers in the order of drawing, each a ``pyvista.PolyData`` with its drawing
+            options.
     """
 
     def __init__(self, room: Floats | None = None) -> None:
@@ -95,7 +95,7 @@ class Scene:
     ) -> None:
         """Add polygons, given by points (n, 3) [m] and point numbers in cyclic order.
 
-        Values of points or of polygons are drawn in the colours ``cmap`` over the range ``clim``.
+        Values of points or of polygons are drawn in the colours ``cmap`` for the range ``clim``.
         Polygons with ``framed=False`` may extend beyond the picture.
         """
         data = polygons(points, faces)
@@ -216,7 +216,7 @@ def load_pyvista() -> Any:
         import vtkmodules
     except ImportError as error:
         raise JointsError(
-            f"Pictures in space need pyvista and VTK 9.5 or later ({error}); install them in the "
+            f"3-D pictures need pyvista and VTK 9.5 or later ({error}); install them in the "
             "same way as DOLFINx (pip, conda), or set DOLFINX_JOINTS_PRIVATE=1 for ./with-dolfinx."
         ) from error
     if "DISPLAY" in os.environ or "VTK_DEFAULT_OPENGL_WINDOW" in os.environ:
@@ -224,18 +224,16 @@ def load_pyvista() -> Any:
     version = tuple(int(part) for part in vtkmodules.__version__.split(".")[:2])
     if version < (9, 5):
         raise JointsError(
-            f"Without a screen, pictures in space need VTK 9.5 or later, got {version[0]}."
-            f"{version[1]}."
+            f"Without a screen, 3-D pictures need VTK 9.5 or later, got {version[0]}.{version[1]}."
         )
-    # Check for a library first: VTK would abort the process without one.
+    # Check for a library first: without a library, VTK would abort the process.
     windows = {"libEGL.so.1": "vtkEGLRenderWindow", "libOSMesa.so.8": "vtkOSOpenGLRenderWindow"}
     for library, window in windows.items():
         if _is_loadable(library):
             os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
             return pyvista
     raise JointsError(
-        "Without a screen, pictures in space need the library EGL or OSMesa; on Debian install "
-        "libegl1."
+        "Without a screen, 3-D pictures need the library EGL or OSMesa; on Debian install libegl1."
     )
 
 
@@ -259,8 +257,8 @@ def draw(scene: Scene, cameras: Sequence[Camera]) -> tuple[Figure, list[Axes]]:
     widths = [x_max - x_min for x_min, x_max, _, _ in extents]
     height = max(top - bottom for _, _, bottom, top in extents)
     inches = 6.3 if len(cameras) == 1 else 3.6 * len(cameras)
-    wanted = 0.7 + 0.85 * inches * height / sum(widths)
-    figure = new_figure(figsize=(inches, min(wanted, _HIGHEST * inches)), layout="compressed")
+    full_height = 0.7 + 0.85 * inches * height / sum(widths)
+    figure = new_figure(figsize=(inches, min(full_height, _HIGHEST * inches)), layout="compressed")
     axes = list(figure.subplots(1, len(cameras), width_ratios=widths, squeeze=False)[0])
     for ax, camera, extent in zip(axes, cameras, extents, strict=True):
         ax.imshow(scene.render(camera), extent=extent, interpolation="antialiased")
@@ -351,10 +349,10 @@ def _pair(place: Floats) -> tuple[float, float]:
     return float(place[0]), float(place[1])
 
 
-def round_down(wanted: float) -> float:
-    """Return the largest number 1, 2 or 5 times a power of ten that does not exceed ``wanted``."""
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted))
+def round_down(limit: float) -> float:
+    """Return the largest number 1, 2 or 5 times a power of ten that does not exceed ``limit``."""
+    power = 10.0 ** np.floor(np.log10(limit))
+    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= limit))
 
 
 def round_scale(nodes: Floats, largest: float) -> float:

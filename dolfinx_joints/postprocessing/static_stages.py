@@ -120,16 +120,16 @@ def static_stages(results: Results) -> list[StaticStage]:
     energies = _energies(results, len(names))
     jumps, stages = stage_jumps(results), []
     for i, name in enumerate(names):
-        moved = results.series("statics", "point_displacement", i)
+        points = results.series("statics", "point_displacement", i)
         stages.append(
             StaticStage(
                 name=name,
                 load_time=float(results.series("statics", "load_time", i)),
-                displacement=dict(zip(results.point_names, moved, strict=True)),
+                displacement=dict(zip(results.point_names, points, strict=True)),
                 reaction={
                     n.removeprefix("reaction/"): results.series("statics", n, i) for n in reactions
                 },
-                joints={one.joint: joint_in_state(results, "statics", one, i) for one in forces},
+                joints={f.joint: joint_in_state(results, "statics", f, i) for f in forces},
                 stresses=_stresses(results, i),
                 energy=energies[i],
                 jumps=jumps.get(name, ()),
@@ -139,7 +139,7 @@ def static_stages(results: Results) -> list[StaticStage]:
 
 
 def stage_jumps(results: Results) -> dict[str, tuple[str, ...]]:
-    """Return the texts of the manifest on the jumps of each static stage with jumps."""
+    """Return the manifest's descriptions of jumps, for each static stage with jumps."""
     texts = (results.metadata.get("manifest") or {}).get("static_stages", {})
     of_stages = {
         name: tuple(p.removeprefix(JUMP) for p in text.split("; ") if p.startswith(JUMP))
@@ -154,7 +154,7 @@ def joint_in_state(
     """Return a joint at record ``number`` of a stream; ``forces`` must have the same records."""
     gap = gaps(results, stream, forces.joint, number)
     traction = results.series(stream, f"joints/{forces.joint}/traction", number)
-    pressed = traction[~tied_points(results, forces.joint), 0]
+    normal = traction[~tied_points(results, forces.joint), 0]
     water = 0.0
     if forces.water_force is not None:
         water = float(forces.water_force[number] @ forces.geometry.normal)
@@ -165,7 +165,7 @@ def joint_in_state(
         contact=float(forces.contact[number]),
         opening_max=float(gap[:, 0].max(initial=0.0)),
         slip_max=float(np.linalg.norm(gap[:, 1:], axis=1).max(initial=0.0)),
-        pressure_max=float(abs(pressed.min(initial=0.0))),
+        pressure_max=float(abs(normal.min(initial=0.0))),
         water_force=water,
     )
 

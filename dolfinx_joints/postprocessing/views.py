@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Pictures in space from a results file: mesh, deformed shape, maps on joints, stress envelopes.
+"""3-D pictures from a results file: mesh, deformed shape, maps on joints, stress envelopes.
 
 Every function returns a matplotlib figure, for ``plots.save``. VTK renders the bodies in parallel
 projection and needs no screen. The viewpoint is given by its elevation above the horizon and an
@@ -132,8 +132,8 @@ def deformed(
 ) -> Figure:
     """Draw the deformed body, coloured by the magnitude of the displacement, with red joints.
 
-    Thin lines are the outline of the undeformed body. Displacements are multiplied by ``scale``;
-    unless given, it is a round number and the largest becomes about 6 % of the model's size.
+    Thin lines are the outline of the undeformed body. Displacements are multiplied by ``scale``, by
+    default a round number that draws the largest at about 6 % of the model's size.
 
     Displacements are measured from the unloaded body. If the file has absolute displacements, the
     mean of the lowest nodes is subtracted. ``relative_to`` subtracts the displacement of a monitor
@@ -148,7 +148,7 @@ def deformed(
     largest = float(np.linalg.norm(displacement[body.seen], axis=1).max(initial=0.0))
     factor = round_scale(body.nodes[body.seen], largest) if scale is None else scale
     shape = Deformed(body, displacement, factor)
-    title = f"deformed shape {moment}, displacements x {factor:g}" + _widest(results, number)
+    title = f"deformed shape {moment}, displacements x {factor:g}" + _opening_line(results, number)
     return shape.draw(cameras, frame, title)
 
 
@@ -185,19 +185,19 @@ def joint_map(
     for name in joints:
         results.check_joint(name)
     values = {name: map_value(results, name, quantity, number) for name in joints}
-    together = np.concatenate(list(values.values()))
+    all_values = np.concatenate(list(values.values()))
     tied = {name: tied_points(results, name) for name in joints}
     some_tied = {"tied": TIED} if any(flags.any() for flags in tied.values()) else {}
-    limits = map_limits(quantity, together)
+    limits = map_limits(quantity, all_values)
     cmap = map_colours(quantity, limits)
-    scene, tops, how = Scene(), {}, ""
+    scene, tops, note = Scene(), {}, ""
     scene.edges(body.nodes, body.shown, **OUTLINE)
     for name, of_points in values.items():
         joint_surface = JointSurface(results, name)
         points, faces = _separate(joint_surface.patches_in_space())
         if turned and joint_surface.axes[1, 2] >= _UPRIGHT:
-            points = _turned(points, joint_surface.axes, camera)
-            how = "\neach upright joint rotated in its place to show its face"
+            points = _face_viewer(points, joint_surface.axes, camera)
+            note = "\neach upright joint rotated in its place to show its face"
         edges: dict[str, Any] = {"show_edges": True, "edge_color": "#b3b3b3"}
         free = ~tied[name]
         by_value: dict[str, Any] = {"of_faces": of_points[free], "clim": limits, "cmap": cmap}
@@ -213,13 +213,13 @@ def joint_map(
     if quantity == "state":
         legend(axes[0], STATES | some_tied)
     else:
-        some_open = np.isnan(together[~np.concatenate(list(tied.values()))]).any()
+        some_open = np.isnan(all_values[~np.concatenate(list(tied.values()))]).any()
         if some_open or some_tied:
             legend(axes[0], ({"open": OPEN} if some_open else {}) | some_tied)
         colour_bar(figure, axes, cmap, limits, MAP_LABELS[quantity])
     subject = "joints" if joint is None else joint
-    widest = _widest(results, number) if quantity == "opening" else ""
-    figure.suptitle(f"{subject} {moment}{widest}{how}", fontsize="medium")
+    widest = _opening_line(results, number) if quantity == "opening" else ""
+    figure.suptitle(f"{subject} {moment}{widest}{note}", fontsize="medium")
     return figure
 
 
@@ -234,7 +234,7 @@ def envelope(
 ) -> Figure:
     """Draw the envelope of a stress over the run on the boundary, from upstream and downstream.
 
-    Nodes without a value, such as those of a crest for arch stresses, are grey. The run must have
+    Nodes without a value, such as crest nodes for arch stresses, are grey. The run must have
     recorded the stream ``envelopes``. Cell ``groups`` such as ``["dam"]`` are drawn opaque and fill
     the picture; colours and title refer to their values. The other cells are translucent.
     """
@@ -261,7 +261,7 @@ def envelope(
     return figure
 
 
-def _turned(points: Floats, axes: Floats, camera: Camera) -> Floats:
+def _face_viewer(points: Floats, axes: Floats, camera: Camera) -> Floats:
     """Return points of a joint, rotated about the vertical until the joint faces the viewer."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     old, new = axes[0, :2], camera.right[:2]
@@ -278,7 +278,7 @@ def _separate(polygons: Sequence[Floats] | Floats) -> tuple[Floats, list[Ints]]:
     )
 
 
-def _widest(results: Results, number: int) -> str:
+def _opening_line(results: Results, number: int) -> str:
     """Return a line for a title: the largest opening at a record and its joint."""
     widest = {
         joint: 1e3 * gaps(results, "states", joint, number)[:, 0].max(initial=0.0)

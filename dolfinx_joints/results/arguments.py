@@ -21,12 +21,12 @@ COMPONENTS: tuple[Component, ...] = get_args(Component)
 
 def check_results(results: Any) -> None:
     """Raise a ValueError if the argument is not a `Results`."""
-    is_one = isinstance(results, Results)
-    check_kind_of("results", results, is_one, "a Results, as Results(path) gives")
+    is_results = isinstance(results, Results)
+    check_kind_of("results", results, is_results, "a Results object, such as Results(path)")
 
 
 def record_number(results: Results, time: float | None, index: int) -> int:
-    """Return the number of the record of ``states`` nearest to a time [s], else at an index."""
+    """Return the record number in ``states`` nearest to a time [s]; without a time, at an index."""
     check_results(results)
     if time is not None:
         return results.nearest("states", time)
@@ -49,7 +49,7 @@ class StageStates(Results):
 
     @property
     def relative(self) -> bool:
-        """True: the ground rests in static stages, so displacements are relative to it."""
+        """Always True, because the ground is at rest in static stages."""
         return True
 
     @property
@@ -65,13 +65,13 @@ class StageStates(Results):
 def chosen_state(
     results: Results, time: float | None, index: int, stage: int | str | None
 ) -> tuple[Results, int, str]:
-    """Return the results to read, the record number in ``states``, and words for its time.
+    """Return the results to read, the record number in ``states``, and its time in words.
 
     Args:
         results: The run.
         time: Time [s]; the nearest record is chosen.
-        index: Record number if no time is given, negative from the end. In a file that has only
-            static stages it is the number of the stage.
+        index: Record number if no time is given, negative from the end. In a file with static
+            stages only, it is the number of the stage.
         stage: Name or number of a static stage, which replaces time and index.
     """
     check_results(results)

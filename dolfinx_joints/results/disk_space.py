@@ -17,7 +17,7 @@ _METADATA_BYTES = 1 << 20  # upper bound of HDF5's own data between two flushes
 
 
 class Room:
-    """Disk space reserved behind the end of an HDF5 file that is being written."""
+    """Disk space reserved after the end of an HDF5 file that is being written."""
 
     def __init__(self, path: Path, file: h5py.File) -> None:
         """Open the file a second time, without reserving space."""
@@ -39,7 +39,7 @@ class Room:
             ) from error
 
     def close(self) -> None:
-        """Release the unused space, after the file was closed."""
+        """Release the unused space; call this after HDF5 has closed the file."""
         os.lseek(self._handle, 0, os.SEEK_SET)
         superblock = os.read(self._handle, 36)
         end = int.from_bytes(superblock[28:36], "little")

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Areas and gaps of the joint points in a file, and the points that are tied.
 
-Where a joint ends inside a body, both sides share their nodes. A point there is tied: it neither
-opens nor slides and transmits no traction. Shares of the joint area exclude tied points.
+If a joint ends inside a body, both sides share the nodes at this end. The joint points there are
+tied: they neither open nor slide and transmit no traction. Area shares exclude tied points.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def tied_points(results: Statics, joint: str) -> Flags:
 
 
 def free_areas(results: Statics, joint: str) -> Floats:
-    """Return the area of each point of a joint, zero at tied ones, shape (n,), [m^2]."""
+    """Return the area of each point of a joint, zero at tied points, shape (n,), [m^2]."""
     areas = results.static(f"joints/{joint}/areas")
     return np.where(tied_points(results, joint), 0.0, areas)
 

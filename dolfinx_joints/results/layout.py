@@ -18,7 +18,7 @@ from dolfinx_joints.results.writer import ResultsWriter
 
 Array = ArrayLike | Dealt
 
-# Prefix that marks the text on a jump among the texts on a static stage in the manifest.
+# Prefix of the description of a jump, among the texts on a static stage in the manifest.
 JUMP = "jump: "
 
 
@@ -26,7 +26,7 @@ class Cells(NamedTuple):
     """Cells of the body.
 
     Attributes:
-        kind: VTK cell type; from the second degree on, a Lagrange type.
+        kind: VTK cell type; a Lagrange type for degrees of 2 and higher.
         nodes: Nodes of each cell in VTK order, shape (num_cells, nodes per cell).
         groups: Rows of ``nodes`` in each cell group, by its name.
     """
@@ -41,8 +41,8 @@ def declare(
 ) -> None:
     """Declare series of a stream, with units and descriptions from `quantities`.
 
-    The values are one record by name, or arrays of the same shapes. The frame names the reference
-    of displacements and accelerations.
+    The values by name are one record, or arrays with the shapes of a record. The frame names the
+    reference of displacements and accelerations.
 
     Raises:
         ResultsError: A name is missing in the table.
@@ -73,7 +73,7 @@ def declare_body(
     """Write mesh and joints.
 
     Args:
-        writer: A writer that was not started yet.
+        writer: Writer whose method `start` was not called yet.
         nodes: Shape (num_nodes, 3), [m]. The two sides of a joint have separate nodes.
         surface: Vertices of the boundary facets in cyclic order, shape (num_facets, 3 or 4). The
             facets on both sides of the joints are included.

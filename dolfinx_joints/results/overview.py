@@ -30,7 +30,7 @@ _COSTS = ("steps", "iterations", "solver", "energy_error", "imbalance", "local_e
 def overview(path: str | Path) -> str:
     """Return an overview of a results file: the run, its accuracy, the stored series.
 
-    ``joints/*/gap`` stands for the gaps of all joints. `describe` lists every array.
+    ``joints/*/gap`` denotes the gaps of all joints. `describe` lists every array.
     """
     with Results(path) as results:
         facts, summary = results.metadata, results.summary
@@ -42,8 +42,8 @@ def overview(path: str | Path) -> str:
         lines += _line("seconds", [f"{phase}={s:.3g}" for phase, s in seconds.items()])
         lines += _line("error", [str(summary["error"])] if "error" in summary else [])
         lines += _line("static energy", _static_energies(results))
-        others = {k: v for k, v in summary.items() if k not in (*_COSTS, "error")}
-        lines += _line("counts", _facts(others, others))
+        counts = {k: v for k, v in summary.items() if k not in (*_COSTS, "error")}
+        lines += _line("counts", _facts(counts, counts))
         settings = {k: v for k, v in facts.items() if k not in _SHOWN}
         lines += _line("settings", _facts(settings, settings))
         lines += _manifest_lines(facts.get("manifest"))
@@ -51,13 +51,13 @@ def overview(path: str | Path) -> str:
         finite = [f"{f:.3g} Hz by the {name}" for name, f in limits if f < np.inf]
         lines += _line("resolved to", finite)
         lines += _line("points", _points(results))
-        for law, joints in _by_law(results).items():
+        for law, joints in _joints_by_law_text(results).items():
             lines += _line("joints", [*joints[:-1], joints[-1] + law])
         lines += _line("joint area", [joint_area(results)] if results.joints else [])
         for stream, names in results.streams.items():
             lines.append(_records(results, stream))
-            lines += _line("", _merged((n, results.unit(stream, n)) for n in names))
-        arrays = _merged((name, results.unit(name)) for name in results.statics)
+            lines += _line("", _unique_names((n, results.unit(stream, n)) for n in names))
+        arrays = _unique_names((name, results.unit(name)) for name in results.statics)
         lines += _line("written once", arrays)
     return "\n".join(lines)
 
@@ -66,7 +66,7 @@ def describe(path: str | Path) -> str:
     """Return a table of all arrays in a results file."""
     with Results(path) as results:
         lines = [f"{results.path}: {results.status}, created {results.created}"]
-        lines += _nested(results.metadata) + _nested(results.summary)
+        lines += _nested_lines(results.metadata) + _nested_lines(results.summary)
         rows: list[tuple[str, tuple[str, ...], tuple[int, ...]]] = [
             ("static", (name,), results.static(name).shape) for name in results.statics
         ]
@@ -108,18 +108,18 @@ def _static_energies(results: Results) -> list[str]:
     return [f"energies balance to {largest:.2g} of the largest", *(jumps or ["no jumps"])]
 
 
-def _nested(facts: Mapping[str, Any], indent: str = "  ") -> list[str]:
-    """Return lines on facts; the items of a dictionary are indented below its key."""
+def _nested_lines(facts: Mapping[str, Any], indent: str = "  ") -> list[str]:
+    """Return one line per fact; the items of a dictionary are indented below its key."""
     lines = []
     for key, value in facts.items():
         inner = isinstance(value, dict) and len(indent) < 8
         lines.append(f"{indent}{key}:" if inner else f"{indent}{key}: {value}")
-        lines += _nested(value, indent + "  ") if inner else []
+        lines += _nested_lines(value, indent + "  ") if inner else []
     return lines
 
 
 def _manifest_lines(manifest: Any) -> list[str]:
-    """Return lines on the programs and laws of the run; joints with equal laws share a line."""
+    """Return the lines of the manifest, one line for all joints with equal laws."""
     lines: list[str] = []
     for label, value in manifest.items() if isinstance(manifest, dict) else ():
         if label == "resolved_hz":
@@ -138,14 +138,14 @@ def _manifest_lines(manifest: Any) -> list[str]:
 
 
 def joints_by_law(laws: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    """Return pairs of the joints with equal laws, as text, and the law."""
+    """Return each law with the names of its joints, as pairs (names in one text, law)."""
     joints: dict[str, list[str]] = {}
     for joint, law in laws.items():
         joints.setdefault(str(law), []).append(joint)
     return [(", ".join(names), law) for law, names in joints.items()]
 
 
-def _by_law(results: Results) -> dict[str, list[str]]:
+def _joints_by_law_text(results: Results) -> dict[str, list[str]]:
     joints: dict[str, list[str]] = {}
     for name in results.joints:
         law, text = results.law(name), ""
@@ -157,12 +157,12 @@ def _by_law(results: Results) -> dict[str, list[str]]:
 
 
 def _points(results: Results) -> list[str]:
-    """Return texts on the monitor points: place, side of a joint, distance from the given place."""
+    """Return texts of the monitor points: place, side of a joint, distance from given place."""
     requested, names = results.metadata.get("points"), results.metadata.get("point_names", [])
     if not isinstance(requested, dict) or "histories/points" not in results.statics:
         return names
     texts, points = [], results.static("histories/points")
-    # Take the length scale from the body if it is stored: all points may be at the origin.
+    # Use the body's length scale if the body is stored: all points may be at the origin.
     nodes = results.static("mesh/nodes") if "mesh/nodes" in results.statics else points
     scale = float(np.abs(nodes).max())
     for name, actual in zip(names, points, strict=False):
@@ -177,7 +177,7 @@ def _points(results: Results) -> list[str]:
 
 
 def _facts(values: Mapping[str, Any], names: Iterable[str]) -> list[str]:
-    """Return texts ``name=value`` of the names that have a value."""
+    """Return texts ``name=value`` for the names that have a value."""
     texts = []
     for name in names:
         if name in values:
@@ -187,7 +187,7 @@ def _facts(values: Mapping[str, Any], names: Iterable[str]) -> list[str]:
     return texts
 
 
-def _merged(names: Iterable[tuple[str, str]]) -> list[str]:
+def _unique_names(names: Iterable[tuple[str, str]]) -> list[str]:
     """Return names with units, with ``*`` for the name of a joint, without duplicates."""
     units = {}
     for name, unit in names:
@@ -201,7 +201,7 @@ def _line(label: str, parts: Iterable[str]) -> list[str]:
     text = ", ".join(parts)
     if not text:
         return []
-    first, others = f"{label:<{_LABEL}} ", " " * (_LABEL + 1)
+    first, indent = f"{label:<{_LABEL}} ", " " * (_LABEL + 1)
     return textwrap.wrap(
-        text, _WIDTH, initial_indent=first, subsequent_indent=others, break_on_hyphens=False
+        text, _WIDTH, initial_indent=first, subsequent_indent=indent, break_on_hyphens=False
     )

@@ -44,12 +44,12 @@ class JointPoints(NamedTuple):
 
     @property
     def compression(self) -> Floats:
-        """Pressure [Pa], zero in tension except at intact bonds: tension lowers their strength."""
+        """Pressure [Pa]; tension counts only at intact bonds, whose strength it reduces."""
         return np.where(self.cohesion > 0.0, self.pressure, np.maximum(self.pressure, 0.0))
 
     @property
     def shear(self) -> Floats:
-        """Size of the tangential traction, shape (..., points), [Pa]."""
+        """Magnitude of the tangential traction, shape (..., points), [Pa]."""
         return _size(self.traction[..., 1:])
 
 
@@ -90,7 +90,7 @@ class Quantity:
 
     @property
     def factor(self) -> float:
-        """Factor from the unit of files to that of figures and reports."""
+        """Factor from the unit in files to the unit in figures and reports."""
         return _FACTORS.get(self.shown, 1.0)
 
     @property
@@ -103,7 +103,7 @@ Q = Quantity
 _FRAME = "of monitor points, {frame}"
 _STATIC_PART = Q("static_displacement", "m", text="quasi-static displacement by support motion")
 _REACTION = Q("reaction/*", "N", text="force of the support {} on the body")
-_STATUS = "0 open, 1 sticking, 2 sliding in the step ending here, 3 closed without friction, 4 tied"
+_STATUS = "0 open, 1 sticking, 2 sliding in the preceding step, 3 closed without friction, 4 tied"
 _PRESSED = "integral of the pressure, including tension at intact bonds"
 _BOND = "cohesion times the area with intact bonds"
 _STATES = (
@@ -118,7 +118,7 @@ _STATES = (
 TABLE: dict[str, tuple[Quantity, ...]] = {
     "histories": (
         Q("displacement", "m", text=f"displacement {_FRAME}"),
-        Q("acceleration", "m/s^2", text=f"mean acceleration of the step ending here {_FRAME}"),
+        Q("acceleration", "m/s^2", text=f"mean acceleration in the preceding step {_FRAME}"),
         _STATIC_PART,
         Q("free_surface_velocity", "m/s", text="velocity of the free surface without the body"),
         Q("ground_acceleration", "m/s^2", text="acceleration of the ground at this time"),
@@ -141,7 +141,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("numerical", "J", "numerical loss", style=("-.", "#7b3294")),
         Q("water", "J", "energy of waves in the reservoir", style=("-", "#1b9e9e"), rare=True),
         Q("plastic", "J", "plastic work of the bulk", style=("--", "#a50f15"), rare=True),
-        Q("impact", "J", "lost by points that do not rebound", style=("--", "#e7298a"), rare=True),
+        Q("impact", "J", "loss of points that do not rebound", style=("--", "#e7298a"), rare=True),
         Q("absorbed", "J", text="part of viscous at absorbing boundaries", rare=True),
         Q("error", "J", "residual", style=(":", "#8c8c8c")),
         Q("joints/*/elastic", "J", text="elastic energy of {}"),
@@ -165,7 +165,7 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("energy/joints/*/numerical", "J", "numerical"),
         Q("energy/joints/*/bonds", "J", "broken bonds"),
         Q("energy/joints/*/released", "J", "released", text="released, in friction and numerical"),
-        Q("energy/water_released", "J", "energy released with water"),
+        Q("energy/water_released", "J", "energy released by water"),
         Q("energy/error", "J", "error of the energies"),
         Q("energy/scale", "J", "largest energy"),
         Q("jumps", "-", "jumps", dtype=np.int64),
@@ -228,9 +228,9 @@ TABLE: dict[str, tuple[Quantity, ...]] = {
         Q("sliding_safety", "-", "safety against sliding"),
         Q("contact", "-", "area under pressure", "%"),
         Q("pressure_max", "Pa", "largest pressure", "MPa"),
-        Q("water_force", "N", "force of the joint's water", "MN"),
+        Q("water_force", "N", "water force in the joint", "MN"),
     ),
-    # From `joint_measures`, not in files; the last lines of this module add rows from "joints".
+    # From `joint_measures`, not in files; the end of this module adds rows from "joints".
     "measures": (
         Q("opening_static", "m", "static opening", "mm"),
         Q("opening_residual", "m", "residual opening", "mm"),
@@ -277,9 +277,9 @@ def row_of(stream: str, name: str) -> tuple[Quantity, str]:
     raise ResultsError(f"The table of quantities has no row for {name!r} of {stream!r}.")
 
 
-def rows_by(*ways: str) -> tuple[Quantity, ...]:
-    """Return the rows of the stream ``joints`` with these values of ``by``, in their order."""
-    return tuple(row for way in ways for row in TABLE["joints"] if row.by == way)
+def rows_by(*methods: str) -> tuple[Quantity, ...]:
+    """Return the rows of the stream ``joints`` with given values of ``by``, in this order."""
+    return tuple(row for method in methods for row in TABLE["joints"] if row.by == method)
 
 
 def at_points(rows: Iterable[Quantity], points: JointPoints) -> Floats:

@@ -123,7 +123,7 @@ class Results(Summarised):
 
     @property
     def summary(self) -> dict[str, Any]:
-        """Closing facts of the run; empty while the status is "running"."""
+        """Final facts of the run; empty while the status is "running"."""
         with self._reading():
             return _decode_json(self._file["summary"])
 
@@ -181,9 +181,9 @@ class Results(Summarised):
     @property
     def point_names(self) -> list[str]:
         """Names of the monitor points in ``metadata["point_names"]``, otherwise numbered names."""
-        given = self.metadata.get("point_names")
-        if isinstance(given, list):
-            return [str(name) for name in given]
+        names = self.metadata.get("point_names")
+        if isinstance(names, list):
+            return [str(name) for name in names]
         return [f"point {i}" for i in range(len(self.static("histories/points")))]
 
     @checked
@@ -243,7 +243,7 @@ class Results(Summarised):
         return times
 
     def rows(self, stream: str) -> int:
-        """Return the number of complete records of a stream: all values and the time exist."""
+        """Return the number of complete records of a stream, with all values and a time."""
         group = self._stream(stream)
         if group.name in self._rows:
             return self._rows[group.name]
@@ -360,22 +360,22 @@ def _open(path: Path) -> h5py.File:
 
 
 def _check(file: h5py.File, path: Path) -> None:
-    """Raise an error if the file is not a results file of a supported version, or incomplete."""
+    """Raise an error if the file is no results file of a supported version, or is incomplete."""
     file_format, version = attribute(file, "format"), attribute(file, "version")
     if file_format != FORMAT or not isinstance(version, int):
         raise ResultsError(f"{path} is HDF5 but not a file of {FORMAT!r}.")
     check_version(version, VERSION)
     if version > VERSION:
         raise ResultsError(
-            f"{path} has version {version} of the layout, this program reads up to {VERSION}."
+            f"{path} has version {version} of the layout; the highest supported is {VERSION}."
         )
     if not all(key in file for key in ("metadata", "status", "summary", "static", "streams")):
         raise ResultsError(f"{path} was left incomplete before its run started.")
 
 
-def listing(every: Iterable[str]) -> str:
-    """Return names in one line for messages, at most the first ones of many."""
-    return names(every) or "none"
+def listing(items: Iterable[str]) -> str:
+    """Return names in one line for messages; of many names, only the first."""
+    return names(items) or "none"
 
 
 def _decode_json(dataset: h5py.Dataset) -> dict[str, Any]:

@@ -12,9 +12,9 @@ import numpy as np
 from dolfinx_joints.results.reader import Results
 
 STEPS_PER_PERIOD = 10.0
-"""At this number the trapezoidal rule lengthens the period by 3 % (Clough and Penzien)."""
+"""Ten steps per period: the trapezoidal rule lengthens the period by 3 % (Clough and Penzien)."""
 
-_ROUNDING = 1e-6  # relative to a band: steps are differences of times, with rounding errors
+_ROUNDING = 1e-6  # tolerance relative to a band, for rounding errors of steps
 
 _REMEDIES = {"step": "a shorter step", "mesh": "a finer mesh", "joints": "stiffer joints"}
 
@@ -24,8 +24,8 @@ class Resolved(NamedTuple):
 
     Attributes:
         step: 1 / (10 dt), with the longest step.
-        mesh: Ten nodes per shortest wavelength (`resolution.of_mesh`).
-        joints: Closed joints transmit half of a wave's energy (`resolution.of_joints`).
+        mesh: Frequency with ten nodes per shortest wavelength (`resolution.of_mesh`).
+        joints: Frequency at which closed joints transmit half the energy (`resolution.of_joints`).
     """
 
     step: float = math.inf
@@ -34,7 +34,7 @@ class Resolved(NamedTuple):
 
     @property
     def lowest(self) -> tuple[float, str]:
-        """Lowest of the three frequencies [Hz], and its name."""
+        """Lowest of the three frequencies [Hz], and the name of its limit."""
         return min(zip(self, self._fields, strict=True))
 
     def as_json(self) -> dict[str, float | None]:
@@ -43,12 +43,12 @@ class Resolved(NamedTuple):
 
 
 def resolved_frequencies(*runs: Results) -> Resolved:
-    """Return the highest frequencies that all of the runs resolve.
+    """Return the highest frequencies that all runs resolve.
 
-    The longest recorded step counts. A limit that a file does not contain is infinite.
+    The longest recorded step is used. A limit that a file does not contain is infinite.
     """
-    every = [_of_run(results) for results in runs]
-    return Resolved(*(min(limits, default=math.inf) for limits in zip(*every, strict=True)))
+    per_run = [_of_run(results) for results in runs]
+    return Resolved(*(min(limits, default=math.inf) for limits in zip(*per_run, strict=True)))
 
 
 def of_step(dt: float) -> float:
@@ -57,7 +57,7 @@ def of_step(dt: float) -> float:
 
 
 def beyond(band: float | None, resolved: Resolved) -> str:
-    """Return a warning if ``band`` [Hz] exceeds a resolved frequency; empty if not, or if None."""
+    """Return a warning if ``band`` [Hz] exceeds a resolved frequency; otherwise an empty text."""
     if band is None:
         return ""
     by_frequency = sorted(zip(resolved, resolved._fields, strict=True))

@@ -37,7 +37,7 @@ class Stream:
         self._group = parent.create_group(name)
         self._datasets: dict[str, h5py.Dataset] = {}
         self._shapes: dict[str, tuple[int, ...]] = {}  # of one record
-        # Buffers by name, shape (capacity, ...), or the row itself if it is dealt over the ranks.
+        # Buffers by name, shape (capacity, ...), or the row itself if it is distributed (`Dealt`).
         self._rows: dict[str, Any] = {}
         self._numbers: Floats | None = None  # all buffers as one, shape (capacity, numbers)
         self._times: list[float] = []
@@ -67,7 +67,7 @@ class Stream:
         self.chunks += int(np.prod(dataset.chunks)) * dtype.itemsize
 
     def order(self, names: Sequence[str]) -> None:
-        """Fix the order of the numbers in a record that is one array; see `ResultsWriter.order`."""
+        """Set the order of the numbers in a record that is one array; see `ResultsWriter.order`."""
         shapes = self._shapes
         plain = all(dataset.dtype == np.float64 for dataset in self._datasets.values())
         if sorted(names) != sorted(shapes) or not plain:
@@ -127,9 +127,9 @@ class Stream:
         self._numbers[self.waiting] = values
 
     def _allocate(self, first: Mapping[str, Any]) -> None:
-        """Allocate the buffers; the system provides the memory as rows are filled.
+        """Allocate the buffers; the operating system assigns memory when rows are filled.
 
-        The capacity is one record if the ``first`` has arrays that are dealt over the ranks.
+        The capacity is one record if the ``first`` record has distributed arrays (`Dealt`).
         """
         dealt = {name for name, value in first.items() if isinstance(value, Dealt)}
         capacity = 1 if dealt else max(1, _BUFFER_BYTES // self.row_bytes)
@@ -217,10 +217,10 @@ def write_whole(dataset: h5py.Dataset, values: NDArray[Any] | Dealt, *row: int) 
 def copy_rows(source: h5py.Dataset, target: h5py.Dataset, count: int) -> None:
     """Copy the first rows of a dataset into another, at most ``_BUFFER_BYTES`` at a time."""
     row_bytes = max(1, int(np.prod(source.shape[1:])) * source.dtype.itemsize)
-    many, parts = max(1, _BUFFER_BYTES // row_bytes), -(-row_bytes // _BUFFER_BYTES)
+    batch, parts = max(1, _BUFFER_BYTES // row_bytes), -(-row_bytes // _BUFFER_BYTES)
     ends = np.linspace(0, source.shape[1] if source.ndim > 1 else 0, parts + 1).astype(int)
-    for first in range(0, count, many):
-        rows = slice(first, min(first + many, count))
+    for first in range(0, count, batch):
+        rows = slice(first, min(first + batch, count))
         if parts == 1:
             target[rows] = source[rows]
         else:
@@ -235,7 +235,7 @@ def extendable(
     row_bytes = max(1, int(np.prod(shape)) * dtype.itemsize)
     chunks = (min(1024, max(1, _CHUNK_BYTES // row_bytes)), *(max(1, length) for length in shape))
     # Do not fill large chunks: HDF5 would keep a filled chunk in memory.
-    when = "never" if row_bytes > _CHUNK_BYTES else "ifset"
+    fill_time = "never" if row_bytes > _CHUNK_BYTES else "ifset"
     return group.create_dataset(
         name,
         (0, *shape),
@@ -243,5 +243,5 @@ def extendable(
         maxshape=(None, *shape),
         chunks=chunks,
         fillvalue=fill,
-        fill_time=when,
+        fill_time=fill_time,
     )

@@ -40,7 +40,7 @@ class ResultsWriter:
         path: The file to write.
         metadata: Facts of the run: values that JSON can represent, NumPy scalars and arrays.
         overwrite: True to replace an existing file.
-        aside: New path of a file that is replaced; without it the file is deleted.
+        aside: Path to which an existing file is moved; by default the file is deleted.
         flush_interval: Longest time that appended rows stay in memory [s]; checked at each new row.
     """
 
@@ -77,7 +77,7 @@ class ResultsWriter:
             if self.path.exists() and aside is not None:
                 self.path.replace(aside)
             elif self.path.exists():
-                self.path.unlink()  # do not truncate it: another process may be reading it
+                self.path.unlink()  # not truncated: another process may be reading the old file
             # Disable the chunk cache, which would keep the last MB of each series in memory.
             self._file = h5py.File(self.path, "x", libver="latest", rdcc_nbytes=0)
             self._room = Room(self.path, self._file)
@@ -99,7 +99,7 @@ class ResultsWriter:
     def resume(
         cls, path: str | Path, rows: Mapping[str, int], metadata: Mapping[str, Any] | None = None
     ) -> Self:
-        """Continue the file of an interrupted run, whatever its status.
+        """Continue the file of an interrupted run, with any status.
 
         HDF5 does not open the file of a killed run for writing. Therefore the file is copied, and
         the complete copy replaces it.
@@ -107,7 +107,7 @@ class ResultsWriter:
         Args:
             path: The file.
             rows: Number of records to keep of each stream; later records are dropped.
-            metadata: New facts of the run; if not given, those of the file are kept.
+            metadata: New facts of the run; by default the facts in the file are kept.
         """
         path = Path(path)
         lock = FileLock(path, ResultsError)
@@ -254,7 +254,7 @@ class ResultsWriter:
     def append(
         self, stream: str, time: float, values: Mapping[str, ArrayLike | Dealt] | NDArray[Any]
     ) -> None:
-        """Add one record to a stream; it is written immediately if arrays are dealt over the ranks.
+        """Add one record to a stream; a record with distributed arrays is written immediately.
 
         Args:
             stream: Name of the stream.
@@ -296,10 +296,10 @@ class ResultsWriter:
         """Close the file; without a call of `finish` the status becomes "stopped"."""
         if not self._file:
             return
-        with ExitStack() as last:
-            last.callback(self._lock.release)
-            last.callback(self._room.close)
-            last.callback(self._file.close)
+        with ExitStack() as cleanup:
+            cleanup.callback(self._lock.release)
+            cleanup.callback(self._room.close)
+            cleanup.callback(self._file.close)
             if not self._finished:
                 self.finish("stopped", {})
 
@@ -352,7 +352,7 @@ def _json_value(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} {shown(value)} is not JSON")
 
 
-def holds_statics_alone(path: Path) -> bool:
+def contains_only_statics(path: Path) -> bool:
     """Return True if the file exists and contains only static stages."""
     try:
         with Results(path) as results:

@@ -22,7 +22,7 @@ Share = Annotated[float, at.Interval(gt=0, le=1)]
 
 
 def cells_along(length: float, size: float) -> int:
-    """Return the number of cells of about a size that fill a length.
+    """Return the number of cells of approximately the given size that fill a length.
 
     The result is at most `MAX_CELLS` + 1, which `check_fine` rejects.
     """
@@ -42,7 +42,7 @@ def mesh_path(out: str | os.PathLike[str]) -> Path:
     """Return the path of a .msh file to be written.
 
     Raises:
-        ValueError: if it does not end in ".msh", its folder is missing, or it is a folder.
+        ValueError: if the path does not end in ".msh", its folder is missing, or it is a folder.
     """
     path = Path(out)
     if path.suffix != ".msh":

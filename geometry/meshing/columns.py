@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Mesh of quadrilaterals between vertical lines of decreasing height: elevation of half a dam.
 
-The lines reach from a horizontal top down to a rising foundation. Between two lines with n and
-n - d rows of cells, n - d rows are continuous. The other d rows end at the foundation and leave a
-triangle, which is filled by three blocks of quadrilaterals. Cells therefore keep their size and
+The lines extend from a horizontal top down to a rising foundation. Between two lines with n and
+n - d rows of cells, n - d rows are continuous. The other d rows end at the foundation, in a
+triangle that is filled by three blocks of quadrilaterals. Cells therefore keep their size and
 shape as the height decreases.
 """
 
@@ -52,11 +52,11 @@ class Elevation:
         """
         high = max(1.0, float(self.top - self.foundation(np.zeros(1))[0]) / self.size)
         check_fine(high * max(len(self.lines), float(self.lines[-1]) / self.size))
-        lines = _refined(self.lines, 2 * self.size)
+        lines = _with_more_lines(self.lines, 2 * self.size)
         rows = self._rows(lines)
-        hanging = [self._line_nodes(float(a), n) for a, n in zip(lines, rows, strict=True)]
+        node_lines = [self._line_nodes(float(a), n) for a, n in zip(lines, rows, strict=True)]
         patches = []
-        for left_line, right_line in pairwise(hanging):
+        for left_line, right_line in pairwise(node_lines):
             patches += self._patches_of(left_line, right_line)
         return _join(patches)
 
@@ -123,8 +123,8 @@ class Elevation:
         return patches + _triangle(lower, left[through:], ground)
 
 
-def _refined(lines: FloatArray, width: float) -> FloatArray:
-    """Return the lines with others inserted at distances of about the width."""
+def _with_more_lines(lines: FloatArray, width: float) -> FloatArray:
+    """Insert lines at distances of about ``width``, and return all lines."""
     parts = [np.linspace(a, b, max(1, round((b - a) / width)) + 1)[:-1] for a, b in pairwise(lines)]
     return np.concatenate([*parts, lines[-1:]])
 
@@ -136,9 +136,9 @@ def _triangle(top: FloatArray, side: FloatArray, ground: FloatArray) -> list[Flo
     corners top-left, bottom and right have alpha x beta, alpha x gamma and beta x gamma cells.
 
     Args:
-        top: points from the top-left corner to the right one, shape (m + 1, 2).
-        side: points from the top-left corner to the bottom one, shape (d + 1, 2).
-        ground: points from the bottom corner to the right one, shape (c + 1, 2).
+        top: points from the top-left corner to the right corner, shape (m + 1, 2).
+        side: points from the top-left corner to the bottom corner, shape (d + 1, 2).
+        ground: points from the bottom corner to the right corner, shape (c + 1, 2).
     """
     m, d, c = len(top) - 1, len(side) - 1, len(ground) - 1
     alpha, beta, gamma = (m + c - d) // 2, (d + c - m) // 2, (m + d - c) // 2
@@ -165,12 +165,12 @@ def _quality(patch: FloatArray) -> float:
     A corner between sides of lengths e and f at the angle beta has 2 e f sin(beta)/(e^2 + f^2).
     """
     along, down = np.diff(patch, axis=1), np.diff(patch, axis=0)
-    worst = np.inf
+    smallest = np.inf
     for e in (along[:-1], along[1:]):
         for f in (down[:, :-1], down[:, 1:]):
             twice = 2 * (e[..., 1] * f[..., 0] - e[..., 0] * f[..., 1])
-            worst = min(worst, float((twice / (e**2 + f**2).sum(axis=-1)).min()))
-    return worst
+            smallest = min(smallest, float((twice / (e**2 + f**2).sum(axis=-1)).min()))
+    return smallest
 
 
 def _patch(left: FloatArray, right: FloatArray, upper: FloatArray, lower: FloatArray) -> FloatArray:

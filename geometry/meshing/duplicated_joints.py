@@ -63,11 +63,11 @@ def duplicate_joints() -> None:
         slots = owner @ [per_cell, 1]  # unique number of each facet of each cell
         sides = {name: slots[:, 0]}
         if group in joints:
-            both = {f"{name}-": split.minus, f"{name}+": split.plus}
-            sides = {side: chosen @ [per_cell, 1] for side, chosen in both.items()}
+            slots_by_side = {f"{name}-": split.minus, f"{name}+": split.plus}
+            sides = {side: chosen @ [per_cell, 1] for side, chosen in slots_by_side.items()}
         for side, chosen in sides.items():
-            row, which = np.nonzero(np.isin(slots, chosen))
-            cell = owner[row, which, 0]
+            row, facet = np.nonzero(np.isin(slots, chosen))
+            cell = owner[row, facet, 0]
             place = np.argmax(cells[cell][:, None, :] == rows[row][:, :, None], axis=2)
             entity = model.addDiscreteEntity(dim - 1)
             flat = np.take_along_axis(split.cells[cell], place, axis=1).ravel()

@@ -3,7 +3,7 @@
 """Plane meshes with named groups, and their extrusion to hexahedra or tetrahedra (NumPy only).
 
 A model is a plane mesh of quadrilaterals or triangles in two coordinates (p, q), extruded along a
-third coordinate r. The triple (p, q, r) is right-handed. Each model maps it to space.
+third coordinate r. The triple (p, q, r) is right-handed. Each model maps it to (x, y, z).
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def boundary_edges(cells: IntArray) -> IntArray:
 def split_quadrilaterals(points: FloatArray, quads: IntArray) -> IntArray:
     """Cut quadrilaterals into triangles along the diagonal that gives the better shape.
 
-    A triangle's shape is its area over the sum of its squared sides.
+    The measure of a triangle's shape is its area divided by the sum of its squared sides.
 
     Args:
         points: node coordinates, shape (num_points, 2).
@@ -120,9 +120,9 @@ def split_quadrilaterals(points: FloatArray, quads: IntArray) -> IntArray:
         area = sides[..., 0, 0] * sides[..., 1, 1] - sides[..., 0, 1] * sides[..., 1, 0]
         return (area / (sides**2).sum(axis=(2, 3))).min(axis=1)
 
-    other = np.roll(quads, -1, axis=1)
-    better = shape(other) > shape(quads) + 1e-9
-    cells = np.where(better[:, None], other, quads)
+    turned = np.roll(quads, -1, axis=1)
+    better = shape(turned) > shape(quads) + 1e-9
+    cells = np.where(better[:, None], turned, quads)
     return cells[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
 
 
@@ -134,7 +134,7 @@ def mirror(half: PlaneMesh, renamed: dict[str, str]) -> PlaneMesh:
 
     Args:
         half: mesh of the half p >= 0; nodes on the axis have exactly p = 0.
-        renamed: names of the edge groups that change on the other side.
+        renamed: names of edge groups in the mirror image, by name in the half.
 
     Returns:
         The whole mesh; a group with the same name on both sides contains both halves.
@@ -187,11 +187,11 @@ def extrude(plane: PlaneMesh, levels: FloatArray, ends: Sequence[str]) -> SolidM
     )
     shift = size * np.arange(levels.size - 1)[:, None, None]
 
-    def layered(nodes: IntArray) -> IntArray:
+    def in_layers(nodes: IntArray) -> IntArray:
         return (nodes[None] + shift).reshape(-1, nodes.shape[1])
 
-    cells = {name: layered(_prisms(nodes, size)) for name, nodes in plane.cells.items()}
-    facets = {name: layered(_sides(nodes, size, quads)) for name, nodes in plane.edges.items()}
+    cells = {name: in_layers(_prisms(nodes, size)) for name, nodes in plane.cells.items()}
+    facets = {name: in_layers(_sides(nodes, size, quads)) for name, nodes in plane.edges.items()}
     floor = np.concatenate(list(plane.cells.values()))
     for name, nodes in zip(ends, (floor[:, ::-1], floor + size * (levels.size - 1)), strict=True):
         facets[name] = np.concatenate([facets.get(name, nodes[:0]), nodes])

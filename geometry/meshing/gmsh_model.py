@@ -50,10 +50,10 @@ def gmsh_session() -> Iterator[None]:
     If the caller has already initialised Gmsh, its options and its current model are restored on
     exit. Otherwise Gmsh is initialised here and finalised on exit, also after an error.
     """
-    owned = not gmsh.isInitialized()
-    if owned:
+    is_first = not gmsh.isInitialized()
+    if is_first:
         gmsh.initialize(readConfigFiles=False, interruptible=False)
-    previous = "" if owned else gmsh.model.getCurrent()
+    previous = "" if is_first else gmsh.model.getCurrent()
     saved = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
     try:
         for name, value in _OPTIONS.items():
@@ -61,7 +61,7 @@ def gmsh_session() -> Iterator[None]:
         gmsh.model.add("dolfinx_joints_geometry")
         yield
     finally:
-        if owned:
+        if is_first:
             gmsh.clear()  # after a failed read Gmsh stays locked, even in a new session
             gmsh.finalize()
         else:
@@ -76,7 +76,7 @@ def raise_order(order: int) -> None:
     """Raise the order of the elements of the current mesh from 1 to ``order``.
 
     Raises:
-        RuntimeError: if Gmsh does not change the order, which it does not report itself.
+        RuntimeError: if Gmsh does not raise the order; Gmsh itself reports no error.
     """
     if order == 1:
         return
@@ -90,7 +90,7 @@ def raise_order(order: int) -> None:
 
 
 @contextmanager
-def written(path: Path) -> Iterator[str]:
+def writing(path: Path) -> Iterator[str]:
     """Yield a temporary file name for Gmsh, and move the complete file to ``path`` afterwards.
 
     Raises:
@@ -130,7 +130,7 @@ def save(path: Path, gui: bool, duplicated: bool) -> None:
         from dolfinx_joints.geometry.meshing.duplicated_joints import duplicate_joints
 
         duplicate_joints()
-    with written(path) as part:
+    with writing(path) as part:
         try:
             gmsh.write(part)
         except Exception as error:  # Gmsh has no other kind
@@ -159,7 +159,7 @@ def write_mesh(
 
     Args:
         out: path of the file; ".msh" is the only format.
-        solid: mesh of order 1, in space or in the reference coordinates of ``place``.
+        solid: mesh of order 1, in (x, y, z) or in the reference coordinates of ``place``.
         order: order of the elements, 1 or 2 (complete: 27-node hexahedra, 10-node tetrahedra).
         place: map from the reference coordinates of all nodes, shape (num_nodes, 3), to (x, y, z)
             [m]; its second argument has, per surface group, True at the nodes of the group. None
@@ -182,7 +182,7 @@ def write_mesh(
         if place is not None:
             _move_nodes(place, surfaces)
         report = _report()
-        if not report.min_scaled_jacobian > 0:  # also when it is not a number
+        if not report.min_scaled_jacobian > 0:  # also true for NaN
             raise RuntimeError(
                 f"the smallest scaled Jacobian of the mesh is {report.min_scaled_jacobian:.3g}, "
                 "but it must be positive: choose a smaller size, or a less extreme shape."
@@ -232,7 +232,7 @@ class MeshReport:
         num_nodes: number of nodes in the file.
         num_cells: number of cells.
         num_facets: number of facets of each surface group.
-        min_scaled_jacobian: smallest over the cells; 1 for a cube or a regular tetrahedron.
+        min_scaled_jacobian: smallest of all cells; 1 for a cube or a regular tetrahedron.
         volume: volume of each volume group [m^3].
     """
 
@@ -276,7 +276,7 @@ def describe(path: str | os.PathLike[str]) -> MeshReport:
 def _report() -> MeshReport:
     """Return the report of the current model."""
     names = {(d, t): gmsh.model.getPhysicalName(d, t) for d, t in gmsh.model.getPhysicalGroups()}
-    facets, volume, worst, num_cells, kind = {}, {}, np.inf, 0, 0
+    facets, volume, least, num_cells, kind = {}, {}, np.inf, 0, 0
     for (dim, tag), name in names.items():
         entities = gmsh.model.getEntitiesForPhysicalGroup(dim, tag)
         if dim == 2:
@@ -287,9 +287,9 @@ def _report() -> MeshReport:
             (kind,), (cells,), _ = gmsh.model.mesh.getElements(3, entity)
             num_cells += len(cells)
             volume[name] += _volume(kind, entity)
-            worst = float(np.minimum(worst, scaled_jacobians(kind, entity).min()))  # NaN stays
+            least = float(np.minimum(least, scaled_jacobians(kind, entity).min()))  # NaN stays
     num_nodes = len(gmsh.model.mesh.getNodes()[0])
-    return MeshReport(_NAMES[kind], num_nodes, num_cells, facets, worst, volume)
+    return MeshReport(_NAMES[kind], num_nodes, num_cells, facets, least, volume)
 
 
 def _volume(kind: int, entity: int) -> float:
@@ -303,8 +303,8 @@ def scaled_jacobians(kind: int, entity: int) -> FloatArray:
     """Return the smallest scaled Jacobian of each cell of a volume of the current model.
 
     The scaled Jacobian is det J divided by the product of the lengths of its three columns. On
-    tetrahedra it is multiplied by sqrt 2, so that a regular one has 1. It is sampled at the Gauss
-    points of degree 6 and at the nodes of the cell.
+    tetrahedra it is multiplied by sqrt 2, to be 1 for a regular tetrahedron. It is sampled at the
+    Gauss points of degree 6 and at the nodes of the cell.
 
     Args:
         kind: Gmsh's element type.

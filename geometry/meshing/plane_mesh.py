@@ -33,7 +33,7 @@ def write_plane(
 
     Args:
         out: path of the file; ".msh" is the only format.
-        plane: mesh of order 1, in the plane or in the reference coordinates of ``section``.
+        plane: mesh of order 1, in (x, y) or in the reference coordinates of ``section``.
         order: order of the elements, 1 or 2 (complete: 9-node quadrilaterals, 6-node triangles).
         section: map from the reference coordinates (p, q) of all nodes to (x, y) [m]; None if the
             mesh already has its final coordinates and straight edges.

@@ -55,31 +55,31 @@ def check_step_file(step: Path) -> int:
 
 
 def _try_reading(step: Path) -> None:
-    """Read the file in a separate process, because Open CASCADE may crash it.
+    """Read the file in a separate process, because Open CASCADE may crash.
 
     Raises:
-        ValueError: if that process crashed or was ended.
-        RuntimeError: if that process failed for another reason.
+        ValueError: if this process crashed or was ended.
+        RuntimeError: if this process failed for another reason.
     """
     # Do not import from the working folder, and do not start the process as an MPI rank.
-    kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMI", "PRTE_"))}
-    kept["PYTHONPATH"] = os.pathsep.join(p for p in map(str, sys.path) if p not in ("", os.curdir))
+    env = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMI", "PRTE_"))}
+    env["PYTHONPATH"] = os.pathsep.join(p for p in map(str, sys.path) if p not in ("", os.curdir))
     command = [sys.executable, "-P", "-c", _TRIAL, str(step)]
     try:
-        tried = subprocess.run(command, env=kept, stdin=subprocess.DEVNULL, capture_output=True)
+        run = subprocess.run(command, env=env, stdin=subprocess.DEVNULL, capture_output=True)
     except OSError as error:
         raise RuntimeError(f"{step} could not be read in a separate process: {error}.") from None
-    if tried.returncode in (-signal.SIGSEGV, -signal.SIGBUS, -signal.SIGFPE, -signal.SIGABRT):
+    if run.returncode in (-signal.SIGSEGV, -signal.SIGBUS, -signal.SIGFPE, -signal.SIGABRT):
         raise ValueError(
-            f"{step} cannot be read: Open CASCADE crashes on it (signal {-tried.returncode})."
+            f"{step} cannot be read: Open CASCADE crashes on it (signal {-run.returncode})."
         )
-    if tried.returncode < 0:
+    if run.returncode < 0:
         raise ValueError(
             f"{step} cannot be read: the process that tried it was ended by signal "
-            f"{-tried.returncode}, perhaps for lack of memory."
+            f"{-run.returncode}, perhaps for lack of memory."
         )
-    if tried.returncode > 0:
-        last = shown(tried.stderr.decode(errors="replace").rstrip().rpartition("\n")[2], str)
+    if run.returncode > 0:
+        last = shown(run.stderr.decode(errors="replace").rstrip().rpartition("\n")[2], str)
         raise RuntimeError(f"{step} could not be read in a separate process: {last}.")
 
 
@@ -92,14 +92,14 @@ def _check_content(step: Path) -> int:
     points = list(_POINT.finditer(text))
     for match in points:
         try:
-            good = all(abs(float(number)) < FARTHEST for number in match[1].split(","))
+            valid = all(abs(float(number)) < FARTHEST for number in match[1].split(","))
         except ValueError:
-            good = False
-        if not good:
+            valid = False
+        if not valid:
             raise ValueError(
                 f"{step} has a point at ({shown(match[1].strip(), str)}); coordinates must be "
                 f"numbers below {FARTHEST:g}."
             )
     if points and not _LENGTH.search(text):
-        raise ValueError(f"{step} has no unit of length in metres, or a part or multiple of them.")
+        raise ValueError(f"{step} has no unit of length based on the metre.")
     return len(_SOLID.findall(text))

@@ -21,8 +21,8 @@ FARTHEST = 1e9  # limit of coordinates [m]; in a STEP file, in the unit of the f
 
 def is_point(point: Any) -> bool:
     """Return True if ``point`` is three coordinates."""
-    good = isinstance(point, Sequence | np.ndarray) and not isinstance(point, str | bytes)
-    return good and len(point) == 3 and all(abs(real(x)) < FARTHEST for x in point)
+    sequence = isinstance(point, Sequence | np.ndarray) and not isinstance(point, str | bytes)
+    return sequence and len(point) == 3 and all(abs(real(x)) < FARTHEST for x in point)
 
 
 def is_plane(plane: Any) -> bool:
@@ -48,10 +48,10 @@ def check_word(subject: str, name: str) -> None:
 
 def pair_of(text: str) -> tuple[str, str]:
     """Return the two names of the text A,B."""
-    one, comma, two = text.partition(",")
-    if not comma or not one or not two or "," in two:
+    first, comma, second = text.partition(",")
+    if not comma or not first or not second or "," in second:
         raise argparse.ArgumentTypeError(f"{text!r} is not A,B")
-    return one, two
+    return first, second
 
 
 def named_pair(text: str) -> tuple[str, tuple[str, str]]:

@@ -228,7 +228,7 @@ BAD_TABLES = {
     ),
     "falling elevations": (
         HEADER + "30,50,4,40,60\n0,50,4,40,60\n",
-        "FILE, section 2: elevation is 0, but it must be above the section before: sections rise.",
+        "FILE, section 2: elevation is 0, but it must be above the previous section.",
     ),
     "thickness of zero": (
         HEADER + ROWS.replace("30,50,4", "30,50,0"),
@@ -248,7 +248,7 @@ BAD_TABLES = {
     ),
     "elevations in millimetres": (
         HEADER + ROWS.replace("30,", "30000,"),
-        "FILE makes a dam 30000 m high, but elevations must be in metres and within 1000 m.",
+        "FILE gives a dam 30000 m high, but elevations must be in metres and within 1000 m.",
     ),
     "downstream face too short": (
         HEADER.replace("crown", "intrados_radius,crown")
@@ -289,7 +289,7 @@ def test_files_that_are_no_table(tmp_path):
         ({"joints": [40]}, r"lie between -60 and 40 degrees, the ends of the crest\."),
         ({"perimetral": True}, "perimetral is True, but a perimetral joint needs"),
         ({"spread": 3.0}, r"spread is 3, but foundation is not given"),
-        ({"foundation": 60.0}, r"foundation is 60\.0, but .* it must be at most 55 m, or its ends"),
+        ({"foundation": 60.0}, r"foundation is 60\.0, but .* be at most 55 m; otherwise its ends"),
         (
             {"foundation": 20.0, "spread": 46.0},
             r"spread is 46 m, but it must be below 46 m, the distance of the downstream face",

@@ -227,7 +227,7 @@ def test_a_solid_that_cannot_be_built_is_missed(tmp_path, step, kind):
         (rb"(CARTESIAN_POINT\('',\()[^,]+", rb"\1nan", r"has a point at \(nan,.*\); coordinates"),
         (rb"(CARTESIAN_POINT\('',\()[^,]+", rb"\1abc", r"has a point at \(abc,.*\); coordinates"),
         (rb"(CARTESIAN_POINT\('',\()[^,]+", rb"\g<1>1.E300", "coordinates must be numbers below"),
-        (rb"\.METRE\.", b".SECOND.", "has no unit of length in metres"),
+        (rb"\.METRE\.", b".SECOND.", "has no unit of length based on the metre"),
     ],
 )
 def test_errors_that_open_cascade_does_not_report(tmp_path, step, old, new, sentence):
@@ -267,7 +267,7 @@ def test_solids_that_nearly_touch(tmp_path, gap, joined):
         (
             {"a": (0, 0, 0, 2000, 2000, 2000), "b": (0, 0, 2010, 2000, 2000, 2000)},
             3,
-            "the solid 'a' shares no face with another one; 'b' is 0.01 m away",
+            "the solid 'a' shares no face with another solid; 'b' is 0.01 m away",
         ),
         (
             {"a": (0, 0, 0, 900, 900, 900)},

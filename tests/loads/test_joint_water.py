@@ -707,7 +707,7 @@ def test_bad_parameters(make, sentence):
         ),
         (
             [dj.JointWater(joint="joint", level=level) for level in (1.0, 2.0)],
-            "The joint 'joint' has 2 loads that follow it; give one.",
+            "2 loads depend on the gap of joint 'joint'; give one.",
         ),
         (
             [dj.JointWater(joint="joint", level=1.0, factor=lambda _: math.inf)],

@@ -142,7 +142,7 @@ def check_tables(path, folder, stages):
     with dj.Results(path) as results:
         dj.write_csv(results, folder)
     words = {"supports": "work of supports", "strain": "strain energy", "plastic": "plastic work"}
-    words |= {"water_released": "energy released with water", "error": "error of the energies"}
+    words |= {"water_released": "energy released by water", "error": "error of the energies"}
     words |= {"scale": "largest energy", "jump_energy": "energy released by jumps"}
     rows = list(csv.DictReader((folder / "stages.csv").open(encoding="utf-8")))
     assert [row["stage"] for row in rows] == [stage.name for stage in stages]

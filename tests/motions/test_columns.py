@@ -238,7 +238,7 @@ def test_a_missing_row_is_found(tmp_path: Path, step: float, dt: float | None, l
         (0.019, 0.01, "peak is 0.019 g, read in g, not 0.02 to 5.0 g"),
         (5.1, 0.01, "peak is 5.1 g"),
         (0.021, 0.1, None),
-        (0.3, 0.11, "samples are 0.11 s apart, more than 0.1 s"),
+        (0.3, 0.11, "time step is 0.11 s, more than 0.1 s"),
     ],
 )
 def test_peaks_and_steps_of_no_record_are_warned_of(

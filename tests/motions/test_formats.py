@@ -503,7 +503,7 @@ def test_a_direction_that_the_file_does_not_know_can_be_given(tmp_path: Path) ->
         read_record(files, directions=["H1", "H2", "UP"])
     with pytest.raises(RecordError, match="directions has 2 entries, but the files have 3"):
         read_record(files, directions=["N", "E"])
-    with pytest.raises(RecordError, match="two horizontal ones at right angles"):
+    with pytest.raises(RecordError, match="two horizontal components at right angles"):
         read_record(files, directions=[122, 31, "up"])
 
 

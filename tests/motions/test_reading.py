@@ -175,7 +175,7 @@ def test_incomplete_records_are_errors(tmp_path: Path) -> None:
         (tmp_path / str(number)).mkdir()
         write_record(tmp_path / str(number), parts=parts)
         with pytest.raises(
-            RecordError, match="horizontal ones at right angles, but 'RSN1_ABC' has"
+            RecordError, match="horizontal components at right angles, but 'RSN1_ABC' has"
         ):
             read_record(tmp_path / str(number))
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Pictures in space of a small wall of two blocks with one joint."""
+"""3-D pictures of a small wall of two blocks with one joint."""
 
 import itertools
 import subprocess
@@ -166,7 +166,7 @@ def test_without_the_packages_there_is_one_message(
     monkeypatch: pytest.MonkeyPatch, results: Results, lacking: str
 ) -> None:
     monkeypatch.setitem(sys.modules, lacking, None)
-    with pytest.raises(JointsError, match="Pictures in space need pyvista and VTK 9.5 or later"):
+    with pytest.raises(JointsError, match="3-D pictures need pyvista and VTK 9.5 or later"):
         views.mesh(results)
 
 
@@ -390,7 +390,7 @@ def test_wrong_requests_have_a_message(results: Results, tmp_path: Path) -> None
     with pytest.raises(ResultsError, match="No series 'arch_max'"):
         views.envelope(results, "arch_max")
     plane = write_states(tmp_path / "plane.h5", np.zeros((2, 3)), [[0, 1]], {})
-    with pytest.raises(ValueError, match=r"need a body in space; the body of .*plane\.h5 is plane"):
+    with pytest.raises(ValueError, match=r"need a 3-D body; the body of .*plane\.h5 is plane"):
         views.mesh(Results(plane))
     with ResultsWriter(tmp_path / "whole.h5", {}) as writer:
         nodes, surface = block(SIDE)

@@ -293,7 +293,7 @@ def test_energies_of_a_reservoir_are_told_apart_from_its_waves(tmp_path: Path) -
     ax = PICTURES[tmp_path / "out_files" / "energies_1.png"]
     assert ax.get_ylabel() == "energy [kJ]"
     words = ax.get_legend().get_texts()
-    assert (words[0].get_text(), len(words)) == ("waves, 0 kJ in less 2 kJ out", 12)
+    assert (words[0].get_text(), len(words)) == ("waves, 0 kJ in minus 2 kJ out", 12)
     ax.figure.draw_without_rendering()
     name, legend = ax.xaxis.label.get_window_extent(), ax.get_legend().get_window_extent()
     assert 0.0 < legend.y0 < legend.y1 < name.y0

@@ -78,6 +78,7 @@ def test_spectra_shade_what_is_beyond(tmp_path: Path) -> None:
         assert (corners[:, 0].min(), corners[:, 0].max()) == pytest.approx((0.03, 1.0 / STEP))
         legend = ax.get_legend()
         assert legend is not None
-        assert "beyond the step, above 10 Hz" in [text.get_text() for text in legend.get_texts()]
+        name = "above 10 Hz, not resolved by the step"
+        assert name in [text.get_text() for text in legend.get_texts()]
         slow = plots.response_spectra(results, "mid-crest", "x", band=5.0, periods=[0.2, 1.0])
         assert not slow.patches

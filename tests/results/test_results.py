@@ -269,7 +269,7 @@ def test_foreign_files_are_errors(tmp_path: Path) -> None:
     writer_of(tmp_path / "newer.h5").close()
     with h5py.File(tmp_path / "newer.h5", "r+") as file:
         file.attrs["version"] = VERSION + 1
-    with pytest.raises(ResultsError, match="has version 2 of the layout.*reads up to 1"):
+    with pytest.raises(ResultsError, match="has version 2 of the layout.*highest supported is 1"):
         Results(tmp_path / "newer.h5")
     for number, version in enumerate((VERSION - 1, "1")):  # h5py writes texts of variable length
         writer_of(tmp_path / f"older{number}.h5").close()

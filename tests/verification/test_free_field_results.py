@@ -145,7 +145,7 @@ def test_waves_are_apart_from_what_stays_in_the_body(results):
         np.testing.assert_allclose(rest, 0.0, atol=2e-3 * ENERGY)
     ax = plots.energies(results)
     labels = [line.get_label() for line in ax.get_lines()]
-    assert labels[0] == f"waves, {brought / 1e3:.4g} kJ in less {taken / 1e3:.4g} kJ out"
+    assert labels[0] == f"waves, {brought / 1e3:.4g} kJ in minus {taken / 1e3:.4g} kJ out"
     largest = max(np.abs(line.get_ydata()).max() for line in ax.get_lines())
     assert largest == pytest.approx(ENERGY / 1e3, rel=0.01)
 

@@ -1,3 +1,3 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Temperature fields in space and time, and the thermal loads from them."""
+"""Steady, seasonal and transient temperature fields, and thermal loads."""

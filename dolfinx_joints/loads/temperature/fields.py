@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 r"""Temperature fields of a body with given face temperatures: steady and seasonal.
 
-Steady: div grad T = 0. Seasonal: T = T_m + T_c cos(w t) + T_s sin(w t), where the period of w is
-one year, and with the diffusivity kappa
+Steady: div grad T = 0. Seasonal: T = T_m + T_c cos(w t) + T_s sin(w t) with a period of one year
+and the diffusivity kappa, where
 
     w T_s = kappa div grad T_c,   -w T_c = kappa div grad T_s.
 
@@ -41,14 +41,14 @@ YEAR = 365.25 * DAY
 MONTH = YEAR / 12.0
 FREQUENCY = 2.0 * math.pi / YEAR  # rad/s
 
-# Tolerance of the test field that is 1 everywhere; a block with a larger error is insulated.
+# Tolerance of a test field that should be 1 everywhere; a block with a larger error is insulated.
 ISOLATED = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
 @checked
 class AnnualWave:
-    """Sinusoidal annual temperature, such as that of the air.
+    """Sinusoidal annual temperature, for example of the air.
 
     Attributes:
         mean: Annual mean [degrees C].
@@ -61,7 +61,7 @@ class AnnualWave:
     warmest_day: Day = 201.0
 
     def parts(self, points: Floats, day: float) -> Parts:
-        """Return mean, cosine and sine parts at points (n, 3) [m], each (n,); ``day`` is t = 0."""
+        """Return mean, cosine and sine parts (n,) at points (n, gdim) [m]; t = 0 is ``day``."""
         ones = np.ones(len(points))
         return _swing(self.mean * ones, self.amplitude * ones, 0.0 * ones, self.warmest_day - day)
 
@@ -89,7 +89,7 @@ class ReservoirTemperature:
     deep_mean: Annotated[float, at.Unit("degrees C")]
 
     def parts(self, points: Floats, day: float) -> Parts:
-        """Return mean, cosine and sine parts at points (n, gdim) [m], (n,); ``day`` is t = 0."""
+        """Return mean, cosine and sine parts (n,) at points (n, gdim) [m]; t = 0 is ``day``."""
         depth = self.level - points[:, -1]
         y = np.maximum(depth, 0.0)
         mean = self.deep_mean + (self.surface_mean - self.deep_mean) * np.exp(-0.04 * y)
@@ -121,9 +121,9 @@ def steady_temperature(
     Args:
         jointed: The mesh.
         faces: Given temperatures by facet group: a number, a function of points (n, gdim) [m] that
-            returns (n,), or a seasonal temperature, of which the mean is used. A node of several
-            groups has the temperature of the last one.
-        conductivity: k of the body; matters only in relation to the conductance of `joints`.
+            returns (n,), or a seasonal temperature, of which the mean is used. At a node of several
+            groups, the last group counts.
+        conductivity: k of the body; has no effect without `joints`.
         joints: Conductance of the joints that conduct heat.
         openings: Normal gaps of these joints [m], numbers or UFL scalars; zero by default.
 
@@ -155,14 +155,14 @@ def seasonal_temperatures(
 
     Args:
         jointed: The mesh. Its cells should resolve the depth sqrt(2 kappa / w), 3.2 m by default.
-        faces: As in `steady_temperature`, including the annual variation.
-        reference: Temperature at which the joints were closed, or one per cell group [degrees C].
+        faces: As in `steady_temperature`, with the annual variation of seasonal temperatures.
+        reference: Closure temperature of the joints, one number or one per cell group [degrees C].
         expansion: Coefficient of linear thermal expansion [1/K].
         diffusivity: kappa [m^2/s].
         day: Day of the year at t = 0.
-        conductivity: As in `steady_temperature`, like the next two.
-        joints: Conductance of joints.
-        openings: Normal gaps of joints [m].
+        conductivity: As in `steady_temperature`.
+        joints: As in `steady_temperature`.
+        openings: As in `steady_temperature`.
 
     Returns:
         Three loads for `Model`: the mean minus the reference, the cosine part and the sine part.
@@ -191,7 +191,7 @@ def _sine(time: float) -> float:
 
 
 def _swing(mean: Floats, amplitude: Floats, lag: Floats, days: float) -> Parts:
-    """Return the mean, cosine and sine part of a wave that is warmest at ``days + lag`` [days]."""
+    """Return mean, cosine and sine parts of a wave that is warmest at ``days + lag`` [days]."""
     phase = FREQUENCY * DAY * (days + lag)
     return mean, amplitude * np.cos(phase), amplitude * np.sin(phase)
 
@@ -235,8 +235,8 @@ def scalar_space(jointed: JointedMesh, components: int = 1) -> Any:
 
 def face_values(jointed: JointedMesh, faces: Mapping[str, Face], day: float) -> Floats:
     """Return the parts of the face temperatures at the nodes, shape (n, 3), NaN elsewhere."""
-    good = isinstance(faces, Mapping) and bool(faces)
-    check_kind_of("faces", faces, good, "a temperature per facet group")
+    valid = isinstance(faces, Mapping) and bool(faces)
+    check_kind_of("faces", faces, valid, "a temperature per facet group")
     space = scalar_space(jointed)
     gdim = jointed.mesh.geometry.dim
     points = space.tabulate_dof_coordinates()[:, :gdim]
@@ -259,17 +259,17 @@ def _parts(group: str, face: Face, points: Floats, day: float) -> Floats:
 
 
 def _solve(
-    jointed: JointedMesh, given: Floats, diffusivity: float | None, through: _JointHeat
+    jointed: JointedMesh, node_values: Floats, diffusivity: float | None, through: _JointHeat
 ) -> Any:
     """Solve for the field with given values at some nodes (collective).
 
     Args:
         jointed: The mesh.
-        given: Given values, NaN at free nodes, shape (n, components).
+        node_values: Given temperatures, NaN at free nodes, shape (n, components).
         diffusivity: kappa of the cosine and sine parts [m^2/s]; None for a steady field.
         through: Heat flow through joints.
     """
-    components = given.shape[1]
+    components = node_values.shape[1]
     space = scalar_space(jointed, components)
     t, q = ufl.TrialFunction(space), ufl.TestFunction(space)
     kappa = fem.Constant(jointed.mesh, float(diffusivity or 1.0))
@@ -281,7 +281,7 @@ def _solve(
     matrix = fem_petsc.assemble_matrix(jointed.form(form))
     matrix.assemble()
     b, x = matrix.createVecLeft(), matrix.createVecRight()
-    owned = given[: b.getLocalSize() // components].ravel()
+    owned = node_values[: b.getLocalSize() // components].ravel()
     fixed = np.isfinite(owned)
     rows = (np.flatnonzero(fixed) + matrix.getOwnershipRange()[0]).astype(PETSc.IntType)
     boundary_values = [np.where(fixed, owned, 0.0)]
@@ -302,7 +302,7 @@ def _solve(
     for petsc in (ksp, matrix, b, x):
         petsc.destroy()
     comm = jointed.mesh.comm
-    # If all given temperatures are 1, the body is at 1, except for blocks without such a face.
+    # If all given temperatures are 1, the solution is 1, except in blocks that are insulated.
     isolated = [float(np.abs(ones - 1.0).max(initial=0.0)) for ones in solutions[1:]]
     if not all(comm.allgather(all(error < ISOLATED for error in isolated))):
         raise ValueError(

@@ -21,8 +21,8 @@ from dolfinx_joints.common.parameters import shown
 from dolfinx_joints.mesh.cells import Floats
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-_FILLER = 99.0  # numbers of nines only from this size on, as -999, mark missing temperatures
-_LARGE = 50.0  # extent of the points over that of the mesh, above which their unit may be wrong
+_FILLER = 99.0  # a value of nines only, at least this large, such as -999, marks a missing value
+_LARGE = 50.0  # ratio of the extents of points and mesh, above which the unit may be wrong
 
 
 def _read_points(path: str | Path, axes: int) -> tuple[Floats, Floats]:
@@ -42,11 +42,11 @@ def _read_points(path: str | Path, axes: int) -> tuple[Floats, Floats]:
         )
     table = [_row(f"{path}, line {n}", line, ";" in head, axes + 1) for n, line in rows[1:]]
     points, values = np.hsplit(np.reshape(table, (-1, axes + 1)), [axes])
-    apart = points - points[:1]
-    spread = np.linalg.matrix_rank(apart, tol=1e-9 * np.linalg.norm(apart)) if len(points) else 0
-    if spread < axes:
+    offsets = points - points[:1]
+    span = np.linalg.matrix_rank(offsets, tol=1e-9 * np.linalg.norm(offsets)) if len(points) else 0
+    if span < axes:
         raise TemperatureError(
-            f"{path} has {len(points)} points that span {spread} of {axes} dimensions; they must "
+            f"{path} has {len(points)} points that span {span} of {axes} dimensions; they must "
             "surround the body."
         )
     _, counts = np.unique(points, axis=0, return_counts=True)
@@ -64,8 +64,8 @@ def _row(place: str, line: str, semicolons: bool, count: int) -> list[float]:
         row = []
     filler = not set(words[-1].strip().rstrip("0")) - set("-9.")
     if len(row) != count or not np.isfinite(row).all() or (filler and abs(row[-1]) >= _FILLER):
-        wanted = f"{count} finite numbers, without a filler for a missing temperature"
-        raise TemperatureError(f"{place} must have {wanted}, got {shown(line)}.")
+        expected = f"{count} finite numbers, without a filler for a missing temperature"
+        raise TemperatureError(f"{place} must have {expected}, got {shown(line)}.")
     return row
 
 
@@ -76,7 +76,7 @@ def temperature_from_file(
     """Interpolate the temperatures of a file to the nodes of a mesh (collective).
 
     Interpolation is linear between the points. A node outside their convex hull, for example on a
-    curved face, takes the value of the nearest point.
+    curved face, is given the value of the nearest point.
 
     Args:
         path: File of comma-separated values, or with semicolons and decimal commas. The first line
@@ -89,7 +89,7 @@ def temperature_from_file(
         DOLFINx function of the degree of the mesh, for `Temperature.value`.
 
     Raises:
-        TemperatureError: The file is not valid, or a node is too far away from its points.
+        TemperatureError: The file is not valid, or a node is too far from the points.
     """
     mesh = jointed.mesh
     axes = mesh.geometry.dim
@@ -102,11 +102,11 @@ def temperature_from_file(
         doubt(mesh.comm, f"The points of {path} {extents}; check the unit of the points.")
     with raised_together(mesh.comm):
         nodes = space.tabulate_dof_coordinates()[:, :axes]
-        field.x.array[:] = _interpolated(path, points, values, nodes, reach)
+        field.x.array[:] = _interpolate(path, points, values, nodes, reach)
     return field
 
 
-def _interpolated(
+def _interpolate(
     path: str | Path, points: Floats, values: Floats, nodes: Floats, reach: float
 ) -> Floats:
     """Return the values at nodes: linear between points, nearest value outside."""
@@ -116,12 +116,12 @@ def _interpolated(
     outside = np.flatnonzero(~np.isfinite(result))
     if len(outside):
         distance, nearest = KDTree(points).query(nodes[outside])
-        far = int(np.argmax(distance))
-        if distance[far] > reach:
-            place = ", ".join(f"{c:.4g}" for c in nodes[outside[far]])
+        farthest = int(np.argmax(distance))
+        if distance[farthest] > reach:
+            place = ", ".join(f"{c:.4g}" for c in nodes[outside[farthest]])
             raise TemperatureError(
                 f"{path} has no point within {reach:g} m of the node at ({place}) m, which is "
-                f"outside the convex hull of the points; the nearest is {distance[far]:.3g} m away."
+                f"outside the convex hull; the nearest point is {distance[farthest]:.3g} m away."
             )
         result[outside] = values[nearest]
     return result

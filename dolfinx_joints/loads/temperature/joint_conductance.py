@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 r"""Heat conduction between blocks through joints.
 
-The two faces of a joint have separate temperatures. The flux between them is q = h (T- - T+), with
-the virtual work \int h [T] [v] dA. Contact and the filling of an opening g act in series,
+The two faces of a joint have separate temperatures. The flux between them is q = h (T- - T+); its
+weak form is \int h [T] [v] dA. The contact and the filling of an opening g act in series:
 
     1 / h = 1 / h_c + max(g, 0) / k_f.                                                     (12ad)
 """
@@ -33,7 +33,7 @@ class JointConductance:
 
     Attributes:
         closed: Conductance h_c of the closed joint.
-        film: Conductivity k_f of an opening: 0.025 for air, 0.6 for water, 0 for no conduction.
+        film: Conductivity k_f of the filling: 0.025 for air, 0.6 for water, 0 for no conduction.
     """
 
     closed: Annotated[float, at.Gt(0), at.Unit("W/(m^2 K)")]
@@ -53,7 +53,7 @@ Openings = Mapping[str, Any]
 def joint_term(
     jointed: JointedMesh, joints: Joints | None, openings: Openings | None, t: Any, q: Any
 ) -> Any:
-    """Return the work of the joint fluxes on a test function (UFL) [W]; 0 without joints.
+    """Return the weak form of the heat flux through the joints (UFL); 0 without joints.
 
     Openings are normal gaps [m], numbers or UFL scalars under `JointedMesh.dS`; zero by default.
 
@@ -68,8 +68,8 @@ def joint_term(
     for name, conductance in joints.items():
         if name not in jointed.joint_names:
             raise MeshError(no_such_joint(name, jointed.joint_names))
-        good = isinstance(conductance, JointConductance)
-        check_kind_of(f"The conductance of {name!r}", conductance, good, "a JointConductance")
+        valid = isinstance(conductance, JointConductance)
+        check_kind_of(f"The conductance of {name!r}", conductance, valid, "a JointConductance")
         opening = openings.get(name, 0.0)
         if not isinstance(opening, Expr):
             opening = fem.Constant(jointed.mesh, float(opening))

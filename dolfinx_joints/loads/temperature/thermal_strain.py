@@ -34,8 +34,8 @@ class Temperature:
     Attributes:
         value: T [degrees C or K]: a number, a function of the coordinates x that returns a UFL
             expression, or a scalar DOLFINx function on the model's mesh.
-        reference: Stress-free temperature T_0, at which the joints are closed [like T]; one number,
-            or one per cell group, such as the closure temperatures of blocks.
+        reference: Stress-free temperature T_0, at which the joints are closed [unit of T]; one
+            number, or one per cell group, such as the closure temperatures of blocks.
         expansion: Coefficient of linear thermal expansion alpha [1/K].
         cells: Name of the loaded cell group; the whole body by default.
         factor: Multiplier f of T - T_0 at a time [s]; 1 by default.
@@ -48,7 +48,7 @@ class Temperature:
     factor: TimeFactor = always
 
     def patterns(self, model: LoadedBody) -> list[tuple[PETSc.Vec, TimeFactor]]:
-        """Return the nodal forces that produce the free thermal strain (collective)."""
+        """Return the nodal forces equivalent to the free thermal strain (collective)."""
         where = ufl.dx if self.cells is None else model.jointed.dx(self.cells)
         v = ufl.TestFunction(model.V)
         force = model.assemble(self.blocked_stress(model) * ufl.div(v) * where)
@@ -77,12 +77,12 @@ class Temperature:
             field.x.array[space.dofmap.list[cells, 0]] = value
             count[cells] += 1
         owned = jointed.mesh.topology.index_map(model.gdim).size_local
-        concerned = np.arange(owned) if self.cells is None else jointed.cells(self.cells)
-        wrong = int((count[concerned[concerned < owned]] != 1).sum())
-        if wrong := int(sum(jointed.mesh.comm.allgather(wrong))):
+        loaded_cells = np.arange(owned) if self.cells is None else jointed.cells(self.cells)
+        invalid = int((count[loaded_cells[loaded_cells < owned]] != 1).sum())
+        if invalid := int(sum(jointed.mesh.comm.allgather(invalid))):
             where = "the mesh" if self.cells is None else repr(self.cells)
             raise ValueError(
-                f"Temperature: {wrong} cells have no reference or several; the groups of reference "
+                f"Temperature: {invalid} cells have no reference or several; the reference groups "
                 f"({', '.join(self.reference) or 'none'}) must cover {where} without overlap."
             )
         return field
@@ -119,7 +119,7 @@ def check_temperatures(
                 )
 
 
-def _share_cells(jointed: JointedMesh, one: str | None, other: str) -> bool:
+def _share_cells(jointed: JointedMesh, a: str | None, b: str) -> bool:
     """Return True if two cell groups, or a group and the body, share cells (collective)."""
-    common = np.intersect1d(jointed.cells(one), jointed.cells(other)) if one and other else [0]
+    common = np.intersect1d(jointed.cells(a), jointed.cells(b)) if a and b else [0]
     return bool(jointed.mesh.comm.allreduce(len(common)))

@@ -52,13 +52,13 @@ def transient_temperatures(
     openings: Openings | None = None,
     day: Day = 15.0,
 ) -> list[Any]:
-    """Compute the temperatures of a body at given times from those at t = 0 (collective).
+    """Compute the temperatures of a body at given times from an initial field (collective).
 
-    Equal steps share a factor. To change openings, call again with the last field as ``initial``.
+    Successive equal steps share a factor. To change openings, call again with the last field.
 
     Args:
         jointed: The mesh.
-        faces: As in `steady_temperature`, including the annual variation; may be empty.
+        faces: As in `steady_temperature`, with the annual variation; may be empty.
         times: Ends of the steps, increasing and positive [s].
         initial: Temperature at t = 0, a number or an earlier field [degrees C].
         conductivity: k.
@@ -94,8 +94,8 @@ def _initial_values(space: Any, initial: Any) -> Floats:
     """Return the initial temperature at the rank's owned nodes."""
     size = space.dofmap.index_map.size_local
     if isinstance(initial, fem.Function):
-        own = initial.function_space
-        if own.mesh is not space.mesh or own.ufl_element() != space.ufl_element():
+        source = initial.function_space
+        if source.mesh is not space.mesh or source.ufl_element() != space.ufl_element():
             raise ValueError("initial is in another function space; it must be on this mesh.")
         return np.array(initial.x.array[:size])
     return np.full(size, float(initial))
@@ -105,7 +105,7 @@ class _Stepper:
     """Time integration of the temperatures at the rank's owned nodes.
 
     ``parts`` are the mean, cosine and sine parts of given temperatures, (n, 3), NaN at free nodes;
-    ``material`` is k and rho c; ``through`` is the conductances and openings of joints.
+    ``material`` are k and rho c; ``through`` are the conductances and openings of joints.
     """
 
     def __init__(
@@ -138,8 +138,8 @@ class _Stepper:
         if self._ksp is None or not math.isclose(dt, self._dt, rel_tol=1e-12):
             self._factor(dt)
         start = self._with_faces(start, time)
-        middle = self._stage(start, time + GAMMA * dt)
-        return self._stage(start + (1.0 - GAMMA) / GAMMA * (middle - start), time + dt)
+        stage_end = self._stage(start, time + GAMMA * dt)
+        return self._stage(start + (1.0 - GAMMA) / GAMMA * (stage_end - start), time + dt)
 
     def _with_faces(self, values: Floats, time: float) -> Floats:
         """Return the values with the face temperatures at a time inserted."""
@@ -147,15 +147,15 @@ class _Stepper:
         swing = self._parts @ np.array([1.0, math.cos(phase), math.sin(phase)])
         return np.where(self._fixed, swing, values)
 
-    def _stage(self, before: Floats, time: float) -> Floats:
-        """Solve (M + gamma dt A) T = M before, with face temperatures at a time."""
-        given = self._with_faces(np.zeros_like(before), time)
-        self._x.setArray(before)
+    def _stage(self, start_values: Floats, time: float) -> Floats:
+        """Solve (M + gamma dt A) T = M T_start, with the face temperatures at a time."""
+        at_faces = self._with_faces(np.zeros_like(start_values), time)
+        self._x.setArray(start_values)
         self._mass.mult(self._x, self._b)
         load = self._b.getArray().copy()
-        self._x.setArray(given)
+        self._x.setArray(at_faces)
         self._matrix.mult(self._x, self._b)
-        self._b.setArray(np.where(self._fixed, given, load - self._b.getArray()))
+        self._b.setArray(np.where(self._fixed, at_faces, load - self._b.getArray()))
         self._ksp.solve(self._b, self._x)
         return self._x.getArray().copy()
 

@@ -66,7 +66,7 @@ class HydrostaticPressure:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class SiltPressure:
-    """Earth pressure of submerged silt, K rho' g times the depth below its surface.
+    """Earth pressure of submerged silt, K rho' g times the depth below the silt surface.
 
     Attributes:
         group: Name of the facet group.
@@ -95,8 +95,8 @@ class SiltPressure:
 class WestergaardMass:
     """Generalised Westergaard added mass: 7/8 rho sqrt(H h) per area, along the normal.
 
-    H is the depth of the reservoir and h the depth of the point below the level; the mass is zero
-    above the level. It moves with the face and has no weight.
+    H is the depth of the reservoir and h the depth of the point below the level. The mass is zero
+    above the level. The mass moves with the face and has no weight.
 
     Attributes:
         group: Name of the facet group.
@@ -130,14 +130,14 @@ class WestergaardMass:
         matrix.setUp()
         with raised_together(comm):
             for points in faces:
-                deep = self._depth_of_reservoir(points.positions, lowest)
-                per_area = 0.875 * self.density * np.sqrt(deep * points.depths)
+                reservoir_depth = self._depth_of_reservoir(points.positions, lowest)
+                per_area = 0.875 * self.density * np.sqrt(reservoir_depth * points.depths)
                 area = np.linalg.norm(points.areas, axis=2)
                 # The area may vanish at a point near a sharp corner of a warped facet.
                 scale = np.divide(per_area, area, out=np.zeros_like(area), where=area > 0.0)
-                acting = points.shapes[..., None] * points.areas[:, :, None, :]
-                acting = acting.reshape(*acting.shape[:2], -1)
-                masses = np.einsum("np,npi,npj->nij", scale, acting, acting)
+                weighted_normals = points.shapes[..., None] * points.areas[:, :, None, :]
+                weighted_normals = weighted_normals.reshape(*weighted_normals.shape[:2], -1)
+                masses = np.einsum("np,npi,npj->nij", scale, weighted_normals, weighted_normals)
                 rows = blocks.local_to_global(points.nodes.ravel().astype(np.int32))
                 rows = rows.reshape(points.nodes.shape).astype(PETSc.IntType)
                 for row, mass in zip(rows, masses, strict=True):
@@ -149,10 +149,10 @@ class WestergaardMass:
         """Return H at points (..., gdim)."""
         if not callable(self.depth):
             return self.level - lowest if self.depth is None else self.depth
-        flat = positions.reshape(-1, positions.shape[-1])
+        points = positions.reshape(-1, positions.shape[-1])
         name = f"WestergaardMass on {shown(self.group)}: depth"
-        deep = check_each(name, self.depth(flat), len(flat), negative=False, one=False)
-        return deep.reshape(positions.shape[:-1])
+        depths = check_each(name, self.depth(points), len(points), negative=False, one=False)
+        return depths.reshape(positions.shape[:-1])
 
 
 def _pressure(model: LoadedBody, group: str, level: float, weight: float) -> PETSc.Vec:

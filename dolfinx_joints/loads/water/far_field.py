@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Uniform wave along a reservoir excited by the ground, which the far end must not absorb."""
+"""Wave that ground motion excites equally along a reservoir; the far end must not absorb it."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Section:
         stiffness: Stiffness matrix [N/m^2].
         losses: Dashpots of floor and banks [N s/m^2].
         driven: Forces per velocity of the ground along each axis, shape (n, gdim), [N s/m^2].
-        by_rate: Force on the absorbing far end per rate of y of the uniform wave, shape (unknowns
-            of the water, unknowns of the section), [N s/m].
-        by_place: The same per y [N/m].
+        by_rate: Forces on the absorbing far end per dy/dt of the uniform wave, shape (unknowns of
+            the water, unknowns of the section), [N s/m].
+        by_place: Forces per y of the uniform wave, same shape [N/m].
     """
 
     mass: csr_array
@@ -51,9 +51,9 @@ class Section:
 
 
 class FarField:
-    """Forces that compensate the far-end dashpots for the uniform wave of the cross-section.
+    """Forces that cancel the far-end dashpot forces for the uniform wave of the cross-section.
 
-    The section is integrated by the midpoint rule from rest; its motion within a step is a cubic.
+    The midpoint rule integrates the section from rest; within a step, its motion is a cubic.
 
     Args:
         section: The cross-section.
@@ -67,9 +67,9 @@ class FarField:
         self._section, self._velocities, self._step = section, velocities, step
         matrix = 2.0 / step**2 * section.mass + section.losses / step + 0.5 * section.stiffness
         self._factor = splu(csc_array(matrix))
-        rest = np.zeros(section.mass.shape[0])
-        self._rest = rest, rest, self._driving_force(0.0)
-        self._cache = {0: self._rest}
+        zeros = np.zeros(section.mass.shape[0])
+        self._initial = zeros, zeros, self._driving_force(0.0)
+        self._cache = {0: self._initial}
 
     def force(self, time: float) -> Floats:
         """Return the forces at a time [s], shape (unknowns of the water,), [N]."""
@@ -85,11 +85,11 @@ class FarField:
         return np.asarray(section.by_rate @ rate + section.by_place @ place)
 
     def _state_after(self, number: int) -> tuple[Floats, Floats, Floats]:
-        """Return motion, velocity and force after a step, starting from the last cached step."""
-        before = [cached for cached in self._cache if cached <= number]
-        last = max(before) if before else 0
-        state = self._cache[last] if before else self._rest
-        for n in range(last, number):
+        """Return y, dy/dt and force after a step number, computed from the last cached step."""
+        cached_steps = [cached for cached in self._cache if cached <= number]
+        start_step = max(cached_steps) if cached_steps else 0
+        state = self._cache[start_step] if cached_steps else self._initial
+        for n in range(start_step, number):
             state = self._next_state(*state, (n + 1) * self._step)
             self._cache[n + 1] = state
             self._cache.pop(n - 2, None)
@@ -98,7 +98,7 @@ class FarField:
     def _next_state(
         self, place: Floats, rate: Floats, force: Floats, time: float
     ) -> tuple[Floats, Floats, Floats]:
-        """Take a step of the midpoint rule that ends at a time [s]."""
+        """Compute a step of the midpoint rule that ends at a time [s]."""
         section, h, end = self._section, self._step, self._driving_force(time)
         load = 0.5 * (force + end) + 2.0 / h * (section.mass @ rate) - section.stiffness @ place
         x = self._factor.solve(load)

@@ -134,20 +134,20 @@ class Uplift:
 @dataclass(frozen=True, kw_only=True)
 @checked
 class JointWater:
-    """Reservoir water in a joint: full hydrostatic pressure at open points.
+    """Reservoir water in a joint, with full hydrostatic pressure at open points.
 
-    In statics, openings and pressures are iterated until they are consistent. In dynamics, the
-    openings at the start of a step determine the pressure at its end; the mean of both ends acts.
+    In statics, openings and pressures are iterated until they agree. In dynamics, the openings at
+    the start of a step determine the pressure at its end; the mean of both pressures acts.
 
     Attributes:
         joint: Name of the joint.
         level: Height of the water level, a coordinate along z (y in 2-D) [m].
         aperture: Gap above which a point is open [m].
         closed: Pressure at points that are closed or not reached, like `Uplift.pressure` [Pa].
-        reached_from: Name of a facet group. If given, only open points that are connected with it
-            by open points of this joint have the full pressure; by default all open points.
+        reached_from: Name of a facet group. If given, only open points that are connected with the
+            group by open points have the full pressure; by default all open points.
         in_dynamics: ``follows``: depends on the openings in each step. ``frozen``: as at the start
-            of the stage. ``drained``: likewise, but zero at other points while they are open.
+            of the stage. ``drained``: like ``frozen``, but zero at open points that are not full.
         density: Density of the water [kg/m^3].
         gravity: g [m/s^2].
         factor: Multiplier at a time [s]; 1 by default.
@@ -177,8 +177,8 @@ class JointWater:
     def at_points(self, model: LoadedBody, joints: Response) -> Floats:
         """Return the pressure at local joint points for given openings, (n,), [Pa] (collective).
 
-        It is without ``factor``, and zero in other joints. ``joints`` is a response such as
-        ``StaticState.joints``, or of a dynamic stage if the water ``follows``.
+        The pressure excludes ``factor`` and is zero in other joints. ``joints`` is a response such
+        as ``StaticState.joints``, or of a dynamic stage if ``in_dynamics`` is ``follows``.
         """
         water = self.in_joint(label(self), model)
         return water.pressure(water.by_opening(joints.state.gap))
@@ -187,7 +187,7 @@ class JointWater:
 class Wetness(IntEnum):
     """State of the water at a joint point."""
 
-    CLOSED = 0  # pressure of the closed joint; also for points of joints without water
+    CLOSED = 0  # pressure of a closed point; also the code of points in joints without water
     FULL = 1  # pressure of the reservoir
     DRAINED = 2  # zero pressure
 
@@ -196,7 +196,7 @@ class WaterInJoint:
     """Pressures of a `JointWater`; see `JointPressure` for the methods."""
 
     def __init__(self, name: str, load: JointWater, model: LoadedBody) -> None:
-        """Compute the closed and the full pressure of each point (collective)."""
+        """Compute the pressure of each point in the closed and in the full state (collective)."""
         self.name, self._load, self._in_joint = name, load, joint_points(model, load)
         assert model.operator is not None
         depth = np.maximum(load.level - model.operator.points[:, model.gdim - 1], 0.0)
@@ -217,20 +217,20 @@ class WaterInJoint:
 
     def by_opening(self, gap: Floats) -> Codes:
         """Return FULL for points that are open and reached, CLOSED for others (collective)."""
-        wet = self._open(gap)
+        is_full = self._open(gap)
         if self._paths is not None:
-            wet = self._paths.reached(wet)
-        return np.where(wet, Wetness.FULL, Wetness.CLOSED).astype(np.int8)
+            is_full = self._paths.reached(is_full)
+        return np.where(is_full, Wetness.FULL, Wetness.CLOSED).astype(np.int8)
 
     def in_step(self, codes: Codes, gap: Floats) -> Codes:
         """Return the codes after a time step, according to ``in_dynamics`` (collective)."""
         if self._load.in_dynamics == "follows":
             return self.by_opening(gap)
-        own = np.where(self._in_joint, codes, Wetness.CLOSED).astype(np.int8)
+        new_codes = np.where(self._in_joint, codes, Wetness.CLOSED).astype(np.int8)
         if self._load.in_dynamics == "drained":
-            now = np.where(self._open(gap), Wetness.DRAINED, Wetness.CLOSED)
-            own = np.where(own == Wetness.FULL, own, now).astype(np.int8)
-        return own
+            drained = np.where(self._open(gap), Wetness.DRAINED, Wetness.CLOSED)
+            new_codes = np.where(new_codes == Wetness.FULL, new_codes, drained).astype(np.int8)
+        return new_codes
 
     def _open(self, gap: Floats) -> Flags:
         return np.asarray(self._in_joint & (gap[:, 0] > self._load.aperture))
@@ -248,16 +248,16 @@ def joint_points(model: LoadedBody, load: JointLoad) -> Flags:
 def given_pressure(model: LoadedBody, load: JointLoad, attribute: str, in_joint: Flags) -> Floats:
     """Evaluate a pressure of a load at the points of its joint, 0 at others [Pa] (collective)."""
     assert model.operator is not None
-    value, places = getattr(load, attribute), model.operator.points[in_joint]
+    value, points = getattr(load, attribute), model.operator.points[in_joint]
     name, comm = f"{label(load)}: {attribute}", model.operator.comm
     with raised_together(comm):
-        pressure = check_each(name, value(places) if callable(value) else value, len(places))
+        pressure = check_each(name, value(points) if callable(value) else value, len(points))
     slack = ROUNDING * max(comm.allgather(float(pressure.max(initial=0.0))))
     pressure = np.where((pressure < 0.0) & (pressure >= -slack), 0.0, pressure)
-    everywhere = np.zeros(len(in_joint))
+    all_pressures = np.zeros(len(in_joint))
     with raised_together(comm):
-        everywhere[in_joint] = check_each(name, pressure, len(places), negative=False)
-    return everywhere
+        all_pressures[in_joint] = check_each(name, pressure, len(points), negative=False)
+    return all_pressures
 
 
 def opening_force(model: LoadedBody, pressure: Floats) -> PETSc.Vec:

@@ -17,20 +17,20 @@ from dolfinx_joints.mesh.blocks import connected, first_at_places
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.facet_quadrature import facet_cell_type
 
-# Distance, relative to the shortest edge, within which nodes are at the same place.
+# Distance, relative to the shortest edge, within which nodes count as coincident.
 SAME_PLACE = 1e-6
 
 
 class OpenPaths:
     """Paths from a facet group along the open points of a joint.
 
-    With a nodal rule, points of the same facet and points at the same place are neighbours. Paths
-    begin at points on the group. With a Gauss rule, points of the same facet and of facets with a
-    common edge (in 2-D: vertex) are neighbours. Paths begin in facets with an edge (vertex) on the
-    group. Coordinates are compared instead of node numbers, because nodes are duplicated where
-    another joint crosses and water passes there.
+    With a nodal rule, points of the same facet and coincident points are neighbours. Paths begin at
+    points on the group. With a Gauss rule, points of the same facet and of facets with a common
+    edge (in 2-D: vertex) are neighbours. Paths begin in facets with an edge (vertex) on the group.
+    Coordinates are compared instead of node numbers: where another joint crosses, nodes are
+    duplicated, but water passes.
 
-    Neighbours are linked by a common hub, a facet, edge or place, which one rank stores.
+    Neighbours are linked by a common hub: a facet, an edge or a place. One rank stores each hub.
     """
 
     def __init__(self, model: LoadedBody, joint: str, group: str) -> None:
@@ -38,14 +38,14 @@ class OpenPaths:
         assert model.operator is not None
         self._comm = comm = model.operator.comm
         layout, number = model.operator.layout, model.jointed.joint_names.index(joint)
-        least = float(layout.sizes.min(initial=np.inf))
-        near = SAME_PLACE * float(of_ranks(comm, np.array(least)).min())
-        wet = model.V.tabulate_dof_coordinates()[model.nodes(group)]
+        shortest_edge = float(layout.sizes.min(initial=np.inf))
+        tolerance = SAME_PLACE * float(of_ranks(comm, np.array(shortest_edge)).min())
+        wet_nodes = model.V.tabulate_dof_coordinates()[model.nodes(group)]
         facets = np.flatnonzero(model.jointed.pairs.joint == number)
         self._starts: Flags = np.zeros(len(layout.areas), dtype=bool)
         if bool((layout.rule < 1e-9).any()):  # a nodal rule has points on the edges of facets
             in_joint = layout.joint == number
-            place, is_wet = _places(comm, layout.points[in_joint], wet, near)
+            place, is_wet = _places(comm, layout.points[in_joint], wet_nodes, tolerance)
             self._starts[in_joint] = is_wet
             points = blocks_of(comm, len(in_joint))[comm.rank] + np.flatnonzero(in_joint)
             hub = layout.facet[facets][:, None]
@@ -55,17 +55,17 @@ class OpenPaths:
             ]
         else:
             corners = _corners(model, facets)
-            place, is_wet = _places(comm, corners.reshape(-1, 3), wet, near)
+            place, is_wet = _places(comm, corners.reshape(-1, 3), wet_nodes, tolerance)
             place, is_wet = place.reshape(corners.shape[:2]), is_wet.reshape(corners.shape[:2])
             begin = layout.number[facets[is_wet.sum(axis=1) >= model.gdim - 1]].ravel()
             set_rows(comm, self._starts, begin, np.ones(len(begin), dtype=bool))
             links = [_links(layout.number[facets], _edges(place))]
         if not comm.allreduce(int(self._starts.sum())):
             raise MeshError(f"The facet group {group!r} does not touch the joint {joint!r}.")
-        every = np.concatenate(links)
-        every = sent_to(comm, every[:, 1] % comm.size, every)
-        points, self._point = np.unique(every[:, 2], return_inverse=True)
-        hubs, self._hub = np.unique(every[:, :2], axis=0, return_inverse=True)
+        all_links = np.concatenate(links)
+        all_links = sent_to(comm, all_links[:, 1] % comm.size, all_links)
+        points, self._point = np.unique(all_links[:, 2], return_inverse=True)
+        hubs, self._hub = np.unique(all_links[:, :2], axis=0, return_inverse=True)
         self._point, self._hub = self._point.ravel(), len(points) + self._hub.ravel()
         self._size = len(points) + len(hubs)
         self._linked = RowsAt(comm, len(self._starts), points)
@@ -73,23 +73,23 @@ class OpenPaths:
     def reached(self, open_points: Flags) -> Flags:
         """Return True for the local open points that are connected with the group (collective)."""
         passable = self._linked(open_points)
-        kept = passable[self._point]
-        label = connected(self._point[kept], self._hub[kept], self._size)[: len(passable)]
+        link_open = passable[self._point]
+        label = connected(self._point[link_open], self._hub[link_open], self._size)[: len(passable)]
         reached = np.asarray(open_points & self._starts)
         grows = True
-        while grows:  # each pass follows the links of this rank and shares the points reached
-            before = self._linked(reached)
-            after = passable & np.isin(label, label[before])
-            self._linked.mark(after, reached)
-            grows = self._comm.allreduce(int(np.count_nonzero(after & ~before))) > 0
+        while grows:  # each pass follows this rank's links, then exchanges the reached points
+            reached_before = self._linked(reached)
+            reached_after = passable & np.isin(label, label[reached_before])
+            self._linked.mark(reached_after, reached)
+            grows = self._comm.allreduce(int(np.count_nonzero(reached_after & ~reached_before))) > 0
         return reached
 
 
-def _places(comm: Any, points: Floats, wet: Floats, near: float) -> tuple[Ints, Flags]:
-    """Return the place number of each point, and True if it has a wet node (collective)."""
-    place = first_at_places(comm, np.concatenate([points, wet]), near)
+def _places(comm: Any, points: Floats, wet_nodes: Floats, tolerance: float) -> tuple[Ints, Flags]:
+    """Return the number of each point's place, and True if a wet node is there (collective)."""
+    place = first_at_places(comm, np.concatenate([points, wet_nodes]), tolerance)
     is_wet = np.zeros(len(place), dtype=bool)
-    set_rows(comm, is_wet, place[len(points) :], np.ones(len(wet), dtype=bool))
+    set_rows(comm, is_wet, place[len(points) :], np.ones(len(wet_nodes), dtype=bool))
     of_points = place[: len(points)]
     return of_points, rows_at(comm, is_wet, of_points)
 

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""All water pressures in joints: loads that follow the joints (`JointWaters`), and the total.
+"""Water pressures in joints: loads that depend on the openings (`JointWaters`), and all pressures.
 
 The state of the water is one number per joint point (`Wetness`), which determines all pressures. It
 is constant within a static solve and within a time step.
@@ -23,7 +23,7 @@ from dolfinx_joints.mesh.cells import Floats
 
 @dataclass(frozen=True)
 class _End:
-    """Water at one end of a step: codes of local points, forces of loads without factors [N]."""
+    """Water at the start or end of a step: codes of local points, forces without factors [N]."""
 
     codes: Codes
     forces: list[PETSc.Vec]
@@ -35,12 +35,12 @@ class JointWaters:
     def __init__(
         self, model: LoadedBody, loads: Mapping[str, FollowsJoints], *, waves: bool = False
     ) -> None:
-        """Start with closed joints; with ``waves``, vectors include the water (collective)."""
+        """Start with closed joints; with ``waves``, force vectors include water (collective)."""
         joints = [load.joint for load in loads.values()]
         for joint in joints:
             if joints.count(joint) > 1:
                 raise ValueError(
-                    f"The joint {joint!r} has {joints.count(joint)} loads that follow it; give one."
+                    f"{joints.count(joint)} loads depend on the gap of joint {joint!r}; give one."
                 )
         self.names = list(loads)
         self._model, self._waves = model, waves
@@ -91,14 +91,14 @@ class JointWaters:
         return {part.name: scale * part.factor(time) * force for part, force in ends}
 
     def change(self, codes: Codes, out: PETSc.Vec) -> None:
-        """Set new codes, and update the forces last added to ``out`` (collective)."""
+        """Set new codes, and replace the forces last added to ``out`` (collective)."""
         time, scale = self._time_and_scale
         self.add(out, time, -scale)
         self._start = self._end = self._forces_for(codes)
         self.add(out, time, scale)
 
     def work(self, x: PETSc.Vec, start: float, end: float) -> dict[str, float]:
-        """Return the work of each load on a displacement, by the mean of both ends (collective)."""
+        """Return the work of the mean of start and end force of each load (collective)."""
         ends = zip(self._parts, self._start.forces, self._end.forces, strict=True)
         return {
             part.name: 0.5
@@ -106,10 +106,10 @@ class JointWaters:
             for part, before, after in ends
         }
 
-    def toggled(self, codes: Codes, others: Codes) -> Ints:
+    def toggled(self, codes: Codes, other_codes: Codes) -> Ints:
         """Return the number of points of each joint with different codes (collective)."""
         differ = np.bincount(
-            self._operator.joint, codes != others, minlength=len(self._operator.names)
+            self._operator.joint, codes != other_codes, minlength=len(self._operator.names)
         )
         total = np.sum(self._operator.comm.allgather(differ), axis=0)
         return np.asarray(total).astype(np.int64)
@@ -133,14 +133,14 @@ def water_in_joints(loads: Iterable[Load]) -> list[Uplift | FollowsJoints]:
 
 
 class WaterPressures:
-    """Total pressure of all loads in the joints of a stage."""
+    """Total water pressure in the joints of a stage."""
 
     def __init__(self, model: LoadedBody, loads: Sequence[Uplift | FollowsJoints]) -> None:
         """Compute the pressures of each point (collective)."""
-        given = [load for load in loads if isinstance(load, Uplift)]
-        self._given = [(load.at_points(model), load.factor) for load in given]
-        others = [load for load in loads if not isinstance(load, Uplift)]
-        self._parts = [load.in_joint(label(load), model) for load in others]
+        uplifts = [load for load in loads if isinstance(load, Uplift)]
+        self._uplifts = [(load.at_points(model), load.factor) for load in uplifts]
+        following = [load for load in loads if not isinstance(load, Uplift)]
+        self._parts = [load.in_joint(label(load), model) for load in following]
         assert model.operator is not None
         self._size = len(model.operator.areas)
 
@@ -152,7 +152,7 @@ class WaterPressures:
     def __call__(self, time: float, codes: Codes | None) -> Floats:
         """Return the pressure at local joint points, (n,), [Pa]; codes: ``DynamicState.water``."""
         total = np.zeros(self._size)
-        for pressure, factor in self._given:
+        for pressure, factor in self._uplifts:
             total += float(factor(time)) * pressure
         for part in self._parts:
             assert codes is not None

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Added mass of a reservoir by finite elements, for incompressible water by default.
 
-The reservoir is the wet face extruded horizontally upstream: the edges of the face trace its floor
-and banks, so its cross-section is constant. It needs no separate mesh; see `reservoir_slabs`.
+The reservoir is the wet face extruded horizontally upstream, so its cross-section is constant. The
+edges of the face form floor and banks. No separate mesh is needed; see `reservoir_slabs`.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from dolfinx_joints.loads.water.wet_face import (
 from dolfinx_joints.mesh.cells import Floats, Ints
 
 # Coupling, relative to the largest one, below which a dof is not loaded by the water.
-UNFELT = 1e-12
+NEGLIGIBLE_COUPLING = 1e-12
 
-# Number of dense matrices over the water nodes during the doubling of slabs; bytes per entry of the
+# Number of dense matrices of the water nodes during the doubling of slabs; bytes per entry of the
 # added mass, for its copies with indices in M and in the factor of a step.
 SLAB_MATRICES, MASS_BYTES = 8, 64
 
@@ -45,12 +45,12 @@ class ReservoirMass:
 
     By default the water is incompressible. The pressure satisfies Laplace's equation with p = 0 at
     the level, dp/dn = -rho a_n on the face and dp/dn = 0 on floor and banks. The mass couples all
-    nodes of the wet face, moves with it and has no weight.
+    nodes of the wet face, moves with the face and has no weight.
 
     Attributes:
         group: Name of the facet group, which must reach up to the level or higher.
         level: Height of the water level, a coordinate along z (y in 2-D) [m].
-        length: Length of the reservoir up to a rigid end at rest [m]; infinite by default.
+        length: Length of the reservoir up to a rigid wall at rest [m]; infinite by default.
         upstream: Horizontal vector along which the reservoir extends; by default the horizontal
             part of the mean normal of the wet face.
         density: Density of the water [kg/m^3].
@@ -77,36 +77,36 @@ class ReservoirMass:
         """Return the added mass in the layout of the model's matrices [kg] (collective).
 
         Raises:
-            ValueError: The face or a separate region of it does not reach the level, a part of it
-                does not face upstream, or the matrix does not fit into memory.
+            ValueError: A region of the face does not reach the level, a part of the face does not
+                face upstream, the frequency is too high, or the memory is too small.
             MeshError: The group does not exist, or some of its facets are inside the body.
         """
         comm = model.jointed.mesh.comm
-        wet = wet_face(model, self)
+        part = wet_face(model, self)
         free = available_bytes(comm)
 
         def solve() -> tuple[Ints, Floats]:
-            count, (rows, dofs, values) = wet.face.count, wet.coupling
-            used, columns = np.unique(dofs, return_inverse=True)
-            self._check_size(count, len(used), free)
-            check_reaches_level(self, wet.face)
-            coupling = np.zeros((count, len(used)))
+            count, (rows, dofs, values) = part.face.count, part.coupling
+            all_dofs, columns = np.unique(dofs, return_inverse=True)
+            self._check_size(count, len(all_dofs), free)
+            check_reaches_level(self, part.face)
+            coupling = np.zeros((count, len(all_dofs)))
             np.add.at(coupling, (rows, columns.ravel()), values)
             largest = np.abs(coupling).max(axis=0, initial=0.0)
-            felt = largest > UNFELT * largest.max(initial=0.0)
+            is_loaded = largest > NEGLIGIBLE_COUPLING * largest.max(initial=0.0)
             if not count:
-                return used[felt], coupling[:, felt]
-            return used[felt], self._half(wet, coupling[:, felt])
+                return all_dofs[is_loaded], coupling[:, is_loaded]
+            return all_dofs[is_loaded], self._half(part, coupling[:, is_loaded])
 
         dofs, half = on_root(comm, solve)
-        return _assembled(model, dofs, np.sqrt(self.density) * half)
+        return _assemble(model, dofs, np.sqrt(self.density) * half)
 
-    def _half(self, wet: WetFace, coupling: Floats) -> Floats:
-        """Return Y, where Y^T Y is the added mass over the density."""
+    def _half(self, part: WetFace, coupling: Floats) -> Floats:
+        """Return Y, where Y^T Y is the added mass divided by the density."""
         wavenumber = 2.0 * np.pi * self.frequency / self.sound_speed
         try:
-            resists = resistance(wet.face, wet.upstream, self.length, wavenumber)
-            return half_of_inverse(resists, coupling)
+            resistance_matrix = resistance(part.face, part.upstream, self.length, wavenumber)
+            return half_of_inverse(resistance_matrix, coupling)
         except np.linalg.LinAlgError:
             raise ValueError(
                 f"{self}: frequency is {self.frequency:g} Hz; it must be below the lowest natural "
@@ -124,17 +124,17 @@ class ReservoirMass:
             )
 
 
-def _assembled(model: LoadedBody, dofs: Ints, half: Floats) -> PETSc.Mat:
-    """Return Y^T Y over the given dofs, in the layout of the model's matrices (collective)."""
+def _assemble(model: LoadedBody, dofs: Ints, half: Floats) -> PETSc.Mat:
+    """Return Y^T Y at the given dofs, in the layout of the model's matrices (collective)."""
     blocks = model.V.dofmap.index_map
     first, owned = (model.gdim * n for n in (blocks.local_range[0], blocks.size_local))
-    mine = np.flatnonzero((dofs >= first) & (dofs < first + owned))
-    rows = half[:, mine].T @ half
+    owned_columns = np.flatnonzero((dofs >= first) & (dofs < first + owned))
+    rows = half[:, owned_columns].T @ half
     starts = np.zeros(owned + 1, dtype=PETSc.IntType)
-    starts[dofs[mine] - first + 1] = len(dofs)
+    starts[dofs[owned_columns] - first + 1] = len(dofs)
     csr = (
         np.cumsum(starts, dtype=PETSc.IntType),
-        np.tile(dofs.astype(PETSc.IntType), len(mine)),
+        np.tile(dofs.astype(PETSc.IntType), len(owned_columns)),
         rows.ravel(),
     )
     sizes = ((owned, None), (owned, None))

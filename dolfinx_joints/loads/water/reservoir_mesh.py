@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Waves in a reservoir with a separate mesh, for any bathymetry and length of reservoir."""
+"""Waves in a reservoir with a separate mesh, for any bathymetry and length."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ from dolfinx_joints.mesh.cells import Floats, Ints, facet_slots, vtk_layout
 from dolfinx_joints.mesh.closest_points import ClosestPoints, FacetSurface
 from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
-# Largest distance between the faces of dam and water, over the longest side of the larger facet.
-# Straight sides of 30 degrees on a circle deviate from it by 0.066 of their length.
+# Largest distance between the faces of dam and water, relative to the longest side of the larger
+# facet. Chords of 30 degrees deviate from their circle by 0.066 of their length.
 OUTSIDE = 0.07
 
 
@@ -72,8 +72,8 @@ class MeshedReservoir:
     gravity_waves: bool = False
 
     def __post_init__(self) -> None:
-        good = isinstance(self.mesh, JointedMesh)
-        check_kind_of(f"{self}: mesh", self.mesh, good, "a mesh, as from read_msh")
+        valid = isinstance(self.mesh, JointedMesh)
+        check_kind_of(f"{self}: mesh", self.mesh, valid, "a mesh, as from read_msh")
         if self.mesh.mesh.comm.size > 1:
             raise MeshError(
                 f"{self}: its mesh is distributed over {self.mesh.mesh.comm.size} ranks; read it "
@@ -90,20 +90,20 @@ class MeshedReservoir:
 
         Raises:
             MeshError: The distance between the faces of dam and water exceeds `OUTSIDE` times the
-                side of a facet, or no closest point was found on the face of the water.
+                side of a facet, or the search for a closest point did not converge.
         """
-        whole = _Meshed(self)
-        coupling = whole.coupling(model)
+        matrices = _Meshed(self)
+        coupling = matrices.coupling(model)
         uniform = np.tile(np.eye(model.gdim), (coupling.shape[1] // model.gdim, 1))
         return Water(
-            size=whole.size,
+            size=matrices.size,
             impedance=self.density * self.sound_speed,
-            rows=whole.rows,
+            rows=matrices.rows,
             coupling=coupling,
-            driven=whole.driven - coupling @ uniform,
-            places=whole.places,
+            driven=matrices.driven - coupling @ uniform,
+            places=matrices.places,
             face=np.flatnonzero(np.diff(coupling.indptr)),
-            cells=whole.cells,
+            cells=matrices.cells,
         )
 
 
@@ -117,29 +117,29 @@ class _Meshed:
         level: Height of the water level [m].
     """
 
-    def __init__(self, given: MeshedReservoir) -> None:
-        self._given, self._jointed = given, given.mesh
-        mesh, degree = given.mesh.mesh, given.mesh.shape.degree
+    def __init__(self, reservoir: MeshedReservoir) -> None:
+        self._reservoir, self._jointed = reservoir, reservoir.mesh
+        mesh, degree = reservoir.mesh.mesh, reservoir.mesh.shape.degree
         self._gdim = mesh.geometry.dim
         self._space = fem.functionspace(mesh, ("Lagrange", degree))
         x = self._space.tabulate_dof_coordinates()[:, : self._gdim]
         self.level = float(x[:, -1].max())
-        self._near = ON_LEVEL * float(np.ptp(x[:, -1]))
-        dry = (x[:, -1] > self.level - self._near) & (not given.gravity_waves)
-        self._kept = np.flatnonzero(~dry)
+        self._tolerance = ON_LEVEL * float(np.ptp(x[:, -1]))
+        dry = (x[:, -1] > self.level - self._tolerance) & (not reservoir.gravity_waves)
+        self._unknown_dofs = np.flatnonzero(~dry)
         self._number = np.full(len(x), -1)
-        self._number[self._kept] = np.arange(len(self._kept))
-        self.size, self.places = len(self._kept), x[self._kept]
+        self._number[self._unknown_dofs] = np.arange(len(self._unknown_dofs))
+        self.size, self.places = len(self._unknown_dofs), x[self._unknown_dofs]
         self._face, self._of_face = self._water_face()
         self._assemble()
 
     def _water_face(self) -> tuple[FacetSurface, Ints]:
-        """Return the face in front of the dam, and unknowns at nodes of facets, -1 at the level.
+        """Return the face in front of the dam, and the unknowns at its nodes, -1 at the level.
 
-        Pressures and geometry have the same Lagrange element.
+        The pressure and the geometry have the same Lagrange element.
         """
         mesh, shape = self._jointed.mesh, self._jointed.shape
-        cells, local = facet_slots(mesh, self._jointed.facets(self._given.face))
+        cells, local = facet_slots(mesh, self._jointed.facets(self._reservoir.face))
         slots = shape.facet_nodes[local]
         nodes = np.take_along_axis(dolfinx_versions.geometry_nodes(mesh)[cells], slots, axis=1)
         dofs = np.take_along_axis(self._space.dofmap.list[cells], slots, axis=1)
@@ -147,35 +147,35 @@ class _Meshed:
         return FacetSurface(x, shape.facet_vertices.shape[1], shape.degree), self._number[dofs]
 
     def _assemble(self) -> None:
-        given, ds, surface = self._given, self._jointed.ds, self._surface()
+        reservoir, ds, surface = self._reservoir, self._jointed.ds, self._surface()
         u, v = ufl.TrialFunction(self._space), ufl.TestFunction(self._space)
-        n, rho, c = ufl.FacetNormal(self._jointed.mesh), given.density, given.sound_speed
+        n, rho, c = ufl.FacetNormal(self._jointed.mesh), reservoir.density, reservoir.sound_speed
         mass = rho * u * v * ufl.dx + surface_inertia(rho, c) * u * v * surface
         zero = fem.Constant(self._jointed.mesh, 0.0)
         losses = zero * u * v * ufl.dx
-        share = rho * c * reflected(given.bottom_reflection)
-        for name in given.bottom:
+        share = rho * c * reflected(reservoir.bottom_reflection)
+        for name in reservoir.bottom:
             losses += share * u * v * ds(name)
-        if given.far_end is not None:
-            losses += rho * c * u * v * ds(given.far_end)
+        if reservoir.far_end is not None:
+            losses += rho * c * u * v * ds(reservoir.far_end)
         stiffness = rho * c**2 * ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
         self._matrices = [self._matrix(form) for form in (mass, stiffness, losses)]
         self.driven = np.zeros((self.size, self._gdim))
-        for bound in (*(ds(name) for name in given.bottom), surface):
+        for bound in (*(ds(name) for name in reservoir.bottom), surface):
             for axis in range(self._gdim):
                 flux = fem.assemble_vector(fem.form(n[axis] * v * bound)).array
-                self.driven[:, axis] += flux[self._kept]
+                self.driven[:, axis] += flux[self._unknown_dofs]
 
     def _matrix(self, form: Any) -> csr_array:
         matrix = fem.assemble_matrix(fem.form(form)).to_scipy()
-        return csr_array(matrix)[self._kept][:, self._kept]
+        return csr_array(matrix)[self._unknown_dofs][:, self._unknown_dofs]
 
     def _surface(self) -> ufl.Measure:
         """Return the measure of the water surface; all or none of its nodes are unknowns."""
         mesh = self._jointed.mesh
         up, fdim = self._gdim - 1, mesh.topology.dim - 1
         top = np.sort(
-            locate_entities_boundary(mesh, fdim, lambda x: x[up] > self.level - self._near)
+            locate_entities_boundary(mesh, fdim, lambda x: x[up] > self.level - self._tolerance)
         )
         tags = meshtags(mesh, fdim, top, np.ones(len(top), dtype=np.int32))
         return ufl.Measure("ds", domain=mesh, subdomain_data=tags)(1)
@@ -190,42 +190,42 @@ class _Meshed:
         x = self._space.tabulate_dof_coordinates()[:, : self._gdim]
         return WaterCells(surface=x[dry], nodes=number[table][:, order], kind=kind)
 
-    def rows(self, first: int, last: int) -> WaterRows:
-        mass, stiffness, losses = (matrix[first:last] for matrix in self._matrices)
+    def rows(self, first: int, end: int) -> WaterRows:
+        mass, stiffness, losses = (matrix[first:end] for matrix in self._matrices)
         return WaterRows(mass=mass, stiffness=stiffness, losses=losses)
 
     def coupling(self, model: LoadedBody) -> csr_array:
         """Return the coupling matrix, unknowns times dofs of the body, [m^2] (collective)."""
         comm, blocks = model.jointed.mesh.comm, model.V.dofmap.index_map
         shape = (self.size, blocks.size_global * model.gdim)
-        mine, worst = csr_array(shape), _Gap()
-        wet = wetted_facets(model.V, model.jointed, self._given.group, self.level)
+        local_coupling, worst_gap = csr_array(shape), _Gap()
+        facet_points = wetted_facets(model.V, model.jointed, self._reservoir.group, self.level)
         with raised_together(comm):
-            for points in wet:
+            for points in facet_points:
                 # On a facet that the level cuts, only the points below the level have an area.
                 acts = np.any(points.areas != 0.0, axis=2)
                 if not acts.any():
                     continue
                 sizes = np.broadcast_to(points.sizes[:, None], acts.shape)
                 closest, gap = self._closest(points.positions[acts], sizes[acts])
-                worst = max(worst, gap)
-                if worst.allowed:
+                worst_gap = max(worst_gap, gap)
+                if worst_gap.allowed:
                     entries = self._entries(points, acts, closest, model)
-                    mine = mine + csr_array(coo_array(entries, shape=shape))
-        self._check(max(comm.allgather(worst)))
-        first, *others = comm.allgather(mine)
-        return sum(others, start=first)
+                    local_coupling = local_coupling + csr_array(coo_array(entries, shape=shape))
+        self._check(max(comm.allgather(worst_gap)))
+        first, *remaining = comm.allgather(local_coupling)
+        return sum(remaining, start=first)
 
     def _closest(self, places: Floats, sizes: Floats) -> tuple[ClosestPoints, _Gap]:
-        """Return the points of the water's face closest to places on the dam, and the worst gap.
+        """Return the closest points on the water's face to places on the dam, and the worst gap.
 
         ``sizes`` are the longest sides of the dam's facets at these places [m]. The farthest place
         is checked first; if its gap is too large, only its closest point is returned. The search is
         slow for distant places, because all facets have about the same distance.
         """
-        for some in ([int(self._face.sample_distances(places).argmax())], slice(None)):
-            closest = self._face.closest(places[some])
-            gap = self._gap(places[some], sizes[some], closest)
+        for chosen in ([int(self._face.sample_distances(places).argmax())], slice(None)):
+            closest = self._face.closest(places[chosen])
+            gap = self._gap(places[chosen], sizes[chosen], closest)
             if not gap.allowed:
                 break
         return closest, gap
@@ -233,30 +233,30 @@ class _Meshed:
     def _gap(self, places: Floats, sizes: Floats, closest: ClosestPoints) -> _Gap:
         """Return the worst gap at places; sizes as in `_closest`."""
         sizes = np.maximum(sizes, self._face.sizes[closest.facet])
-        parts = np.where(closest.converged, closest.distance / sizes, np.inf)
-        worst = int(parts.argmax())
+        ratios = np.where(closest.converged, closest.distance / sizes, np.inf)
+        index = int(ratios.argmax())
         return _Gap(
-            part=float(parts[worst]),
-            distance=float(closest.distance[worst]),
-            size=float(sizes[worst]),
-            place=tuple(places[worst].tolist()),
+            part=float(ratios[index]),
+            distance=float(closest.distance[index]),
+            size=float(sizes[index]),
+            place=tuple(places[index].tolist()),
         )
 
-    def _check(self, worst: _Gap) -> None:
-        if worst.allowed:
+    def _check(self, gap: _Gap) -> None:
+        if gap.allowed:
             return
-        place = ", ".join(f"{value:.4g}" for value in worst.place)
-        face = f"the water's face {shown(self._given.face)}"
-        if np.isinf(worst.part):
+        place = ", ".join(f"{value:.4g}" for value in gap.place)
+        face = f"the water's face {shown(self._reservoir.face)}"
+        if np.isinf(gap.part):
             raise MeshError(
-                f"{self._given}: the search for the point on {face} closest to ({place}) m on the "
-                f"dam's wet face did not converge; the best point is {worst.distance:.3g} m away. "
-                "Check this part of the water's mesh for folded facets."
+                f"{self._reservoir}: the search for the point on {face} closest to ({place}) m on "
+                f"the dam's wet face did not converge; the best point is {gap.distance:.3g} m "
+                "away. Check this part of the water's mesh for folded facets."
             )
         raise MeshError(
-            f"{self._given}: the dam's wet face at ({place}) m is {worst.distance:.3g} m away from "
-            f"{face}; the limit is {OUTSIDE * worst.size:.3g} m, {100 * OUTSIDE:g} % of a facet's "
-            "side. Both faces must be the same surface."
+            f"{self._reservoir}: the dam's wet face at ({place}) m is {gap.distance:.3g} m away "
+            f"from {face}; the limit is {OUTSIDE * gap.size:.3g} m, {100 * OUTSIDE:g} % of a "
+            "facet's side. Both faces must be the same surface."
         )
 
     def _entries(
@@ -270,8 +270,8 @@ class _Meshed:
         values = np.einsum("pw,pni->pwni", basis, forces)
         columns = model.gdim * blocks[:, None, :, None] + np.arange(model.gdim)
         rows, columns = np.broadcast_arrays(dofs[:, :, None, None], columns)
-        wet = rows >= 0
-        return values[wet], (rows[wet], columns[wet])
+        is_unknown = rows >= 0
+        return values[is_unknown], (rows[is_unknown], columns[is_unknown])
 
 
 @dataclass(frozen=True, kw_only=True, order=True)
@@ -279,7 +279,7 @@ class _Gap:
     """Distance between a place on the dam's face and the water's face, ordered by ``part``.
 
     Attributes:
-        part: Distance over ``size``; infinite if no closest point was found.
+        part: Distance divided by ``size``; infinite if the search did not converge.
         distance: Distance [m].
         size: Longest side of the larger of the two facets [m].
         place: Coordinates on the dam's face [m].

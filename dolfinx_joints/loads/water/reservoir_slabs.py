@@ -3,8 +3,8 @@
 """Water upstream of a face of lines or triangles, as a stack of slabs of extruded face elements.
 
 In oblique coordinates (position on the face, distance s upstream) all slabs have the same matrix.
-Eliminating the nodes between two equal stacks gives a stack of twice the length. The pressure has
-decayed after 10 to 20 doublings. The result is a matrix over the nodes of the face.
+Eliminating the nodes between two equal stacks doubles the length. The pressure has decayed after 10
+to 20 doublings. The result is a matrix for the nodes of the face.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from scipy.sparse import coo_array
 from dolfinx_joints.mesh.blocks import connected
 from dolfinx_joints.mesh.cells import Floats, Ints
 
-# Thickness of the first slab over the mean edge of the face; its error is far below the face's.
+# Thickness of the first slab relative to the mean edge of the face, whose error is far larger.
 THINNEST = 0.1
 
-# Ratio of the coupling through a stack to its end matrix, below which the stack is infinite.
+# Ratio of a stack's coupling to its end matrix, below which the stack counts as infinite.
 ENDLESS = 1e-14
 
 # Number of a corner on the level, which is not a corner of the uncut line or triangle.
@@ -34,7 +34,7 @@ class WaterFace:
 
     Attributes:
         below: Number of nodes below the level; the other nodes are on the level.
-        count: Number of nodes with a pressure: those below the level, or all.
+        count: Number of nodes with a pressure: nodes below the level, or all nodes.
         nodes: Nodes of the parts, shape (parts, gdim).
         corners: Coordinates of these nodes, shape (parts, gdim, gdim), [m].
     """
@@ -45,11 +45,11 @@ class WaterFace:
     corners: Floats
 
     def matrix(self, nodes: Ints, elements: Floats) -> coo_array:
-        """Assemble element matrices (n, k, k) over those of ``nodes`` (n, k) with a pressure."""
+        """Assemble element matrices (n, k, k) at ``nodes`` (n, k); omit nodes without pressure."""
         rows = np.broadcast_to(nodes[:, :, None], elements.shape)
         columns = np.broadcast_to(nodes[:, None, :], elements.shape)
-        kept = (rows < self.count) & (columns < self.count)
-        entries = (elements[kept], (rows[kept], columns[kept]))
+        has_pressure = (rows < self.count) & (columns < self.count)
+        entries = (elements[has_pressure], (rows[has_pressure], columns[has_pressure]))
         return coo_array(entries, shape=(self.count, self.count))
 
 
@@ -67,27 +67,27 @@ def cut_at_level(depths: Floats) -> tuple[Ints, Floats, Ints]:
     count = depths.shape[1]
     deepest_first = np.argsort(-depths, axis=1, kind="stable")
     below = (depths > 0.0).sum(axis=1)
-    whole, places, corners = [], [], []
-    for wet in range(1, count + 1):
-        chosen = np.flatnonzero(below == wet)
+    uncut, places, corners = [], [], []
+    for wet_corners in range(1, count + 1):
+        chosen = np.flatnonzero(below == wet_corners)
         order = deepest_first[chosen]
         sorted_depths = np.take_along_axis(depths[chosen], order, axis=1)
         cuts = np.zeros((len(chosen), count, count, count))
-        for a in range(wet):
-            for b in range(wet, count):
+        for a in range(wet_corners):
+            for b in range(wet_corners, count):
                 share = sorted_depths[:, a] / (sorted_depths[:, a] - sorted_depths[:, b])
                 cuts[:, a, b, a], cuts[:, a, b, b] = 1.0 - share, share
         for a in range(count):
             cuts[:, a, a, a] = 1.0
-        for part in _PARTS[count][wet]:
+        for part in _PARTS[count][wet_corners]:
             sorted_places = np.stack([cuts[:, a, b] for a, b in part], axis=1)
             place = np.empty_like(sorted_places)
             np.put_along_axis(place, order[:, None, :].repeat(count, 1), sorted_places, 2)
             corner = [order[:, a] if a == b else np.full(len(order), SURFACE) for a, b in part]
-            whole.append(chosen)
+            uncut.append(chosen)
             places.append(place)
             corners.append(np.stack(corner, axis=1))
-    return np.concatenate(whole), np.concatenate(places), np.concatenate(corners)
+    return np.concatenate(uncut), np.concatenate(places), np.concatenate(corners)
 
 
 # Corners of the parts below the level, by number of corners and number of wet corners: (a, a) is
@@ -103,7 +103,7 @@ _PARTS: dict[int, dict[int, list[list[tuple[int, int]]]]] = {
 
 
 def regions_below_level(face: WaterFace) -> int:
-    """Count the separate regions of the face that do not reach the level and have no solution."""
+    """Count the regions of the face that do not reach the level, where p is undetermined."""
     ends = np.minimum(face.nodes, face.below)
     return int(connected(np.repeat(ends[:, 0], ends.shape[1]), ends.ravel(), face.below + 1).max())
 
@@ -111,12 +111,12 @@ def regions_below_level(face: WaterFace) -> int:
 def resistance(
     face: WaterFace, upstream: Floats, length: float | None, wavenumber: float = 0.0
 ) -> Floats:
-    """Compute S, where 1/2 p S p is the energy of the water for pressures p at its face.
+    """Compute S, where p S p is the integral of (grad p)^2 - k^2 p^2 for pressures p at the face.
 
-    The energy is per density, with the pressure as potential; S p is the flux into the water.
+    The wavenumber k is zero for incompressible water. S p is the flux of grad p at the face.
 
     Args:
-        face: The face; each of its regions reaches the level.
+        face: The face; each of its regions must reach the level.
         upstream: Horizontal unit vector, shape (gdim,).
         length: Length of the water up to a rigid wall [m]; None for infinite length.
         wavenumber: Wavenumber of sound at the frequency [1/m]; zero for incompressible water.
@@ -133,31 +133,31 @@ def resistance(
         doublings = max(0, int(np.ceil(np.log2(length / thickness))))
         thickness = length / 2**doublings
     even, odd = (mixed + mixed.T) / 2, (mixed - mixed.T) / 2
-    near = in_face * (thickness / 3) - even + across / thickness
-    far = in_face * (thickness / 3) + even + across / thickness
-    between = in_face * (thickness / 6) + odd - across / thickness
-    done = 0
-    while done != doublings and (
-        doublings is not None or np.abs(between).max() > ENDLESS * np.abs(near).max()
+    at_face = in_face * (thickness / 3) - even + across / thickness
+    at_end = in_face * (thickness / 3) + even + across / thickness
+    coupling = in_face * (thickness / 6) + odd - across / thickness
+    doubled_times = 0
+    while doubled_times != doublings and (
+        doublings is not None or np.abs(coupling).max() > ENDLESS * np.abs(at_face).max()
     ):
-        near, between, far = _doubled(near, between, far)
-        done += 1
+        at_face, coupling, at_end = _double(at_face, coupling, at_end)
+        doubled_times += 1
     if length is None:
-        return near
-    half = half_of_inverse(far, between.T)
-    return near - half.T @ half
+        return at_face
+    half = half_of_inverse(at_end, coupling.T)
+    return at_face - half.T @ half
 
 
 def half_of_inverse(matrix: Floats, columns: Floats) -> Floats:
-    """Return Y with Y^T Y = R^T S^-1 R for columns R and S symmetric, positive definite."""
+    """Return Y with Y^T Y = R^T S^-1 R for the columns R and the positive definite matrix S."""
     return solve_triangular(cholesky(matrix, lower=True), columns, lower=True)
 
 
-def _doubled(near: Floats, between: Floats, far: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the matrix of two equal stacks in series, over the nodes at both ends."""
-    lower = cholesky(near + far, lower=True)
-    back, forth = (solve_triangular(lower, b, lower=True) for b in (between.T, between))
-    return near - back.T @ back, -back.T @ forth, far - forth.T @ forth
+def _double(at_face: Floats, coupling: Floats, at_end: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the matrix of two equal stacks in series, for the nodes at both ends."""
+    lower = cholesky(at_face + at_end, lower=True)
+    back, forth = (solve_triangular(lower, b, lower=True) for b in (coupling.T, coupling))
+    return at_face - back.T @ back, -back.T @ forth, at_end - forth.T @ forth
 
 
 def face_matrices(face: WaterFace, upstream: Floats) -> list[coo_array]:
@@ -170,17 +170,17 @@ def face_matrices(face: WaterFace, upstream: Floats) -> list[coo_array]:
     axes = corners.shape[2]
     sides = corners[:, 1:] - corners[:, :1]
     jacobian = np.concatenate([sides, np.broadcast_to(upstream, (len(sides), 1, axes))], axis=1)
-    # Columns of the inverse are the gradients of the coordinates.
+    # Columns of the inverse are the gradients of the oblique coordinates.
     gradients = np.linalg.inv(jacobian)
     slopes = np.concatenate(
         [-gradients[:, :, :-1].sum(axis=2, keepdims=True), gradients[:, :, :-1]], axis=2
     )
     along = gradients[:, :, -1]
     volume = np.abs(np.linalg.det(jacobian)) / (1 if axes == 2 else 2)
-    same = (np.ones((axes, axes)) + np.eye(axes)) / (axes * (axes + 1))
+    mass_pattern = (np.ones((axes, axes)) + np.eye(axes)) / (axes * (axes + 1))
     in_face = np.einsum("t,tdi,tdj->tij", volume, slopes, slopes)
     mixed = np.einsum("t,tdi,td->ti", volume / axes, slopes, along)
-    mass = np.einsum("t,ij->tij", volume, same)
+    mass = np.einsum("t,ij->tij", volume, mass_pattern)
     across = np.einsum("td,td,tij->tij", along, along, mass)
     matrices = (in_face, np.repeat(mixed[:, :, None], axes, axis=2), across, mass)
     return [face.matrix(face.nodes, elements) for elements in matrices]

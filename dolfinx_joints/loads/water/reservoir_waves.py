@@ -35,7 +35,7 @@ from dolfinx_joints.loads.water.wet_face import (
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 
-# Default length of an element along the reservoir, over the mean edge on the face.
+# Default length of an element along the reservoir, relative to the mean edge on the face.
 LAYER = 2.0
 
 QUADRILATERAL, WEDGE = 9, 13  # VTK cell types
@@ -62,8 +62,8 @@ class ReservoirWaves:
         gravity_waves: True for p = rho g times the elevation of the surface instead of p = 0.
         far_end: ``radiating``: absorbs plane waves along the reservoir; ``rigid``: a wall.
         absorbing_length: Length of a part with increasing damping before the far end, zero or at
-            least two elements [m]; absorbs also slow waves near natural frequencies of the section.
-        layers: Number of elements along the reservoir, by default twice as long as the mean edge.
+            least two elements [m]. It also absorbs slow waves near the section's frequencies.
+        layers: Number of elements along the reservoir; by default twice as long as the face edges.
     """
 
     group: str
@@ -93,8 +93,8 @@ class ReservoirWaves:
         """Return the matrices, ordered independently of the number of ranks (collective).
 
         Raises:
-            ValueError: The face or a separate region of it does not reach the level, or a part of
-                it does not face upstream.
+            ValueError: A region of the face does not reach the level, or a part of the face does
+                not face upstream.
             MeshError: The group does not exist, or some of its facets are inside the body.
         """
         comm = model.jointed.mesh.comm
@@ -120,15 +120,15 @@ class _Extruded:
         sides = np.linalg.norm(face.corners - np.roll(face.corners, 1, axis=1), axis=2)
         count = waves.layers or max(1, round(waves.length / (LAYER * float(sides.mean()))))
         layer = waves.length / count
-        if 0.0 < waves.absorbing_length < 1.99 * layer:  # tolerate the rounding in the message
+        if 0.0 < waves.absorbing_length < 1.99 * layer:  # accepts the rounded value of the message
             raise ValueError(
                 f"{waves}: absorbing_length is {waves.absorbing_length:g} m; it must be zero or at "
                 f"least two elements along the reservoir, {2.0 * layer:.3g} m."
             )
         self._s: Floats = np.linspace(0.0, waves.length, count + 1).astype(np.float64)
         self._face_matrices = [m.tocsr() for m in face_matrices(face, wet.upstream)]
-        self._bottom, floor = _extruded(face, _outer(face), wet.upstream)
-        self._surface, surface = _extruded(face, _on_level(face), wet.upstream)
+        self._bottom, floor = _extrude(face, _outer(face), wet.upstream)
+        self._surface, surface = _extrude(face, _on_level(face), wet.upstream)
         self._driven = floor + surface
 
     def water(self) -> Water:
@@ -162,9 +162,9 @@ class _Extruded:
         return places
 
     def _along(self, places: Floats) -> Floats:
-        """Return the coordinates of places of the face in all layers, (layers n, gdim), [m]."""
-        moved = np.multiply.outer(self._s, self._wet.upstream)[:, None]
-        return (places + moved).reshape(-1, self._gdim)
+        """Return places of the face, moved to each layer, shape (layers n, gdim), [m]."""
+        offsets = np.multiply.outer(self._s, self._wet.upstream)[:, None]
+        return (places + offsets).reshape(-1, self._gdim)
 
     def _cells(self) -> WaterCells:
         """Return the quadrilaterals or wedges between the layers."""
@@ -187,21 +187,21 @@ class _Extruded:
         )
 
     def _section(self) -> Section | None:
-        """Return the cross-section with the forces of its wave on the absorbing far end."""
+        """Return the section, with far-end forces of its wave; None without an absorbing end."""
         waves, end = self._waves, len(self._s) - 1
         if waves.far_end == "rigid" and not waves.absorbing_length:
             return None
         rho, c = waves.density, waves.sound_speed
         in_face, mixed, _, volume = self._face_matrices
-        whole = csr_array(np.ones((end + 1, 1)))
-        last = csr_array(([1.0], ([end], [0])), shape=(end + 1, 1))
+        all_layers = csr_array(np.ones((end + 1, 1)))
+        last_layer = csr_array(([1.0], ([end], [0])), shape=(end + 1, 1))
         return Section(
             mass=self._mass(),
             stiffness=rho * c**2 * in_face,
             losses=rho * c * reflected(waves.bottom_reflection) * self._bottom,
             driven=rho * c * self._driven,
-            by_rate=rho * c * kron(self._absorbing() @ whole, volume, format="csr"),
-            by_place=rho * c**2 * kron(last, mixed.T, format="csr"),
+            by_rate=rho * c * kron(self._absorbing() @ all_layers, volume, format="csr"),
+            by_place=rho * c**2 * kron(last_layer, mixed.T, format="csr"),
         )
 
     def _mass(self) -> csr_array:
@@ -210,7 +210,7 @@ class _Extruded:
         return rho * self._face_matrices[3] + surface_inertia(rho, c) * self._surface
 
     def _absorbing(self) -> csr_array:
-        """Return the dashpots of the far end and the absorbing part, over rho c times D."""
+        """Return the dashpots of far end and absorbing part along s, without the factor rho c D."""
         end = len(self._s) - 1
         dashpots = csr_array((end + 1, end + 1))
         if self._waves.far_end == "radiating":
@@ -219,30 +219,30 @@ class _Extruded:
             dashpots = dashpots + _line(self._s, self._damping)[0]
         return dashpots
 
-    def _rows(self, first: int, last: int) -> WaterRows:
-        """Return the rows of the unknowns ``first`` to ``last``, which are ordered by layer."""
+    def _rows(self, first: int, end: int) -> WaterRows:
+        """Return the rows of the unknowns from ``first`` up to ``end``, ordered by layer."""
         waves, count = self._waves, self._wet.face.count
         rho, c = waves.density, waves.sound_speed
-        layers = slice(first // count, -(-last // count))
-        rows = slice(first - layers.start * count, last - layers.start * count)
+        layers = slice(first // count, -(-end // count))
+        rows = slice(first - layers.start * count, end - layers.start * count)
         in_face, mixed, across, volume = self._face_matrices
 
         def along(matrix: csr_array, of_face: csr_array) -> csr_array:
             return kron(matrix[layers], of_face, format="csr")
 
-        whole, stretch, slope = _line(self._s)
-        stiffness = along(whole, in_face) + along(slope, mixed) + along(slope.T.tocsr(), mixed.T)
-        stiffness = stiffness + along(stretch, across)
-        losses = reflected(waves.bottom_reflection) * along(whole, self._bottom)
+        n_n, dn_dn, n_dn = _line(self._s)
+        stiffness = along(n_n, in_face) + along(n_dn, mixed) + along(n_dn.T.tocsr(), mixed.T)
+        stiffness = stiffness + along(dn_dn, across)
+        losses = reflected(waves.bottom_reflection) * along(n_n, self._bottom)
         losses = losses + along(self._absorbing(), volume)
         return WaterRows(
-            mass=along(whole, self._mass())[rows],
+            mass=along(n_n, self._mass())[rows],
             stiffness=(rho * c**2 * stiffness)[rows],
             losses=(rho * c * losses)[rows],
         )
 
     def _damping(self, s: Floats) -> Floats:
-        """Return the damping over c in the absorbing part, (12x), [1/m]."""
+        """Return the damping of the absorbing part divided by c, (12x), [1/m]."""
         length = self._waves.absorbing_length
         share = np.maximum(s - self._waves.length + length, 0.0) / length
         return 6.0 / length * share**2
@@ -281,7 +281,7 @@ class _Edges:
     Attributes:
         nodes: Nodes, shape (n, gdim - 1).
         ends: Coordinates of the nodes, shape (n, gdim - 1, gdim), [m].
-        apex: Coordinates of the opposite corner, on the inner side, shape (n, gdim), [m].
+        apex: Coordinates of the corner opposite the edge, shape (n, gdim), [m].
     """
 
     nodes: Ints
@@ -294,10 +294,10 @@ class _Edges:
 
 def _edges(face: WaterFace) -> _Edges:
     axes = face.corners.shape[2]
-    others = [[j for j in range(axes) if j != i] for i in range(axes)]
+    corner_sets = [[j for j in range(axes) if j != i] for i in range(axes)]
     return _Edges(
-        nodes=np.concatenate([face.nodes[:, other] for other in others]),
-        ends=np.concatenate([face.corners[:, other] for other in others]),
+        nodes=np.concatenate([face.nodes[:, corners] for corners in corner_sets]),
+        ends=np.concatenate([face.corners[:, corners] for corners in corner_sets]),
         apex=np.concatenate([face.corners[:, i] for i in range(axes)]),
     )
 
@@ -311,13 +311,13 @@ def _outer(face: WaterFace) -> _Edges:
     """Return the boundary edges below the level, which belong to one part of the face only."""
     edges = _edges(face)
     edges = edges[np.flatnonzero((edges.nodes < face.below).any(axis=1))]
-    _, place, times = np.unique(
+    _, place, counts = np.unique(
         np.sort(edges.nodes, axis=1), axis=0, return_index=True, return_counts=True
     )
-    return edges[place[times == 1]]
+    return edges[place[counts == 1]]
 
 
-def _extruded(face: WaterFace, edges: _Edges, upstream: Floats) -> tuple[csr_array, Floats]:
+def _extrude(face: WaterFace, edges: _Edges, upstream: Floats) -> tuple[csr_array, Floats]:
     """Return the mass matrix and the outward normal integrals of extruded edges, per length."""
     nodes, ends, axes = edges.nodes, edges.ends, len(upstream)
     if axes == 2:
@@ -327,9 +327,9 @@ def _extruded(face: WaterFace, edges: _Edges, upstream: Floats) -> tuple[csr_arr
     inward = np.einsum("nd,nd->n", edges.apex - ends[:, 0], normal) > 0.0
     normal[inward] *= -1.0
     area = np.linalg.norm(normal, axis=1)
-    same = (np.ones((axes - 1, axes - 1)) + np.eye(axes - 1)) / (axes * (axes - 1))
+    mass_pattern = (np.ones((axes - 1, axes - 1)) + np.eye(axes - 1)) / (axes * (axes - 1))
     driven = np.zeros((face.count, axes))
     for end in range(axes - 1):
-        unknown = nodes[:, end] < face.count
-        np.add.at(driven, nodes[unknown, end], normal[unknown] / (axes - 1))
-    return csr_array(face.matrix(nodes, area[:, None, None] * same)), driven
+        has_pressure = nodes[:, end] < face.count
+        np.add.at(driven, nodes[has_pressure, end], normal[has_pressure] / (axes - 1))
+    return csr_array(face.matrix(nodes, area[:, None, None] * mass_pattern)), driven

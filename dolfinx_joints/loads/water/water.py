@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Matrices of compressible water for the coupling with a body, for any kind of reservoir.
 
-The unknown is y = phi / c [m], the velocity potential over the speed of sound. The pressure is
-p = -rho c dy/dt. Like a displacement, y has mass, stiffness and dashpots, (12t) to (12w).
+The unknown is y = phi / c [m], the velocity potential divided by the speed of sound. The pressure
+is p = -rho c dy/dt. Like a displacement, y has mass, stiffness and dashpots, (12t) to (12w).
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ class WaterRows:
     """Some rows of the water matrices; the columns are all unknowns of the water.
 
     Attributes:
-        mass: Matrix of the energy of the pressure and of a moving surface [kg].
-        stiffness: Matrix of the energy of the motion [N/m].
+        mass: Matrix of the compression energy, and of the energy of a surface with waves [kg].
+        stiffness: Matrix of the kinetic energy [N/m].
         losses: Dashpots of the bottom, of the far end and of the absorbing part before it [N s/m].
     """
 
@@ -67,7 +67,7 @@ class Water:
         places: Coordinates of the unknowns, shape (size, gdim), [m].
         face: Unknowns on the face of the body, shape (n,).
         cells: Function that returns the cells.
-        section: Cross-section at an absorbing far end; None if there is no uniform section.
+        section: Cross-section at an absorbing far end; None if the wave needs no correction there.
     """
 
     size: int
@@ -89,7 +89,7 @@ class Reservoir(Protocol):
 
 
 def reflected(alpha: float) -> float:
-    """Return the dashpot over rho c of a boundary with reflection coefficient alpha, (12s)."""
+    """Return the dashpot of a boundary with reflection coefficient alpha, per rho c, (12s)."""
     return (1.0 - alpha) / (1.0 + alpha)
 
 

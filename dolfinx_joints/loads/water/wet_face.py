@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Wet part of a face as lines or triangles of water, and its coupling with the body.
 
-A reservoir made by extruding this face horizontally upstream has its floor and banks along the
-edges of the face. It conforms to the face and needs no separate mesh.
+A reservoir is this face extruded horizontally upstream; the edges of the face form floor and banks.
+The water conforms to the face and needs no separate mesh.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from dolfinx_joints.mesh.blocks import same_places
 from dolfinx_joints.mesh.cells import Floats, Ints
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 
-# Distance from the level, over the height of the face, within which a node counts as on the level.
+# Distance from the level, relative to the height of the face, of nodes that count as on the level.
 ON_LEVEL = 1e-6
 
-# Distance, over the shortest edge, within which nodes of two blocks are one node of the water.
+# Distance, relative to the shortest edge, of nodes of two blocks that form one node of the water.
 SAME_NODE = 0.01
 
-# Distance, over the shortest side of the cut parts, within which corners on the level are merged.
+# Distance, relative to the shortest side of the cut parts, of corners on the level that are merged.
 SAME_CORNER = 0.01
 
 # Least cosine of the angle between the normal of the face and the upstream direction.
@@ -62,8 +62,8 @@ PARTS: dict[tuple[int, int], list[list[int]]] = {
 }
 
 
-class MovedFace(Protocol):
-    """Reservoir with the cross-section of its wet face; `str` gives its name for messages."""
+class Extruded(Protocol):
+    """Reservoir extruded from its wet face; `str` returns its name for messages."""
 
     @property
     def group(self) -> str:
@@ -94,7 +94,7 @@ class WetFace:
     coupling: tuple[Ints, Ints, Floats]
 
 
-def check_upstream(water: MovedFace) -> None:
+def check_upstream(water: Extruded) -> None:
     """Check that the upstream direction is horizontal."""
     if water.upstream is not None and not (water.upstream[-1] == 0.0 and np.any(water.upstream)):
         raise ValueError(
@@ -105,18 +105,18 @@ def check_upstream(water: MovedFace) -> None:
 
 def wet_face(
     model: LoadedBody,
-    water: MovedFace,
+    water: Extruded,
     order: NodeNumbering | None = None,
     *,
     surface_moves: bool = False,
 ) -> WetFace:
     """Build the wet face of a reservoir (collective).
 
-    Water nodes below the level come first, then those on the level. With ``order`` they follow the
-    order of the body's nodes. Nodes on the level have a pressure if ``surface_moves``.
+    Water nodes below the level come first, then nodes on the level. With ``order``, they are in the
+    order of the body's nodes. If ``surface_moves``, nodes on the level have a pressure.
 
     Raises:
-        ValueError: The face ends below the level, or a part of it does not face upstream.
+        ValueError: The face ends below the level, or part of the face does not face upstream.
         MeshError: The group does not exist, or some of its facets are inside the body.
     """
     comm = model.jointed.mesh.comm
@@ -124,13 +124,13 @@ def wet_face(
     numbers, below = face.numbers(comm, water)
     if order is not None:
         numbers = face.in_order(comm, numbers, below, order)
-    parts, every = face.wet_parts(comm, numbers, below, order)
-    count = every if surface_moves else below
+    parts, total_count = face.wet_parts(comm, numbers, below, order)
+    count = total_count if surface_moves else below
     areas = parts.points.areas.sum(axis=1)
     upstream = _direction(water, summed(comm, areas.sum(axis=0)))
     _check_faces_upstream(water, comm, areas, upstream)
-    nodes, corners = _gathered(comm, parts.nodes), _gathered(comm, parts.corners)
-    rows, dofs, values = (_gathered(comm, part) for part in parts.coupling(model, count))
+    nodes, corners = _gather(comm, parts.nodes), _gather(comm, parts.corners)
+    rows, dofs, values = (_gather(comm, part) for part in parts.coupling(model, count))
     return WetFace(
         face=WaterFace(below=below, count=count, nodes=nodes, corners=corners),
         upstream=upstream,
@@ -138,7 +138,7 @@ def wet_face(
     )
 
 
-def check_reaches_level(water: MovedFace, face: WaterFace) -> None:
+def check_reaches_level(water: Extruded, face: WaterFace) -> None:
     """Check that each region of a face reaches the level, so that the pressure is determined."""
     if lids := regions_below_level(face):
         raise ValueError(
@@ -147,7 +147,7 @@ def check_reaches_level(water: MovedFace, face: WaterFace) -> None:
         )
 
 
-def _direction(water: MovedFace, area: Floats) -> Floats:
+def _direction(water: Extruded, area: Floats) -> Floats:
     """Return the upstream unit vector; ``area`` is the area vector of the wet face [m^2]."""
     vector = np.append(area[:-1], 0.0)
     if water.upstream is not None:
@@ -163,7 +163,7 @@ def _direction(water: MovedFace, area: Floats) -> Floats:
     return np.asarray(vector / size)
 
 
-def _check_top(water: MovedFace, highest: float, lowest: float) -> None:
+def _check_top(water: Extruded, highest: float, lowest: float) -> None:
     if lowest < water.level and highest < water.level - ON_LEVEL * (highest - lowest):
         raise ValueError(
             f"{water}: the level is {water.level:g} m, but the face ends at {highest:g} m; it must "
@@ -171,16 +171,16 @@ def _check_top(water: MovedFace, highest: float, lowest: float) -> None:
         )
 
 
-def _check_faces_upstream(water: MovedFace, comm: Any, areas: Floats, upstream: Floats) -> None:
+def _check_faces_upstream(water: Extruded, comm: Any, areas: Floats, upstream: Floats) -> None:
     """Check that the normals of all parts point upstream (collective)."""
     size = np.linalg.norm(areas, axis=1)
-    off = areas @ upstream < STEEPEST * size
-    sums = summed(comm, np.array([size[off].sum(), size.sum()]))
+    turned_away = areas @ upstream < STEEPEST * size
+    sums = summed(comm, np.array([size[turned_away].sum(), size.sum()]))
     if sums[0] > 0.0:
         shown = ", ".join(f"{x:.3g}" for x in upstream)
         raise ValueError(
-            f"{water}: {100 * sums[0] / sums[1]:.3g} % of the wet face does not face upstream, "
-            f"({shown}): its normal is more than 87 degrees away. Remove these facets from the "
+            f"{water}: {100 * sums[0] / sums[1]:.3g} % of the wet face does not face upstream: its "
+            f"normal differs by more than 87 degrees from ({shown}). Remove these facets from the "
             "group, give another upstream=, or use a WestergaardMass."
         )
 
@@ -200,13 +200,13 @@ class _Face:
         at = facets.at(self._of, self._places, np.zeros(self._nodes.shape))
         self._corners = at.positions
 
-    def numbers(self, comm: Any, water: MovedFace) -> tuple[Ints, int]:
-        """Return node numbers of this rank's corners, and the number of nodes (collective).
+    def numbers(self, comm: Any, water: Extruded) -> tuple[Ints, int]:
+        """Return the node numbers of this rank's corners, and the number of nodes (collective).
 
         Corners at or above the level have the number `SURFACE`.
         """
         level = float(water.level)
-        own, first = np.unique(self._nodes, return_index=True)
+        local_nodes, first = np.unique(self._nodes, return_index=True)
         points = self._corners.reshape(-1, self._corners.shape[2])[first]
         sides = self._corners - np.roll(self._corners, 1, axis=1)
         shortest = float(np.linalg.norm(sides, axis=2).min(initial=np.inf))
@@ -216,24 +216,24 @@ class _Face:
         _check_top(water, highest, lowest)
         self._on_level = ON_LEVEL * max(highest - lowest, 0.0)
         self._level = level
-        every = comm.gather(points, root=0)
+        all_x = comm.gather(points, root=0)
 
         def work() -> tuple[list[Ints], int]:
-            wet = level - np.concatenate(every)[:, -1] > self._on_level
+            wet = level - np.concatenate(all_x)[:, -1] > self._on_level
             numbers = np.full(len(wet), SURFACE)
             _, numbers[wet] = np.unique(
-                same_places(np.concatenate(every)[wet], SAME_NODE * shortest), return_inverse=True
+                same_places(np.concatenate(all_x)[wet], SAME_NODE * shortest), return_inverse=True
             )
-            splits = np.cumsum([len(p) for p in every])[:-1]
+            splits = np.cumsum([len(p) for p in all_x])[:-1]
             return np.split(numbers, splits), int(numbers.max(initial=SURFACE)) + 1
 
         by_rank, count = on_root(comm, work)
-        return by_rank[comm.rank][np.searchsorted(own, self._nodes)], count
+        return by_rank[comm.rank][np.searchsorted(local_nodes, self._nodes)], count
 
     def in_order(self, comm: Any, numbers: Ints, count: int, nodes: NodeNumbering) -> Ints:
-        """Renumber the nodes in the order of the body's nodes, on any rank count (collective)."""
-        wet = numbers != SURFACE
-        pairs = np.column_stack([numbers[wet], nodes.number[self._nodes[wet]]])
+        """Renumber the nodes in the order of the body's nodes, for any rank count (collective)."""
+        is_wet = numbers != SURFACE
+        pairs = np.column_stack([numbers[is_wet], nodes.number[self._nodes[is_wet]]])
         place = _places_by_key(count, *np.concatenate(comm.allgather(pairs)).T)
         return np.append(place, SURFACE)[numbers]
 
@@ -242,24 +242,24 @@ class _Face:
     ) -> tuple[_WetParts, int]:
         """Cut the face at the level; return the wet parts and their number of nodes (collective).
 
-        Corners keep the numbers from `numbers` or `in_order`; nodes on the level have higher ones.
+        Corners keep the numbers from `numbers` or `in_order`; nodes on the level follow.
         """
         depths = self._level - self._corners[:, :, -1]
         depths = np.where(numbers == SURFACE, np.minimum(depths, 0.0), depths)
         depths[np.abs(depths) <= self._on_level] = 0.0
-        whole, shares, which = cut_at_level(depths)
-        corners = np.einsum("pab,pbi->pai", shares, self._corners[whole])
-        places = np.einsum("pab,pbi->pai", shares, self._places[whole])
+        uncut, shares, sources = cut_at_level(depths)
+        corners = np.einsum("pab,pbi->pai", shares, self._corners[uncut])
+        places = np.einsum("pab,pbi->pai", shares, self._places[uncut])
         size = sizes(places)
         kept = size > 1e-12
-        whole, corners, places, which = whole[kept], corners[kept], places[kept], which[kept]
-        nodes = np.take_along_axis(numbers[whole], np.maximum(which, 0), axis=1)
-        level = which == SURFACE
-        keys = _edge_keys(self._nodes[whole[level.nonzero()[0]]], shares[kept][level], order)
+        uncut, corners, places, sources = uncut[kept], corners[kept], places[kept], sources[kept]
+        nodes = np.take_along_axis(numbers[uncut], np.maximum(sources, 0), axis=1)
+        at_level = sources == SURFACE
+        keys = _edge_keys(self._nodes[uncut[at_level.nonzero()[0]]], shares[kept][at_level], order)
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-        shortest = float(sides[level | np.roll(level, 1, axis=1)].min(initial=np.inf))
-        on_level, count = _level_numbers(comm, corners[level], keys, shortest)
-        nodes[level] = below + on_level
+        shortest = float(sides[at_level | np.roll(at_level, 1, axis=1)].min(initial=np.inf))
+        on_level, count = _level_numbers(comm, corners[at_level], keys, shortest)
+        nodes[at_level] = below + on_level
         cell = (basix.CellType.interval, basix.CellType.triangle)[places.shape[1] - 2]
         points, weights = basix.make_quadrature(cell, DEGREE)
         pressures = np.column_stack([1.0 - points.sum(axis=1), points])
@@ -268,7 +268,7 @@ class _Face:
             corners=corners,
             pressures=pressures,
             points=self._facets.at(
-                self._of[whole],
+                self._of[uncut],
                 np.einsum("qa,pai->pqi", pressures, places),
                 size[kept][:, None] * weights,
             ),
@@ -277,7 +277,7 @@ class _Face:
 
 
 def _places_by_key(count: int, label: Ints, keys: Ints) -> Ints:
-    """Return the rank of each label in the order of least keys, shape (count,)."""
+    """Return the position of each label when sorted by its least key, shape (count,)."""
     least = np.full(count, np.iinfo(np.int64).max)
     np.minimum.at(least, label, keys)
     place = np.empty(count, dtype=np.int64)
@@ -286,16 +286,16 @@ def _places_by_key(count: int, label: Ints, keys: Ints) -> Ints:
 
 
 def _edge_keys(nodes: Ints, shares: Floats, order: NodeNumbering | None) -> Ints:
-    """Return keys that sort corners on the level like the nodes of the body, shape (n,).
+    """Return keys that sort corners on the level in the order of the body's nodes, shape (n,).
 
-    Without an order all keys are zero. Nodes and shares (barycentric coordinates) refer to the
-    uncut part. Shares are zero except at the ends of the cut edge, or at the node on the level.
+    Without an order all keys are zero. Nodes and barycentric coordinates (``shares``) refer to the
+    uncut part. Shares are zero except at the ends of the cut edge, or at a node on the level.
     """
     if order is None:
         return np.zeros(len(nodes), dtype=np.int64)
-    ends, cut = order.number[nodes], shares > 0.0
-    least = np.where(cut, ends, order.count).min(axis=1)
-    return np.asarray(least * order.count + np.where(cut, ends, 0).max(axis=1))
+    ends, at_cut = order.number[nodes], shares > 0.0
+    least = np.where(at_cut, ends, order.count).min(axis=1)
+    return np.asarray(least * order.count + np.where(at_cut, ends, 0).max(axis=1))
 
 
 def _level_numbers(comm: Any, points: Floats, keys: Ints, shortest: float) -> tuple[Ints, int]:
@@ -303,14 +303,14 @@ def _level_numbers(comm: Any, points: Floats, keys: Ints, shortest: float) -> tu
 
     Points are this rank's corners; ``shortest`` is the shortest side of a part there [m].
     """
-    every = comm.gather((points, keys, shortest), root=0)
+    all_corners = comm.gather((points, keys, shortest), root=0)
 
     def work() -> tuple[list[Ints], int]:
-        places, keys = (np.concatenate([of_rank[i] for of_rank in every]) for i in (0, 1))
-        distance = SAME_CORNER * min(of_rank[2] for of_rank in every)
+        places, keys = (np.concatenate([of_rank[i] for of_rank in all_corners]) for i in (0, 1))
+        distance = SAME_CORNER * min(of_rank[2] for of_rank in all_corners)
         _, label = np.unique(same_places(places, distance), return_inverse=True)
         number = _places_by_key(int(label.max(initial=-1)) + 1, label, keys)
-        ends = np.cumsum([len(of_rank[0]) for of_rank in every])
+        ends = np.cumsum([len(of_rank[0]) for of_rank in all_corners])
         return np.split(number[label], ends[:-1]), len(number)
 
     by_rank, count = on_root(comm, work)
@@ -344,11 +344,11 @@ class _WetParts:
         )
         rows = np.broadcast_to(self.nodes[:, :, None, None], values.shape)
         columns = np.broadcast_to(dofs[:, None], values.shape)
-        wet = rows < count
-        return rows[wet], columns[wet], values[wet]
+        has_pressure = rows < count
+        return rows[has_pressure], columns[has_pressure], values[has_pressure]
 
 
-def _gathered(comm: Any, part: NDArray[Any]) -> NDArray[Any]:
+def _gather(comm: Any, part: NDArray[Any]) -> NDArray[Any]:
     """Gather the rows of all ranks on rank 0; other ranks receive no rows (collective)."""
-    every = comm.gather(part, root=0)
-    return part[:0] if every is None else np.concatenate(every)
+    of_ranks = comm.gather(part, root=0)
+    return part[:0] if of_ranks is None else np.concatenate(of_ranks)

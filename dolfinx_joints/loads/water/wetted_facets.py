@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Quadrature on the part of a facet group below a water level.
 
-Facets are treated as triangles (quadrilaterals as two), in 2-D as lines. Each is cut into
+Facets are triangles, quadrilaterals divided into two triangles, or lines in 2-D. Each is cut into
 horizontal slices at the depths of its corners and at the level. The integrands are polynomials of
-the position, times sqrt(depth) or not. On a slice of a flat facet they are polynomials of
-sqrt(depth), so Gauss points in sqrt(depth) integrate pressures and added masses exactly.
+the position, with or without the factor sqrt(depth). On a slice of a flat facet they are
+polynomials of sqrt(depth), so Gauss points in sqrt(depth) integrate them exactly.
 
 A warped or curved facet that the level cuts is divided into `DIVISIONS` parts along each edge,
-because its height is not linear. Only the cut treats the height as linear on a part.
+because its height is not linear. On each part, the cut assumes a linear height.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from dolfinx_joints.mesh.jointed_mesh import JointedMesh
 
 DIVISIONS = 8
 _CHUNK = 128  # number of pieces of facets evaluated at a time
-_FLAT = 1e-4  # difference of corner depths over the depth, below which a piece is horizontal
-_LINEAR = 1e-9  # error of the height at mid-edges over the facet's height, if it counts as linear
+_FLAT = 1e-4  # a piece is horizontal if its corner depths differ by less, relative to the depth
+_LINEAR = 1e-9  # heights are linear if mid-edges deviate by less, relative to the facet's height
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,10 +59,10 @@ def wetted_facets(space: Any, jointed: JointedMesh, group: str, level: float) ->
 
 
 class WettedFacets:
-    """Exterior facets of this rank, cut at a level; iteration yields their quadrature points.
+    """Exterior facets of this rank, cut at a level; iteration yields quadrature points.
 
     Attributes:
-        lowest: Lowest height of a vertex of this rank's facets [m], infinite without facets.
+        lowest: Height of the lowest vertex of this rank's facets [m]; infinite without facets.
         nodes: Local nodes of the displacement on each facet, shape (facets, nodes).
     """
 
@@ -106,19 +106,19 @@ class WettedFacets:
         middles = np.stack([corners[:, i] + corners[:, j] for i, j in pairs], axis=1) / 2
         linear = np.stack([depth[:, i] + depth[:, j] for i, j in pairs], axis=1) / 2
         between = self._depth(facet, middles)
-        every = np.concatenate([depth, between], axis=1)
-        top, bottom = every.min(axis=1), every.max(axis=1)
-        bent = np.abs(between - linear).max(axis=1) > _LINEAR * (bottom - top)
-        refined = bent & (top < 0.0) & (bottom > 0.0)
+        all_depths = np.concatenate([depth, between], axis=1)
+        top, bottom = all_depths.min(axis=1), all_depths.max(axis=1)
+        is_curved = np.abs(between - linear).max(axis=1) > _LINEAR * (bottom - top)
+        refined = is_curved & (top < 0.0) & (bottom > 0.0)
         wet = (bottom > 0.0) & ~refined
-        parts = _divided(count)
+        parts = _subdivide(count)
         finer = np.einsum("skc,ncd->nskd", parts, corners[refined]).reshape(-1, *corners.shape[1:])
         finer_facet = np.repeat(facet[refined], len(parts))
         return np.concatenate([facet[wet], finer_facet]), np.concatenate([corners[wet], finer])
 
     def _depth(self, facet: Ints, points: Floats) -> Floats:
-        """Return depths, negative above the level, at points (n, p, dim) of the reference cells."""
-        table = _tabulated(self._geometry, 0, points)[0]
+        """Return depths at points (n, p, dim) of the reference cells, negative above the level."""
+        table = _tabulate(self._geometry, 0, points)[0]
         return self._level - np.einsum("npg,ng->np", table, self._x[facet][:, :, -1])
 
     def _points(self, facet: Ints, corners: Floats) -> WettedPoints:
@@ -138,7 +138,7 @@ class WettedFacets:
             points: Shape (n, points, dim).
             weights: Lengths or areas on the reference facets, shape (n, points).
         """
-        geometry = _tabulated(self._geometry, 1, points)
+        geometry = _tabulate(self._geometry, 1, points)
         x = self._x[facet]
         positions = np.einsum("npg,ngi->npi", geometry[0], x)
         jacobian = np.einsum("dnpg,ngi->npid", geometry[1:], x)
@@ -147,7 +147,7 @@ class WettedFacets:
         outward = np.broadcast_to(outward[:, None, :, None], (*points.shape, 1))
         normals = np.linalg.solve(np.swapaxes(jacobian, 2, 3), outward)[..., 0]
         scale = np.abs(np.linalg.det(jacobian)) * weights
-        shapes = _tabulated(self._displacement, 0, points)[0]
+        shapes = _tabulate(self._displacement, 0, points)[0]
         return WettedPoints(
             nodes=self.nodes[facet],
             shapes=np.take_along_axis(shapes, self._closure[facet][:, None, :], axis=2),
@@ -163,7 +163,7 @@ class WettedFacets:
         return self._displacement.points[self._closure]
 
 
-def _tabulated(element: Any, order: int, points: Floats) -> Floats:
+def _tabulate(element: Any, order: int, points: Floats) -> Floats:
     """Return basis functions at points (n, p, dim), shape (derivatives, n, p, functions)."""
     n, p, dim = points.shape
     # Add a point, because Basix aborts the process if there are no points.
@@ -187,7 +187,7 @@ def slices(depth: Floats, degree: int) -> tuple[Floats, Floats]:
     horizontal = np.ptp(depth, axis=1) <= _FLAT * np.abs(depth).max(axis=1)
     order = np.argsort(depth, axis=1)
     level = np.take_along_axis(depth, order, axis=1)
-    # If all corners have the same depth, any slices are valid; avoid division by the difference.
+    # If all corners have the same depth, any slices are valid; avoid division by zero.
     level[horizontal] = np.arange(count)
     rule = _line(level, degree) if count == 2 else _triangle(level, degree)
     barycentric = np.empty_like(rule[0])
@@ -213,7 +213,7 @@ def _line(level: Floats, degree: int) -> tuple[Floats, Floats]:
 def _triangle(level: Floats, degree: int) -> tuple[Floats, Floats]:
     """Return the rule on triangles, in slices above and below the middle corner.
 
-    Slices lie between the edge from highest to lowest corner and the two other edges.
+    Slices extend from the edge between highest and lowest corner to the other two edges.
     """
     nodes, of_nodes = np.polynomial.legendre.leggauss(degree // 2 + 1)
     t, along = (1 + nodes) / 2, of_nodes / 2
@@ -221,12 +221,12 @@ def _triangle(level: Floats, degree: int) -> tuple[Floats, Floats]:
     points, weights = [], []
     for i in (0, 1):
         d, w = _roots(level[:, i], level[:, i + 1], degree)
-        far = (d - level[:, :1]) / height
+        share = (d - level[:, :1]) / height
         span = (level[:, i + 1] - level[:, i])[:, None]
         part = np.zeros_like(d)
         np.divide(np.abs(d - level[:, 2 * i, None]), span, out=part, where=span > 0.0)
         np.minimum(part, 1.0, out=part)  # relative width of the slice, 1 at the middle corner
-        longest = np.stack([1 - far, np.zeros_like(far), far], axis=2)
+        longest = np.stack([1 - share, np.zeros_like(share), share], axis=2)
         other = np.zeros_like(longest)
         other[:, :, 1], other[:, :, 2 * i] = part, 1 - part
         both = longest[:, :, None, :] * (1 - t)[:, None] + other[:, :, None, :] * t[:, None]
@@ -235,7 +235,7 @@ def _triangle(level: Floats, degree: int) -> tuple[Floats, Floats]:
     return np.concatenate(points, axis=1), np.concatenate(weights, axis=1)
 
 
-def _divided(count: int) -> Floats:
+def _subdivide(count: int) -> Floats:
     """Return barycentric corners of the parts of a line or triangle, (parts, count, count)."""
     n = DIVISIONS
     if count == 2:

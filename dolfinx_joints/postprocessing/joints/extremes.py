@@ -41,11 +41,11 @@ ALIKE = 1.0 - 1e-9
 class JointExtremes:
     """Extremes over the points of a joint, its mean pressure and its safety, over time.
 
-    All ``values`` are also attributes. ``opening`` and ``slip`` are the largest values of all
-    points [m]; the slip is the tangential displacement of the two sides since the first record.
+    Each series in ``values`` is also an attribute. ``opening`` and ``slip`` are the largest values
+    of all points [m]; the slip is the tangential gap relative to the first record.
     ``opening_at`` and ``slip_at`` are their places, shape (records, 3), [m], NaN if all values are
     zero. ``pressure`` is the largest and ``mean_pressure`` the mean pressure [Pa], effective in
-    joints with water. ``safety`` is that of `safety_against_sliding`. Shapes are (records,).
+    joints with water. ``safety`` is `safety_against_sliding`. All shapes are (records,).
 
     Attributes:
         time: Times, shape (records,), [s].
@@ -67,12 +67,12 @@ def joint_extremes(
 ) -> JointExtremes:
     """Return the extremes of a joint at every step.
 
-    Files not written by a `ResultsMonitor` may have them only at the stored states.
+    Files not written by a `ResultsMonitor` may contain the extremes at the stored states only.
 
     Args:
         results: The run.
         joint: Name of the joint.
-        friction_angle_deg: Friction angle for the safety; that of the joint law unless given.
+        friction_angle_deg: Friction angle for the safety; by default from the joint law.
 
     Raises:
         ResultsError: The file has no joint of this name.
@@ -85,7 +85,7 @@ def joint_extremes(
     else:
         rows = slice(results.rows("states"))
         time = results.time("states")[rows]
-        series = _derived(results, state_points(results, "states", joint, cohesion, rows), joint)
+        series = _derive(results, state_points(results, "states", joint, cohesion, rows), joint)
     forces = (series[name] for name in ("compression", "shear_sum", "bond"))
     series["safety"] = safety_against_sliding(friction, *forces)
     return JointExtremes(time=time, values=series)
@@ -94,17 +94,17 @@ def joint_extremes(
 def safety_against_sliding(
     friction: float, compression: Floats, shear_sum: Floats, bond: Floats
 ) -> Floats:
-    """Return the shear strength of a joint divided by its shear, both sums over points, (...).
+    """Return the shear strength of a joint divided by its shear, each summed over points, (...).
 
     The safety is (mu C + c A) / S, where C and S are the integrals of compression and shear of
-    `JointPoints`. It does not depend on a mean normal, so it applies to curved and closed joints.
+    `JointPoints`. It does not depend on a mean normal, so curved and closed surfaces are allowed.
 
     It is 1 if all points slide, and never less, because friction limits the shear of every point.
-    At 2 the points carry half of their total strength, but single points may slide. In a plane
-    joint with shear in one direction it equals the ratio of the resultants, (mu N + c A) / V.
-    Shear that is in equilibrium within the joint reduces it.
+    At a safety of 2, half of the total strength is used, but single points may slide. In a plane
+    joint with shear in one direction, the safety is the ratio of the resultants, (mu N + c A) / V.
+    Shear that is in equilibrium within the joint reduces the safety.
 
-    It is infinite without shear, and NaN if no force is transmitted or mu is unknown.
+    The safety is infinite without shear, and NaN if no force is transmitted or mu is unknown.
 
     Args:
         friction: mu; NaN if the law does not limit the shear, or is unknown.
@@ -132,7 +132,7 @@ def open_points(gap: Floats, traction: Floats) -> Flags:
 
 
 def strength_of(results: Results, joint: str, angle: float | None) -> tuple[float, float]:
-    """Return the friction coefficient, NaN for a law without one, and the cohesion [Pa]."""
+    """Return the friction coefficient, NaN for a law without friction angle, and cohesion [Pa]."""
     law = results.law(joint)
     angle = law.get("friction_angle_deg") if angle is None else angle
     cohesion = float(law.get("cohesion", 0.0))
@@ -162,9 +162,9 @@ def state_points(
 
 
 def drawn_series(joints: Iterable[JointExtremes]) -> list[Quantity]:
-    """Return the rows to draw over time that all these joints have, the safety last."""
-    every, rows = list(joints), (*JOINT_SERIES, *rows_below("joints", "*/safety"))
-    return [row for row in rows if all(row.key in one.values for one in every)]
+    """Return the rows of the series to draw, which all joints have; the safety is last."""
+    given, rows = list(joints), (*JOINT_SERIES, *rows_below("joints", "*/safety"))
+    return [row for row in rows if all(row.key in joint.values for joint in given)]
 
 
 def _series(results: Results, joint: str, rows: slice) -> dict[str, Floats]:
@@ -175,7 +175,7 @@ def _series(results: Results, joint: str, rows: slice) -> dict[str, Floats]:
     return {"bond": np.zeros_like(series["compression"]), **series}
 
 
-def _derived(results: Results, points: JointPoints, joint: str) -> dict[str, Floats]:
+def _derive(results: Results, points: JointPoints, joint: str) -> dict[str, Floats]:
     """Return the series of a joint by name, computed from the states of its points."""
     areas, tied = free_areas(results, joint), tied_points(results, joint)
     places, series = results.static(f"joints/{joint}/points"), {}

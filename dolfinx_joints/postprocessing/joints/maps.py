@@ -53,7 +53,7 @@ def joint_maps(
     """Draw values on joints with one colour bar, one panel per joint, one patch per joint point.
 
     Vertical plane joints are side by side at the same scale, upstream to the left, and share the
-    elevation axis. Other joints are below, curved ones unrolled.
+    elevation axis. Other joints are below; curved joints are unrolled.
 
     The state nearest to ``time`` [s] is drawn; without a time, the state number ``index`` or the
     static ``stage`` of this name or number. In maps of tractions open points are black. The slip is
@@ -95,15 +95,15 @@ def draw_map(
     """
     from matplotlib.collections import LineCollection, PolyCollection
 
-    every, tied = surface.patches(), surface.tied
-    free = [patch for patch, apart in zip(every, tied, strict=True) if not apart]
+    all_patches, tied = surface.patches(), surface.tied
+    free = [patch for patch, hatched in zip(all_patches, tied, strict=True) if not hatched]
     patches = PolyCollection(free, array=values[~tied], cmap=map_colours(quantity, limits))
     patches.set(edgecolor="face", linewidth=0.3)
     patches.set_clim(*limits)
     ax.add_collection(patches)
     if tied.any():
-        apart = [patch for patch, is_tied in zip(every, tied, strict=True) if is_tied]
-        ax.add_collection(PolyCollection(apart, **TIED_STYLE))
+        hatched = [patch for patch, is_tied in zip(all_patches, tied, strict=True) if is_tied]
+        ax.add_collection(PolyCollection(hatched, **TIED_STYLE))
     ax.add_collection(LineCollection(list(surface.outlines()), colors=GREY, linewidths=0.3))
     ax.set_aspect("equal")
     ax.autoscale_view()

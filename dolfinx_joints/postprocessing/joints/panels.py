@@ -36,15 +36,15 @@ def joint_panels(results: Results, quantity: JointQuantity = "opening") -> Figur
     check_results(results)
     if not results.joints:
         raise ResultsError(f"{results.path} has no joints to draw.")
-    every = {joint: joint_extremes(results, joint) for joint in results.joints}
-    series = next((row for row in drawn_series(every.values()) if row.key == quantity), None)
+    curves = {joint: joint_extremes(results, joint) for joint in results.joints}
+    series = next((row for row in drawn_series(curves.values()) if row.key == quantity), None)
     if series is None:
         raise ResultsError(f"{results.path} lacks the {quantity} of joints; repeat the run.")
     rows = -(-len(results.joints) // _COLUMNS)
     columns = min(_COLUMNS, len(results.joints))
     figure = new_figure(figsize=(1.9 * columns + 0.5, 1.25 * rows + 0.5), layout="compressed")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for ax, (joint, extremes) in zip(panels, every.items(), strict=False):
+    for ax, (joint, extremes) in zip(panels, curves.items(), strict=False):
         values = series.factor * extremes.values[quantity]
         ax.fill_between(extremes.time, values, color=BLUE, alpha=0.25, linewidth=0.0)
         ax.plot(extremes.time, values, color=BLUE, linewidth=0.8)
@@ -54,7 +54,7 @@ def joint_panels(results: Results, quantity: JointQuantity = "opening") -> Figur
         )
         ax.tick_params(labelsize="x-small")
         ax.margins(x=0.0)
-    panels[0].set_ylim(bottom=min(0.0, *(ax.dataLim.ymin for ax in panels[: len(every)])))
+    panels[0].set_ylim(bottom=min(0.0, *(ax.dataLim.ymin for ax in panels[: len(curves)])))
     for ax in panels[len(results.joints) :]:
         ax.set_visible(False)
     for ax in panels[max(0, len(results.joints) - columns) : len(results.joints)]:

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Forces and moments in joints, and their safety against sliding, from a results file.
+"""Forces and moments in joints, and the safety of joints against sliding, from a results file.
 
 Forces act on the + side of a joint; the forces on the - side are opposite. In joints with water
 the forces are effective, and the forces of the water are separate.
@@ -77,13 +77,13 @@ class JointGeometry:
             return ""
         return (
             f"curved (flatness {self.flatness:.2f}): the mean normal does not represent it, so its "
-            "normal and shear force are not meaningful; the sliding safety is that of its points"
+            "normal and shear force are not meaningful; the sliding safety is summed over points"
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Resultants:
-    """Forces and moments of joints, and those of the water in them."""
+    """Forces and moments of joints, and of the water in the joints."""
 
     force: Floats
     moment: Floats
@@ -92,12 +92,12 @@ class _Resultants:
 
     @property
     def total_force(self) -> Floats:
-        """Force including that of the water, shape (..., 3), [N]."""
+        """Sum of effective force and water force, shape (..., 3), [N]."""
         return self.force if self.water_force is None else self.force + self.water_force
 
     @property
     def total_moment(self) -> Floats:
-        """Moment including that of the water, shape (..., 3), [N m]."""
+        """Sum of effective moment and water moment, shape (..., 3), [N m]."""
         return self.moment if self.water_moment is None else self.moment + self.water_moment
 
 
@@ -105,7 +105,7 @@ class _Resultants:
 class JointResultants(_Resultants):
     """Forces that a joint transmits to its + side, at the records of a run or in one state.
 
-    For a run, the first axis of all arrays is that of the records. A single state lacks this axis.
+    For a run, records are the first axis of all arrays; for a single state this axis is missing.
 
     Attributes:
         joint: Name of the joint.
@@ -160,8 +160,8 @@ class JointResultants(_Resultants):
         """Sliding safety of the resultants on the mean plane, (mu N + bond) / |V|, shape (...).
 
         For a plane joint it is at least ``sliding_safety``, because shear in equilibrium within the
-        joint does not count. Both are equal if the shear has one direction. It is infinite without
-        shear. It is NaN if no force is transmitted, mu is unknown or the joint is not nearly plane.
+        joint does not count. Both are equal if the shear has one direction. The value is infinite
+        without shear, and NaN without a force or mu, or if the joint is not nearly plane.
         """
         if not self.geometry.nearly_plane:
             return np.full(np.shape(self.contact), np.nan)
@@ -171,7 +171,7 @@ class JointResultants(_Resultants):
 
     @property
     def line_of_action(self) -> Floats:
-        """Point of the normal force, in the mean plane through the centroid, (..., 3), [m].
+        """Point where the normal force acts in the mean plane through the centroid, (..., 3), [m].
 
         NaN without a normal force, and for joints that are not nearly plane.
         """
@@ -179,9 +179,9 @@ class JointResultants(_Resultants):
             return np.full(np.shape(self.force), np.nan)
         n, normal = self.geometry.normal, self.normal_force
         size = np.linalg.norm(self.force, axis=-1)
-        some = np.abs(normal) > NEGLIGIBLE * np.max(size, initial=0.0)
-        safe = np.where(some, normal, np.nan)[..., None]
-        return np.asarray(self.geometry.centroid + np.cross(n, self.moment) / safe)
+        loaded = np.abs(normal) > NEGLIGIBLE * np.max(size, initial=0.0)
+        divisor = np.where(loaded, normal, np.nan)[..., None]
+        return np.asarray(self.geometry.centroid + np.cross(n, self.moment) / divisor)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,7 +193,7 @@ class BlockResultants(_Resultants):
         mass: Mass, shape (blocks,), [kg].
         centre: Centre of mass, or mean of the nodes of a block without mass, (blocks, 3), [m].
         force: Sum of the joints' effective forces, shape (records, blocks, 3), [N].
-        moment: Sum of their moments about ``centre``, shape (records, blocks, 3), [N m].
+        moment: Sum of the moments about ``centre``, shape (records, blocks, 3), [N m].
         water_force: Force of the water in the joints; None without water.
         water_moment: Moment of the water about ``centre``; None without water.
     """
@@ -217,8 +217,8 @@ def joint_resultants(
     Args:
         results: The run; ``ResultsMonitor(resultants=True)`` records every step.
         joint: Name of the joint.
-        friction_angle_deg: Friction angle for the sliding safety. Unless given, it is that of the
-            joint law, which files of earlier versions do not contain.
+        friction_angle_deg: Friction angle for the sliding safety; by default from the joint law,
+            which files of earlier versions do not contain.
 
     Raises:
         ResultsError: The file has no joint of this name.
@@ -231,13 +231,13 @@ def joint_resultants(
         # Fix the number of rows here, as a run in progress adds rows.
         stream, rows = "resultants", slice(min(results.rows(s) for s in ("resultants", "joints")))
         names = ("force", "moment", "water_force", "water_moment", "contact")
-        parts = _recorded(results, where, names, rows)
+        parts = _series_of(results, where, names, rows)
         parts["geometry"] = joint_geometry(results, joint)
         extremes = joint_extremes(results, joint)
         parts |= {name: extremes.values[name][rows] for name in SLIDING}
     else:
         stream, rows = "states", slice(results.rows("states"))
-        parts = _from_fields(results, stream, joint, cohesion, rows)
+        parts = _from_tractions(results, stream, joint, cohesion, rows)
     time = results.time(stream)[rows]
     return JointResultants(joint=joint, time=time, friction=friction, **parts)
 
@@ -253,7 +253,7 @@ def stage_resultants(results: Results, joint: str) -> JointResultants:
     results.check_joint(joint)
     friction, cohesion = strength_of(results, joint, None)
     rows = slice(results.rows("statics"))
-    parts = _from_fields(results, "statics", joint, cohesion, rows)
+    parts = _from_tractions(results, "statics", joint, cohesion, rows)
     time = results.series("statics", "load_time", rows)
     return JointResultants(joint=joint, time=time, friction=friction, **parts)
 
@@ -262,7 +262,7 @@ def block_resultants(results: Results) -> BlockResultants:
     """Return the forces of the joints on each block at every step.
 
     Raises:
-        ResultsError: The run did not record them.
+        ResultsError: The run did not record the resultants of blocks.
     """
     check_results(results)
     series = results.streams.get("resultants", [])
@@ -277,7 +277,7 @@ def block_resultants(results: Results) -> BlockResultants:
         time=results.time("resultants")[rows],
         mass=results.static("blocks/mass"),
         centre=results.static("blocks/centre"),
-        **_recorded(results, "blocks", names, rows),
+        **_series_of(results, "blocks", names, rows),
     )
 
 
@@ -323,14 +323,14 @@ def joint_geometry(results: Results, joint: str) -> JointGeometry:
 
 
 def _geometry(results: Results, joint: str) -> tuple[_Arrays, JointGeometry]:
-    """Return the arrays of a joint, and its geometry, to which tied points contribute."""
+    """Return the arrays of a joint, and its geometry, which includes tied points."""
     arrays = _Arrays(*(results.static(f"joints/{joint}/{name}") for name in _Arrays._fields))
     first, normal = (arrays.areas @ values for values in (arrays.points, arrays.frames[:, 0]))
     geometry = JointGeometry.from_sums(arrays.areas.sum(), first, normal)
     return arrays._replace(areas=free_areas(results, joint)), geometry
 
 
-def _recorded(results: Results, where: str, names: Iterable[str], rows: slice) -> dict[str, Any]:
+def _series_of(results: Results, where: str, names: Iterable[str], rows: slice) -> dict[str, Any]:
     """Return the series ``where/name`` of the stream ``resultants``, if recorded, by name."""
     available = results.streams["resultants"]
     return {
@@ -340,7 +340,7 @@ def _recorded(results: Results, where: str, names: Iterable[str], rows: slice) -
     }
 
 
-def _from_fields(
+def _from_tractions(
     results: Results, stream: str, joint: str, cohesion: float, rows: slice
 ) -> dict[str, Any]:
     """Return geometry and resultants, computed from the tractions in a stream."""
@@ -350,9 +350,9 @@ def _from_fields(
     parts: dict[str, Any] = {"geometry": geometry} | _sums(arrays, geometry, traction, "")
     parts["contact"] = (traction[..., 0] < 0.0) @ arrays.areas / arrays.areas.sum()
     if f"{where}/pressure" in series:
-        pressed = np.zeros_like(traction)
-        pressed[..., 0] = -results.series(stream, f"{where}/pressure", rows)
-        parts |= _sums(arrays, geometry, pressed, "water_")
+        water = np.zeros_like(traction)
+        water[..., 0] = -results.series(stream, f"{where}/pressure", rows)
+        parts |= _sums(arrays, geometry, water, "water_")
     points = state_points(results, stream, joint, cohesion, rows)
     integrands = (points.compression, points.shear, points.cohesion)
     return parts | {k: v @ arrays.areas for k, v in zip(SLIDING, integrands, strict=True)}

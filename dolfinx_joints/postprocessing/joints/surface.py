@@ -28,10 +28,10 @@ LABELS = {
     "ratio": r"$-|t_s|/|t_n|$ [-]",
 }
 _ELEVATION = "elevation [m]"
-# Tolerance in reference coordinates: a corner closer to the bisector of two points lies on it, so
-# that rounding errors do not decide on its side.
+# Tolerance in reference coordinates: a corner closer to the bisector of two points counts as on the
+# bisector, so that rounding errors do not assign it to either side.
 ON_BISECTOR = 1e-9
-_BENT = 0.8  # least squared length of the mean normal of a flat joint: it bends by up to 27 degrees
+_FLAT = 0.8  # least squared length of the mean normal of a flat joint: normals within 27 degrees
 
 MAP_LABELS = LABELS | {
     "opening": "opening [mm]",
@@ -53,7 +53,7 @@ def is_plane(results: Statics) -> bool:
 
 
 class JointFacets:
-    """Facets of a joint in space, divided into one patch per joint point.
+    """Facets of a joint in 3-D, divided into one patch per joint point.
 
     Attributes:
         tied: Flags of the tied points, shape (n,).
@@ -83,11 +83,11 @@ class JointFacets:
         numbers = self._surface[self._both]  # (facets, sides, corners)
         places = self._positions[numbers][:, :, None] - self.corners[:, None, :, None]
         nearest = np.linalg.norm(places, axis=-1).argmin(axis=-1)
-        both: Ints = np.take_along_axis(numbers, nearest, axis=-1)
-        return both.swapaxes(1, 2)
+        pairs: Ints = np.take_along_axis(numbers, nearest, axis=-1)
+        return pairs.swapaxes(1, 2)
 
     def patches_in_space(self) -> list[Floats]:
-        """Return the polygon of each point: the part of the facet nearest to it, [m].
+        """Return the polygon of each point: the part of the facet nearest to the point, [m].
 
         Distances are measured in reference coordinates, so a skew facet is divided like the
         reference square.
@@ -102,28 +102,28 @@ class JointFacets:
     def _patches(self, target: _Bilinear) -> list[Floats]:
         lengths = [len(part) for part in self._parts]
         facets = np.repeat(self.facet_of_point, lengths)
-        every = target(np.concatenate(self._parts), facets)
-        return np.split(every, np.cumsum(lengths)[:-1])
+        corners = target(np.concatenate(self._parts), facets)
+        return np.split(corners, np.cumsum(lengths)[:-1])
 
     @cached_property
     def _parts(self) -> list[Floats]:
-        """Part of the reference facet of each point; facets with equal points share their parts."""
+        """Part of the reference facet of each point; facets with equal points have equal parts."""
         reference = _Bilinear(self.corners).reference
         parts = [reference] * len(self._local)
         parts_by_points: dict[bytes, list[Floats]] = {}
         order = np.argsort(self.facet_of_point, kind="stable")
-        for own in np.split(order, np.cumsum(np.bincount(self.facet_of_point))[:-1]):
-            local = self._local[own]
+        for points in np.split(order, np.cumsum(np.bincount(self.facet_of_point))[:-1]):
+            local = self._local[points]
             key = np.round(local / ON_BISECTOR).tobytes()
             if key not in parts_by_points:
                 parts_by_points[key] = [_part_of(i, local, reference) for i in range(len(local))]
-            for point, part in zip(own, parts_by_points[key], strict=True):
+            for point, part in zip(points, parts_by_points[key], strict=True):
                 parts[point] = part
         return parts
 
 
 class JointSurface(JointFacets):
-    """Joint in a plane: points, facets and the patch of each point, all (.., 2) [m].
+    """Joint mapped to a plane: points, facets and the patch of each point, all (.., 2) [m].
 
     The plane is the mean plane of the joint. A curved joint, such as the perimetral joint of a dam,
     is unrolled.
@@ -144,26 +144,26 @@ class JointSurface(JointFacets):
         areas = results.static(f"joints/{joint}/areas")
         normals = _means(frames[:, 0], areas, self.facet_of_point)
         mean = areas @ frames[:, 0] / areas.sum()
-        self._place(mean, unrolled(self.corners, normals) if mean @ mean < _BENT else None)
+        self._place(mean, unrolled(self.corners, normals) if mean @ mean < _FLAT else None)
 
-    def _place(self, normal: Floats, laid: Unrolled | None) -> None:
+    def _place(self, normal: Floats, unrolled_joint: Unrolled | None) -> None:
         """Set the places in the plane, the labels and the names of the ends."""
         flat = np.linalg.norm(normal) > 1e-9
         axes, labels = _plane_axes(normal if flat else np.array([0.0, 0.0, 1.0]))
         self.axes: Floats = axes
         across = "upstream", "downstream"
         banks = "right bank", "left bank"
-        if laid is None:
+        if unrolled_joint is None:
             plane = self.corners @ axes.T
             self.facets: Floats = plane - [plane[..., 0].min(), 0.0]
             self.labels = labels
             self.upright = labels[1] == _ELEVATION
             self.ends = (*(across if abs(axes[0, 0]) > 0.5 else banks), "", "")
         else:
-            self.facets = laid.corners
+            self.facets = unrolled_joint.corners
             self.upright = False
             self.labels = ("developed length [m]", "developed width [m]")
-            self.ends = (*across, "", "") if laid.upright else (*banks, *across[::-1])
+            self.ends = (*across, "", "") if unrolled_joint.upright else (*banks, *across[::-1])
         self.points: Floats = _Bilinear(self.facets)(self._local, self.facet_of_point)
 
     def patches(self) -> list[Floats]:
@@ -178,7 +178,7 @@ class JointSurface(JointFacets):
 def facets_of_joint(results: Statics, joint: str) -> tuple[Ints, Ints]:
     """Return the facet number of each joint point, (n,), and two boundary facets, (facets, 2).
 
-    The two boundary facets, one on each side, have the centres nearest to that of the points.
+    The two boundary facets, one on each side, have the centres nearest to the mean of the points.
     """
     from scipy.spatial import cKDTree
 
@@ -188,10 +188,10 @@ def facets_of_joint(results: Statics, joint: str) -> tuple[Ints, Ints]:
     _, facet_of_point = np.unique(facet, return_inverse=True)
     corners = results.static("mesh/nodes")[results.static("mesh/surface")]
     centres = _means(points, areas, facet_of_point)
-    distance, both = cKDTree(corners.mean(axis=1)).query(centres, k=2)
+    distance, pairs = cKDTree(corners.mean(axis=1)).query(centres, k=2)
     # Sort equally distant facets by number, as rounding errors determine which is nearer.
     equal = np.diff(distance)[:, 0] < 1e-9 * np.ptp(corners)
-    return facet_of_point, np.where(equal[:, None], np.sort(both, axis=1), both)
+    return facet_of_point, np.where(equal[:, None], np.sort(pairs, axis=1), pairs)
 
 
 def _means(values: Floats, areas: Floats, facet_of_point: Ints) -> Floats:
@@ -219,7 +219,7 @@ class _Bilinear:
             self._d = corners[:, 2] - corners[:, 1] - self._c
 
     def __call__(self, local: Floats, facet: Ints) -> Floats:
-        """Return positions, in plane or space, of reference coordinates (n, 2) on facets (n,)."""
+        """Return 2-D or 3-D positions of reference coordinates (n, 2) on facets (n,)."""
         u, v = local[:, :1], local[:, 1:]
         linear = self._a[facet] + u * self._b[facet] + v * self._c[facet]
         return linear + u * v * self._d[facet]
@@ -261,18 +261,18 @@ def _part_of(point: int, local: Floats, polygon: Floats) -> Floats:
 
 def _nearer_part(polygon: Floats, point: Floats, other: Floats) -> Floats:
     """Return the part of a convex polygon that is nearer to one point than to another."""
-    beyond = (polygon - 0.5 * (point + other)) @ (other - point)
-    beyond[np.abs(beyond) < ON_BISECTOR] = 0.0
-    inside = beyond <= 0.0
+    excess = (polygon - 0.5 * (point + other)) @ (other - point)
+    excess[np.abs(excess) < ON_BISECTOR] = 0.0
+    inside = excess <= 0.0
     if inside.all():
         return polygon
-    then = np.arange(1, len(polygon) + 1) % len(polygon)
-    following = beyond[then]
-    cut = beyond * following < 0.0
-    share = np.divide(beyond, beyond - following, out=np.zeros_like(beyond), where=cut)
-    crossing = polygon + share[:, None] * (polygon[then] - polygon)
-    both = np.stack([polygon, crossing], axis=1).reshape(-1, 2)
-    return both[np.stack([inside, cut], axis=1).ravel()]
+    after = np.arange(1, len(polygon) + 1) % len(polygon)
+    following = excess[after]
+    crosses = excess * following < 0.0
+    share = np.divide(excess, excess - following, out=np.zeros_like(excess), where=crosses)
+    crossing = polygon + share[:, None] * (polygon[after] - polygon)
+    pairs = np.stack([polygon, crossing], axis=1).reshape(-1, 2)
+    return pairs[np.stack([inside, crosses], axis=1).ravel()]
 
 
 def map_value(results: Results, joint: str, quantity: MapQuantity, number: int) -> Floats:

@@ -37,18 +37,18 @@ def unrolled(corners: Floats, normals: Floats) -> Unrolled | None:
         normals: Normals of the facets, all to the same side, shape (facets, 3).
 
     Returns:
-        The plane surface; None if the surface has several parts or is closed.
+        The plane surface; None for several parts, or if the map folds, as for a closed surface.
     """
     points, number = _vertices(corners)
     triangles, flat = _triangles(corners, number, normals)
     if _count_parts(triangles, len(points)) > 1:
         return None
-    laid = _conformal(triangles, flat, points)
-    areas, laid_areas = _doubled_areas(flat), _doubled_areas(laid[triangles])
-    if np.any(areas * laid_areas <= 0.0):
+    plane_points = _conformal_map(triangles, flat, points)
+    areas, plane_areas = _doubled_areas(flat), _doubled_areas(plane_points[triangles])
+    if np.any(areas * plane_areas <= 0.0):
         return None
-    laid *= np.sqrt(np.abs(areas).sum() / np.abs(laid_areas).sum())
-    placed, upright = _oriented(laid, points)
+    plane_points *= np.sqrt(np.abs(areas).sum() / np.abs(plane_areas).sum())
+    placed, upright = _orient(plane_points, points)
     return Unrolled(placed[number], upright)
 
 
@@ -97,13 +97,13 @@ def _count_parts(triangles: Ints, count: int) -> int:
     return int(connected_components(graph, directed=False, return_labels=False))
 
 
-def _conformal(triangles: Ints, flat: Floats, points: Floats) -> Floats:
-    """Return the places of the points in the plane, (n, 2); two distant points are fixed."""
+def _conformal_map(triangles: Ints, flat: Floats, points: Floats) -> Floats:
+    """Return the points mapped to the plane, (n, 2); two distant points are fixed."""
     from scipy.sparse import bmat, coo_array
     from scipy.sparse.linalg import spsolve
 
-    one = int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))
-    other = int(np.argmax(np.linalg.norm(points - points[one], axis=1)))
+    first_pin = int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))
+    second_pin = int(np.argmax(np.linalg.norm(points - points[first_pin], axis=1)))
     edges = np.roll(flat, 1, axis=1) - np.roll(flat, -1, axis=1)  # opposite to each corner
     edges /= np.sqrt(np.abs(_doubled_areas(flat)))[:, None, None]
     rows = np.repeat(np.arange(len(triangles)), 3)
@@ -113,8 +113,8 @@ def _conformal(triangles: Ints, flat: Floats, points: Floats) -> Floats:
     )
     system = bmat([[real, -imaginary], [imaginary, real]], format="csc")
     count = len(points)
-    pins = np.array([one, other, one + count, other + count])
-    values = np.array([0.0, np.linalg.norm(points[other] - points[one]), 0.0, 0.0])
+    pins = np.array([first_pin, second_pin, first_pin + count, second_pin + count])
+    values = np.array([0.0, np.linalg.norm(points[second_pin] - points[first_pin]), 0.0, 0.0])
     free = np.setdiff1d(np.arange(2 * count), pins)
     places = np.zeros(2 * count)
     places[pins] = values
@@ -123,14 +123,14 @@ def _conformal(triangles: Ints, flat: Floats, points: Floats) -> Floats:
     return places.reshape(2, count).T
 
 
-def _oriented(laid: Floats, points: Floats) -> tuple[Floats, bool]:
-    """Return the points rotated or mirrored in the plane, from (0, 0) on, and ``upright``.
+def _orient(plane_points: Floats, points: Floats) -> tuple[Floats, bool]:
+    """Return the points rotated or mirrored in the plane, with minima at 0, and ``upright``.
 
     The ordinate points upwards if a linear function in the plane fits the elevation better than the
     stream coordinate; the abscissa then points downstream. Otherwise the ordinate points upstream,
     the abscissa to the left bank.
     """
-    centred, places = laid - laid.mean(axis=0), points - points.mean(axis=0)
+    centred, places = plane_points - plane_points.mean(axis=0), points - points.mean(axis=0)
     slope, *_ = np.linalg.lstsq(centred, places, rcond=None)  # (2, 3), by x, y, z
     unexplained = np.sum((places - centred @ slope) ** 2, axis=0) / np.sum(centred**2)
     upright = bool(unexplained[2] <= unexplained[0])

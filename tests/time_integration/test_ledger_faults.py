@@ -244,5 +244,5 @@ def test_a_fault_in_plastic_work_shows(monkeypatch):
     assert outcome.imbalance < 1e-12
     assert outcome.energy.plastic > 0.01 * outcome.energy.stored
     monkeypatch.setattr(PlasticBulk, "dissipation", falsified(PlasticBulk.dissipation))
-    with pytest.raises(JointsError, match="do not add up"):
+    with pytest.raises(JointsError, match="does not close"):
         run_model()

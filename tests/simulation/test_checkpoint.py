@@ -285,9 +285,11 @@ def test_results_of_another_run_are_refused(wall_file, read, tmp_path):
         monitor = dj.ResultsMonitor(file, **{"points": POINTS, **options})
         short(jointed, tmp_path, monitors=[monitor, Killer()], resume=True)
 
-    with pytest.raises(dj.CheckpointError, match="it was recorded with every=10, now every=5"):
+    with pytest.raises(
+        dj.CheckpointError, match="recorded with every=10, but this run has every=5"
+    ):
         resumed(every=5)
-    with pytest.raises(dj.CheckpointError, match="it was recorded with points="):
+    with pytest.raises(dj.CheckpointError, match="the file was recorded with points="):
         resumed(points={"corner": POINTS["corner"]})
     file.rename(tmp_path / "elsewhere.h5")
     with pytest.raises(dj.ResultsError, match="There is no results file"):

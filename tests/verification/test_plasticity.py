@@ -347,7 +347,7 @@ def test_what_it_does_not_do_is_said(comm, new_path):
         dj.JointsError, match="of a body with plastic cells cannot be inactive, nor"
     ):
         dj.Simulation(model).statics(joints="inactive")
-    with pytest.raises(ValueError, match="Stress envelopes are recorded of elastic bodies"):
+    with pytest.raises(ValueError, match="Stress envelopes need an elastic body"):
         SurfaceStress(model, NodeNumbering(model.V))
     with pytest.raises(ValueError, match=r"Plastic materials are for plane='strain'"):
         standing(block(comm, "triangle"), rock(), body=dj.Body(plane="stress"))

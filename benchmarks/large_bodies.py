@@ -108,7 +108,9 @@ def counted() -> Iterator[list[int]]:
 
 def measure(kind: str, body: Wall, mesh: Path, options: argparse.Namespace) -> dict[str, Any]:
     """A run, tied or with the joint (collective)."""
-    warnings.filterwarnings("ignore", "Loads act suddenly")  # only the cost of steps is measured
+    warnings.filterwarnings(
+        "ignore", "Loads are applied suddenly"
+    )  # only the cost of steps is measured
     free_memory()
     divisions, joints = body
     scene = wall("large", divisions=divisions, joints=joints)

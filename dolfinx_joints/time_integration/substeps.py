@@ -38,7 +38,7 @@ class StepControl:
     Attributes:
         max_halvings: Largest number of halvings.
         tolerance: Largest local error of a step relative to the largest displacement so far,
-            static part included (2-norms over all dofs); None to disable. Once a joint chatters
+            static displacement included (2-norms over dofs); None to disable. Once a joint chatters
             (`joints.chatter`), the tolerance is ignored: shorter steps increase chatter.
         landing: Halve steps in which a joint point opens or closes, so that such steps are short.
             Use it for few points: if many points open and close, all steps become short.

@@ -172,7 +172,7 @@ def test_keys_in_a_shaken_wall(wall_file, read):
     assert (ends[0] - ends[1]).norm() < 1e-12 * ends[1].norm()
 
 
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
+@pytest.mark.filterwarnings("ignore:Loads are applied suddenly")
 @pytest.mark.mpi
 def test_energy_of_an_impact(blocks_file, read, comm):
     """A block falls on another, sticks a little, and leaves: every line from its own formula.

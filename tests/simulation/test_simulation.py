@@ -55,8 +55,8 @@ def test_a_body_at_rest_stays_at_rest_and_nothing_warns(wall, recwarn):
 
 
 def sudden(recorded):
-    """Warnings of loads that act suddenly."""
-    return [str(w.message) for w in recorded if "act suddenly" in str(w.message)]
+    """Warnings of loads that are applied suddenly."""
+    return [str(w.message) for w in recorded if "applied suddenly" in str(w.message)]
 
 
 def test_loads_of_another_time_are_warned_of(wall, recwarn):
@@ -107,7 +107,7 @@ def test_loads_without_a_static_stage_are_warned_of(wall_file, read, recwarn):
         comm = model.jointed.mesh.comm
         said = comm.allgather(sudden(recwarn))
         assert not any(said[1:])
-        kept = [text for text in monitor.summary.get("warnings", []) if "act suddenly" in text]
+        kept = [text for text in monitor.summary.get("warnings", []) if "applied suddenly" in text]
         if comm.rank == 0:
             assert kept == said[0]
         return said[0]
@@ -189,7 +189,7 @@ class Impulses(Monitor):
         """Nothing is left to do."""
 
 
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
+@pytest.mark.filterwarnings("ignore:Loads are applied suddenly")
 @pytest.mark.parametrize(
     "control", [None, dj.StepControl(tolerance=1e-4), dj.StepControl(landing=True)]
 )

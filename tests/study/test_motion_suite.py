@@ -229,7 +229,7 @@ def test_a_motion_that_does_not_converge_is_told_and_a_wrong_point_stops(
     other = {"dt": DT, "control": dj.StepControl(max_halvings=0)}
     again = suite.run(**other)
     assert again.skipped == ["x0.3"]
-    assert "0 here. Pass rerun_changed=True to begin it anew" in again.failed["x1"]
+    assert "0 in this run. Pass rerun_changed=True to begin it anew" in again.failed["x1"]
     monkeypatch.undo()
     assert suite.run(**other, rerun_changed=True).done == ["x1"]
     wrong = MotionSuite(new_path("far"), given, chosen, points={"far": (900.0, 0.0, 0.0)})

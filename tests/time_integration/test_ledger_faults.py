@@ -206,7 +206,7 @@ def test_a_law_that_states_no_losses_is_left_out(name):
     assert scene(Plain.law, moving=False).contact.without_losses(scheme.rule) == ()
 
 
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
+@pytest.mark.filterwarnings("ignore:Loads are applied suddenly")
 def test_a_fault_in_plastic_work_shows(monkeypatch):
     # A square of plastic cells, pressed by its weight and a shaken base.
     pytest.importorskip("dolfinx")

@@ -433,7 +433,7 @@ def test_what_cannot_move_is_an_error(comm):
     motion = record(0.01)
     for motions, message in (
         ({"left": motion, "rihgt": motion}, "rihgt"),
-        ({"left": motion}, r"nodes with supports are in none of them, such as that at \(100, "),
+        ({"left": motion}, r"nodes with supports are in no group, such as the node at \(100, "),
     ):
         with pytest.raises(dj.MeshError, match=message):
             march(rod(comm, 4), dj.DifferingMotion(motions=motions), 1)

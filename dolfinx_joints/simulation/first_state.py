@@ -67,7 +67,7 @@ def checked_settings(
     return scheme, control
 
 
-def given_fields(model: Model, start: DynamicState | InitialFields | None) -> dict[str, PETSc.Vec]:
+def field_vectors(model: Model, start: DynamicState | InitialFields | None) -> dict[str, PETSc.Vec]:
     """Return the given initial fields as nodal vectors by name (collective).
 
     Raises:

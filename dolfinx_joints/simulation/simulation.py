@@ -35,7 +35,7 @@ from dolfinx_joints.simulation.first_state import (
     InitialFields,
     checked_settings,
     dynamic_loads,
-    fields_fields,
+    field_vectors,
     first_state,
     in_words,
 )
@@ -295,7 +295,7 @@ class Simulation:
             ConvergenceError: A shortest substep failed; the monitors have all previous steps.
         """
         scheme, control = checked_settings(scheme, control, start, checkpoint)
-        fields = fields_fields(self.model, start)
+        fields = field_vectors(self.model, start)
         resume = checkpoint is not None and checkpoint.resume
         (motion, *loads), resampling = for_steps([motion, *loads], dt, self.model.jointed.mesh.comm)
         acting, stage = dynamic_loads(motion, loads), dict[str, Any]({"ground motion": motion})

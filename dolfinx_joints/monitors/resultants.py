@@ -71,7 +71,7 @@ class JointForces:
     Attributes:
         names: Names of the joints.
         geometry: Centroid, mean normal, area and flatness of each joint.
-        areas: Areas of the local points, zero at tied ones, shape (n,), [m^2].
+        areas: Areas of the local points, zero at tied points, shape (n,), [m^2].
         free_area: Sum of the areas over each joint, shape (joints,), [m^2].
     """
 

@@ -124,8 +124,8 @@ class ResultsMonitor(Monitor):
             if self._comm.rank == 0:
                 with self._static_writer(model, stages) as writer:
                     if not count:
-                        none = {"name": stage_bytes("none"), "load_time": 0.0}
-                        self._begin(writer, {"statics": rows[0] if rows else none})
+                        empty = {"name": stage_bytes("none"), "load_time": 0.0}
+                        self._begin(writer, {"statics": rows[0] if rows else empty})
                     for number, row in enumerate(rows, start=count + 1):
                         writer.append("statics", number, row)
                     writer.finish(*ending)
@@ -165,13 +165,13 @@ class ResultsMonitor(Monitor):
         fixed = first.free_surface is None and not model.constraints.moves
         facts["displacements"] = RELATIVE if first.motion is not None or fixed else ABSOLUTE
         values = self._values(first)
-        stages = [self._stage_fields.values(one) for one in first.stages]
-        named = values | {"energy": energies(model, first)}
-        named |= {"statics": stages[0]} if stages else {}
+        stages = [self._stage_fields.values(record) for record in first.stages]
+        examples = values | {"energy": energies(model, first)}
+        examples |= {"statics": stages[0]} if stages else {}
         if self._extremes is not None:
-            named["joints"] = self._extremes.shapes
+            examples["joints"] = self._extremes.shapes
         if self._directions is not None:
-            named["envelopes"] = dict.fromkeys(ENVELOPE_NAMES, self._directions[0])
+            examples["envelopes"] = dict.fromkeys(ENVELOPE_NAMES, self._directions[0])
 
         def create() -> None:
             facts["manifest"] = manifest(
@@ -184,7 +184,7 @@ class ResultsMonitor(Monitor):
                 self._backup.unlink(missing_ok=True)
             if self._resultants is not None:
                 self._resultants.declare(writer)
-            self._begin(writer, named, facts["displacements"])
+            self._begin(writer, examples, facts["displacements"])
             self._order(first)
 
         try:
@@ -192,8 +192,8 @@ class ResultsMonitor(Monitor):
             with handing_out(self._comm, self._mesh, self._directions, sides):
                 if self._comm.rank == 0:
                     create()
-            for number, one in enumerate(stages, start=1):
-                self._append("statics", number, one)
+            for number, row in enumerate(stages, start=1):
+                self._append("statics", number, row)
             self._write(first, values)
         except BaseException as error:
             if self._writer is not None:

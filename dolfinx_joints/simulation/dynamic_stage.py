@@ -265,7 +265,7 @@ def ground_motions(
     Args:
         model: The model.
         motion: Ground acceleration, None if the ground is fixed.
-        loads: Loads in addition to those of the model.
+        loads: Loads in addition to the loads of the model.
         differing: Ground that moves differently from place to place, else None.
     """
     rising = rising_waves([*model.loads, *loads])

@@ -111,7 +111,7 @@ class Parameters:
         elif id(value) in self._paths:
             text = f"that of {self._paths[id(value)][0]}"
         else:
-            # Compare constants and declared objects by value: equal ones may be one or several.
+            # Do not register constants and declared objects: equal values may be several objects.
             if not isinstance(value, tuple | frozenset) and parameters(value) is None:
                 self._paths[id(value)] = path, value
             try:

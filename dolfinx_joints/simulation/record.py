@@ -111,7 +111,7 @@ def stage_record(
 
         water = WaterPressures(model, water_in_joints(acting))
         pressure = water(time, water.by_opening(state.joints.state.gap))
-    indices = tuple(i for i, own in enumerate(model.loads) if any(own is load for load in acting))
+    indices = tuple(i for i, m in enumerate(model.loads) if any(m is load for load in acting))
     state = replace(state, loads={})  # One vector per load and stage would need too much memory.
     return StageRecord(name=name, time=time, state=state, loads=indices, pressure=pressure)
 
@@ -121,7 +121,7 @@ def grout_record(
 ) -> StageRecord:
     """Return the record of a grouting stage (collective).
 
-    The record has the loads of the previous stage and, until the next static stage, its water.
+    The record repeats the loads and the joint water of the previous stage.
     """
     if not stages:
         return stage_record(model, name, 0.0, state, model.loads)

@@ -33,17 +33,17 @@ class EnergyRow:
         joint_friction: Work done against friction in each joint, shape (number of joints,).
         joint_numerical: Energy lost (created if negative) by the time scheme in each joint that
             opens, closes or slides within a step, shape (number of joints,). Zero for laws that
-            are evaluated over whole steps, and given by `LawWithLosses` for others. A law with
-            neither method gets the remaining work here, so that ``imbalance`` does not check its
-            joints; `Contact.without_losses` lists these laws.
-        joint_imbalance: Part of ``imbalance`` that arises in each joint: its elastic energy,
-            friction and numerical loss less the work of the body on it, shape (number of joints,).
+            are evaluated over whole steps, and computed by `LawWithLosses` for others. For a law
+            with neither method, it is the remaining work, and ``imbalance`` does not check joints
+            with this law; `Contact.without_losses` lists these laws.
+        joint_imbalance: Part of ``imbalance`` that arises in each joint: elastic energy, friction
+            and losses less the work of the body on the joint, shape (number of joints,).
         error: Equation (31): stored - stored at start - input + viscous + friction + plastic +
             impact.
         plastic: Plastic work of the bulk.
         absorbed: Part of ``viscous`` absorbed by viscous boundaries and boundaries of the water.
         impact: Energy lost by joint points that close without rebound.
-        water: Kinetic and compression energy of waves in water, not part of the other energies.
+        water: Kinetic and compression energy of water waves, not part of ``kinetic``, ``strain``.
     """
 
     kinetic: float
@@ -107,7 +107,7 @@ class EnergyLedger:
     """
 
     def __init__(self, system: MatrixSystem) -> None:
-        """Keep the system; `start` begins the accounting."""
+        """Store the system; `start` begins the accounting."""
         self._system = system
         self._zeros = np.zeros(0 if system.contact is None else len(system.contact.operator.names))
 

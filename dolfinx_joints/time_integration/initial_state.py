@@ -18,7 +18,7 @@ from dolfinx_joints.time_integration.states import DynamicState
 
 # Interval of the finite differences for the initial velocity and acceleration of moving supports,
 # as a fraction of the step. If the steps resolve the motion, the error of the differences is far
-# below that of the time scheme, and about eight digits remain after rounding.
+# below the error of the time scheme, and about eight digits remain after rounding.
 INTERVAL = 1.0 / 16.0
 
 # Largest unbalanced force at massless dofs at the start, divided by the load or elastic force norm.

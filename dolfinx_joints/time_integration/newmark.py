@@ -178,7 +178,7 @@ class GeneralizedAlpha(_Alpha):
     """Generalized-alpha method (Chung and Hulbert 1993) with given damping of high frequencies.
 
     Attributes:
-        spectral_radius: Spectral radius at infinite frequency: 0 damps out in one step, 1 not.
+        spectral_radius: Value at infinite frequency, from 0 (damped out in a step) to 1 (undamped).
     """
 
     spectral_radius: Annotated[float, at.Ge(0), at.Le(1)] = 0.8

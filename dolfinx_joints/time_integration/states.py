@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""State of a system at one time: start and result of a step of a time scheme."""
+"""State of a system at a time: start and result of a step of a time scheme."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class DynamicState(Summarised):
         elastic_force: K u [N].
         joints: Response of the joints and of plastic cells, None if the model has neither.
         remainder: Rounding residual of the last step at the unconstrained dofs, None at the start
-            [N]. The next step includes it, so that these residuals do not accumulate.
+            [N]. The next step subtracts this residual, so that residuals do not accumulate.
         water: State of the water in ``load`` at the local joint points (`Wetness`), shape (n,),
             None if no load depends on the joints.
         exact_modes: Number of modes that the step integrates exactly; their velocities are scaled

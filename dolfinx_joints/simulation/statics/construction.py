@@ -47,8 +47,8 @@ def with_inactive(
 ) -> Response:
     """Return the response of all points at a displacement [m], idle points at rest (collective).
 
-    ``response`` is that of active points, None if no joint is active; ``before`` is the initial
-    state. Points next to absent blocks get their initial gap, because these blocks are cast later.
+    ``response`` belongs to the active points, None if no joint is active; ``before`` is the initial
+    state. Points next to absent blocks have their initial gap: these blocks are cast later.
     """
     gap = contact.gap(u)
     if before.joints is not None:
@@ -81,7 +81,7 @@ def grout_joints(
         return replace(before, inactive=())
     if gap and pressure:
         raise ValueError(
-            f"gap is {gap:g} m and pressure {pressure:g} Pa; one of both must be zero."
+            f"gap is {gap:g} m and pressure {pressure:g} Pa; at least one must be zero."
         )
     warn_of_grout(model.jointed.mesh.comm, pressure)
     chosen = (before.inactive or model.jointed.joint_names) if names is None else names

@@ -82,5 +82,5 @@ class LoadIncrements:
                     self._level -= 1
 
     def cut(self) -> None:
-        """Let the next increment repeat the last one with half its length."""
+        """Halve the increment: the next one starts from the same load factor."""
         self._level, self._repeats, self.cuts = self._level + 1, True, self.cuts + 1

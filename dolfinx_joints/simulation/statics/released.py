@@ -31,7 +31,7 @@ PLACES = np.concatenate([[0.0], 0.5 ** np.arange(16.0, 4.0, -0.25), np.arange(1.
 def released(
     contact: Contact, before: Response, after: Response, start: float, end: float
 ) -> tuple[Floats, float]:
-    """Return the energy released in each joint, and the work of the loads meanwhile (collective).
+    """Return the energy released in each joint, and the load work during the release (collective).
 
     The share of a joint is proportional to the drop of its traction work below the previous
     maximum. ``start`` and ``end`` are R0 and R1 [J]. The result is (31b), shape (number of

@@ -67,7 +67,7 @@ def march(
     start = start_of_stage(system, before)
     carried = carried_loads(system, before, start)
     named = zip(load_names(model.loads), model.loads, strict=True)
-    missing = tuple(n for n, load in named if not any(load is given for given in acting))
+    missing = tuple(n for n, load in named if not any(load is active for active in acting))
     facts: dict[str, Any] = {"missing": missing}
     if apart is not None and contact is not None:
         facts["loads"] = before.loads
@@ -77,29 +77,29 @@ def march(
         idle = None if contact is None else contact.without(stage.idle)
         system = _constrained(replace(system, contact=idle), before, stage.dofs)
     solver = make_solver(system, options, kind, static_steps=len(path))
-    at = _Equilibrium(system, solver, before, start, carried, constant=apart is not None)
-    increments, jumps = LoadIncrements(path), Jumps(at.ledger, model, allow_jumps)
+    last = _Equilibrium(system, solver, before, start, carried, constant=apart is not None)
+    increments, jumps = LoadIncrements(path), Jumps(last.ledger, model, allow_jumps)
     progress = Progress("static stage", len(path), "steps", model.jointed.mesh.comm.rank)
-    for increment in _solve_increments(at, increments, jumps, kind, watch):
+    for increment in _solve_increments(last, increments, jumps, kind, watch):
         free_petsc_garbage(model.jointed.mesh.comm)
         progress.advance(int(increment.whole))
         if reached is not None and increment.whole:
             facts |= {"cuts": increments.cuts, "jumps": jumps.of_step(increment.step)}
-            reached(increment.time or 0.0, at.state(facts))
+            reached(increment.time or 0.0, last.state(facts))
     progress.finish()
     watch.warn("in a static stage")
-    at.ledger.warn()
+    last.ledger.warn()
     if stage is not None:
         # Absent blocks have no loads and no support reactions.
-        for force in (at.reaction, *at.loads.values()):
+        for force in (last.reaction, *last.loads.values()):
             force.getArray()[stage.dofs] = 0.0
         if contact is not None:
-            at.response = with_inactive(contact, at.response, before, at.displacement, stage)
-    return at.state(facts | {"cuts": increments.cuts, "jumps": jumps.recorded})
+            last.response = with_inactive(contact, last.response, before, last.displacement, stage)
+    return last.state(facts | {"cuts": increments.cuts, "jumps": jumps.recorded})
 
 
 def _solve_increments(
-    at: _Equilibrium,
+    last: _Equilibrium,
     increments: LoadIncrements,
     jumps: Jumps,
     kind: SolverKind,
@@ -108,24 +108,24 @@ def _solve_increments(
     """Solve increments, halve increments that fail, and yield accepted increments (collective)."""
     for increment in increments:
         try:
-            solved = at.solve(increment)
+            solved = last.solve(increment)
         except ConvergenceError as failure:
             watch.warn("in a static stage")
             if increment.shortest:
-                remedy = _remedy(failure, kind, at.solver.name, increment.start)
+                remedy = _remedy(failure, kind, last.solver.name, increment.start)
                 raise increment.located(failure, remedy) from None
             increments.cut()
             continue
-        energy = at.ledger.after(solved)
+        energy = last.ledger.after(solved)
         if increment.shortest:
             jumps.add(energy, increment)
-        elif energy.released > at.ledger.energy.released:
+        elif energy.released > last.ledger.energy.released:
             increments.cut()
             continue
-        at.ledger.energy = energy
-        at.accept(solved, increment)
-        if at.joints is not None:
-            watch.see(at.joints.gap)
+        last.ledger.energy = energy
+        last.accept(solved, increment)
+        if last.joints is not None:
+            watch.see(last.joints.gap)
         yield increment
 
 
@@ -298,7 +298,7 @@ def _remedy(failure: ConvergenceError, kind: str, solver: str, reached: float) -
 def check_acting(model: Model, loads: Any) -> None:
     """Check that the loads of a static stage belong to the model."""
     for load in loads:
-        if not any(load is own for own in model.loads):
+        if not any(load is member for member in model.loads):
             raise ValueError(
                 f"A {type(load).__name__} of this static stage is not a load of the model; add it "
                 "to Model(loads=...), too."

@@ -103,7 +103,7 @@ def _check_massless(system: MatrixSystem, force: PETSc.Vec, scale: float) -> Non
     if residual > LARGEST_FORCE * scale:
         raise JointsError(
             f"A part of the body without mass is not in balance at the start: the largest residual "
-            f"nodal force is {residual:.3g} N. Let its loads start at zero, or run statics() first."
+            f"nodal force is {residual:.3g} N. Start its loads at zero, or begin with statics()."
         )
 
 

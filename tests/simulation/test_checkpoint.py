@@ -256,7 +256,7 @@ def test_another_run_is_refused(case, wall_file, read, tmp_path):
     short(read(wall_file()), tmp_path)
     with pytest.raises(dj.CheckpointError, match=re.escape(sentence)) as raised:
         short(read(wall_file()), tmp_path, resume=True, **options)
-    assert str(raised.value).startswith(f"The checkpoint {tmp_path / 'run.ckpt'} is of a")
+    assert str(raised.value).startswith(f"The checkpoint {tmp_path / 'run.ckpt'} belongs to a")
 
 
 def test_what_cannot_be_compared_is_named(wall_file, read, tmp_path):
@@ -360,7 +360,7 @@ def test_checkpoint_files_that_are_refused(comm, wall_file, read, new_path, monk
         monkeypatch.undo()
 
     leave(newer)
-    refused("has version 6 of the layout, this program reads version 5", resume=True)
+    refused("has the layout version 6; this program reads version 5", resume=True)
     leave(lambda: checkpoint_file.write_checkpoint(path, {"run": {}}))
     refused("is not a checkpoint, or is damaged: 'monitors'", resume=True)
 

@@ -512,7 +512,7 @@ def test_refusals(wall):
             stage()
     with pytest.raises(dj.MeshError, match="There is no joint 'joint_9'; the joints are: joint_1"):
         run.grout(["joint_9"])
-    with pytest.raises(ValueError, match="gap is 0.001 m and pressure 1000 Pa; grout under"):
+    with pytest.raises(ValueError, match="gap is 0.001 m and pressure 1000 Pa; at least"):
         run.grout(gap=1e-3, pressure=1e3)
     run.grout()
     with pytest.raises(

@@ -51,7 +51,7 @@ def test_a_body_at_rest_stays_at_rest_and_nothing_warns(wall, recwarn):
     simulation.statics()
     outcome = simulation.dynamics(dt=0.005, steps=3)
     assert outcome.local_error == 0.0
-    assert not [w for w in recwarn if "single step errs" in str(w.message)]
+    assert not [w for w in recwarn if "error of a single step" in str(w.message)]
 
 
 def sudden(recorded):

@@ -120,7 +120,7 @@ def shaken(jointed, law, scheme):
     return [static.displacement, last.displacement, last.velocity], [static.joints, last.joints]
 
 
-@pytest.mark.filterwarnings("ignore:A single step errs")
+@pytest.mark.filterwarnings("ignore:The estimated error of a single step")
 @pytest.mark.mpi
 @pytest.mark.parametrize("scheme", [None, Newmark()], ids=["default", "Newmark"])
 def test_statics_and_steps_are_the_same_by_hand(blocks_file, read, comm, scheme):

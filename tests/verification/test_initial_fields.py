@@ -30,7 +30,10 @@ from dolfinx import fem
 import dolfinx_joints as dj
 from dolfinx_joints.mesh.dolfinx_versions import geometry_nodes
 
-pytestmark = [pytest.mark.mpi, pytest.mark.filterwarnings("ignore:A single step errs")]
+pytestmark = [
+    pytest.mark.mpi,
+    pytest.mark.filterwarnings("ignore:The estimated error of a single step"),
+]
 
 YOUNG, RHO, LENGTH, N = 24e9, 2400.0, 8.0, 8
 H, K, DT, STEPS = LENGTH / N, math.pi / LENGTH, 1e-3, 7

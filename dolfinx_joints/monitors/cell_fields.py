@@ -42,7 +42,7 @@ class CellFields:
         return fem.Expression(expression, corners.mean(axis=0)[None], comm=mesh.comm)
 
     def _evaluate(self, load: Temperature, quantity: str) -> Floats:
-        """Return a quantity in the cells of a temperature load, else zero, shape (owned,)."""
+        """Return a quantity of a temperature load, zero in unheated cells, shape (owned,)."""
         jointed = self._model.jointed
         cells = self._all if load.cells is None else jointed.cells(load.cells)
         cells = cells[cells < self._cells.owned].astype(np.int32)
@@ -90,7 +90,7 @@ class CellFields:
         return values
 
     def _stresses(self, u: PETSc.Vec, joints: Response | None, factors: Sequence[float]) -> Floats:
-        """Return stresses (xx, yy, zz, xy, yz, xz): at elastic cells' centres, plastic means."""
+        """Return stresses (xx, yy, zz, xy, yz, xz) of cells: at the centre, means if plastic."""
         self._u.x.array[: u.getLocalSize()] = u.getArray(readonly=True)
         self._u.x.scatter_forward()
         values = self._stress.eval(self._model.jointed.mesh, self._all)

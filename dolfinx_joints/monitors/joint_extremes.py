@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Extremes, integrals and means over each joint at every step, for sliding safety as well."""
+"""Extremes, integrals and means over each joint at every step, with terms of sliding safety."""
 
 from __future__ import annotations
 

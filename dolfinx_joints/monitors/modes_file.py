@@ -62,7 +62,7 @@ def write_modes(
             writer.static("modes/participation", modes.participation, "kg^1/2", text)
             text = "effective modal masses per axis"
             writer.static("modes/effective_mass", modes.effective_mass, "kg", text)
-            text = "effective modal masses per axis, fractions of the total mass"
+            text = "effective modal masses per axis, fractions of the moving mass"
             writer.static("modes/effective_share", modes.effective_share, "-", text)
             writer.start()
             writer.finish("complete", {})

@@ -50,7 +50,7 @@ class PointHistories:
     def _motion(self, record: Record) -> dict[str, Floats]:
         """Return displacement and acceleration of the points, and the ground motion.
 
-        The acceleration is the change of velocity since the last record divided by the time. This
+        The acceleration is the mean since the last record: change of velocity divided by time. This
         mean is defined for every scheme and any number of substeps.
         """
         displacement = self._probe.read(record.displacement)

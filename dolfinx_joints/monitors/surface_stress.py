@@ -48,7 +48,7 @@ class SurfaceStress:
     the other side of the joint do not contribute.
 
     Args:
-        model: The model, 3-D.
+        model: 3-D model.
         nodes: Node numbering.
         facets: Vertices of this rank's part of the facets to evaluate, shape (facets, vertices per
             facet); by default all exterior facets.
@@ -180,7 +180,7 @@ class StressEnvelopes:
     the free faces: exterior facets outside joints and supports.
 
     Args:
-        model: The model, 3-D.
+        model: 3-D model.
         nodes: Node numbering.
         groups: Names of facet groups, such as ``["upstream"]``; by default the whole boundary.
 

@@ -73,10 +73,10 @@ class DifferingGround:
         Prescribed displacements are added to the displacement of the ground at the support. Damping
         acts on velocities relative to the static part.
         """
-        given, self._symmetric = system.values, system.symmetric
+        base, self._symmetric = system.values, system.symmetric
 
         def values(time: float) -> Floats:
-            return self._relative(time) if given is None else given(time) + self._relative(time)
+            return self._relative(time) if base is None else base(time) + self._relative(time)
 
         damping = ground_damping(self._model, self.static_velocity)
         return replace(system, values=values, varying_loads=[*system.varying_loads, *damping])

@@ -20,7 +20,7 @@ from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.probes import PointProbe
-from dolfinx_joints.monitors.resultants import breakable_joints, broken
+from dolfinx_joints.monitors.resultants import breakable_joints, broken_points
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes
 from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES
 from dolfinx_joints.results.layout import stage_bytes
@@ -28,7 +28,7 @@ from dolfinx_joints.results.quantities import ENERGY_TERMS, rows_below
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import Record, StageRecord
 from dolfinx_joints.simulation.statics.stage_start import CONSTRUCTION
-from dolfinx_joints.simulation.statics.unfinished import unfinished
+from dolfinx_joints.simulation.statics.unfinished import find_unfinished
 
 
 def energy_terms(model: Model) -> list[str]:
@@ -73,7 +73,7 @@ class Fields:
             dry = np.zeros(len(joints.traction))
             parts["pressure"] = dry if pressure is None else pressure()
         if self._limited["broken"]:
-            parts["broken"] = broken(self._contact, joints)
+            parts["broken"] = broken_points(self._contact, joints)
         return {quantity: self._rows(values) for quantity, values in parts.items()}
 
     def has_values(self, quantity: str, joint: str) -> bool:
@@ -143,7 +143,7 @@ class StageFields:
         """Return 1 at vertices of the envelopes, 0 at vertices of absent blocks (collective)."""
         present = self._model.stiffness.createVecRight()
         present.set(1.0)
-        present.getArray()[unfinished(self._model, (), absent).dofs] = 0.0
+        present.getArray()[find_unfinished(self._model, (), absent).dofs] = 0.0
         return rows_at(
             self._model.jointed.mesh.comm, self._nodes.dealt(present)[:, 0], envelopes.nodes
         )

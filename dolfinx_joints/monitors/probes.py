@@ -46,7 +46,7 @@ class Probe:
     group: str | None = None
 
 
-def checked_points(points: Any) -> dict[str, Probe]:
+def check_points(points: Any) -> dict[str, Probe]:
     """Check monitor points and return them by name."""
     named = isinstance(points, Mapping) and all(isinstance(n, str) and n for n in points)
     check_kind_of(

@@ -54,7 +54,7 @@ def breakable_joints(contact: Contact) -> tuple[str, ...]:
     )
 
 
-def broken(contact: Contact, joints: Response) -> NDArray[np.int8]:
+def broken_points(contact: Contact, joints: Response) -> NDArray[np.int8]:
     """Return 1 at local points whose bond is broken, 0 elsewhere, shape (n,)."""
     flags = np.zeros(len(joints.traction), dtype=np.int8)
     names = contact.operator.names
@@ -144,7 +144,7 @@ class JointForces:
         """Return the state of local points; slip is measured from gaps ``start`` (n, 3) [m]."""
         cohesion, gap = self._cohesion, joints.state.gap
         if self._bonds:
-            cohesion = cohesion * (1 - broken(self._contact, joints))
+            cohesion = cohesion * (1 - broken_points(self._contact, joints))
         return JointPoints(gap, gap[:, 1:] - start[:, 1:], joints.traction, cohesion)
 
     def about_centroids(self, force: Floats) -> Floats:

@@ -26,7 +26,7 @@ from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
 from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.manifest import manifest
 from dolfinx_joints.monitors.point_histories import STATIC_PART, PointHistories
-from dolfinx_joints.monitors.probes import PointProbe, Probe, checked_points
+from dolfinx_joints.monitors.probes import PointProbe, Probe, check_points
 from dolfinx_joints.monitors.resultants import ResultantsStream, strengths
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes, check_has_envelopes
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_directions
@@ -83,7 +83,7 @@ class ResultsMonitor(Monitor):
     def __post_init__(self) -> None:
         """Check the arguments; nothing is written before the run starts."""
         check_storable("metadata", self.metadata or {})
-        self._path, self._points = Path(self.path), checked_points(self.points)
+        self._path, self._points = Path(self.path), check_points(self.points)
         self._backup = self._path.with_name(self._path.name + ".before")
         self._writer: ResultsWriter | None = None
         self._prepared_model: Model | None = None

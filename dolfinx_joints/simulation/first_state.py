@@ -20,7 +20,7 @@ from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.checkpoint import Checkpoints
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.solvers.step_solver import StepSolver
-from dolfinx_joints.time_integration.exact_steps import scaled
+from dolfinx_joints.time_integration.exact_steps import rescale
 from dolfinx_joints.time_integration.initial_state import INTERVAL, initial_state
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent
 from dolfinx_joints.time_integration.scheme import Scheme
@@ -48,7 +48,7 @@ class InitialFields:
     displacement: NodalField | None = None
 
 
-def checked_settings(
+def check_settings(
     scheme: Scheme | None,
     control: StepControl | None,
     start: DynamicState | InitialFields | None,
@@ -99,7 +99,7 @@ def first_state(
     of the first step is dt [s].
     """
     if start is not None:
-        start = scaled(solver.system, start, 0, 0.0)
+        start = rescale(solver.system, start, 0, 0.0)
         _check_displacement(solver.system, start.displacement, start.time)
         return initial_state(
             solver,

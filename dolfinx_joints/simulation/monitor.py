@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.common.mpi import OF_ERRORS, all_fail, lasting
-from dolfinx_joints.time_integration.substeps import located
+from dolfinx_joints.time_integration.substeps import locate
 
 if TYPE_CHECKING:
     from dolfinx_joints.model.model import Model
@@ -68,7 +68,7 @@ _LONGEST_ERROR = 2000  # Largest number of characters.
 
 
 @contextmanager
-def failures_shown(
+def report_failures(
     name: str, model: Model, monitors: Sequence[Monitor], stages: Sequence[StageRecord]
 ) -> Iterator[None]:
     """Inform the monitors if an error on all ranks ends a static stage.
@@ -79,7 +79,7 @@ def failures_shown(
     try:
         yield
     except BaseException as error:
-        ended = located(error, name=name) if isinstance(error, ConvergenceError) else error
+        ended = locate(error, name=name) if isinstance(error, ConvergenceError) else error
         if ended is error:
             error.add_note(f"In the static stage {name!r}.")
         for monitor in monitors if all_fail(of_errors, error) else ():

@@ -33,19 +33,19 @@ from dolfinx_joints.simulation.differing_ground import DifferingGround
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun, ground_motions
 from dolfinx_joints.simulation.first_state import (
     InitialFields,
-    checked_settings,
+    check_settings,
     dynamic_loads,
     field_vectors,
     first_state,
     in_words,
 )
-from dolfinx_joints.simulation.monitor import Monitor, failures_shown
+from dolfinx_joints.simulation.monitor import Monitor, report_failures
 from dolfinx_joints.simulation.outcome import Outcome, StaticState, closing_lines
 from dolfinx_joints.simulation.record import StageRecord, grout_record, stage_name, stage_record
 from dolfinx_joints.simulation.start_checks import check_complete, sudden_loads
 from dolfinx_joints.simulation.statics.construction import grout_joints
 from dolfinx_joints.simulation.statics.stage import check_acting, march
-from dolfinx_joints.simulation.statics.stage_start import unloaded
+from dolfinx_joints.simulation.statics.stage_start import unloaded_state
 from dolfinx_joints.simulation.statics.unfinished import check_grouted, unfinished_stage
 from dolfinx_joints.solvers.batch import SharedBulk
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
@@ -53,7 +53,7 @@ from dolfinx_joints.solvers.step_solver import SolverOptions
 from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.scheme import Scheme
 from dolfinx_joints.time_integration.states import DynamicState
-from dolfinx_joints.time_integration.substeps import StepControl, Stepper, ends_of_steps, located
+from dolfinx_joints.time_integration.substeps import StepControl, Stepper, ends_of_steps, locate
 
 # Steps between two calls of PETSc's garbage collection on several ranks.
 GARBAGE_INTERVAL = 10
@@ -136,7 +136,7 @@ class Simulation:
         """
         acting = self.model.loads if loads is None else loads
         check_acting(self.model, acting)
-        before = self.static or unloaded(self.model)
+        before = self.static or unloaded_state(self.model)
         stage = unfinished_stage(self.model, before, joints, absent, acting)
         name = stage_name(name, "statics", self.stages)
         path = [(None, step / steps) for step in range(1, steps + 1)]
@@ -234,8 +234,8 @@ class Simulation:
         **arguments: Any,
     ) -> StaticState:
         """Run `march` from the last static state with the simulation's solver (collective)."""
-        with self._phase("static"), failures_shown(name, self.model, self.monitors, self.stages):
-            start = self.model, self.static or unloaded(self.model), path, acting
+        with self._phase("static"), report_failures(name, self.model, self.monitors, self.stages):
+            start = self.model, self.static or unloaded_state(self.model), path, acting
             arguments |= {"options": self._options, "kind": self.solver, "watch": self._watch}
             state = march(*start, **arguments)
         free_petsc_garbage(self.model.jointed.mesh.comm)  # Matrices of the stage's solver.
@@ -294,7 +294,7 @@ class Simulation:
             CheckpointError: A checkpoint cannot be written, is missing, damaged or of another run.
             ConvergenceError: A shortest substep failed; the monitors have all previous steps.
         """
-        scheme, control = checked_settings(scheme, control, start, checkpoint)
+        scheme, control = check_settings(scheme, control, start, checkpoint)
         fields = field_vectors(self.model, start)
         resume = checkpoint is not None and checkpoint.resume
         (motion, *loads), resampling = for_steps([motion, *loads], dt, self.model.jointed.mesh.comm)
@@ -360,7 +360,7 @@ class Simulation:
                 report = run.advance(dt, end)
             except ConvergenceError as failure:
                 run.warn_of_slip()
-                raise located(failure, stage="dynamic", step=run.step + 1) from None
+                raise locate(failure, stage="dynamic", step=run.step + 1) from None
         with self._phase("monitors"):
             run.show(report)
         if run.step % GARBAGE_INTERVAL == 0:

@@ -22,7 +22,7 @@ from dolfinx_joints.time_integration.products import Products
 from dolfinx_joints.time_integration.states import DynamicState
 
 
-def scaled(system: MatrixSystem, state: DynamicState, count: int, rate: float) -> DynamicState:
+def rescale(system: MatrixSystem, state: DynamicState, count: int, rate: float) -> DynamicState:
     """Return the state with the velocities of ``count`` exact modes scaled for a step (collective).
 
     The kinetic energy does not change; ``rate`` is 2 / dt of the step [1/s].
@@ -69,7 +69,7 @@ def add_free_vibration(
     acceleration.getArray()[:] += step.modes.combined(change)
 
 
-def complete(
+def add_modes(
     step: ModalStep,
     products: Products,
     effective: MatrixCoefficients,

@@ -24,8 +24,8 @@ from dolfinx_joints.time_integration.exact_steps import (
     LoadKick,
     add_free_vibration,
     add_inertia,
-    complete,
-    scaled,
+    add_modes,
+    rescale,
 )
 from dolfinx_joints.time_integration.joints_before import joints_before
 from dolfinx_joints.time_integration.products import Products, combination, joint_works, predictor
@@ -121,7 +121,7 @@ class _Step:
         """Set up the step of length dt [s] from a state to the time ``end`` [s] (collective)."""
         self._system, self._dt, self._time = system, dt, end
         self._rate = rate = exact_square(2.0 / dt)
-        self._before = state = scaled(system, state, modes, rate)
+        self._before = state = rescale(system, state, modes, rate)
         self.effective = MatrixCoefficients(
             mass=0.5 * rate**2, damping=0.5 * rate, stiffness=0.5, exact_modes=modes
         )
@@ -159,7 +159,7 @@ class _Step:
         system, exact = self._system, self._exact
         products = Products(system, self.effective, self.rhs, self.x, joints)
         if exact is not None:
-            complete(exact, products, self.effective, self.x, self._modal, system.constrained)
+            add_modes(exact, products, self.effective, self.x, self._modal, system.constrained)
         return products
 
     def state_after(self, products: Products, joints: Response | None) -> DynamicState:

@@ -120,7 +120,7 @@ class Stepper:
             except ConvergenceError as failure:
                 self.counts.failed += 1
                 if shortest:
-                    raise located(failure, time=substep_end) from None
+                    raise locate(failure, time=substep_end) from None
                 self._level += 1
                 continue
             row = self.ledger.after(after, report)
@@ -256,7 +256,7 @@ def _contact_changes(system: MatrixSystem, before: DynamicState, after: DynamicS
     return max(system.contact.operator.comm.allgather(bool(np.any(was_open != is_open))))
 
 
-def located(failure: ConvergenceError, **where: Any) -> ConvergenceError:
+def locate(failure: ConvergenceError, **where: Any) -> ConvergenceError:
     """Return a copy of the failure with stage, step or time filled in."""
     values = {name: value for name, value in vars(failure).items() if not name.startswith("_")}
     return type(failure)(**{**values, **where})

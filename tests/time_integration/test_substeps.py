@@ -26,7 +26,7 @@ from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.initial_state import initial_state
 from dolfinx_joints.time_integration.states import DynamicState
-from dolfinx_joints.time_integration.substeps import StepCounts, Stepper, ends_of_steps, located
+from dolfinx_joints.time_integration.substeps import StepCounts, Stepper, ends_of_steps, locate
 
 
 class Reluctant:
@@ -134,7 +134,7 @@ def test_exhausted_halving_says_when():
         take(stepper(scheme, control=StepControl(max_halvings=2), time=0.5), 0.1)
     assert failure.value.time == pytest.approx(0.525)  # the end of the shortest step
     assert failure.value.iteration == 3
-    whole = located(failure.value, stage="dynamic", step=7)
+    whole = locate(failure.value, stage="dynamic", step=7)
     assert (whole.stage, whole.step, whole.time) == ("dynamic", 7, failure.value.time)
     assert str(whole).startswith("The dynamic stage, step 7, at t = 0.525 s did not converge in 3")
     assert len(scheme.taken) == 0

@@ -26,9 +26,9 @@ from dolfinx_joints.simulation.statics.unfinished import (
     Unfinished,
     check_elastic,
     check_joints,
+    find_unfinished,
     idle_points,
     points_of,
-    unfinished,
 )
 
 # Largest number of Newton iterations for the gap at which a law carries the grout pressure.
@@ -85,7 +85,7 @@ def grout_joints(
         )
     warn_of_grout(model.jointed.mesh.comm, pressure)
     chosen = (before.inactive or model.jointed.joint_names) if names is None else names
-    stage, missing = unfinished(model, before.inactive, before.absent), before.missing
+    stage, missing = find_unfinished(model, before.inactive, before.absent), before.missing
     selected, inactive = points_of(model, chosen) & ~stage.uncast, points_of(model, before.inactive)
     earlier, filled = response, selected & _groutable_points(model, contact, response)
     if pressure:

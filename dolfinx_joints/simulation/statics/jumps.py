@@ -41,7 +41,7 @@ class Jumps:
         order = [i for i in np.argsort(-by_joint) if by_joint[i] > NAMED_SHARE * total]
         names = tuple(self._names[i] for i in order)
         if not self._allowed:
-            raise increment.located(
+            raise increment.locate(
                 JumpError(released=total, joints=names),
                 "The loads exceed what the joints can carry on this equilibrium path. "
                 "In statics and quasi_statics allow_jumps=True accepts the state after the jump.",

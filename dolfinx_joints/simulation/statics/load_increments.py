@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from dolfinx_joints.common.errors import ConvergenceError
-from dolfinx_joints.time_integration.substeps import located
+from dolfinx_joints.time_integration.substeps import locate
 
 # Number of shortest increments in a load step.
 FINEST = 2**6
@@ -35,10 +35,10 @@ class Increment:
     step: int
     start: float
 
-    def located(self, failure: ConvergenceError, remedy: str | None) -> ConvergenceError:
+    def locate(self, failure: ConvergenceError, remedy: str | None) -> ConvergenceError:
         """Return a failure with the position of the increment and a possible remedy."""
         place = {"stage": "static", "step": self.step, "time": self.time, "reached": self.start}
-        return located(failure, **place, remedy=remedy)
+        return locate(failure, **place, remedy=remedy)
 
 
 class LoadIncrements:

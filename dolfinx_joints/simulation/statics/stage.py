@@ -113,7 +113,7 @@ def _solve_increments(
             watch.warn("in a static stage")
             if increment.shortest:
                 remedy = _remedy(failure, kind, last.solver.name, increment.start)
-                raise increment.located(failure, remedy) from None
+                raise increment.locate(failure, remedy) from None
             increments.cut()
             continue
         energy = last.ledger.after(solved)

@@ -17,7 +17,7 @@ from dolfinx_joints.simulation.static_energy import StaticEnergy
 CONSTRUCTION = "construction"
 
 
-def unloaded(model: Model) -> StaticState:
+def unloaded_state(model: Model) -> StaticState:
     """Return the state of the unloaded body, its joints at rest (collective)."""
     zeros = np.zeros(0 if model.contact is None else len(model.contact.operator.names))
     energy = StaticEnergy(

@@ -47,7 +47,7 @@ class Unfinished:
     dofs: NDArray[np.int64]
 
 
-def unfinished(model: Model, inactive: Sequence[str], absent: Sequence[str]) -> Unfinished:
+def find_unfinished(model: Model, inactive: Sequence[str], absent: Sequence[str]) -> Unfinished:
     """Return the points and dofs of inactive joints and absent blocks (collective).
 
     Raises:
@@ -94,7 +94,7 @@ def unfinished_stage(
     check_grouted(before, inactive)
     if not (inactive or absent or joints == "inactive"):
         return None
-    stage = unfinished(model, inactive, absent)
+    stage = find_unfinished(model, inactive, absent)
     check_may_begin(model, before, acting, stage)
     return stage
 

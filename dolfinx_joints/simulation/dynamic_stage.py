@@ -266,7 +266,7 @@ def ground_motions(
         model: The model.
         motion: Ground acceleration, None if the ground is fixed.
         loads: Loads in addition to the loads of the model.
-        differing: Ground that moves differently from place to place, else None.
+        differing: Ground with different motions at its supports, None for uniform motion.
     """
     rising = rising_waves([*model.loads, *loads])
     if motion is not None:

@@ -49,11 +49,11 @@ class StaticState(Summarised):
         joints: Response of the joints, None without joints.
         reaction: Forces of the supports on the body, zero at unconstrained dofs [N].
         reports: Solver reports, one per load step, or more if steps were divided.
-        energy: Energies, works and losses since the unloaded body.
+        energy: Energies, works and losses from the unloaded body to this state.
         loads: Loads by name [N]; empty in the records of earlier stages.
         inactive: Names of the joints without tractions, because they have not been grouted yet.
         absent: Cell groups of the absent blocks.
-        missing: Names of loads of the model that did not act, as in the energy ledger.
+        missing: Names, as in the energy ledger, of loads of the model that did not act.
         cuts: Number of times that a load increment was halved.
         jumps: Jumps of the stage that ``allow_jumps`` accepted.
     """

@@ -22,7 +22,7 @@ class StepWork:
     Attributes:
         loads: Work of each load by name [J].
         supports: Work of moving supports [J].
-        viscous: Work against damping, without absorption [J].
+        viscous: Work against damping, without absorbing boundaries [J].
         absorbed: Work against the dashpots of absorbing boundaries, of rock and water [J].
         joints: Work of the body on each joint, and the losses of the joints [J].
     """
@@ -56,7 +56,7 @@ class Scheme(Protocol):
 
     @property
     def forces_over_steps(self) -> bool:
-        """True if tractions and reactions are means over a step, not values at its end."""
+        """True if tractions and reactions act over a whole step, False if at its end."""
 
     def conserves(self, system: MatrixSystem) -> bool:
         """Return True if the energy balance is exact: an imbalance then shows a wrong solve."""

@@ -209,7 +209,7 @@ class Stepper:
         return report.local_error > self._tolerance * max(self._largest, displacement)
 
     def _can_grow(self, report: StepReport) -> bool:
-        """Return True if the next substep, with twice the length and 8 times the error, is fine."""
+        """Return True if a substep of twice the length, with 8 times the error, is accurate."""
         tolerance = 0.0 if self._ignores_tolerance else self._tolerance
         return not tolerance or 8.0 * report.local_error <= tolerance * self._largest
 

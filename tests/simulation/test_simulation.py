@@ -113,7 +113,7 @@ def test_loads_without_a_static_stage_are_warned_of(wall_file, read, recwarn):
         return said[0]
 
     (said,) = started([dj.Gravity(), ramp])
-    assert "t = 0 s: Gravity; no static stage was run. For a start at rest run statics()" in said
+    assert "t = 0 s: Gravity; no static stage was run. To start at rest, run statics()" in said
     (said,) = started([dj.Gravity(), ramp], static=True, loads=[push])
     assert ": Traction_crest_2; they are not part of the static state." in said
     assert not started([dj.Gravity(), push], static=True, loads=[ramp], motion=swaying)

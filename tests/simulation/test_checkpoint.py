@@ -302,7 +302,7 @@ def test_results_of_another_run_are_refused(wall_file, read, tmp_path):
         checkpoint=None,
     )
     with pytest.raises(
-        dj.ResultsError, match="holds 2 records of 'energy', .* 3 records of 'energy'"
+        dj.ResultsError, match="contains 2 records of 'energy', .* 3 records of 'energy'"
     ):
         resumed()
     assert content(file)  # refused, the file stays as it was
@@ -386,7 +386,7 @@ def test_a_checkpoint_that_is_not_finished_leaves_the_old_one(
         with pytest.raises(Killed):
             short(jointed, tmp_path)
     else:
-        sentence = "run.ckpt cannot be written: .*No space left on device; the previous one is"
+        sentence = "run.ckpt cannot be written: .*No space left on device; the previous checkpoint"
         with pytest.raises(dj.CheckpointError, match=sentence):
             short(jointed, tmp_path)
     assert path.with_name("run.ckpt.part").exists() == (stop == "killed")

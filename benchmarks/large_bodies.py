@@ -108,7 +108,8 @@ def counted() -> Iterator[list[int]]:
 
 def measure(kind: str, body: Wall, mesh: Path, options: argparse.Namespace) -> dict[str, Any]:
     """Run a wall, tied or with the joint; return its row (collective)."""
-    warnings.filterwarnings("ignore", "Loads act suddenly")  # the accuracy does not matter here
+    # the accuracy does not matter here
+    warnings.filterwarnings("ignore", "Loads are applied suddenly")
     free_memory()
     divisions, joints = body
     scene = wall("large", divisions=divisions, joints=joints)

@@ -39,7 +39,7 @@ class CellOrder:
         )
 
     def dealt(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the values of this rank's block from those of its owned cells (collective)."""
+        """Return values of the cells in this rank's block; ``values`` are of owned cells."""
         return self._rows(values)
 
     def across(self, rows: NDArray[Any]) -> NDArray[Any] | Dealt:
@@ -47,40 +47,40 @@ class CellOrder:
         return across(self._comm, rows, equal_blocks(self._count, self._comm.size))
 
 
-def own_cells(
+def cells_of_rank(
     model: Model, nodes: NodeNumbering, cells: CellOrder
 ) -> tuple[int, Ints, dict[str, Flags]]:
     """Return the cells of a model in this rank's block (collective).
 
     Returns:
         VTK's number of the cell shape; nodes of each cell in VTK's order, shape (n, nodes per
-        cell); and by cell group whether each cell belongs to it, shape (n,).
+        cell); and for each cell group True for its cells, shape (n,).
     """
     jointed, V = model.jointed, model.V
-    table = V.dofmap.list[: cells.owned]
-    kind, order = vtk_layout(jointed.shape, table.shape[1])
-    inside = {}
+    cell_nodes = V.dofmap.list[: cells.owned]
+    kind, order = vtk_layout(jointed.shape, cell_nodes.shape[1])
+    members = {}
     for name in jointed.cell_groups:
         marks = np.zeros(cells.owned, dtype=bool)
         of_group = jointed.cells(name)
         marks[of_group[of_group < cells.owned]] = True
-        inside[name] = cells.dealt(marks)
-    return kind, cells.dealt(nodes.number[table][:, order]), inside
+        members[name] = cells.dealt(marks)
+    return kind, cells.dealt(nodes.number[cell_nodes][:, order]), members
 
 
 def body_cells(model: Model, nodes: NodeNumbering) -> Cells:
     """Return the cells of a model for a results file (collective)."""
     order, comm = CellOrder(model), model.jointed.mesh.comm
-    kind, own, inside = own_cells(model, nodes, order)
-    first = blocks_of(comm, len(own))[comm.rank]
-    groups = {name: across(comm, first + np.flatnonzero(marks)) for name, marks in inside.items()}
-    return Cells(kind, order.across(own), groups)
+    kind, cells, members = cells_of_rank(model, nodes, order)
+    first = blocks_of(comm, len(cells))[comm.rank]
+    groups = {name: across(comm, first + np.flatnonzero(marks)) for name, marks in members.items()}
+    return Cells(kind, order.across(cells), groups)
 
 
 def body_mesh(
     model: Model, nodes: NodeNumbering, rows: JointRows | None
 ) -> tuple[tuple[Any, ...], str]:
-    """Return the arguments of `declare_body`, and on rank 0 the hash of the mesh (collective)."""
+    """Return the arguments of `declare_body` and, on rank 0, the mesh hash (collective)."""
     comm, surface = model.jointed.mesh.comm, boundary_facets(model, nodes)
     joints = {} if rows is None else rows.statics()
     mesh = nodes.across(nodes.positions), across(comm, surface), joints, body_cells(model, nodes)

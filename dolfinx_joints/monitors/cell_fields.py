@@ -20,7 +20,7 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.body_cells import CellOrder
 from dolfinx_joints.postprocessing.envelopes import principal_extremes
 
-_FROM_PLASTIC = [0, 1, 2, 5, 3, 4]  # VTK's order of components, as indices in the order of strains.
+_FROM_PLASTIC = [0, 1, 2, 5, 3, 4]  # Indices that sort the components of plastic cells as in VTK.
 
 
 class CellFields:
@@ -30,19 +30,19 @@ class CellFields:
         """Compile the expressions (collective)."""
         self._model, self._cells = model, cells
         self._all = np.arange(cells.owned, dtype=np.int32)
-        loads = [(i, one) for i, one in enumerate(model.loads) if isinstance(one, Temperature)]
-        self._change = [(i, one.factor, self._of_cells(one, "change")) for i, one in loads]
+        loads = [(i, load) for i, load in enumerate(model.loads) if isinstance(load, Temperature)]
+        self._change = [(i, load.factor, self._evaluate(load, "change")) for i, load in loads]
         self._u = fem.Function(model.V)
         self._stress = self._compiled(model.body.stress_vector(self._u))
-        self._blocked = [self._of_cells(one, "blocked_stress") for _, one in loads]
+        self._thermal = [self._evaluate(load, "blocked_stress") for _, load in loads]
 
     def _compiled(self, expression: Any) -> fem.Expression:
         mesh = self._model.jointed.mesh
         corners = basix.geometry(self._model.jointed.shape.type)
         return fem.Expression(expression, corners.mean(axis=0)[None], comm=mesh.comm)
 
-    def _of_cells(self, load: Temperature, quantity: str) -> Floats:
-        """Return a quantity of a temperature in its cells, zero in others, shape (owned,)."""
+    def _evaluate(self, load: Temperature, quantity: str) -> Floats:
+        """Return a quantity of a temperature load, zero in unheated cells, shape (owned,)."""
         jointed = self._model.jointed
         cells = self._all if load.cells is None else jointed.cells(load.cells)
         cells = cells[cells < self._cells.owned].astype(np.int32)
@@ -90,13 +90,13 @@ class CellFields:
         return values
 
     def _stresses(self, u: PETSc.Vec, joints: Response | None, factors: Sequence[float]) -> Floats:
-        """Return (xx, yy, zz, xy, yz, xz) at elastic cells' centres, means in plastic cells."""
+        """Return stresses (xx, yy, zz, xy, yz, xz) of cells: at the centre, means if plastic."""
         self._u.x.array[: u.getLocalSize()] = u.getArray(readonly=True)
         self._u.x.scatter_forward()
         values = self._stress.eval(self._model.jointed.mesh, self._all)
         stress = np.asarray(values).reshape(len(self._all), 6).copy()
-        for factor, blocked in zip(factors, self._blocked, strict=True):
-            stress[:, : self._model.body.strained_axes] -= factor * blocked[:, None]
+        for factor, thermal in zip(factors, self._thermal, strict=True):
+            stress[:, : self._model.body.strained_axes] -= factor * thermal[:, None]
         if isinstance(joints, PlasticResponse) and self._model.bulk is not None:
             bulk = self._model.bulk
             cells, means = bulk.cell_means(bulk.stress(joints.state))

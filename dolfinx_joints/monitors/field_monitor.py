@@ -36,7 +36,7 @@ from dolfinx_joints.loads.water.water import Water
 from dolfinx_joints.mesh.jointed_mesh import local_cells
 from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
-from dolfinx_joints.monitors.body_cells import CellOrder, own_cells
+from dolfinx_joints.monitors.body_cells import CellOrder, cells_of_rank
 from dolfinx_joints.monitors.cell_fields import CellFields
 from dolfinx_joints.monitors.fields import Fields
 from dolfinx_joints.monitors.joint_rows import JointRows
@@ -56,20 +56,20 @@ BODY, JOINTS, RESERVOIR = "", "_joints", "_reservoir"
 class FieldMonitor(Monitor):
     """Writes body and joints for ParaView (VTKHDF); files may be read while the run continues.
 
-    ``NAME.vtkhdf`` contains the cells of the body, of the degree of the displacement. The values
+    ``NAME.vtkhdf`` contains the cells of the body, with the degree of the displacement. The values
     are ``displacement [m]``, ``stress [Pa]`` (xx, yy, zz, xy, yz, xz), and the largest and smallest
-    principal stress. Stresses are those at the centres of elastic cells and the means of plastic
-    cells. Some models add ``temperature change [K]`` and ``accumulated plastic strain [-]``.
+    principal stress. Stresses are evaluated at the centres of elastic cells; in plastic cells they
+    are means. Some models add ``temperature change [K]`` and ``accumulated plastic strain [-]``.
     ``NAME_joints.vtkhdf`` contains the joints as in `export.write_vtk`, ``NAME_reservoir.vtkhdf``
-    the cells of a reservoir with waves. Its ``hydrodynamic pressure [Pa]`` excludes the hydrostatic
-    pressure. Static stages are in ``NAME_stages.vtkhdf`` and ``NAME_stages_joints.vtkhdf``, with
-    the stage number as time. A continued run appends to its files. A killed run loses at most the
-    time being written (see `export.vtk_files.VtkFile`). If a file is damaged otherwise, a continued
-    run renames it to ``NAME.damaged``, warns, and starts a new one.
+    the cells of a reservoir with waves, where ``hydrodynamic pressure [Pa]`` excludes the
+    hydrostatic pressure. Static stages are in ``NAME_stages.vtkhdf`` and
+    ``NAME_stages_joints.vtkhdf``, with the stage number as time. A continued run appends to these
+    files. A killed run loses at most the state being written (see `export.vtk_files.VtkFile`). If a
+    file is damaged, a continued run renames it to ``NAME.damaged``, warns and creates a new file.
 
     Args:
         path: ``NAME.vtkhdf``, or ``NAME``.
-        every: Steps between two times.
+        every: Steps between two written states.
         overwrite: Replace existing files.
 
     Example:
@@ -94,7 +94,7 @@ class FieldMonitor(Monitor):
     overwrite: bool = False
 
     def __post_init__(self) -> None:
-        """Check the path; files are written from the start of the run."""
+        """Check the path; files are created when a stage starts."""
         self._path = vtk_path(self.path)
         self._stages_path = self._path.with_name(f"{self._path.stem}_stages{SUFFIX}")
         self._lock: FileLock | None = None
@@ -118,7 +118,7 @@ class FieldMonitor(Monitor):
             self._append(number, values)
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
-        """Create the files and write the first time (collective)."""
+        """Create the files and write the first state (collective)."""
         self._begin(model, first, None)
         with released(self._lock, at_end=False):
             self.record(first)
@@ -126,7 +126,7 @@ class FieldMonitor(Monitor):
     def resume(
         self, model: Model, stage: str, steps: int, last: Record, state_dict: Mapping[str, Any]
     ) -> None:
-        """Continue the files after ``last`` (collective)."""
+        """Continue the files after the state ``last`` (collective)."""
         self._begin(model, last, last.time)
 
     def _begin(self, model: Model, record: Record, last: float | None) -> None:
@@ -142,23 +142,23 @@ class FieldMonitor(Monitor):
         self._cells = CellOrder(model)
         self._cell_fields = CellFields(model, self._cells)
         self._wet = tuple(dict.fromkeys(load.joint for load in water_in_joints(model.loads)))
-        kind, own, inside = own_cells(model, self._nodes, self._cells)
-        groups = {name: np.flatnonzero(marks) for name, marks in inside.items()}
-        body = uniform_grid(self._nodes.positions, own, kind, groups)
+        kind, cells, members = cells_of_rank(model, self._nodes, self._cells)
+        groups = {name: np.flatnonzero(marks) for name, marks in members.items()}
+        body = uniform_grid(self._nodes.positions, cells, kind, groups)
         self._grids, self._rows = {BODY: grid_across(self._comm, body)}, None
         if model.operator is not None:
             self._rows = JointRows(model.operator)
-            self._joints, self._moved = joint_grid_of_rank(model, self._nodes, self._rows)
+            self._joints, self._facet_rows = joint_grid_of_rank(model, self._nodes, self._rows)
             first = int(blocks_of(self._comm, len(self._joints.points))[self._comm.rank])
             self._grids[JOINTS] = grid_across(self._comm, self._joints, first)
         if model.coupled is not None:
             water = model.coupled.water
             self._grids[RESERVOIR] = reservoir_grid(water)
-            self._at_level = len(self._grids[RESERVOIR].points) - water.size
+            self._level_points = len(self._grids[RESERVOIR].points) - water.size
         self._prepared_model = model
 
     def _open(self, path: Path, last: float | None, endings: Sequence[str]) -> None:
-        """Create files, or continue them after a time; lock out other runs (collective)."""
+        """Create files, or continue them after time ``last``; lock out other runs (collective)."""
 
         def lock_and_open() -> None:
             try:
@@ -166,13 +166,13 @@ class FieldMonitor(Monitor):
             except OSError as error:
                 raise ResultsError(f"{path} cannot be written: {error}.") from None
             self._lock = FileLock(path, ResultsError)
-            places = {end: path.with_name(f"{path.stem}{end}{SUFFIX}") for end in endings}
+            paths = {end: path.with_name(f"{path.stem}{end}{SUFFIX}") for end in endings}
             with released(self._lock, at_end=False):
                 if last is None:
-                    check_free(places.values(), overwrite=self.overwrite)
+                    check_free(paths.values(), overwrite=self.overwrite)
                 self._files = {
-                    ending: _open_file(place, self._grids[ending], last)
-                    for ending, place in places.items()
+                    ending: _open_file(file, self._grids[ending], last)
+                    for ending, file in paths.items()
                 }
 
         with handing_out(self._comm, [vars(grid) for grid in self._grids.values()]):
@@ -180,7 +180,7 @@ class FieldMonitor(Monitor):
                 lock_and_open()
 
     def record(self, record: Record) -> None:
-        """Append a time (collective)."""
+        """Append a state (collective)."""
         if record.step % self.every:
             return
         cells = self._cell_fields(record.displacement, record.joints, record.time)
@@ -188,13 +188,13 @@ class FieldMonitor(Monitor):
         if record.reservoir_pressure is not None:
             # The last rank adds the points at the water level, where the pressure is zero.
             is_last = self._comm.rank == self._comm.size - 1
-            zeros = np.zeros(self._at_level if is_last else 0)
+            zeros = np.zeros(self._level_points if is_last else 0)
             waves = across(self._comm, np.append(record.reservoir_pressure(), zeros))
             values[RESERVOIR] = ({"hydrodynamic pressure [Pa]": waves}, {})
         self._append(record.time, values)
 
     def _append(self, time: float, values: Mapping[str, Values]) -> None:
-        """Append on rank 0; an error there is raised on every rank (collective)."""
+        """Append a state on rank 0; an error on rank 0 is raised on all ranks (collective)."""
         fixed = [grid.cell_data for grid in self._grids.values()]
         with handing_out(self._comm, values, fixed):
             for ending, file in self._files.items():
@@ -216,28 +216,28 @@ class FieldMonitor(Monitor):
             )
         }
         if self._rows is not None:
-            moved = self._joints.motion @ self._moved(rows)
+            displacement = self._joints.motion @ self._facet_rows(rows)
             cell_values = joint_values(
-                self._of_joints(joints, pressure),
+                self._joint_rows(joints, pressure),
                 self._joints.cell_data,
                 len(self._rows.names),
                 partial(summed, self._comm),
             )
             parts = {key: across(self._comm, part) for key, part in cell_values.items()}
-            values[JOINTS] = ({name: across(self._comm, moved)}, parts)
+            values[JOINTS] = ({name: across(self._comm, displacement)}, parts)
         return values
 
-    def _of_joints(
+    def _joint_rows(
         self, joints: Response | None, pressure: Callable[[], Floats] | None
     ) -> dict[str, NDArray[Any]]:
-        """Return this rank's rows; NaN in joints without the quantity (collective)."""
+        """Return values of this rank's rows; NaN in joints without the quantity (collective)."""
         assert self._rows is not None
-        values = self._fields.of_joints(joints, pressure)
+        values = self._fields.joint_rows(joints, pressure)
         for quantity, of_quantity in values.items():
-            without = [not self._fields.has_values(quantity, name) for name in self._rows.names]
-            if any(without):
+            missing = [not self._fields.has_values(quantity, name) for name in self._rows.names]
+            if any(missing):
                 values[quantity] = of_quantity.astype(float)
-                values[quantity][np.array(without)[self._rows.joint]] = np.nan
+                values[quantity][np.array(missing)[self._rows.joint]] = np.nan
         return values
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:
@@ -247,20 +247,20 @@ class FieldMonitor(Monitor):
 
 
 def _open_file(path: Path, grid: Grid, last: float | None) -> VtkFile:
-    """Return a new file, or the existing one, continued after the time ``last``."""
+    """Return a new file, or the existing file to be continued after the time ``last``."""
     if last is None or not path.exists():
         return VtkFile(path, grid)
     try:
         return VtkFile.resume(path, grid, last)
     except DamagedFileError as error:
-        aside = path.with_name(f"{path.name}.damaged")
-        warn(f"{error} It was renamed to {aside}; a new file starts at this time.")
-        path.replace(aside)
+        renamed = path.with_name(f"{path.name}.damaged")
+        warn(f"{error} The file was renamed to {renamed}; a new file starts at this time.")
+        path.replace(renamed)
         return VtkFile(path, grid)
 
 
 def reservoir_grid(water: Water) -> Grid:
-    """Return the grid of the water; its points are the unknowns, then those at water level."""
+    """Return the grid of the water: points with unknown pressure, then points at water level."""
     cells = water.cells()
     points = np.zeros((water.size + len(cells.surface), 3))
     points[:, : water.places.shape[1]] = np.concatenate([water.places, cells.surface])
@@ -271,8 +271,8 @@ def joint_grid_of_rank(model: Model, nodes: NodeNumbering, rows: JointRows) -> t
     """Return this rank's part of the grid of all joints (collective).
 
     Returns:
-        The grid, whose motion maps the nodes of its facets to its points, and the exchange that
-        provides the rows of these nodes.
+        The grid, whose matrix ``motion`` maps values at facet nodes to grid points, and the
+        exchange that provides the values at these nodes.
     """
     comm, pairs = model.jointed.mesh.comm, model.jointed.pairs
     sides = [
@@ -281,13 +281,13 @@ def joint_grid_of_rank(model: Model, nodes: NodeNumbering, rows: JointRows) -> t
     ]
     both = dealt(comm, pairs.count, pairs.number, np.stack(sides, axis=1))
     surface = np.unique(both.reshape(-1, both.shape[2]), axis=0)
-    near, numbers = np.unique(surface, return_inverse=True)
-    at = RowsAt(comm, len(nodes.positions), near)
-    arrays = StaticArrays({"mesh/nodes": at(nodes.positions)})
+    facet_nodes, numbers = np.unique(surface, return_inverse=True)
+    exchange = RowsAt(comm, len(nodes.positions), facet_nodes)
+    arrays = StaticArrays({"mesh/nodes": exchange(nodes.positions)})
     arrays["mesh/surface"] = numbers.reshape(surface.shape)
-    for name, of_joint in rows.statics(own=True).items():
+    for name, of_joint in rows.statics(local=True).items():
         arrays |= {f"joints/{name}/{key}": values for key, values in of_joint.items()}
-    return joined({name: joint_grid(arrays, name) for name in rows.names}), at
+    return joined({name: joint_grid(arrays, name) for name in rows.names}), exchange
 
 
 def grid_across(comm: Any, grid: Grid, first: int = 0) -> Grid:
@@ -296,7 +296,7 @@ def grid_across(comm: Any, grid: Grid, first: int = 0) -> Grid:
     Args:
         comm: Communicator.
         grid: Part of this rank.
-        first: Number of the point that ``connectivity`` calls 0.
+        first: Global number of this rank's first point.
     """
     begin = blocks_of(comm, len(grid.connectivity))[comm.rank]
     offsets = np.asarray(grid.offsets) + begin

@@ -20,7 +20,7 @@ from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.model.model import Model
 from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.probes import PointProbe
-from dolfinx_joints.monitors.resultants import broken, broken_joints
+from dolfinx_joints.monitors.resultants import breakable_joints, broken_points
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes
 from dolfinx_joints.postprocessing.envelopes import STAGE_STRESSES
 from dolfinx_joints.results.layout import stage_bytes
@@ -28,7 +28,7 @@ from dolfinx_joints.results.quantities import ENERGY_TERMS, rows_below
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.record import Record, StageRecord
 from dolfinx_joints.simulation.statics.stage_start import CONSTRUCTION
-from dolfinx_joints.simulation.statics.unfinished import unfinished
+from dolfinx_joints.simulation.statics.unfinished import find_unfinished
 
 
 def energy_terms(model: Model) -> list[str]:
@@ -58,34 +58,34 @@ class Fields:
         self, model: Model, nodes: NodeNumbering, rows: JointRows | None, wet: Sequence[str]
     ) -> None:
         self._nodes, self._rows, self._contact = nodes, rows, model.contact
-        bonded = () if model.contact is None else broken_joints(model.contact)
-        self._only: dict[str, Sequence[str]] = {"pressure": wet, "broken": bonded}
+        bonded = () if model.contact is None else breakable_joints(model.contact)
+        self._limited: dict[str, Sequence[str]] = {"pressure": wet, "broken": bonded}
 
-    def of_joints(
+    def joint_rows(
         self, joints: Response | None, pressure: Callable[[], Floats] | None
     ) -> dict[str, NDArray[Any]]:
-        """Return values of this rank's rows; ``pressure`` gives local values (collective)."""
+        """Return values of this rank's rows; ``pressure`` returns local values (collective)."""
         if self._rows is None or self._contact is None or joints is None:
             return {}
         parts: dict[str, NDArray[Any]] = {"gap": joints.state.gap, "traction": joints.traction}
         parts["status"] = self._contact.shown_status(joints.status)
-        if self._only["pressure"]:
+        if self._limited["pressure"]:
             dry = np.zeros(len(joints.traction))
             parts["pressure"] = dry if pressure is None else pressure()
-        if self._only["broken"]:
-            parts["broken"] = broken(self._contact, joints)
+        if self._limited["broken"]:
+            parts["broken"] = broken_points(self._contact, joints)
         return {quantity: self._rows(values) for quantity, values in parts.items()}
 
     def has_values(self, quantity: str, joint: str) -> bool:
         """Return True if the joint has values of this quantity."""
-        return joint in self._only.get(quantity, (joint,))
+        return joint in self._limited.get(quantity, (joint,))
 
     def values(
         self, u: PETSc.Vec, joints: Response | None, pressure: Callable[[], Floats] | None
     ) -> dict[str, Any]:
         """Return displacement and joint values of all ranks by name (collective)."""
         values: dict[str, Any] = {"displacement": self._nodes.across(self._nodes.dealt(u))}
-        for quantity, rows in self.of_joints(joints, pressure).items():
+        for quantity, rows in self.joint_rows(joints, pressure).items():
             assert self._rows is not None
             for name, of_joint in self._rows.across(rows).items():
                 if self.has_values(quantity, name):
@@ -128,7 +128,7 @@ class StageFields:
         return values | self._energies(state)
 
     def _energies(self, state: StaticState) -> dict[str, float]:
-        """Return energies [J] and jumps of a stage; the work of loads that never acted is zero."""
+        """Return energies [J] and jumps of a stage; works of loads that never acted are zero."""
         energy = state.energy
         terms = {row.key: getattr(energy, row.key) for row in rows_below("statics", "energy/")}
         for row in rows_below("statics", "energy/joints/*/"):
@@ -140,10 +140,10 @@ class StageFields:
         return {f"energy/{name}": value for name, value in terms.items()} | jumps
 
     def _present(self, envelopes: StressEnvelopes, absent: Sequence[str]) -> Floats:
-        """Return 1 at vertices of the envelopes, 0 at those of absent blocks (collective)."""
+        """Return 1 at vertices of the envelopes, 0 at vertices of absent blocks (collective)."""
         present = self._model.stiffness.createVecRight()
         present.set(1.0)
-        present.getArray()[unfinished(self._model, (), absent).dofs] = 0.0
+        present.getArray()[find_unfinished(self._model, (), absent).dofs] = 0.0
         return rows_at(
             self._model.jointed.mesh.comm, self._nodes.dealt(present)[:, 0], envelopes.nodes
         )

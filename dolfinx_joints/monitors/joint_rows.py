@@ -61,10 +61,10 @@ class JointRows:
     def across(self, rows: Rows) -> dict[str, Rows | Dealt]:
         """Return rows of all ranks by joint."""
         parts = zip(self.by_joint(rows).items(), self._within, strict=True)
-        return {name: across(self._comm, own, blocks) for (name, own), blocks in parts}
+        return {name: across(self._comm, local, blocks) for (name, local), blocks in parts}
 
-    def statics(self, *, own: bool = False) -> dict[str, dict[str, Any]]:
-        """Return points, frames, areas, facets and tied points by joint, all or this rank's."""
-        split = self.by_joint if own else self.across
+    def statics(self, *, local: bool = False) -> dict[str, dict[str, Any]]:
+        """Return points, frames, areas, facets and tied flags by joint, of all ranks or local."""
+        split = self.by_joint if local else self.across
         parts = {key: split(rows) for key, rows in self._statics.items()}
         return {name: {key: part[name] for key, part in parts.items()} for name in self.names}

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from dolfinx_joints.model.model import Model
     from dolfinx_joints.simulation.record import StageRecord
 
-# Packages whose version is taken from their distribution.
+# Packages whose version is read from their installed distribution.
 _PACKAGES = ("numpy", "scipy", "h5py", "numba", "petsc4py", "slepc4py", "mpi4py")
 
-_LONGEST = 1000  # Characters kept of a parameter.
+_LONGEST = 1000  # Largest number of characters of a parameter.
 
 
 def manifest(
@@ -43,8 +43,8 @@ def manifest(
 ) -> dict[str, Any]:
     """Return JSON values that describe a model, its static stages and settings of the run.
 
-    ``settings`` are for example the time step, ``mesh_sha256`` is the result of `mesh_hash`, and
-    ``resolved`` contains the frequencies resolved by mesh and joints.
+    ``settings`` contains for example the time step, ``mesh_sha256`` is the result of `mesh_hash`,
+    and ``resolved`` contains the highest frequencies that mesh and joints resolve.
     """
     from petsc4py import PETSc
 
@@ -57,7 +57,7 @@ def manifest(
         "system": platform.platform(),
         "command": sys.argv[:50],
         "mesh_sha256": mesh_sha256,
-        "material": {name or "all": as_json(one) for name, one in model.body.materials.items()},
+        "material": {name or "all": as_json(m) for name, m in model.body.materials.items()},
         "joint_laws": {name: as_json(law) for name, law in laws.items()},
         "loads": [as_json(load) for load in model.loads],
         "added_mass": [as_json(added) for added in model.added_mass],
@@ -73,8 +73,8 @@ def manifest(
 
 def _acting(model: Model, stage: StageRecord) -> str:
     """Return the loads of a static stage, its inactive joints, absent blocks and jumps, as text."""
-    called = load_names(model.loads)
-    text = ", ".join(called[i] for i in stage.loads) or "no loads"
+    all_loads = load_names(model.loads)
+    text = ", ".join(all_loads[i] for i in stage.loads) or "no loads"
     for kind, names in (("inactive", stage.state.inactive), ("absent", stage.state.absent)):
         text += f"; {kind}: {', '.join(names)}" if names else ""
     return "; ".join([text, *(JUMP + jump_text(jump) for jump in stage.state.jumps)])
@@ -107,10 +107,10 @@ def versions() -> dict[str, str]:
 
 
 def mesh_hash(comm: Any, nodes: Floats, surface: Ints) -> str:
-    """Return the SHA-256 of nodes and boundary facets on rank 0, of nothing elsewhere (collective).
+    """Return the SHA-256 of nodes and boundary facets; it is valid on rank 0 only (collective).
 
-    Arguments are those of this rank: nodes in the order of the input mesh, shape (n, 3), [m], and
-    vertices of facets in any order, shape (num_facets, 2 to 4).
+    Each rank passes its part: nodes in the order of the input mesh, shape (n, 3), [m], and vertices
+    of facets in any order, shape (num_facets, 2 to 4).
     """
     blocks = blocks_of(comm, len(nodes))
     facets = sorted_rows(comm, blocks, np.sort(surface, axis=1))
@@ -131,7 +131,7 @@ def as_json(value: Any) -> Any:
         return as_json(value.item())
     text = repr(value).replace(repr(always), "constant")
     for part in getattr(value, "__dict__", {}).values():
-        if isinstance(part, ufl.core.expr.Expr):  # Its repr lists spaces and elements at length.
+        if isinstance(part, ufl.core.expr.Expr):  # The repr of an expression is too long.
             text = text.replace(repr(part), repr(str(part)))
     # Strip memory addresses, which change from run to run, from the repr.
     return re.sub(r" at 0x[0-9a-f]+", "", text)[:_LONGEST]

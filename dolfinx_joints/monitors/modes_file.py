@@ -31,8 +31,8 @@ def write_modes(
 ) -> None:
     """Write frequencies, shapes, participation factors and effective masses (collective).
 
-    Read them with ``Results(path).static("modes/shape")`` and so on, or write them as a table with
-    ``dolfinx-joints csv``. ``metadata`` is further information that can be stored as JSON.
+    Read the arrays with ``Results(path).static("modes/shape")`` and so on, or write them as a table
+    with ``dolfinx-joints csv``. ``metadata`` is further information that can be stored as JSON.
 
     Raises:
         ResultsError: The file exists, or cannot be written.
@@ -62,7 +62,7 @@ def write_modes(
             writer.static("modes/participation", modes.participation, "kg^1/2", text)
             text = "effective modal masses per axis"
             writer.static("modes/effective_mass", modes.effective_mass, "kg", text)
-            text = "effective modal masses per axis, shares of the mass"
+            text = "effective modal masses per axis, fractions of the moving mass"
             writer.static("modes/effective_share", modes.effective_share, "-", text)
             writer.start()
             writer.finish("complete", {})

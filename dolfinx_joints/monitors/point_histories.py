@@ -50,15 +50,15 @@ class PointHistories:
     def _motion(self, record: Record) -> dict[str, Floats]:
         """Return displacement and acceleration of the points, and the ground motion.
 
-        The acceleration is the change of velocity over the time since the last record. This mean is
-        defined for every scheme and any number of substeps.
+        The acceleration is the mean since the last record: change of velocity divided by time. This
+        mean is defined for every scheme and any number of substeps.
         """
         displacement = self._probe.read(record.displacement)
         velocity = self._probe.read(record.velocity)
         acceleration: Floats = np.zeros_like(velocity)
         if self._before is not None:
-            time, before = self._before
-            acceleration = np.asarray((velocity - before) / (record.time - time))
+            time, previous = self._before
+            acceleration = np.asarray((velocity - previous) / (record.time - time))
         self._before = record.time, velocity
         ground = {"ground_acceleration": record.ground_acceleration}
         if record.free_surface is not None:

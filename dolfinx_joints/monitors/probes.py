@@ -25,7 +25,7 @@ from dolfinx_joints.mesh.node_numbering import NodeNumbering
 from dolfinx_joints.mesh.orientation import facet_normals
 from dolfinx_joints.model.model import Model
 
-# A warning is given if a node is farther from its point than this fraction of the cell size.
+# Largest distance of a node from its monitor point without a warning, divided by the cell size.
 FAR = 0.1
 
 
@@ -62,29 +62,29 @@ class Probe:
     group: str | None = None
 
 
-def checked_points(points: Any) -> dict[str, Probe]:
-    """Return the monitor points by name, checked."""
+def check_points(points: Any) -> dict[str, Probe]:
+    """Check monitor points and return them by name."""
     named = isinstance(points, Mapping) and all(isinstance(n, str) and n for n in points)
     check_kind_of(
         "points", points, named and len(points) > 0, "coordinates by name of one or more points"
     )
-    return {name: _probe(f"The point {shown(name)}", given) for name, given in points.items()}
+    return {name: _probe(f"The point {shown(name)}", point) for name, point in points.items()}
 
 
-def _probe(name: str, given: Any) -> Probe:
-    place = given.place if isinstance(given, Probe) else given
+def _probe(name: str, point: Any) -> Probe:
+    place = point.place if isinstance(point, Probe) else point
     numbers = tuple(float(x) for x in check_vector(name, place, (2, 3)))
-    return Probe(numbers, given.group if isinstance(given, Probe) else None)
+    return Probe(numbers, point.group if isinstance(point, Probe) else None)
 
 
 def boundary_facets(
     model: Model, nodes: NodeNumbering, facets: NDArray[np.int32] | None = None
 ) -> Ints:
-    """Return the vertices of all exterior facets, or of those with given local numbers.
+    """Return the vertices of exterior facets: all, or the given local facets (collective).
 
-    Collective. Returns node numbers, shape (num_facets, vertices per facet), in cyclic order with
+    The result contains node numbers, shape (num_facets, vertices per facet), in cyclic order with
     outward normals (`facet_normals`); facets are ascending. Both sides of joints are included. Each
-    facet is on the rank whose node block contains its first vertex.
+    facet is on the rank whose node block contains the first vertex of the facet.
     """
     mesh = model.jointed.mesh
     chosen = exterior_facet_indices(mesh.topology) if facets is None else facets
@@ -101,19 +101,19 @@ def facets_of_cells(
     """
     shape = model.jointed.shape
     corners = shape.facet_vertices[local][:, shape.facet_cycle]
-    of_cells = model.V.dofmap.list[cells]
-    vertices = np.take_along_axis(of_cells, corners, axis=1)
+    cell_nodes = model.V.dofmap.list[cells]
+    vertices = np.take_along_axis(cell_nodes, corners, axis=1)
     x = model.V.tabulate_dof_coordinates()[:, : model.gdim]
-    outward = x[vertices].mean(axis=1) - x[of_cells].mean(axis=1)
-    inside_out = np.einsum("ij,ij->i", facet_normals(x[vertices]), outward) < 0.0
-    return nodes.number[np.where(inside_out[:, None], vertices[:, ::-1], vertices)]
+    outward = x[vertices].mean(axis=1) - x[cell_nodes].mean(axis=1)
+    inward = np.einsum("ij,ij->i", facet_normals(x[vertices]), outward) < 0.0
+    return nodes.number[np.where(inward[:, None], vertices[:, ::-1], vertices)]
 
 
 class PointProbe:
     """Reads nodal vectors at the nodes nearest to given points.
 
-    If several nodes have the same position, as on a joint, the first one in the mesh file is used.
-    The choice does not depend on the number of ranks.
+    If several nodes have the same position, as on a joint, the first node in the mesh file is used,
+    for any number of ranks.
 
     Args:
         model: The model.
@@ -122,8 +122,8 @@ class PointProbe:
 
     Attributes:
         positions: Coordinates of the selected nodes, shape (n, 3), [m].
-        sides: Joint sides of each node; empty if no other node has its position.
-        moved: Description of the node used if it is far from the point or one of several, else "".
+        sides: Joint sides of each node; empty if no other node has the same position.
+        notes: Text on the node of each point if the node is far away or one of several, else "".
 
     Raises:
         MeshError: A point is far from the body, or lacks a coordinate.
@@ -134,31 +134,31 @@ class PointProbe:
     ) -> None:
         """Find the nodes (collective)."""
         self._comm, self._gdim = model.jointed.mesh.comm, model.gdim
-        self._mine: list[tuple[int, int]] = []
+        self._local: list[tuple[int, int]] = []
         self.positions = np.zeros((len(points), 3))
         self.sides: list[tuple[str, ...]] = []
-        self.moved: list[str] = []
+        self.notes: list[str] = []
         for row, point in enumerate(points):
             probe = point if isinstance(point, Probe) else Probe(tuple(point))
             self._find(model, row, probe, nodes)
 
     def _find(self, model: Model, row: int, probe: Probe, nodes: NodeNumbering) -> None:
-        """Find the node of a point (collective)."""
+        """Find the node for a point (collective)."""
         jointed, V = model.jointed, model.V
         distance, near = nearest_nodes(jointed, V, probe.place, probe.group)
         place = f"({', '.join(f'{x:g}' for x in probe.place)})"
         if not distance <= 0.1 * extent(V):
-            raise MeshError(f"Monitor point {place} lies {distance:.3g} m from the nearest node.")
+            raise MeshError(f"Monitor point {place} is {distance:.3g} m from the nearest node.")
         candidates = {int(nodes.number[node]): int(node) for node in near}
-        numbers = [n for of_rank in self._comm.allgather(list(candidates)) for n in of_rank]
-        own = candidates.get(min(numbers))
-        x = None if own is None else V.tabulate_dof_coordinates()[own]
+        numbers = [n for ranks in self._comm.allgather(list(candidates)) for n in ranks]
+        local = candidates.get(min(numbers))
+        x = None if local is None else V.tabulate_dof_coordinates()[local]
         position = next(part for part in self._comm.allgather(x) if part is not None)
         self.positions[row] = position
-        if own is not None:
-            self._mine.append((row, own))
+        if local is not None:
+            self._local.append((row, local))
         copies = sum(self._comm.allgather(len(nearest_nodes(jointed, V, position)[1])))
-        self.sides.append(sides_at(jointed, V, own) if copies > 1 else ())
+        self.sides.append(sides_at(jointed, V, local) if copies > 1 else ())
         size = cell_size(V, np.flatnonzero(nodes.number == min(numbers)))
         texts = []
         if distance > FAR * size:
@@ -166,13 +166,13 @@ class PointProbe:
             texts.append(f"at the node {at_node}, {distance:.3g} m away (cells: {size:.3g} m)")
         if len(numbers) > 1 and self.sides[-1]:
             side = " and ".join(self.sides[-1])
-            texts.append(f"on the side {side}; select one by dj.Probe(place, group=...)")
-        self.moved.append(f"{place} is read {', and '.join(texts)}" if texts else "")
+            texts.append(f"on the side {side}; select a side with dj.Probe(place, group=...)")
+        self.notes.append(f"{place} is read {', and '.join(texts)}" if texts else "")
 
     def read(self, u: PETSc.Vec) -> Floats:
         """Return the nodal vectors at the points, shape (n, 3), on every rank (collective)."""
         values = np.zeros((len(self.positions), 3))
         blocks = u.getArray(readonly=True).reshape(-1, self._gdim)
-        for row, node in self._mine:
+        for row, node in self._local:
             values[row, : self._gdim] = blocks[node]
         return summed(self._comm, values)

@@ -16,7 +16,7 @@ from dolfinx_joints.simulation.record import Record
 @dataclass(eq=False)
 @checked
 class ProgressMonitor(Monitor):
-    """Progress bar on rank 0: remaining time, Newton iterations, open and sliding shares.
+    """Progress bar on rank 0: remaining time, Newton iterations, open and sliding points.
 
     Args:
         label: Text before the bar.
@@ -40,13 +40,13 @@ class ProgressMonitor(Monitor):
         """Advance the bar."""
         if self._bar is None or record.step == 0 or record.solve is None:
             return
-        counts, shown = record.solve.counts, f"{record.solve.iterations} it"
+        counts, text = record.solve.counts, f"{record.solve.iterations} it"
         if counts is not None and counts.total:
             opened, sliding = counts.open / counts.total, counts.slip / counts.total
-            shown += f", {100 * opened:.0f} % open, {100 * sliding:.0f} % sliding"
+            text += f", {100 * opened:.0f} % open, {100 * sliding:.0f} % sliding"
             if counts.frictionless:
-                shown += f", {100 * counts.frictionless / counts.total:.0f} % without friction"
-        self._bar.set_postfix_str(shown, refresh=False)
+                text += f", {100 * counts.frictionless / counts.total:.0f} % without friction"
+        self._bar.set_postfix_str(text, refresh=False)
         self._bar.update(1)
 
     def finish(self, status: str, summary: dict[str, Any]) -> None:

@@ -35,7 +35,7 @@ def strengths(contact: Contact) -> dict[str, dict[str, Any]]:
     """
     parameters = {}
     for joint, law in contact.laws.items():
-        inner = getattr(law, "law", law)  # The law inside that of a joint with dashpots.
+        inner = getattr(law, "law", law)  # A law with dashpots contains another law.
         parameters[joint] = {
             "kind": type(law).__name__,
             "friction_angle_deg": getattr(inner, "friction_angle_deg", None),
@@ -44,7 +44,7 @@ def strengths(contact: Contact) -> dict[str, dict[str, Any]]:
     return parameters
 
 
-def broken_joints(contact: Contact) -> tuple[str, ...]:
+def breakable_joints(contact: Contact) -> tuple[str, ...]:
     """Return the names of the joints with cohesion and breakable bonds."""
     laws = strengths(contact)
     return tuple(
@@ -54,11 +54,11 @@ def broken_joints(contact: Contact) -> tuple[str, ...]:
     )
 
 
-def broken(contact: Contact, joints: Response) -> NDArray[np.int8]:
+def broken_points(contact: Contact, joints: Response) -> NDArray[np.int8]:
     """Return 1 at local points whose bond is broken, 0 elsewhere, shape (n,)."""
     flags = np.zeros(len(joints.traction), dtype=np.int8)
     names = contact.operator.names
-    for joint in broken_joints(contact):
+    for joint in breakable_joints(contact):
         column = variables_of(contact.laws[joint]).index("broken")
         of_joint = contact.operator.joint == names.index(joint)
         flags[of_joint] = joints.state.internal[of_joint, column] != 0.0
@@ -71,7 +71,7 @@ class JointForces:
     Attributes:
         names: Names of the joints.
         geometry: Centroid, mean normal, area and flatness of each joint.
-        areas: Areas of the local points, zero at tied ones, shape (n,), [m^2].
+        areas: Areas of the local points, zero at tied points, shape (n,), [m^2].
         free_area: Sum of the areas over each joint, shape (joints,), [m^2].
 
     Example:
@@ -100,10 +100,10 @@ class JointForces:
         geometry = [areas, areas * model.operator.points, areas * normals, free[:, None]]
         sums = self._sums(np.hstack(geometry))
         self.geometry = [JointGeometry.from_sums(row[0], row[1:4], row[4:7]) for row in sums]
-        self.areas, self.free_area = free, sums[:, 7]  # tied points transmit nothing
+        self.areas, self.free_area = free, sums[:, 7]  # tied points have no traction
         self._centroids = np.array([g.centroid for g in self.geometry])
         self._laws = strengths(model.contact)
-        bonded = broken_joints(model.contact)
+        bonded = breakable_joints(model.contact)
         cohesion = [self._laws[name]["cohesion"] * (name in bonded) for name in self.names]
         self._cohesion = np.array(cohesion)[self._operator.joint]
         self._bonds = bool(bonded)
@@ -111,7 +111,7 @@ class JointForces:
     def __call__(
         self, joints: Response, pressure: Floats | None = None
     ) -> dict[str, JointResultants]:
-        """Return the resultants by joint, the same on every rank (collective).
+        """Return the resultants by joint, equal on all ranks (collective).
 
         Args:
             joints: Response of the joints, such as ``StaticState.joints`` or ``Record.joints``.
@@ -155,10 +155,10 @@ class JointForces:
         return self._operator.frames[:, 0] * (self.areas * pressure)[:, None]
 
     def points(self, joints: Response, start: Floats) -> JointPoints:
-        """Return the state of local points; slip is relative to the gaps ``start`` (n, 3) [m]."""
+        """Return the state of local points; slip is measured from gaps ``start`` (n, 3) [m]."""
         cohesion, gap = self._cohesion, joints.state.gap
         if self._bonds:
-            cohesion = cohesion * (1 - broken(self._contact, joints))
+            cohesion = cohesion * (1 - broken_points(self._contact, joints))
         return JointPoints(gap, gap[:, 1:] - start[:, 1:], joints.traction, cohesion)
 
     def about_centroids(self, force: Floats) -> Floats:
@@ -175,13 +175,13 @@ class JointForces:
 
 
 class Blocks:
-    """Blocks of a model and the joint forces on them; a block has cells connected without joints.
+    """Blocks of a model, which joints separate from each other, and the joint forces on blocks.
 
-    They are numbered by their first node in the input mesh.
+    Blocks are numbered in the order of their first node in the input mesh.
 
     Attributes:
         mass: Shape (blocks,), [kg].
-        centre: Centre of mass, shape (blocks, 3), [m]; for a massless block the mean of its nodes.
+        centre: Centre of mass, shape (blocks, 3), [m]; mean of the nodes if a block has no mass.
         sides: Block on the - and on the + side of each local joint point, shape (n, 2).
     """
 
@@ -191,11 +191,11 @@ class Blocks:
         comm = model.jointed.mesh.comm
         self._operator = model.operator
         block = block_of_nodes(nodes)
-        of_facet = blocks_of_pairs(nodes, model.jointed.pairs, block)
-        self.sides: Ints = model.operator.layout.from_facets(comm, of_facet)
-        own = block[: model.V.dofmap.index_map.size_local]
-        count = int(max(comm.allgather(int(own.max(initial=-1))))) + 1
-        self.mass, self.centre = _masses(model, own, count)
+        pair_blocks = blocks_of_pairs(nodes, model.jointed.pairs, block)
+        self.sides: Ints = model.operator.layout.from_facets(comm, pair_blocks)
+        owned = block[: model.V.dofmap.index_map.size_local]
+        count = int(max(comm.allgather(int(owned.max(initial=-1))))) + 1
+        self.mass, self.centre = _masses(model, owned, count)
 
     def __call__(self, force: Floats) -> Floats:
         """Return forces and moments on each block, shape (blocks, 6), [N, N m] (collective).
@@ -211,7 +211,7 @@ class Blocks:
 
 
 def _masses(model: Model, block: Ints, count: int) -> tuple[Floats, Floats]:
-    """Return masses (blocks,) [kg] and centres (blocks, 3) [m] from blocks of the owned nodes."""
+    """Return masses (blocks,) [kg] and centres (blocks, 3) [m], given each owned node's block."""
     gdim, comm = model.gdim, model.jointed.mesh.comm
     points = model.V.tabulate_dof_coordinates()[: len(block)]
     u = model.body_mass.createVecRight()
@@ -244,10 +244,10 @@ class ResultantsStream:
         self._wet = wet
 
     def declare(self, writer: ResultsWriter) -> None:
-        """Write the blocks, on rank 0 while the others send `sides`."""
+        """Write the data of the blocks on rank 0, while other ranks send `sides`."""
         blocks = self._blocks
         writer.static("blocks/mass", blocks.mass, "kg", "mass of each block")
-        text = "centre of mass of each block, without mass the mean of its nodes"
+        text = "centre of mass of each block, mean of the nodes if it has no mass"
         writer.static("blocks/centre", blocks.centre, "m", text)
         for name, sides in self.sides.items():
             text = "blocks on the - and + side of each point"
@@ -258,10 +258,10 @@ class ResultantsStream:
         assert record.joints is not None
         pressure = record.pressure() if record.pressure is not None else None
         values: dict[str, Any] = {}
-        for name, one in self._joints(record.joints, pressure).items():
+        for name, resultants in self._joints(record.joints, pressure).items():
             parts = ["force", "moment", "contact"]
             parts += ["water_force", "water_moment"] if name in self._wet else []
-            values |= {f"joints/{name}/{part}": getattr(one, part) for part in parts}
+            values |= {f"joints/{name}/{part}": getattr(resultants, part) for part in parts}
         sums = self._blocks(self._joints.forces(record.joints.traction))
         values |= {"blocks/force": sums[:, :3], "blocks/moment": sums[:, 3:]}
         if pressure is not None:

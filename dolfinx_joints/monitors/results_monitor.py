@@ -26,7 +26,7 @@ from dolfinx_joints.monitors.joint_extremes import JointExtremesStream
 from dolfinx_joints.monitors.joint_rows import JointRows
 from dolfinx_joints.monitors.manifest import manifest
 from dolfinx_joints.monitors.point_histories import STATIC_PART, PointHistories
-from dolfinx_joints.monitors.probes import PointProbe, Probe, checked_points
+from dolfinx_joints.monitors.probes import PointProbe, Probe, check_points
 from dolfinx_joints.monitors.resultants import ResultantsStream, strengths
 from dolfinx_joints.monitors.surface_stress import StressEnvelopes, check_has_envelopes
 from dolfinx_joints.postprocessing.envelopes import ENVELOPE_NAMES, declare_directions
@@ -43,11 +43,11 @@ from dolfinx_joints.simulation.record import Record, StageRecord
 class ResultsMonitor(Monitor):
     """Writes static stages, time histories, energies and states to an HDF5 file during a run.
 
-    After each static stage: displacements, reactions and joints at its end, and the boundary
-    stresses with ``envelopes``. A file with static stages only is complete after each stage. A
-    dynamic stage creates the file anew and repeats all static stages before it. If the first static
-    stage would replace another file, that file is renamed to ``NAME.before``. It remains until the
-    next dynamic stage starts or resumes.
+    At the end of each static stage: displacements, reactions, joint values and, with ``envelopes``,
+    boundary stresses. A file with static stages only is complete after each stage. A dynamic stage
+    creates a new file, which repeats all previous static stages. If the first static stage would
+    replace another file, that file is renamed to ``NAME.before``. The next dynamic stage deletes
+    ``NAME.before`` when it starts, or restores that file to resume it.
 
     Every step: displacement and acceleration of the monitor points, ground acceleration (for
     incident waves, velocity of the free surface), shares of open, sliding and sticking joint
@@ -57,17 +57,17 @@ class ResultsMonitor(Monitor):
     resultants of joints and blocks at every step, and envelopes of boundary stresses at the end.
 
     Args:
-        path: The file.
-        points: Monitor points by name, coordinates [m] or a `Probe`; read at the nearest nodes.
+        path: Path of the file.
+        points: Monitor points by name, coordinates [m] or a `Probe`; nearest nodes are used.
         every: Steps between two states.
-        metadata: Further information on the run; anything that can be stored as JSON.
+        metadata: Further information on the run that can be stored as JSON.
         overwrite: Replace an existing file.
         envelopes: Record envelopes of principal, arch and cantilever stresses, including the static
-            state, on the whole boundary or on the named facet groups. Only for models in three
-            dimensions; costs one matrix-vector product per step.
+            state, on the whole boundary or on the named facet groups. Only for 3-D models; costs
+            one matrix-vector product per step.
         resultants: Record force and moment of each joint and on each block at every step.
-        static_part: Record the static part of the displacement under a `DifferingMotion`: of the
-            points at every step and of all nodes with the states. Costs one solve per step.
+        static_part: Record the static part of the displacement under a `DifferingMotion`, at the
+            points in every step and at all nodes in each state. Costs one solve per step.
 
     Example:
         >>> from mpi4py import MPI
@@ -98,37 +98,37 @@ class ResultsMonitor(Monitor):
     def __post_init__(self) -> None:
         """Check the arguments; nothing is written before the run starts."""
         check_storable("metadata", self.metadata or {})
-        self._path, self._points = Path(self.path), checked_points(self.points)
-        self._aside = self._path.with_name(self._path.name + ".before")
+        self._path, self._points = Path(self.path), check_points(self.points)
+        self._backup = self._path.with_name(self._path.name + ".before")
         self._writer: ResultsWriter | None = None
         self._prepared_model: Model | None = None
         self._last_stage: StageRecord | None = None
-        self._stages: int | None = None  # Number in the file of static stages, None without file.
-        self._in_dynamics = self._moved_aside = False
+        self._stages: int | None = None  # Number of stages in the file of static stages, if any.
+        self._in_dynamics = self._has_backup = False
         self._acting: dict[str, str] = {}  # Loads of each static stage, as in the manifest.
 
     def check(self, model: Model) -> None:
-        """Raise an error if the model lacks something that is to be recorded."""
+        """Raise an error if a quantity to be recorded does not exist in the model."""
         if self.resultants and model.contact is None:
             raise MeshError("resultants=True records forces of joints; the model has no joints.")
         if self.envelopes:
             check_has_envelopes(model)
 
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
-        """Add new stages to a file of static stages alone (collective).
+        """Add new stages to a file with static stages only (collective).
 
-        After a dynamic stage has started, the next dynamic stage writes them to its file.
+        After a dynamic stage, nothing is written: the next dynamic stage writes all stages.
         """
         self._write_stages(model, stages, "complete", {})
 
     def static_failure(
         self, model: Model, stages: Sequence[StageRecord], status: str, error: str
     ) -> None:
-        """Mark a file of static stages alone as failed, even without stages (collective)."""
+        """Mark a file with static stages only as failed, even without stages (collective)."""
         self._write_stages(model, stages, status, {"error": error})
 
     def _write_stages(self, model: Model, stages: Sequence[StageRecord], *ending: Any) -> None:
-        """Update a file of static stages alone, with status and summary (collective)."""
+        """Update a file with static stages only; ``ending`` is status and summary (collective)."""
         if self._in_dynamics:
             return
         self._prepare_body(model)
@@ -139,8 +139,8 @@ class ResultsMonitor(Monitor):
             if self._comm.rank == 0:
                 with self._static_writer(model, stages) as writer:
                     if not count:
-                        none = {"name": stage_bytes("none"), "load_time": 0.0}
-                        self._begin(writer, {"statics": rows[0] if rows else none})
+                        empty = {"name": stage_bytes("none"), "load_time": 0.0}
+                        self._begin(writer, {"statics": rows[0] if rows else empty})
                     for number, row in enumerate(rows, start=count + 1):
                         writer.append("statics", number, row)
                     writer.finish(*ending)
@@ -150,56 +150,56 @@ class ResultsMonitor(Monitor):
         )
 
     def _static_writer(self, model: Model, stages: Sequence[StageRecord]) -> ResultsWriter:
-        """Return a writer for a file of static stages alone, on rank 0."""
-        made_by = manifest(model, {}, self._mesh_sha256, stages, self._resolved)
-        made_by["static_stages"] = self._acting = self._acting | made_by["static_stages"]
-        facts = {"manifest": made_by, "stage": "static", **self._facts(model)}
+        """Return a writer for a file with static stages only, on rank 0."""
+        origin = manifest(model, {}, self._mesh_sha256, stages, self._resolved)
+        origin["static_stages"] = self._acting = self._acting | origin["static_stages"]
+        facts = {"manifest": origin, "stage": "static", **self._facts(model)}
         if self._stages:
             return ResultsWriter.resume(self._path, {"statics": self._stages}, facts)
-        aside = None if contains_only_statics(self._path) else self._aside
-        self._moved_aside = self.overwrite and aside is not None and self._path.exists()
-        again = self.overwrite or self._stages == 0
-        return ResultsWriter(self._path, facts, overwrite=again, aside=aside)
+        backup = None if contains_only_statics(self._path) else self._backup
+        self._has_backup = self.overwrite and backup is not None and self._path.exists()
+        overwrite = self.overwrite or self._stages == 0
+        return ResultsWriter(self._path, facts, overwrite=overwrite, aside=backup)
 
     def _begin(
         self, writer: ResultsWriter, values: Mapping[str, Mapping[str, Any]], frame: str = ""
     ) -> None:
-        """Write constant data and declare streams from the values of a record, on rank 0."""
+        """Write constant data and declare the streams from example values, on rank 0."""
         declare_points(writer, self._probe.positions)
         declare_body(writer, *self._mesh)
         if self._directions is not None:
             declare_directions(writer, *self._directions)
-        for stream, of_stream in values.items():
-            declare(writer, stream, of_stream, frame=frame)
+        for stream, example in values.items():
+            declare(writer, stream, example, frame=frame)
         writer.start()
 
     def start(self, model: Model, stage: str, steps: int, first: Record) -> None:
         """Create the file and write the mesh and the first record (collective)."""
         self._prepare(model, first)
         facts = {"stage": stage, "steps": steps, **self._facts(model)}
-        still = first.free_surface is None and not model.constraints.moves
-        facts["displacements"] = RELATIVE if first.motion is not None or still else ABSOLUTE
+        fixed = first.free_surface is None and not model.constraints.moves
+        facts["displacements"] = RELATIVE if first.motion is not None or fixed else ABSOLUTE
         values = self._values(first)
-        stages = [self._stage_fields.values(one) for one in first.stages]
-        named = values | {"energy": energies(model, first)}
-        named |= {"statics": stages[0]} if stages else {}
+        stages = [self._stage_fields.values(record) for record in first.stages]
+        examples = values | {"energy": energies(model, first)}
+        examples |= {"statics": stages[0]} if stages else {}
         if self._extremes is not None:
-            named["joints"] = self._extremes.shapes
+            examples["joints"] = self._extremes.shapes
         if self._directions is not None:
-            named["envelopes"] = dict.fromkeys(ENVELOPE_NAMES, self._directions[0])
+            examples["envelopes"] = dict.fromkeys(ENVELOPE_NAMES, self._directions[0])
 
         def create() -> None:
             facts["manifest"] = manifest(
                 model, first.settings, self._mesh_sha256, first.stages, self._resolved
             )
-            own = self._stages is not None and contains_only_statics(self._path)
-            replaces = self.overwrite or own
+            is_static = self._stages is not None and contains_only_statics(self._path)
+            replaces = self.overwrite or is_static
             self._writer = writer = ResultsWriter(self._path, facts, overwrite=replaces)
-            if self._moved_aside:
-                self._aside.unlink(missing_ok=True)
+            if self._has_backup:
+                self._backup.unlink(missing_ok=True)
             if self._resultants is not None:
                 self._resultants.declare(writer)
-            self._begin(writer, named, facts["displacements"])
+            self._begin(writer, examples, facts["displacements"])
             self._order(first)
 
         try:
@@ -207,8 +207,8 @@ class ResultsMonitor(Monitor):
             with handing_out(self._comm, self._mesh, self._directions, sides):
                 if self._comm.rank == 0:
                     create()
-            for number, one in enumerate(stages, start=1):
-                self._append("statics", number, one)
+            for number, row in enumerate(stages, start=1):
+                self._append("statics", number, row)
             self._write(first, values)
         except BaseException as error:
             if self._writer is not None:
@@ -236,8 +236,8 @@ class ResultsMonitor(Monitor):
         self.check(model)
         self._comm, self._nodes = model.jointed.mesh.comm, NodeNumbering(model.V)
         self._probe = PointProbe(model, list(self._points.values()), self._nodes)
-        moved = [f"{n} {m}" for n, m in zip(self._points, self._probe.moved, strict=True) if m]
-        self._point_warning = f"Monitored points: {'; '.join(moved)}." if moved else ""
+        notes = [f"{n} {m}" for n, m in zip(self._points, self._probe.notes, strict=True) if m]
+        self._point_warning = f"Monitored points: {'; '.join(notes)}." if notes else ""
         if self._point_warning and self._comm.rank == 0:
             warn(self._point_warning)
         self._envelopes = self._directions = None
@@ -254,7 +254,7 @@ class ResultsMonitor(Monitor):
         self._prepared_model = self._model = model
 
     def _prepare(self, model: Model, first: Record) -> None:
-        """Prepare the model and all that depends on loads of the dynamic stage (collective)."""
+        """Prepare the model and the quantities of a dynamic stage (collective)."""
         self._prepare_body(model)
         self._in_dynamics = True
         if self._envelopes is not None:
@@ -274,7 +274,7 @@ class ResultsMonitor(Monitor):
             )
 
     def state_dict(self) -> dict[str, Any]:
-        """Flush the file; return record counts and what the next record needs (collective)."""
+        """Flush the file; return record counts and data for the next record (collective)."""
         columns = None if self._envelopes is None else self._envelopes.state_dict()
         gap = None if self._extremes is None else self._extremes.state_dict()
         records: dict[str, int] = {}
@@ -303,11 +303,11 @@ class ResultsMonitor(Monitor):
     ) -> None:
         """Continue the file and discard records after ``last`` (collective)."""
         for name, setting in self._settings.items():
-            was = state_dict["settings"][name]
-            if was != setting:
+            saved = state_dict["settings"][name]
+            if saved != setting:
                 raise OtherRunError(
-                    f"{self._path} cannot be continued: it was recorded with {name}={was}, now "
-                    f"{name}={setting}."
+                    f"{self._path} cannot be continued: the file was recorded with {name}={saved}, "
+                    f"but this run has {name}={setting}."
                 )
         self._prepare(model, last)
         self._histories.load_state_dict(state_dict)
@@ -318,13 +318,13 @@ class ResultsMonitor(Monitor):
             self._extremes.load_state_dict(state_dict["gap"])
         with raised_together(self._comm):
             if self._comm.rank == 0:
-                if self._aside.exists():
-                    self._aside.replace(self._path)
+                if self._backup.exists():
+                    self._backup.replace(self._path)
                 self._writer = ResultsWriter.resume(self._path, state_dict["records"])
                 self._order(last)
 
     def _order(self, record: Record) -> None:
-        """Set the order of the values of streams with many values per step, on rank 0."""
+        """Set the order of values in streams with many values per step, on rank 0."""
         assert self._writer is not None
         self._writer.order("energy", list(energies(self._model, record)))
         if self._extremes is not None:
@@ -336,8 +336,8 @@ class ResultsMonitor(Monitor):
 
     def _write(self, record: Record, values: Mapping[str, Any]) -> None:
         """Append the values of a step (collective)."""
-        for stream, of_stream in values.items():
-            self._append(stream, record.time, of_stream)
+        for stream, row in values.items():
+            self._append(stream, record.time, row)
         if self._envelopes is not None:
             self._envelopes.see(record.displacement, record.time)
         self._time = record.time
@@ -372,7 +372,7 @@ class ResultsMonitor(Monitor):
         return streams
 
     def _append(self, stream: str, time: float, values: Mapping[str, Any] | Floats) -> None:
-        """Append to a stream on rank 0; an error there is raised on every rank."""
+        """Append to a stream on rank 0; an error on rank 0 is raised on all ranks."""
         with handing_out(self._comm, values):
             if self._writer is not None:
                 self._writer.append(stream, time, values)

@@ -41,14 +41,14 @@ _CHUNK = 512  # Cells evaluated at a time: 16 MB for hexahedra of degree 2.
 
 
 class SurfaceStress:
-    """Stresses at the vertices of all exterior facets, as a matrix times the displacement.
+    """Stresses at the vertices of exterior facets, computed as a matrix times the displacement.
 
     The stress that temperatures would cause in a fully constrained body is subtracted. The stress
-    at a vertex is the mean over the adjacent cells. As nodes on a joint are duplicated, cells on
+    at a vertex is the mean over the adjacent cells. Nodes on a joint are duplicated, so cells on
     the other side of the joint do not contribute.
 
     Args:
-        model: The model, in three dimensions.
+        model: 3-D model.
         nodes: Node numbering.
         facets: Vertices of this rank's part of the facets to evaluate, shape (facets, vertices per
             facet); by default all exterior facets.
@@ -74,20 +74,20 @@ class SurfaceStress:
         num_cells = model.jointed.mesh.topology.index_map(3).size_local
         corners = nodes.number[model.V.dofmap.list[:num_cells, :vertices]]
         place = rows_at(comm, place, corners.ravel()).reshape(corners.shape)
-        met = place[place >= 0]
-        cells = added(comm, self._blocks, met, np.ones(len(met)))
+        numbered = place[place >= 0]
+        cells = added(comm, self._blocks, numbered, np.ones(len(numbered)))
         count = np.ones(place.shape)
-        count[place >= 0] = rows_at(comm, cells, met)
+        count[place >= 0] = rows_at(comm, cells, numbered)
         self._matrix = self._assemble(model, place, count)
         self._thermal = [
-            (i, self._blocked(model, load, place) / cells, load.factor)
+            (i, self._thermal_stress(model, load, place) / cells, load.factor)
             for i, load in enumerate(model.loads)
             if isinstance(load, Temperature)
         ]
         self._stress = self._matrix.createVecLeft()
 
     def _assemble(self, model: Model, place: Ints, count: Floats) -> PETSc.Mat:
-        """Return six rows per vertex; ``place`` numbers the corners of cells, -1 if interior."""
+        """Return six rows per vertex; ``place`` is the vertex of each cell corner, -1 if inside."""
         dofmap, columns = model.V.dofmap, model.stiffness.getSizes()[1]
         evaluate = _evaluator(model)
         cells = np.flatnonzero((place >= 0).any(axis=1)).astype(np.int32)
@@ -99,9 +99,9 @@ class SurfaceStress:
             chunk = cells[start : start + _CHUNK]
             dofs = (3 * dofmap.list[chunk][:, :, None] + np.arange(3)).reshape(len(chunk), -1)
             cell, vertex = np.nonzero(place[chunk] >= 0)
-            at = np.searchsorted(rows, place[chunk][cell, vertex])
+            number = np.searchsorted(rows, place[chunk][cell, vertex])
             values = evaluate(chunk)[cell, vertex] / count[chunk][cell, vertex][:, None, None]
-            i = np.broadcast_to((6 * at[:, None] + np.arange(6))[:, :, None], values.shape)
+            i = np.broadcast_to((6 * number[:, None] + np.arange(6))[:, :, None], values.shape)
             j = np.broadcast_to(dofs[cell][:, None, :], values.shape)
             part = coo_matrix((values.ravel(), (i.ravel(), j.ravel())), shape)
             part.sum_duplicates()
@@ -120,15 +120,15 @@ class SurfaceStress:
         matrix.assemble()
         return matrix
 
-    def _blocked(self, model: Model, load: Temperature, place: Ints) -> Floats:
+    def _thermal_stress(self, model: Model, load: Temperature, place: Ints) -> Floats:
         """Return the thermal stress of the constrained body, summed over cells per vertex [Pa]."""
-        warm = np.zeros(len(place), dtype=bool)
+        heated = np.zeros(len(place), dtype=bool)
         if load.cells is None:
-            warm[:] = True
+            heated[:] = True
         else:
             cells = model.jointed.cells(load.cells)
-            warm[cells[cells < len(place)]] = True
-        cells = np.flatnonzero(warm & (place >= 0).any(axis=1)).astype(np.int32)
+            heated[cells[cells < len(place)]] = True
+        cells = np.flatnonzero(heated & (place >= 0).any(axis=1)).astype(np.int32)
         values = _at_vertices(model, load.blocked_stress(model))(cells)
         values = values.reshape(len(cells), place.shape[1])
         on_boundary = place[cells] >= 0
@@ -145,12 +145,12 @@ class SurfaceStress:
         self._matrix.mult(u, self._stress)
         stress: Floats = self._stress.getArray(readonly=True).reshape(-1, 6)
         if self._thermal:
-            blocked_now = sum(
-                factor(time) * blocked
-                for i, blocked, factor in self._thermal
+            thermal = sum(
+                factor(time) * unit
+                for i, unit, factor in self._thermal
                 if loads is None or i in loads
             )
-            stress = stress - np.outer(blocked_now, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+            stress = stress - np.outer(thermal, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
         return stress
 
     def across(self, rows: NDArray[Any]) -> NDArray[Any] | Dealt:
@@ -176,11 +176,11 @@ def _at_vertices(model: Model, expression: Any) -> Any:
 class StressEnvelopes:
     """Envelopes over a run of the stresses at the vertices of the boundary.
 
-    Arch and cantilever directions follow from the free faces, that is without facets of joints and
-    supports. If groups are given, the directions follow from their facets.
+    Arch and cantilever directions are computed from the facets of the groups, or by default from
+    the free faces: exterior facets outside joints and supports.
 
     Args:
-        model: The model, in three dimensions.
+        model: 3-D model.
         nodes: Node numbering.
         groups: Names of facet groups, such as ``["upstream"]``; by default the whole boundary.
 
@@ -211,20 +211,20 @@ class StressEnvelopes:
 
     def begin(self) -> None:
         """Reset the envelopes at the start of a run."""
-        self._seen = Envelopes(self.arch, self.cantilever)
+        self._envelopes = Envelopes(self.arch, self.cantilever)
 
     def see(self, u: PETSc.Vec, time: float) -> None:
-        """Update the envelopes by the stresses of a displacement [m] at a time [s] (collective)."""
-        self._seen.see(self._stress(u, time))
+        """Update the envelopes with the stresses at a time [s], from displacements (collective)."""
+        self._envelopes.see(self._stress(u, time))
 
     def at(self, u: PETSc.Vec, time: float, loads: Sequence[int], present: Floats) -> list[Array]:
-        """Return the stresses of a static stage, as in `stage_stresses`, all ranks (collective).
+        """Return the stresses of a static stage of all ranks, see `stage_stresses` (collective).
 
         Args:
             u: Displacement [m].
             time: Time at which temperatures are evaluated [s].
             loads: Indices in ``Model.loads`` of the acting loads.
-            present: 1 at the vertices of this rank, 0 at those of absent blocks, shape (n,).
+            present: 1 at this rank's vertices, 0 at vertices of absent blocks, shape (n,).
         """
         stress = present[:, None] * self._stress(u, time, loads)
         columns = stage_stresses(stress, self.arch, self.cantilever)
@@ -232,30 +232,30 @@ class StressEnvelopes:
 
     def state_dict(self) -> Dealt:
         """Return the envelopes of all ranks, columns as in ``ENVELOPE_NAMES`` (collective)."""
-        return Dealt(self._stress.comm, self._seen.columns)
+        return Dealt(self._stress.comm, self._envelopes.columns)
 
     def columns(self) -> list[Array]:
         """Return the envelopes of all ranks, in the order of ``ENVELOPE_NAMES``."""
-        return [self._stress.across(column) for column in self._seen.columns.T]
+        return [self._stress.across(column) for column in self._envelopes.columns.T]
 
     def load_state_dict(self, columns: Floats) -> None:
         """Restore this rank's rows from ``state_dict``."""
-        self._seen.load_state_dict(columns)
+        self._envelopes.load_state_dict(columns)
 
 
 def _directions(
-    model: Model, nodes: NodeNumbering, facets: Ints, wanted: Ints
+    model: Model, nodes: NodeNumbering, facets: Ints, vertices: Ints
 ) -> tuple[Floats, Floats]:
-    """Return arch and cantilever directions at wanted nodes, from facets by rank (collective)."""
+    """Return arch and cantilever directions at vertices, from all ranks' facets (collective)."""
     comm = model.jointed.mesh.comm
-    # Send each facet to all ranks with one of its vertices, in the same order on each rank.
-    first = comm.allgather(int(wanted[0]) if len(wanted) else nodes.count)
+    # Send each facet to all ranks with one of its vertices, in an order that all ranks share.
+    first = comm.allgather(int(vertices[0]) if len(vertices) else nodes.count)
     starts = np.minimum.accumulate([*first, nodes.count][::-1])[::-1]
     ranks = rank_of(np.append(0, starts[1:]), facets)
     pairs = np.column_stack([np.arange(len(facets)).repeat(facets.shape[1]), ranks.ravel()])
     row, rank = np.unique(pairs, axis=0).T
     around = sent_to(comm, rank, facets[row])
-    near, numbers = np.unique(np.append(around, wanted), return_inverse=True)
+    near, numbers = np.unique(np.append(around, vertices), return_inverse=True)
     places = rows_at(comm, nodes.positions, near)
     numbers = numbers.ravel()
     rows = numbers[around.size :]
@@ -266,16 +266,16 @@ def _directions(
 def check_has_envelopes(model: Model) -> None:
     """Raise ValueError if stress envelopes cannot be recorded for the model."""
     if model.gdim != 3:
-        raise ValueError("Stress envelopes need a three-dimensional model, got a plane model.")
+        raise ValueError("Stress envelopes need a 3-D model; this model is 2-D.")
     if model.bulk is not None:
         raise ValueError(
-            "Stress envelopes are recorded of elastic bodies only: stresses in plastic cells do "
-            "not follow from displacements alone."
+            "Stress envelopes need an elastic body: stresses in plastic cells also depend on "
+            "plastic strains."
         )
 
 
 def facets_of_groups(model: Model, nodes: NodeNumbering, groups: Sequence[str]) -> Ints:
-    """Return vertices of the exterior facets of named groups, this rank's block (collective)."""
+    """Return vertices of exterior facets of the groups, in this rank's block (collective)."""
     parts, comm = [], model.jointed.mesh.comm
     for group in groups:
         outer = exterior_facet_indices(model.jointed.mesh.topology)

@@ -40,7 +40,7 @@ _MOST_NAMED = 5  # Largest number of values named in a warning.
 
 @dataclass(frozen=True, kw_only=True)
 class Saved:
-    """Content of a checkpoint: the state of a `DynamicRun`, and its static state."""
+    """Content of a checkpoint: the state of a `DynamicRun`, and the static state before it."""
 
     state: DynamicState
     origin: PETSc.Vec
@@ -53,10 +53,10 @@ class Saved:
 class Checkpoints:
     """File and interval of the checkpoints of a dynamic stage.
 
-    The first checkpoint is written before the first step, so that statics are never lost.
+    The first checkpoint is written before the first step, so that static stages are never lost.
 
     Args:
-        path: The file; each checkpoint replaces the previous one in a single operation.
+        path: Path of the file; a checkpoint replaces the previous one in a single operation.
         every: Steps between two checkpoints.
         overwrite: Let a new run replace an existing checkpoint.
         resume: Continue from the checkpoint in the file.
@@ -84,7 +84,7 @@ class Checkpoints:
     resume: bool = False
 
     def __post_init__(self) -> None:
-        """Check the path; files are written from the start of the run."""
+        """Check the path; the file is written when the dynamic stage starts."""
         self.file = Path(self.path)
         self._lock: FileLock | None = None
 
@@ -102,7 +102,7 @@ class Checkpoints:
         if begins and on_root(comm, lambda: self.found):
             raise CheckpointError(
                 f"The checkpoint {self.path} exists; pass resume=True to Checkpoints to continue "
-                "from it, or overwrite=True to start anew."
+                "from it, or overwrite=True to start a new run."
             )
 
         def lock() -> None:
@@ -132,7 +132,7 @@ class CheckpointKeeper:
         """Compute the fingerprint of the run (collective)."""
         if model.bulk is not None:
             raise CheckpointError(
-                "Checkpoints do not hold the state of plastic cells; omit checkpoint= in this run."
+                "Checkpoints do not store plastic cells; omit checkpoint= in this run."
             )
         self._path, self._every = checkpoints.file, checkpoints.every
         self._model, self._comm = model, model.jointed.mesh.comm
@@ -174,17 +174,17 @@ class CheckpointKeeper:
         """Return the state and the stages written by `save_static` (collective)."""
         tree = self._read(("run", "static", "stages"))
         stored = tree["static"], tree["stages"]
-        return self._restored(StaticState, stored[0]), self._restored(list[StageRecord], stored[1])
+        return self._restore(StaticState, stored[0]), self._restore(list[StageRecord], stored[1])
 
     def load(self, monitors: Sequence[Any]) -> Saved:
         """Return the content of the last checkpoint (collective)."""
         names = [type(monitor).__name__ for monitor in monitors]
         parts = ("run", "monitors", *(f.name for f in fields(Saved)))
-        saved: Saved = self._restored(Saved, self._read(parts, monitors=str(names)))
+        saved: Saved = self._restore(Saved, self._read(parts, monitors=str(names)))
         return saved
 
     def _read(self, names: Sequence[str], **facts: str) -> dict[str, Any]:
-        """Return the tree of the file, after checking that it belongs to this run (collective)."""
+        """Return the tree of the file; check that the file belongs to this run (collective)."""
         from dolfinx_joints.simulation.checkpoint_file import read_checkpoint
         from dolfinx_joints.simulation.fingerprint import first_difference
 
@@ -199,62 +199,62 @@ class CheckpointKeeper:
             difference = first_difference(saved, {**self._facts, **facts})
             if difference is not None:
                 raise OtherRunError(
-                    f"The checkpoint {self._path} is of another model or run; {difference}."
+                    f"The checkpoint {self._path} belongs to another model or run; {difference}."
                 )
             if self._unknown:
                 omitted = len(self._unknown) - _MOST_NAMED
                 named = "; ".join(self._unknown[:_MOST_NAMED])
                 warn(
-                    f"Continuing from {self._path}: it is not possible to check for changes of "
-                    f"{named}{f'; and {omitted} more' if omitted > 0 else ''}."
+                    f"Continuing from {self._path}: this program cannot detect changes of "
+                    f"{named}{f'; and of {omitted} more' if omitted > 0 else ''}."
                 )
 
         on_root(comm, compare)
         return tree
 
-    def _tree(self, thing: Any) -> Any:
+    def _tree(self, value: Any) -> Any:
         """Return a state, response or vector as a tree of arrays by rank (collective)."""
-        if isinstance(thing, PETSc.Vec):
+        if isinstance(value, PETSc.Vec):
             coupled = self._model.coupled
-            if coupled is not None and coupled.has_water(thing):
-                water = Dealt(self._comm, coupled.of_water(thing))
-                return {"body": self._tree(coupled.body(thing)), "water": water}
-            return Dealt(self._comm, self._nodes.dealt(thing)[:, : self._model.gdim])
-        if isinstance(thing, np.ndarray):
-            return Dealt(self._comm, thing)
-        if isinstance(thing, DynamicState | Response | JointState | StaticState | StageRecord):
-            return {f.name: self._tree(getattr(thing, f.name)) for f in fields(thing)}
-        if is_dataclass(thing) and not isinstance(thing, type):
-            return asdict(thing)  # Numbers of the whole model, equal on all ranks.
-        if isinstance(thing, list):
-            return {str(i): self._tree(item) for i, item in enumerate(thing)}
-        if isinstance(thing, Mapping):
-            return {name: self._tree(item) for name, item in thing.items()}
-        return thing
+            if coupled is not None and coupled.has_water(value):
+                water = Dealt(self._comm, coupled.of_water(value))
+                return {"body": self._tree(coupled.body(value)), "water": water}
+            return Dealt(self._comm, self._nodes.dealt(value)[:, : self._model.gdim])
+        if isinstance(value, np.ndarray):
+            return Dealt(self._comm, value)
+        if isinstance(value, DynamicState | Response | JointState | StaticState | StageRecord):
+            return {f.name: self._tree(getattr(value, f.name)) for f in fields(value)}
+        if is_dataclass(value) and not isinstance(value, type):
+            return asdict(value)  # Numbers of the whole model, equal on all ranks.
+        if isinstance(value, list):
+            return {str(i): self._tree(item) for i, item in enumerate(value)}
+        if isinstance(value, Mapping):
+            return {name: self._tree(item) for name, item in value.items()}
+        return value
 
-    def _restored(self, kind: Any, tree: Any) -> Any:
-        """Return the object of a type from its `_tree` (collective)."""
+    def _restore(self, kind: Any, tree: Any) -> Any:
+        """Return the object of a type from the tree of `_tree` (collective)."""
         if tree is None:
             return None
-        of = get_args(kind)
-        if get_origin(kind) is UnionType:  # Of a type and None.
-            return self._restored(of[0], tree)
+        types = get_args(kind)
+        if get_origin(kind) is UnionType:  # A type or None.
+            return self._restore(types[0], tree)
         if kind is PETSc.Vec:
             return self._vector(tree)
         if is_dataclass(kind):
             hints = get_type_hints(kind)
-            parts = {f.name: self._restored(hints[f.name], tree[f.name]) for f in fields(kind)}
+            parts = {f.name: self._restore(hints[f.name], tree[f.name]) for f in fields(kind)}
             return kind(**parts)  # type: ignore[operator]
         if get_origin(kind) is list:
-            return [self._restored(of[0], tree[str(i)]) for i in range(len(tree))]
+            return [self._restore(types[0], tree[str(i)]) for i in range(len(tree))]
         if get_origin(kind) is tuple:
             return tuple(tree)
         if get_origin(kind) is Mapping:
-            return {name: self._restored(of[1], item) for name, item in tree.items()}
+            return {name: self._restore(types[1], item) for name, item in tree.items()}
         return tree
 
     def _vector(self, values: Any) -> PETSc.Vec:
-        """Return a vector from this rank's part of the stored values, including water."""
+        """Return a vector, including water, from this rank's part of the stored values."""
         if isinstance(values, dict):
             coupled = self._model.coupled
             assert coupled is not None

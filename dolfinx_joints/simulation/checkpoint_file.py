@@ -32,16 +32,16 @@ from dolfinx_joints.results.stream import write_whole
 FORMAT = "dolfinx_joints checkpoint"
 VERSION = 5
 
-_MORE_BYTES = 1 << 12  # HDF5's own data for an array.
+_MORE_BYTES = 1 << 12  # HDF5's metadata of an array.
 
 Tree = dict[str, Any]
 
 
 def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
-    """Replace a checkpoint in one operation: if the run is killed meanwhile, the old one remains.
+    """Replace a checkpoint in one operation, so that a killed run leaves the old or new file.
 
     ``PATH.part`` is written first. A tree contains, by name, arrays (also distributed over ranks),
-    values that can be stored as JSON, and further trees.
+    values that can be stored as JSON, and subtrees.
     """
     part = path.with_name(path.name + ".part")
     try:
@@ -54,7 +54,7 @@ def write_checkpoint(path: Path, tree: Mapping[str, Any]) -> None:
         _to_disk(path.parent)
     except OSError as error:
         part.unlink(missing_ok=True)
-        kept = "; the previous one is kept" if path.exists() else ""
+        kept = "; the previous checkpoint is kept" if path.exists() else ""
         raise CheckpointError(f"The checkpoint {path} cannot be written: {error}{kept}.") from error
 
 
@@ -83,7 +83,7 @@ def read_checkpoint(
     The tree must contain ``names``. Only rank 0 checks that the file is complete.
     """
     check_file(path, f"There is no checkpoint {path}.", CheckpointError)
-    with damage_reported(path, CheckpointError, "is no checkpoint, or a damaged one"):
+    with damage_reported(path, CheckpointError, "is not a checkpoint, or is damaged"):
         if rank == 0:
             check_seal(path)
         with h5py.File(path, "r") as file:
@@ -93,7 +93,7 @@ def read_checkpoint(
             check_version(version, VERSION)
             if version != VERSION:
                 raise CheckpointError(
-                    f"{path} has version {version} of the layout, this program reads version "
+                    f"{path} has the layout version {version}; this program reads version "
                     f"{VERSION}."
                 )
             tree: Tree = json.loads(bytes(file["facts"][()]).decode())

@@ -25,7 +25,7 @@ from dolfinx_joints.model.system import MatrixSystem, as_aij
 from dolfinx_joints.motions.differing import DifferingMotion
 from dolfinx_joints.solvers.direct import DirectSolver
 
-# Number of times for which displacements are cached: a step needs some of them several times.
+# Number of cached displacement fields: a step evaluates the motion repeatedly at the same times.
 KEPT = 4
 
 
@@ -36,8 +36,8 @@ class DifferingGround:
         """Determine the motion of each support (collective).
 
         Raises:
-            ValueError: The model rests on springs or dashpots, whose ground cannot move this way.
-            MeshError: A group of the motion does not exist, or a support belongs to none.
+            ValueError: The model has springs or dashpots to the ground.
+            MeshError: A group of the motion does not exist, or a support belongs to no group.
         """
         _check_supports(model)
         self._model, comm = model, model.jointed.mesh.comm
@@ -57,10 +57,10 @@ class DifferingGround:
         axes = np.array(MOVING[block])[dofs % block]
 
         def at_dofs(rate: bool) -> Callable[[float], Floats]:
-            moved = motion.relative_to_reference(x, members, first, rate=rate)
+            at_nodes = motion.relative_to_reference(x, members, first, rate=rate)
 
             def relative(time: float) -> Floats:
-                return moved(time)[self._node, axes]
+                return at_nodes(time)[self._node, axes]
 
             return lru_cache(maxsize=KEPT)(relative)
 
@@ -70,22 +70,22 @@ class DifferingGround:
     def moving(self, system: MatrixSystem) -> MatrixSystem:
         """Return the system with supports that follow the ground (collective).
 
-        Prescribed displacements are relative to the ground below. Damping acts on velocities
-        relative to the static part.
+        Prescribed displacements are added to the displacement of the ground at the support. Damping
+        acts on velocities relative to the static part.
         """
-        own, self._symmetric = system.values, system.symmetric
+        base, self._symmetric = system.values, system.symmetric
 
         def values(time: float) -> Floats:
-            return self._relative(time) if own is None else own(time) + self._relative(time)
+            return self._relative(time) if base is None else base(time) + self._relative(time)
 
         damping = ground_damping(self._model, self.static_velocity)
         return replace(system, values=values, varying_loads=[*system.varying_loads, *damping])
 
     def static_part(self, time: float) -> PETSc.Vec:
-        """Return the displacement without inertia, joints tied, at a time [s] (collective).
+        """Return the displacement [m] at a time [s] without inertia, joints tied (collective).
 
-        K u_s = 0 at unconstrained dofs, and u_s equals the ground displacement at the supports,
-        equation (12z), relative to the reference [m].
+        K u_s = 0 at unconstrained dofs (12z). At the supports u_s is the ground displacement
+        relative to the reference motion.
         """
         return self._static(self._relative(time))
 
@@ -97,12 +97,12 @@ class DifferingGround:
         """Solve (12z) for given values at the constrained dofs (collective)."""
         constrained = self._model.constraints.dofs
         if self._solver is None:
-            self._stiffness = _tied(self._model)
-            within = self._stiffness.copy()
-            rows = constrained + within.getOwnershipRange()[0]
-            within.zeroRowsColumns(rows.astype(PETSc.IntType), diag=1.0)
+            self._stiffness = _tied_stiffness(self._model)
+            matrix = self._stiffness.copy()
+            rows = constrained + matrix.getOwnershipRange()[0]
+            matrix.zeroRowsColumns(rows.astype(PETSc.IntType), diag=1.0)
             self._solver = DirectSolver(
-                within, symmetric=self._symmetric, often=True, name="ground"
+                matrix, symmetric=self._symmetric, often=True, name="ground"
             )
         static, force = self._stiffness.createVecs()
         static.set(0.0)
@@ -115,11 +115,11 @@ class DifferingGround:
 
 
 def ground_damping(model: Model, velocity: Callable[[float], PETSc.Vec]) -> list[VaryingLoad]:
-    """Return C_r du_s/dt of equation (12y) as a list of one load, empty without C_r (collective).
+    """Return the load C_r du_s/dt of (12y) in a list, which is empty if C_r = 0 (collective).
 
-    C_r is C without b K. Damping acts on the velocity u' relative to the reference, which gives the
-    force C u'. With this load C_r (u' - du_s/dt) remains, the same for every reference.
-    ``velocity`` is du_s/dt at a time [s], [m/s] (collective).
+    C_r is C without its stiffness-proportional part. The scheme damps the velocity v relative to
+    the reference motion. With this load the damping force is C_r (v - du_s/dt), whatever the
+    reference. ``velocity`` is the function du_s/dt of time [s], [m/s] (collective).
     """
     factor, dashpots, modes = model.rayleigh.mass_factor, model.dashpots, model.damped_modes
     if not factor and dashpots is None and modes is None:
@@ -140,17 +140,17 @@ def ground_damping(model: Model, velocity: Callable[[float], PETSc.Vec]) -> list
     return [VaryingLoad("DifferingMotion_damping", rows, force)]
 
 
-def _tied(model: Model) -> PETSc.Mat:
+def _tied_stiffness(model: Model) -> PETSc.Mat:
     """Return K with all joints tied, as a new matrix (collective).
 
-    The joint stiffness is that of the laws. If a law is rigid or has no shear stiffness, it is for
-    all joints that of the law in series with the adjacent elements.
+    Joints have the stiffness of their laws. If any law is rigid or has no shear stiffness, each
+    joint has the stiffness of its law in series with the adjacent elements.
     """
     body, contact = model.stiffness, model.contact
     if contact is None:
         return closed_stiffness(body, None)
-    own = contact.closed_stiffness()
-    untied = np.array([np.count_nonzero(~np.isfinite(own) | (own == 0.0))])
+    closed = contact.closed_stiffness()
+    untied = np.array([np.count_nonzero(~np.isfinite(closed) | (closed == 0.0))])
     if not summed(model.jointed.mesh.comm, untied)[0]:
         return closed_stiffness(body, contact)
     from dolfinx_joints.solvers.interface.springs import JointSprings
@@ -165,17 +165,17 @@ def _check_supports(model: Model) -> None:
     """Check that all supports can follow the ground."""
     if model.absorbing or any(isinstance(support, Spring) for support in model.supports):
         raise ValueError(
-            "A DifferingMotion moves Fixed and Prescribed supports only; the model also rests on "
+            "A DifferingMotion moves Fixed and Prescribed supports only; the model also has ground "
             "springs or viscous boundaries."
         )
 
 
 def _check_members(model: Model, x: Floats, motion: DifferingMotion) -> None:
-    """Check that no support, at ``x``, is outside all groups with motions (collective)."""
-    without = np.concatenate(model.jointed.mesh.comm.allgather(x))
-    if len(without):
-        place = ", ".join(f"{value:g}" for value in without[0, : model.gdim])
+    """Raise an error if there are support nodes ``x`` outside the motion's groups (collective)."""
+    outside = np.concatenate(model.jointed.mesh.comm.allgather(x))
+    if len(outside):
+        place = ", ".join(f"{value:g}" for value in outside[0, : model.gdim])
         raise MeshError(
-            f"motions are given for the groups {', '.join(motion.groups)}; {len(without)} nodes "
-            f"with supports are in none of them, such as that at ({place})."
+            f"Motions are given for the groups {', '.join(motion.groups)}; {len(outside)} nodes "
+            f"with supports are in no group, such as the node at ({place})."
         )

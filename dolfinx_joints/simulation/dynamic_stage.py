@@ -44,9 +44,9 @@ _SUMMARY = ("steps", "iterations", "solver", "energy_error", "imbalance", "local
 class DynamicRun:
     """State, energies and counts of a dynamic stage, and its monitors.
 
-    The energy ledger of the stepper must not have been started. The monitors receive ``warnings``
-    issued before at the end. The attribute ``state`` is the state after ``step`` steps, and
-    ``origin`` is the displacement at the start of the stage [m].
+    Pass a stepper whose energy ledger has not been started. ``warnings`` are texts of the set-up,
+    which the monitors receive at the end. The attribute ``state`` is the state after ``step``
+    steps, and ``origin`` is the displacement at the start of the stage [m].
     """
 
     def __init__(
@@ -83,14 +83,14 @@ class DynamicRun:
         self._acting: DynamicState | None = None
 
     def start(self, **facts: Any) -> None:
-        """Start the monitors, with the settings of the run and the previous static stages."""
+        """Start the monitors; ``facts`` are settings and static stages, as in `Record`."""
         first = replace(self._record(0), **facts)
         for monitor in self.monitors:
             monitor.start(self.model, "dynamic", self._steps, first)
             self._started.append(monitor)
 
     def state_dict(self) -> dict[str, Any]:
-        """Return all data except vectors that the rest of the run needs (collective)."""
+        """Return the data for a restart, except vectors (collective)."""
         return {
             "step": self.step,
             "iterations": self._iterations,
@@ -106,7 +106,7 @@ class DynamicRun:
     def resume(self, state_dict: Mapping[str, Any], origin: PETSc.Vec) -> None:
         """Continue the run that returned ``state_dict``, including the monitors (collective).
 
-        This run was created with its state; ``origin`` is the displacement at its start [m].
+        Create this object with the saved state; ``origin`` is the initial displacement [m].
         """
         self.origin, self.step = origin, state_dict["step"]
         self._iterations = state_dict["iterations"]
@@ -120,8 +120,8 @@ class DynamicRun:
             monitor.resume(self.model, "dynamic", self._steps, last, state_dict["monitors"][str(i)])
             self._started.append(monitor)
 
-    def take(self, dt: float, end: float) -> StepReport:
-        """Compute a step of length dt to the time ``end`` [s] and account for every substep."""
+    def advance(self, dt: float, end: float) -> StepReport:
+        """Compute a step of length dt to the time ``end`` [s]; record all substeps."""
         self._substeps, self._acting = 0, None
         progress = self._progress
         for after, report, row in self._stepper.substeps(self.state, dt, end):
@@ -143,7 +143,7 @@ class DynamicRun:
 
     @cached_property
     def _progress(self) -> Progress:
-        """Progress display, from the first step."""
+        """Progress display, created in the first step."""
         rank = self.model.jointed.mesh.comm.rank
         return Progress("dynamic stage", self._steps, "steps", rank, self.step)
 
@@ -191,25 +191,25 @@ class DynamicRun:
         return WaterPressures(self.model, self._solver.system.in_joints)
 
     def warn_of_slip(self) -> None:
-        """Warn of joints whose slip became too large since the last call (collective).
+        """Warn of joints whose slip has become too large since the last call (collective).
 
         Results files store the warnings, even if Python's filters hide them.
         """
         self._warnings += self._watch.warn(f"by t = {self.state.time:.4g} s")
 
     @contextmanager
-    def watched(self, seconds: Mapping[str, float]) -> Iterator[None]:
+    def finishing_monitors(self, seconds: Mapping[str, float]) -> Iterator[None]:
         """Finish the monitors with the status of the stage, also after an error on all ranks.
 
-        They receive the wall time by phase [s] at the end.
+        The monitors receive the wall time by phase, ``seconds`` [s].
         """
         try:
             yield
             self.warn_of_slip()
-            doubts = _accuracy_warnings(self.outcome())
+            texts = _accuracy_warnings(self.outcome())
             if self.model.jointed.mesh.comm.rank == 0:
-                self._warnings += doubts
-                for text in doubts:
+                self._warnings += texts
+                for text in texts:
                     warn(text)
         except BaseException as error:
             if all_fail(self._of_errors, error):
@@ -239,14 +239,14 @@ class DynamicRun:
 
     def outcome(self) -> Outcome:
         """Return the results so far."""
-        # In a body at rest both displacements are rounding errors.
-        moved = self._largest > 1e-10 * self._solver.system.norm(self.origin)
+        # If the body stays at rest, error and displacement are rounding errors.
+        has_moved = self._largest > 1e-10 * self._solver.system.norm(self.origin)
         return Outcome(
             state=self.state,
             energy=self._ledger.row,
             energy_error=self._ledger.relative_error,
             imbalance=self._ledger.relative_imbalance if self._conserves else None,
-            local_error=self._local_error / self._largest if moved else 0.0,
+            local_error=self._local_error / self._largest if has_moved else 0.0,
             steps=self._steps,
             counts=self._stepper.counts,
             iterations=self._iterations,
@@ -260,13 +260,13 @@ class DynamicRun:
 def ground_motions(
     model: Model, motion: Any, loads: Sequence[Load], differing: DifferingGround | None
 ) -> dict[str, Any]:
-    """Return the motions of the ground in the axes of the model, as in `Record` (collective).
+    """Return the ground motion in the axes of the model, as entries of `Record` (collective).
 
     Args:
         model: The model.
         motion: Ground acceleration, None if the ground is fixed.
-        loads: Loads in addition to those of the model.
-        differing: The ground, if it moves differently from place to place.
+        loads: Loads in addition to the loads of the model.
+        differing: Ground with different motions at its supports, None for uniform motion.
     """
     rising = rising_waves([*model.loads, *loads])
     if motion is not None:
@@ -287,32 +287,32 @@ def ground_motions(
 def _accuracy_warnings(outcome: Outcome) -> list[str]:
     """Return the warnings about the accuracy of a run."""
     texts, at_end = [], ", ".join(outcome.backward_euler_laws)
-    rough = "scheme and time step; use EnergyConsistent, or a smaller step"
+    advice = "scheme and time step; use EnergyConsistent, or a smaller step"
     if at_end:  # The scheme is EnergyConsistent.
-        rough = f"time step, at the end of which {at_end} is evaluated; use a smaller step"
+        advice = f"time step ({at_end} is evaluated at its end); use a smaller step"
     if outcome.energy_error > LARGE_ENERGY_ERROR:
         texts.append(
             f"The energy error is {100 * outcome.energy_error:.3g} % of the largest energy: joints "
-            f"open and close too fast for this {rough}."
+            f"open and close too fast for this {advice}."
         )
     if outcome.imbalance is not None and outcome.imbalance > LARGE_IMBALANCE:
         texts.append(
-            f"{outcome.imbalance:.1e} of the largest energy is missing in the energy ledger: "
-            "tractions, stored_energy and dissipation of a joint law are inconsistent with each "
-            "other."
+            f"The energy balance does not close: {outcome.imbalance:.1e} of the largest energy is "
+            "missing. Tractions, stored_energy and dissipation of a joint law are inconsistent "
+            "with each other."
         )
     if outcome.local_error > LARGE_LOCAL_ERROR:
         texts.append(
-            f"A single step errs by an estimated {100 * outcome.local_error:.3g} % of the largest "
-            "displacement; use a smaller step."
+            f"The estimated error of a single step is {100 * outcome.local_error:.3g} % of the "
+            "largest displacement; use a smaller step."
         )
     if outcome.chatter:
         worst = max(outcome.chatter, key=lambda name: outcome.chatter[name])
-        note = " Since then, steps were no longer cut for accuracy." if outcome.counts.held else ""
+        note = " Since then, steps are not shortened for accuracy." if outcome.counts.held else ""
         texts.append(
             f"Joint {worst!r} chatters: {100 * outcome.chatter[worst]:.2g} % of its normal impulse "
-            "comes from repeated contacts of only a few steps. The mean friction may be below its "
-            "limit, and shorter steps do not help. Damp the shortest waves of the body: choose the "
-            f"factor of K in the damping near the travel time of sound through an element.{note}"
+            "comes from repeated contacts that last a few steps. The mean friction may be too low, "
+            "and shorter steps do not help. Damp the shortest waves of the body: choose the factor "
+            f"of K in the damping near the travel time of sound through an element.{note}"
         )
     return texts

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Fingerprint of a run: declared parameters, and sums of the matrices and vectors made of them."""
+"""Fingerprint of a run: declared parameters, and sums of the assembled matrices and vectors."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ def fingerprint(
 ) -> tuple[dict[str, Any], list[str]]:
     """Return the facts of a run by name, and the objects that cannot be compared (collective).
 
-    Facts do not depend on the number of ranks; those of rank 0 are used. ``settings`` may contain
-    nodal vectors; ``loads`` are not among the model's own. For a static state, with a single time
-    [s], functions of time are compared by their value at that time.
+    Facts do not depend on the number of ranks; the facts of rank 0 are used. ``settings`` may
+    contain nodal vectors. ``loads`` act in addition to the loads of the model. For a static state,
+    with a single time [s], functions of time are compared by their value at that time.
     """
     of_run, assembled = Parameters(), Parameters(assembled=True, functions=len(times) > 1)
     vectors = {name: value for name, value in settings.items() if isinstance(value, PETSc.Vec)}
@@ -58,11 +58,11 @@ def fingerprint(
         if name not in vectors:
             of_run.add(name, value)
     # A law may contain arrays for the points of its rank.
-    of_ranks = model.jointed.mesh.comm.allgather(_hashed(sorted(of_run.facts.items())))
+    of_ranks = model.jointed.mesh.comm.allgather(_hash(sorted(of_run.facts.items())))
     if len(set(of_ranks)) > 1:
-        of_run.facts["laws as each rank holds them"] = _hashed(of_ranks)
-    every = [*model.loads, *loads]
-    named = {f"load {n}": load for n, load in zip(load_names(every), every, strict=True)}
+        of_run.facts["laws as each rank holds them"] = _hash(of_ranks)
+    acting = [*model.loads, *loads]
+    named = {f"load {n}": load for n, load in zip(load_names(acting), acting, strict=True)}
     joints = model.parameters["joints"]
     named |= {f"joints.{n}": getattr(joints, n) for n in ("initial_gaps", "quadrature")}
     for name, value in (model.parameters | named).items():
@@ -77,11 +77,11 @@ class Parameters:
 
     The texts are the same each time a script is started. They contain the class of an object and
     its parameters, and the SHA-256 of arrays. User-defined functions and classes are described by
-    their code and the variables it reads. Installed packages are assumed to be unchanged.
-
-    If ``assembled`` is true, fields and forms of DOLFINx are omitted, because the matrices and
-    vectors are compared as well. If ``functions`` is false, functions are not compared. Results are
-    ``facts``, texts by path, and ``unknown``, paths and classes of objects without description.
+    their code and the variables that the code reads. Installed packages are assumed to be
+    unchanged. If ``assembled`` is true, fields and forms of DOLFINx are omitted, because matrices
+    and vectors are compared separately. If ``functions`` is false, functions are not compared.
+    Results are ``facts``, texts by path, and ``unknown``, paths and classes of objects that cannot
+    be compared.
     """
 
     def __init__(self, *, assembled: bool = False, functions: bool = True) -> None:
@@ -103,7 +103,7 @@ class Parameters:
             text = repr(numbers.tolist())
         elif isinstance(value, np.ndarray) and value.dtype != object:
             content = hashlib.sha256(value.tobytes()).digest()
-            text = _hashed((value.dtype.str, value.shape, content))
+            text = _hash((value.dtype.str, value.shape, content))
         elif callable(value) and not (self._functions or isinstance(value, type)):
             text = "a function"
         elif self._assembled and _is_distributed(value):
@@ -111,21 +111,21 @@ class Parameters:
         elif id(value) in self._paths:
             text = f"that of {self._paths[id(value)][0]}"
         else:
-            # Equal constants, or equal parts of a model, may be one object or several.
+            # Do not register constants and declared objects: equal values may be several objects.
             if not isinstance(value, tuple | frozenset) and parameters(value) is None:
                 self._paths[id(value)] = path, value
             try:
-                text, parts = _described(value)
+                text, parts = _describe(value)
             except Exception:  # Classes that cannot be copied raise any error.
                 text = type(value).__qualname__
                 self.unknown.append(f"{path} ({text})")
-        self.facts[path] = text if len(text) <= LONGEST_SHOWN else _hashed(text)
+        self.facts[path] = text if len(text) <= LONGEST_SHOWN else _hash(text)
         for key, part in parts.items():
             self.add(path + key, part)
 
 
-def _described(value: Any) -> tuple[str, dict[str, Any]]:
-    """Return a text for an object, and its parts by the ending of their path.
+def _describe(value: Any) -> tuple[str, dict[str, Any]]:
+    """Return the text of an object, and the parts of the object by the ending of their path.
 
     Raises:
         TypeError: The object is distributed over the ranks.
@@ -140,7 +140,7 @@ def _described(value: Any) -> tuple[str, dict[str, Any]]:
         pairs = value.items() if isinstance(value, dict) else enumerate(value)
         return f"{kind.__name__} of {len(value)}", {f"[{shown(k)}]": item for k, item in pairs}
     function = value
-    if not isinstance(value, types.FunctionType):  # Wrapped by Numba or a cache.
+    if not isinstance(value, types.FunctionType):  # A function wrapped by Numba or a cache.
         function = getattr(value, "py_func", getattr(value, "__wrapped__", None))
     parts: dict[str, Any] = {}
     if isinstance(value, types.ModuleType):
@@ -158,7 +158,7 @@ def _described(value: Any) -> tuple[str, dict[str, Any]]:
 
 
 def _function(function: types.FunctionType) -> tuple[str, dict[str, Any]]:
-    """Return the code of a function, with the outer variables and defaults that it reads."""
+    """Return the code of a function, and the outer variables and defaults that the code reads."""
     code, outside = function.__code__, function.__globals__
     cells = zip(code.co_freevars, function.__closure__ or (), strict=True)
     read = {name: cell_content(cell) for name, cell in cells} | vars(function)
@@ -166,13 +166,13 @@ def _function(function: types.FunctionType) -> tuple[str, dict[str, Any]]:
     if _is_installed(function.__module__):
         return f"{function.__module__}.{function.__qualname__}", read
     names = sorted(outside.keys() & globals_read(code))
-    return _hashed(instructions(code)), read | {name: outside[name] for name in names}
+    return _hash(instructions(code)), read | {name: outside[name] for name in names}
 
 
 def _members(kind: type) -> dict[str, Any]:
     """Return the members defined by a class and by its base classes that are not installed."""
-    own = [base for base in reversed(kind.__mro__) if not _is_installed(base.__module__)]
-    members = {key: item for base in own for key, item in vars(base).items()}
+    bases = [base for base in reversed(kind.__mro__) if not _is_installed(base.__module__)]
+    members = {key: item for base in bases for key, item in vars(base).items()}
     return {
         key: getattr(item, "func" if isinstance(item, functools.cached_property) else "fget", item)
         for key, item in members.items()
@@ -181,10 +181,10 @@ def _members(kind: type) -> dict[str, Any]:
 
 
 def _state(value: Any) -> dict[str, Any]:
-    """Return the class of an object and the data from which Python would copy it."""
+    """Return the class of an object and the data from which Python would copy the object."""
     kind, registered = type(value), copyreg.dispatch_table.get(type(value))
-    made = registered(value) if registered else value.__reduce_ex__(4)
-    parts = [*made] if isinstance(made, tuple) else [made]
+    reduced = registered(value) if registered else value.__reduce_ex__(4)
+    parts = [*reduced] if isinstance(reduced, tuple) else [reduced]
     parts = [[*part] if isinstance(part, Iterator) else part for part in parts]
     attributes = parts.pop(2) if len(parts) > 2 and isinstance(parts[2], dict) else {}
     state = {"__class__": kind, "__reduce__": parts}
@@ -210,7 +210,7 @@ def _is_installed(module: str | None) -> bool:
     return file is not None and not _INSTALLED.isdisjoint(Path(file).parts)
 
 
-def _hashed(value: Any) -> str:
+def _hash(value: Any) -> str:
     """Return the SHA-256 of plain values."""
     return HASH + hashlib.sha256(repr(value).encode()).hexdigest()
 
@@ -224,7 +224,7 @@ def _numbers(
 ) -> dict[str, Floats]:
     """Return sums of mesh, joint points, functions of time, matrices and vectors (collective).
 
-    A matrix is represented by its product with a vector of different weights at the free dofs.
+    A matrix is represented by its product with a vector of weights at the unconstrained dofs.
     """
     comm, owned = model.jointed.mesh.comm, nodes.number[: model.V.dofmap.index_map.size_local]
     dofs = (model.gdim * owned[:, None] + np.arange(model.gdim)).ravel()
@@ -252,13 +252,13 @@ def _numbers(
         name: (np.arange(part.size) + first * np.prod(part.shape[1:], dtype=int), part)
         for name, (first, part) in rows.items()
     }
-    for name, vector in vectors.items():  # Some have no dofs of the water.
+    for name, vector in vectors.items():  # Vectors of the body have no dofs of the water.
         local[name] = dofs[: vector.getLocalSize()], vector.getArray(readonly=True)
     numbers = {name: summed(comm, _sums(*part)) for name, part in local.items()}
-    # Evaluate time by time, as one call gives all components of a motion.
+    # Evaluate all functions at one time before the next: one call computes all motion components.
     factors = [[number_at(n, f, float(t)) for n, (_, f) in named] for t in times]
-    moved = [system.prescribed(float(t)) @ weights[system.constrained] for t in times]
-    histories = [*np.transpose(factors), summed(comm, np.array(moved))]
+    supports = [system.prescribed(float(t)) @ weights[system.constrained] for t in times]
+    histories = [*np.transpose(factors), summed(comm, np.array(supports))]
     numbers["functions of time"] = np.array([_sums(np.arange(len(h)), h) for h in histories])
     return numbers
 
@@ -268,27 +268,27 @@ def _weights(numbers: Ints) -> Floats:
 
 
 def _sums(numbers: Ints, values: NDArray[Any]) -> Floats:
-    """Return weighted sums of the values by the remainder of their number."""
+    """Return PARTS weighted sums; the value with number i is in the sum i % PARTS."""
     weighted = _weights(numbers) * values.ravel()
     return np.bincount(numbers % PARTS, weighted, minlength=PARTS).astype(np.float64)
 
 
 def first_difference(saved: Mapping[str, Any], current: Mapping[str, Any]) -> str | None:
-    """Return a clause that names the first difference between two runs, None if they agree."""
+    """Return a text on the first difference between two runs, None if the runs agree."""
     facts = {**current, **saved}
     for name in sorted(facts, key=lambda name: not isinstance(facts[name], str)):
-        one, other = saved.get(name), current.get(name)
-        if one is None or other is None:
-            return f"{name}: only {'this run' if one is None else 'the checkpoint'} has it"
-        if isinstance(one, str) and one != other:
-            text = f"{one} in the checkpoint, {other} here"
-            return f"{name}: {'not the same' if HASH in text else text}"
-        if not isinstance(one, str) and not _nearly_equal(np.asarray(one), np.asarray(other)):
-            return f"{name}: the numbers are not the same"
+        old, new = saved.get(name), current.get(name)
+        if old is None or new is None:
+            return f"{name}: missing in {'the checkpoint' if old is None else 'this run'}"
+        if isinstance(old, str) and old != new:
+            text = f"{old} in the checkpoint, {new} in this run"
+            return f"{name}: {'different' if HASH in text else text}"
+        if not isinstance(old, str) and not _nearly_equal(np.asarray(old), np.asarray(new)):
+            return f"{name}: the numbers differ"
     return None
 
 
-def _nearly_equal(one: Floats, other: Floats) -> bool:
-    """Return True if numbers are equal up to rounding, by row for a table."""
-    largest = np.abs(one).max(axis=-1, keepdims=True)
-    return one.shape == other.shape and bool((np.abs(one - other) <= SAME * largest).all())
+def _nearly_equal(old: Floats, new: Floats) -> bool:
+    """Return True if numbers are equal up to rounding errors, relative to the largest in a row."""
+    largest = np.abs(old).max(axis=-1, keepdims=True)
+    return old.shape == new.shape and bool((np.abs(old - new) <= SAME * largest).all())

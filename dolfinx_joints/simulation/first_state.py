@@ -20,15 +20,15 @@ from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.checkpoint import Checkpoints
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.solvers.step_solver import StepSolver
-from dolfinx_joints.time_integration.exact_steps import scaled
+from dolfinx_joints.time_integration.exact_steps import rescale
 from dolfinx_joints.time_integration.initial_state import INTERVAL, initial_state
 from dolfinx_joints.time_integration.midpoint import EnergyConsistent
 from dolfinx_joints.time_integration.scheme import Scheme
 from dolfinx_joints.time_integration.states import DynamicState
 from dolfinx_joints.time_integration.substeps import StepControl
 
-# Tolerance between the initial velocity and that of moving supports, over the largest velocity; the
-# velocity of supports is a finite difference.
+# Largest difference of initial velocity and support velocity, divided by the largest velocity. The
+# support velocity is a finite difference.
 SAME_VELOCITY = 1e-3
 
 
@@ -40,21 +40,21 @@ class InitialFields:
     function, a vector of the unknowns, or one number per axis.
 
     Args:
-        velocity: Velocity [m/s], zero by default; at supports it must equal their velocity.
-        displacement: Displacement from the static state [m], to which the joints respond.
+        velocity: Velocity [m/s], zero by default; at supports equal to the support velocity.
+        displacement: Displacement from the static state [m]; the joints respond to it.
     """
 
     velocity: NodalField | None = None
     displacement: NodalField | None = None
 
 
-def checked_settings(
+def check_settings(
     scheme: Scheme | None,
     control: StepControl | None,
     start: DynamicState | InitialFields | None,
     checkpoint: Checkpoints | None,
 ) -> tuple[Scheme, StepControl]:
-    """Return scheme and control of a dynamic stage, or their defaults; check all arguments."""
+    """Check arguments of a dynamic stage; return scheme and control, or the defaults of both."""
     scheme = EnergyConsistent() if scheme is None else scheme
     control = StepControl() if control is None else control
     valid = offers(scheme, "advance", "conserves")
@@ -67,17 +67,17 @@ def checked_settings(
     return scheme, control
 
 
-def given_fields(model: Model, start: DynamicState | InitialFields | None) -> dict[str, PETSc.Vec]:
+def field_vectors(model: Model, start: DynamicState | InitialFields | None) -> dict[str, PETSc.Vec]:
     """Return the given initial fields as nodal vectors by name (collective).
 
     Raises:
         ValueError: A value cannot be used as a field.
-        JointsError: A dynamic state is given for a model with waves in a reservoir, whose ground
-            would restart from rest.
+        JointsError: A dynamic state is given for a model with waves in a reservoir, which must
+            start with the ground at rest.
     """
     if isinstance(start, DynamicState) and model.coupled is not None:
         raise JointsError(
-            "start= cannot be used with waves in a reservoir, which begin with the ground at rest: "
+            "start= cannot be used with waves in a reservoir, which start with the ground at rest: "
             "the ground velocity at the end of the previous stage would act on the water as an "
             "impact. Run one stage with one motion instead."
         )
@@ -92,14 +92,14 @@ def first_state(
     start: DynamicState | None,
     fields: Mapping[str, PETSc.Vec],
 ) -> DynamicState:
-    """Return the first state of a dynamic stage, its acceleration in balance (collective).
+    """Return the first state of a dynamic stage; its acceleration balances the forces (collective).
 
-    It follows from a dynamic state ``start``, or else from the last static state. In the second
-    case ``fields`` may add a ``velocity`` [m/s] and a ``displacement`` [m]. The length of the first
-    step is dt [s].
+    The stage starts from the dynamic state ``start`` or, if None, from the last static state. To
+    the static state ``fields`` may add a ``velocity`` [m/s] and a ``displacement`` [m]. The length
+    of the first step is dt [s].
     """
     if start is not None:
-        start = scaled(solver.system, start, 0, 0.0)
+        start = rescale(solver.system, start, 0, 0.0)
         _check_displacement(solver.system, start.displacement, start.time)
         return initial_state(
             solver,
@@ -116,7 +116,7 @@ def first_state(
     if static is None and added is None:
         return initial_state(solver, dt=dt, velocity=velocity)
     # Use the joint tractions of the static state unchanged. A point that has slid is at the
-    # friction limit, and a new evaluation would decide by rounding error.
+    # friction limit: at a new evaluation rounding errors would decide whether the point slides.
     joints: Response | JointState | None = None if static is None else static.joints
     u = system.unknowns(None if static is None else static.displacement)
     if added is not None:
@@ -129,14 +129,14 @@ def first_state(
 
 
 def _check_velocity(system: MatrixSystem, v: PETSc.Vec, dt: float) -> None:
-    """Check that an initial velocity equals that of the supports at their dofs (collective)."""
+    """Check that an initial velocity equals the support velocity at supports (collective)."""
     rates = system.prescribed_rates(0.0, -INTERVAL * dt)
     error = v.getArray(readonly=True)[system.constrained] - (0.0 if rates is None else rates[0])
-    off = max(v.comm.tompi4py().allgather(float(np.abs(error).max(initial=0.0))))
-    if off > SAME_VELOCITY * v.norm(PETSc.NormType.INFINITY):
+    largest = max(v.comm.tompi4py().allgather(float(np.abs(error).max(initial=0.0))))
+    if largest > SAME_VELOCITY * v.norm(PETSc.NormType.INFINITY):
         raise ValueError(
-            f"The initial velocity differs by {off:.3g} m/s from that of the supports; set it to "
-            "the velocity of the supports there, zero for fixed supports."
+            f"The initial velocity differs by {largest:.3g} m/s from the velocity of the supports; "
+            "at supports, set it to the support velocity, zero for fixed supports."
         )
 
 
@@ -147,20 +147,20 @@ def _check_displacement(system: MatrixSystem, u: PETSc.Vec, time: float = 0.0) -
     jump = float(np.abs(at_start - present).max(initial=0.0))
     if max(u.comm.tompi4py().allgather(jump)) > 1e-9 * u.norm():
         raise ValueError(
-            f"The displacements of the supports at t = {time:g} differ from those at the start of "
-            "the dynamic stage, which follow from the static state and InitialFields, or from "
-            "start= and its motion; make them agree."
+            f"The prescribed displacements of the supports at t = {time:g} s differ from the "
+            "displacements at the start of the dynamic stage, which come from the static state and "
+            "InitialFields, or from start=. Change one of them so that both agree."
         )
 
 
 def in_words(value: Any) -> Any:
-    """Return a setting for a results file: for a nodal vector, its largest absolute value."""
+    """Return a setting for a results file; a nodal vector as text with its largest value."""
     if not isinstance(value, PETSc.Vec):
         return value
     return f"up to {value.norm(PETSc.NormType.INFINITY):.6g} along an axis"
 
 
-def shaken_by(motion: Any, loads: Sequence[Any]) -> dict[str, Any]:
+def dynamic_loads(motion: Any, loads: Sequence[Any]) -> dict[str, Any]:
     """Return motion and additional loads of a dynamic stage, by name for a results file."""
     acting = {f"load {i}" if len(loads) > 1 else "load": load for i, load in enumerate(loads, 1)}
     return acting if motion is None else acting | {"ground motion": getattr(motion, "name", motion)}

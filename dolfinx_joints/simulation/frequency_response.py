@@ -37,9 +37,9 @@ class FrequencyResponse:
     """Vibration u e^{i omega t} relative to the ground, per unit of ground acceleration.
 
     Attributes:
-        frequencies: [Hz], shape (n,).
+        frequencies: Frequencies omega / (2 pi), shape (n,), [Hz].
         direction: Unit vector of the ground acceleration, shape (gdim,).
-        displacement: By name of the point, shape (n, gdim), [s^2].
+        displacement: Complex amplitude u by name of the point, shape (n, gdim), [s^2].
         reservoir_force: Force of the waves in the water on the face, shape (n, gdim), [kg]; None
             without waves.
     """
@@ -50,12 +50,12 @@ class FrequencyResponse:
     reservoir_force: Complex | None = None
 
     def relative_acceleration(self, point: str) -> Complex:
-        """Return the acceleration relative to the ground over that of the ground, (n, gdim)."""
+        """Return the acceleration relative to the ground per ground acceleration, (n, gdim)."""
         omega = 2.0 * np.pi * self.frequencies
         return np.asarray(-(omega**2)[:, None] * self.displacement[point])
 
     def acceleration(self, point: str) -> Complex:
-        """Return the absolute acceleration over that of the ground, shape (n, gdim)."""
+        """Return the absolute acceleration per ground acceleration, shape (n, gdim)."""
         return self.relative_acceleration(point) + self.direction
 
 
@@ -71,25 +71,25 @@ def frequency_response(
 ) -> FrequencyResponse:
     """Compute the response to a harmonic ground acceleration, all joints tied (collective).
 
-    (-omega^2 M + i omega C + (1 + 2 i zeta) K) u = -M iota, (34c). The waves of a `reservoir` are
-    further unknowns. Each frequency takes one factorization. Dashpots of joint laws are neglected.
+    Equation (34c): (-omega^2 M + i omega C + (1 + 2 i zeta) K) u = -M iota, where iota is the unit
+    motion along ``direction``. Waves of a `reservoir` add unknowns. Each frequency needs one
+    factorization. Dashpots of joint laws are neglected.
 
     Args:
         model: The model; its loads are not used.
-        frequencies: [Hz].
+        frequencies: Frequencies [Hz].
         points: Points by name, evaluated at the nearest nodes, [m].
         direction: Direction of the ground acceleration, x by default.
-        hysteretic_ratio: zeta of K, joints and springs included, at all frequencies; not of the
-            water. Time integration does not support it.
-        modes: If given, use modal superposition of this number of lowest modes instead of solving;
-            not with waves.
+        hysteretic_ratio: Damping ratio zeta of K with joints and springs, not of the water, at all
+            frequencies. Time integration does not support hysteretic damping.
+        modes: Number of lowest modes for modal superposition; by default solve directly.
 
     Raises:
         JointsError: Supports move, or ``modes`` is given with waves.
         MeshError: A point is far from the body.
     """
-    wanted = np.eye(model.gdim)[0] if direction is None else direction
-    along = check_vector("direction", wanted, (model.gdim,))
+    vector = np.eye(model.gdim)[0] if direction is None else direction
+    along = check_vector("direction", vector, (model.gdim,))
     if not np.any(along):
         raise ValueError("direction is zero; give a direction of the ground motion.")
     named = isinstance(points, Mapping)
@@ -97,19 +97,19 @@ def frequency_response(
     system = model.system(only=())
     if system.values is not None:
         raise JointsError(
-            "frequency_response moves the ground; supports must not move relative to it."
+            "frequency_response moves the ground; supports must not move relative to the ground."
         )
     if modes is not None and model.coupled is not None:
-        raise JointsError("modes= is not available for a reservoir with waves; leave it out.")
+        raise JointsError("modes= is not available for a reservoir with waves; omit modes=.")
     warn_of_sides(model)
     along = along / np.linalg.norm(along)
     hertz = np.array(frequencies, dtype=np.float64)
     omegas: Floats = 2.0 * np.pi * hertz
     reader = _Points(model, points)
     if modes is None:
-        amplitudes, forces = _solved(model, system, omegas, along, hysteretic_ratio, reader)
+        amplitudes, forces = _solve_directly(model, system, omegas, along, hysteretic_ratio, reader)
     else:
-        amplitudes = _summed(system, omegas, along, hysteretic_ratio, reader, modes)
+        amplitudes = _superpose(system, omegas, along, hysteretic_ratio, reader, modes)
         forces = None
     return FrequencyResponse(
         frequencies=hertz,
@@ -119,34 +119,33 @@ def frequency_response(
     )
 
 
-def _summed(
+def _superpose(
     system: MatrixSystem, omegas: Floats, along: Floats, zeta: float, reader: _Points, count: int
 ) -> Complex:
     """Return the displacements of the points by modal superposition, coupled by C (collective)."""
     lowest_modes = lowest(system, count)
-    own = (2.0 * np.pi * lowest_modes.frequencies) ** 2
-    of_stiffness = np.diag((1.0 + 2j * zeta) * own)
+    squares = (2.0 * np.pi * lowest_modes.frequencies) ** 2
+    stiffness = np.diag((1.0 + 2j * zeta) * squares)
     damping = modal_damping(system, lowest_modes).matrix
-    push = -lowest_modes.participation @ along
+    force = -lowest_modes.participation @ along
     shapes = np.array([reader.read(shape.array_r) for shape in lowest_modes.shapes])
-    amounts = [
-        np.linalg.solve(of_stiffness + 1j * w * damping - w**2 * np.eye(count), push)
-        for w in omegas
+    amplitudes = [
+        np.linalg.solve(stiffness + 1j * w * damping - w**2 * np.eye(count), force) for w in omegas
     ]
-    return np.einsum("nm,mpd->npd", amounts, shapes)
+    return np.einsum("nm,mpd->npd", amplitudes, shapes)
 
 
-def _solved(
+def _solve_directly(
     model: Model, dry: MatrixSystem, omegas: Floats, along: Floats, zeta: float, reader: _Points
 ) -> tuple[Complex, Complex | None]:
     """Return point displacements and water forces by direct solution (collective)."""
     coupled = model.coupled
     system = dry if coupled is None else coupled.system(dry, {}, 1.0)
     matrix = _DynamicStiffness(dry, system, coupled, zeta)
-    push = model.joined(model.inertia_pattern(-along)).array_r.astype(complex)
+    force = model.joined(model.inertia_pattern(-along)).array_r.astype(complex)
     displacements, forces = [], []
     for omega in omegas:
-        rhs = push.copy()
+        rhs = force.copy()
         if coupled is not None:
             rhs[coupled.dry :] = coupled.harmonic_push(omega, along)
         x = matrix.solve(omega, rhs)
@@ -162,8 +161,8 @@ def _solved(
 class _DynamicStiffness:
     """-omega^2 M + i omega C + K + 2 i zeta K_body as a real matrix of twice the size.
 
-    A complex matrix A + i B is [[A, -B], [B, A]] for real and imaginary parts. The low-rank term of
-    damped modes is included by the Woodbury formula, see `ChangedSolver`.
+    The complex matrix A + i B becomes [[A, -B], [B, A]], applied to real and imaginary parts. The
+    low-rank term of damped modes is included by the Woodbury formula, see `ChangedSolver`.
     """
 
     def __init__(self, dry: MatrixSystem, system: MatrixSystem, coupled: Any, zeta: float) -> None:
@@ -187,7 +186,7 @@ class _DynamicStiffness:
         self._solver = DirectSolver(self._total, symmetric=False, name="frequency")
 
     def solve(self, omega: float, rhs: Complex) -> Complex:
-        """Return the owned rows of the solution from those of the right-hand side (collective)."""
+        """Solve for a right-hand side; both vectors contain the owned rows (collective)."""
         self._total.zeroEntries()
         for factor, part in zip((1.0, omega, -(omega**2)), self._parts, strict=True):
             self._total.axpy(factor, part, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
@@ -217,23 +216,23 @@ class _DynamicStiffness:
 
 
 class _Points:
-    """Reads vectors of the body at the nodes nearest to points, the first if there are several."""
+    """Reads vectors at the node nearest to each point, the first of several at one position."""
 
     def __init__(self, model: Model, points: Mapping[str, Sequence[float]]) -> None:
         """Find the nodes (collective)."""
         self._comm, self._gdim = model.jointed.mesh.comm, model.gdim
         numbers = NodeNumbering(model.V).number
         self._nodes: list[int | None] = []
-        for name, given in points.items():
-            place = [float(x) for x in check_vector(f"The point {shown(name)}", given, (2, 3))]
+        for name, point in points.items():
+            place = [float(x) for x in check_vector(f"The point {shown(name)}", point, (2, 3))]
             distance, near = nearest_nodes(model.jointed, model.V, place)
             if not distance <= 0.1 * extent(model.V):
                 raise MeshError(
-                    f"The point {shown(name)} lies {distance:.3g} m from the nearest node."
+                    f"The point {shown(name)} is {distance:.3g} m from the nearest node."
                 )
-            own = {int(numbers[node]): int(node) for node in near}
-            first = min(number for part in self._comm.allgather(list(own)) for number in part)
-            self._nodes.append(own.get(first))
+            local = {int(numbers[node]): int(node) for node in near}
+            first = min(number for part in self._comm.allgather(list(local)) for number in part)
+            self._nodes.append(local.get(first))
 
     def read(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return values at the points, shape (points, gdim), from owned rows (collective)."""
@@ -245,7 +244,7 @@ class _Points:
 
 
 def _pairs(real: PETSc.Mat | None, imaginary: PETSc.Mat | None) -> PETSc.Mat:
-    """Return [[A, -B], [B, A]] for A + i B, one of which may be None (collective)."""
+    """Return [[A, -B], [B, A]] for A + i B; A or B may be None, which is zero (collective)."""
     negative = None
     if imaginary is not None:
         negative = imaginary.copy()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from dolfinx_joints.common.errors import ConvergenceError
 from dolfinx_joints.common.mpi import OF_ERRORS, all_fail, lasting
-from dolfinx_joints.time_integration.substeps import located
+from dolfinx_joints.time_integration.substeps import locate
 
 if TYPE_CHECKING:
     from dolfinx_joints.model.model import Model
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
 class Monitor:
     """Base class of the observers of a run; all methods are optional.
 
-    Every method is called on all ranks. A monitor that keeps values from step to step must also
-    override `state_dict` and `resume`. Otherwise it starts anew when a run restarts.
+    Every method is called on all ranks. A monitor that stores values from step to step must also
+    override `state_dict` and `resume`; otherwise a restarted run starts the monitor again.
     """
 
     def check(self, model: Model) -> None:
-        """Check the model when a simulation is created; raise an error if something is missing."""
+        """Check the model when a simulation is created; raise an error if it is not suitable."""
 
     def static_stage(self, model: Model, stages: Sequence[StageRecord]) -> None:
-        """Process the end of a static stage, the last one of ``stages``."""
+        """Process the end of a static stage, which is the last item of ``stages``."""
 
     def static_failure(
         self, model: Model, stages: Sequence[StageRecord], status: str, error: str
     ) -> None:
-        """Process a static stage that did not reach its end; ``stages`` are those before.
+        """Process a static stage that did not complete; ``stages`` are the previous stages.
 
         ``status`` is ``stopped`` or ``failed``; ``error`` is the reason.
         """
@@ -51,35 +51,35 @@ class Monitor:
         """
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state that a restart needs; called at each checkpoint.
+        """Return the data for a restart; called at each checkpoint.
 
-        The values are arrays or can be stored as JSON; those of rank 0 are stored.
+        The data are arrays, or values that can be stored as JSON. The data of rank 0 are stored.
         """
         return {}
 
     def resume(
         self, model: Model, stage: str, steps: int, last: Record, state_dict: Mapping[str, Any]
     ) -> None:
-        """Continue a run instead of `start`, with the last step and the stored state."""
+        """Continue a restarted run, instead of `start`; ``last`` is the last completed step."""
         self.start(model, stage, steps, last)
 
 
-_LONGEST_ERROR = 2000  # Characters.
+_LONGEST_ERROR = 2000  # Largest number of characters.
 
 
 @contextmanager
-def failures_shown(
+def report_failures(
     name: str, model: Model, monitors: Sequence[Monitor], stages: Sequence[StageRecord]
 ) -> Iterator[None]:
-    """Inform the monitors if a static stage does not reach its end, for an error on all ranks.
+    """Inform the monitors if an error on all ranks ends a static stage.
 
-    The error is raised again with the name of the stage.
+    The error is raised again, with the name of the stage.
     """
     of_errors = lasting(model.jointed.mesh.comm, OF_ERRORS)
     try:
         yield
     except BaseException as error:
-        ended = located(error, name=name) if isinstance(error, ConvergenceError) else error
+        ended = locate(error, name=name) if isinstance(error, ConvergenceError) else error
         if ended is error:
             error.add_note(f"In the static stage {name!r}.")
         for monitor in monitors if all_fail(of_errors, error) else ():
@@ -93,7 +93,7 @@ def failures_shown(
 
 
 def ending(error: BaseException) -> tuple[str, str]:
-    """Return the status of a stage that an error ended, and the error as text."""
+    """Return the status of a stage that ended with an error, and the error as text."""
     status = "failed" if isinstance(error, Exception) else "stopped"
     notes = getattr(error, "__notes__", ())
     return status, " ".join([f"{type(error).__name__}: {error}", *notes])[:_LONGEST_ERROR]

@@ -20,7 +20,7 @@ from dolfinx_joints.time_integration.substeps import StepCounts
 
 
 def shares(counts: StatusCounts) -> str:
-    """Return the shares of open, sticking and sliding joint points as text, and of tied points."""
+    """Return percentages of open, sticking and sliding points, and the tied points, as text."""
     total = max(counts.total, 1)
     parts = [(counts.open, "open"), (counts.stick, "sticking"), (counts.slip, "sliding")]
     if counts.frictionless:
@@ -49,11 +49,11 @@ class StaticState(Summarised):
         joints: Response of the joints, None without joints.
         reaction: Forces of the supports on the body, zero at unconstrained dofs [N].
         reports: Solver reports, one per load step, or more if steps were divided.
-        energy: Energies, works and losses since the unloaded body.
+        energy: Energies, works and losses from the unloaded body to this state.
         loads: Loads by name [N]; empty in the records of earlier stages.
-        inactive: Names of the joints that carry nothing because they have not been grouted yet.
+        inactive: Names of the joints without tractions, because they have not been grouted yet.
         absent: Cell groups of the absent blocks.
-        missing: Names of loads of the model that did not act, as in the energy ledger.
+        missing: Names, as in the energy ledger, of loads of the model that did not act.
         cuts: Number of times that a load increment was halved.
         jumps: Jumps of the stage that ``allow_jumps`` accepted.
     """
@@ -72,7 +72,7 @@ class StaticState(Summarised):
 
     @property
     def unloaded(self) -> bool:
-        """Whether no load step has been solved, so that the body is at rest without loads."""
+        """True if no load step has been solved: the body is at rest without loads."""
         return not self.reports
 
     def _summary(self) -> Rows:
@@ -96,20 +96,20 @@ class Outcome(Summarised):
         state: The last state.
         energy: The last energies.
         energy_error: Largest energy error relative to the largest energy, loss or input.
-        imbalance: Largest energy imbalance, numerical losses included, over the largest energy;
+        imbalance: Largest energy imbalance, with numerical losses, divided by the largest energy;
             None if the scheme loses energy of the body, which the ledger does not count.
-        local_error: Largest estimated displacement error of a step relative to the largest
-            displacement from the static state, 2-norms over all dofs.
+        local_error: Largest estimated displacement error of a step, divided by the largest
+            displacement from the start of the stage, 2-norms over all dofs.
         steps: Number of steps requested.
         counts: Accepted substeps, more than ``steps`` if steps were divided, and rejected attempts.
         iterations: Newton iterations of all accepted substeps.
         solver: Solver of the steps, ``linear``, ``condensed``, ``monolithic`` or ``forms``.
-        backward_euler_laws: Kinds of laws evaluated at the end of steps because they have no form
-            for whole steps, which the scheme needs.
-        chatter: Joints whose points touch and lift every few steps, with the share of the normal
+        backward_euler_laws: Kinds of laws that an energy-consistent scheme evaluates at the end of
+            steps, because these laws have no discrete gradient.
+        chatter: Joints whose points open and close every few steps, with the fraction of the normal
             impulse in these contacts.
-        laws_without_losses: Kinds of laws without a formula of their numerical loss
-            (`LawWithLosses`); ``imbalance`` does not check their joints.
+        laws_without_losses: Kinds of laws without a formula for their numerical loss
+            (`LawWithLosses`); ``imbalance`` does not check joints with these laws.
     """
 
     state: DynamicState

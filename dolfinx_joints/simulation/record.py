@@ -24,7 +24,7 @@ from dolfinx_joints.time_integration.energy import EnergyRow
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StageRecord:
-    """Static stage at its end.
+    """Result of a static stage, as passed to monitors.
 
     Attributes:
         name: Name of the stage.
@@ -53,16 +53,16 @@ class Record:
         velocity: Nodal velocities v [m/s].
         reaction: Forces of the supports on the body, zero at unconstrained dofs [N].
         joints: Response of the joints, None without joints.
-        motion: Acceleration of the ground [m/s^2] as a function of time [s], None if fixed.
-        free_surface: Velocity of the level free surface under the waves of all `FreeField` alone,
-            (3,) at a time [s], [m/s]; None without them. Displacements are then absolute.
+        motion: Ground acceleration [m/s^2] as a function of time [s], None if the ground is fixed.
+        free_surface: Velocity of a level free surface due to all `FreeField` waves, as a function
+            of time [s], (3,), [m/s]; displacements are then absolute. None without such waves.
         solve: Report of the solver, None at step 0 of a dynamic stage.
-        energy: Energies.
+        energy: Energies, works and losses.
         substeps: Number of substeps of this step: 1 for an undivided step, 0 at the start.
-        static_part: Static part of the displacement at a time [s], [m] (collective), see
-            `DifferingGround`; None if the ground motion is the same everywhere.
+        static_part: Function of time [s] that returns the static part of the displacement [m]
+            (collective), see `DifferingGround`; None if the ground motion is uniform.
         reservoir_force: Force of reservoir waves on the face, (gdim,), [N]; None without waves.
-        reservoir_pressure: Function that returns the pressure of these waves at this rank's
+        reservoir_pressure: Function that returns the pressure of reservoir waves at this rank's
             unknowns of the water, shape (n,), [Pa]; None without waves.
         wet_joints: Names of the joints with water.
         pressure: Function that returns the water pressure at the local joint points at the time of
@@ -111,9 +111,9 @@ def stage_record(
 
         water = WaterPressures(model, water_in_joints(acting))
         pressure = water(time, water.by_opening(state.joints.state.gap))
-    places = tuple(i for i, one in enumerate(model.loads) if any(one is load for load in acting))
-    state = replace(state, loads={})  # One vector per load and stage would take too much memory.
-    return StageRecord(name=name, time=time, state=state, loads=places, pressure=pressure)
+    indices = tuple(i for i, m in enumerate(model.loads) if any(m is load for load in acting))
+    state = replace(state, loads={})  # One vector per load and stage would need too much memory.
+    return StageRecord(name=name, time=time, state=state, loads=indices, pressure=pressure)
 
 
 def grout_record(
@@ -121,7 +121,7 @@ def grout_record(
 ) -> StageRecord:
     """Return the record of a grouting stage (collective).
 
-    It has the loads of the previous stage. Water remains until the next static stage updates it.
+    The record repeats the loads and the joint water of the previous stage.
     """
     if not stages:
         return stage_record(model, name, 0.0, state, model.loads)
@@ -129,7 +129,7 @@ def grout_record(
 
 
 def stage_name(given: str | None, kind: str, stages: Sequence[StageRecord]) -> str:
-    """Return the name of a new stage: the given one if it is unused, or its kind and a number."""
+    """Return the name of a new stage: the given name if unused, by default kind and number."""
     names = [stage.name for stage in stages]
     if given is None:
         numbered = (f"{kind} {number}" for number in count(1))
@@ -139,6 +139,6 @@ def stage_name(given: str | None, kind: str, stages: Sequence[StageRecord]) -> s
     stage_bytes(given)
     if given in names:
         raise JointsError(
-            f"There is a static stage {given!r} already; the stages so far are: {', '.join(names)}."
+            f"The stage name {given!r} is in use; choose a name other than {', '.join(names)}."
         )
     return given

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Stages of a run, static then dynamic, and the only time loop.
 
-The loop writes no files, plots or progress bars; monitors do.
+The loop itself writes no results: monitors write files, plots and progress bars.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ from dolfinx_joints.simulation.differing_ground import DifferingGround
 from dolfinx_joints.simulation.dynamic_stage import DynamicRun, ground_motions
 from dolfinx_joints.simulation.first_state import (
     InitialFields,
-    checked_settings,
+    check_settings,
+    dynamic_loads,
+    field_vectors,
     first_state,
-    given_fields,
     in_words,
-    shaken_by,
 )
-from dolfinx_joints.simulation.monitor import Monitor, failures_shown
+from dolfinx_joints.simulation.monitor import Monitor, report_failures
 from dolfinx_joints.simulation.outcome import Outcome, StaticState, closing_lines
 from dolfinx_joints.simulation.record import StageRecord, grout_record, stage_name, stage_record
 from dolfinx_joints.simulation.start_checks import check_complete, sudden_loads
-from dolfinx_joints.simulation.statics.construction import grouted
+from dolfinx_joints.simulation.statics.construction import grout_joints
 from dolfinx_joints.simulation.statics.stage import check_acting, march
-from dolfinx_joints.simulation.statics.stage_start import unloaded
+from dolfinx_joints.simulation.statics.stage_start import unloaded_state
 from dolfinx_joints.simulation.statics.unfinished import check_grouted, unfinished_stage
 from dolfinx_joints.solvers.batch import SharedBulk
 from dolfinx_joints.solvers.choice import SolverKind, make_solver
@@ -53,7 +53,7 @@ from dolfinx_joints.solvers.step_solver import SolverOptions
 from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.scheme import Scheme
 from dolfinx_joints.time_integration.states import DynamicState
-from dolfinx_joints.time_integration.substeps import StepControl, Stepper, ends_of_steps, located
+from dolfinx_joints.time_integration.substeps import StepControl, Stepper, ends_of_steps, locate
 
 # Steps between two calls of PETSc's garbage collection on several ranks.
 GARBAGE_INTERVAL = 10
@@ -71,7 +71,7 @@ class Simulation:
         solver: ``auto``, ``condensed``, ``monolithic`` or ``forms``; see `make_solver`.
 
     Attributes:
-        static: Result of the last static stage, None before it.
+        static: Result of the last static stage, None before the first stage.
         stages: Static stages so far, for monitors of dynamic stages and `save_static`. Clear the
             list if it takes too much memory, for example after many small steps in time.
         seconds: Wall time by phase [s].
@@ -108,7 +108,7 @@ class Simulation:
         self.static: StaticState | None = None
         self.stages: list[StageRecord] = []
         self.seconds: dict[str, float] = {}
-        self.shared: SharedBulk | None = None  # With other simulations of the model.
+        self.shared: SharedBulk | None = None  # Shared with other simulations of the model.
         valid = isinstance(self.options, SolverOptions | None)
         check_kind_of("options", self.options, valid, "a SolverOptions")
         self._options = self.options or SolverOptions()
@@ -127,31 +127,31 @@ class Simulation:
     ) -> StaticState:
         """Apply loads up to their values at time zero in equal steps (collective).
 
-        The stage starts from the last static stage, or from the unloaded body. Loads that acted at
-        its end stay if they are named again, and are removed otherwise. Friction depends on the
-        load path, so the number of steps matters if joints slide.
+        The stage starts from the last static stage, or from the unloaded body. Loads of the last
+        stage are removed unless ``loads`` contains them. Friction depends on the load path, so the
+        number of steps matters if joints slide.
 
         Args:
             steps: Number of load steps.
             loads: Loads of the model that act at the end; all by default.
             joints: Names of the active joints, ``active`` for all or ``inactive`` for none. The
-                other joints carry nothing until `grout`, and each block must be supported without
-                them. A joint that already carries tractions cannot become inactive.
-            absent: Cell groups of blocks that are not built yet. They have no weight, and joints
-                next to them carry nothing. The first stage that includes them casts them free of
+                other joints have no tractions until `grout`, and each block must be supported
+                without them. A joint with tractions cannot become inactive.
+            absent: Cell groups of blocks that are not built yet. These blocks have no weight, and
+                joints next to them have no tractions. In its first stage, a block is cast free of
                 stress, in the position of the mesh, against the existing blocks.
             name: Unique name of the stage in results; "statics 1" and so on by default.
-            allow_jumps: True lists jumps in the state's ``jumps``, False raises `JumpError`.
+            allow_jumps: If True, jumps are listed in ``StaticState.jumps``; else `JumpError`.
 
         Raises:
-            JointsError: Joints are in the wrong state, a block is not supported without them, or
-                the iteration on water in joints does not converge.
+            JointsError: A joint cannot be inactive or must be grouted first, a block is not
+                supported, or the iteration on water in joints does not converge.
             JumpError: The structure jumps to a distant equilibrium.
             ConvergenceError: A load step did not converge.
         """
         acting = self.model.loads if loads is None else loads
         check_acting(self.model, acting)
-        before = self.static or unloaded(self.model)
+        before = self.static or unloaded_state(self.model)
         stage = unfinished_stage(self.model, before, joints, absent, acting)
         name = stage_name(name, "statics", self.stages)
         path = [(None, step / steps) for step in range(1, steps + 1)]
@@ -170,13 +170,13 @@ class Simulation:
     ) -> StaticState:
         """Close joints in their present position after a static stage (collective).
 
-        At points that carry nothing, inactive or open, gap and slip are reset to zero; keys across
-        an opening keep their shear. Points in contact do not change. Inactive joints that are not
-        named keep the opening between their blocks and become active. Joints whose laws pull across
-        that opening remain inactive.
+        At points without traction, inactive or open, gap and slip are reset to zero; shear keys in
+        contact across an opening keep their shear. Points in contact do not change. Inactive joints
+        that are not named become active with their present opening. Joints whose laws pull across
+        this opening remain inactive.
 
         Grout under pressure first pushes the faces of these points apart, with constant loads and
-        fixed supports. It then sets, and the pressure remains as traction.
+        fixed supports. Then the grout sets, and the pressure remains as joint traction.
 
         Args:
             joints: Names of the joints to grout; by default the inactive joints, or all joints if
@@ -186,15 +186,15 @@ class Simulation:
             name: Name of the stage in results, "grouting 1" and so on by default.
 
         Raises:
-            JointsError: There is no static state yet, or a law cannot carry the pressure or gap.
+            JointsError: There is no static state, or a law cannot carry the pressure or gap.
             ConvergenceError: No equilibrium under the pressure was found, or only after a jump.
         """
         if self.static is None:
-            raise JointsError("There is nothing to grout yet: run statics(joints=[...]) first.")
+            raise JointsError("grout() needs a static stage: run statics(joints=[...]) first.")
         name = stage_name(name, "grouting", self.stages)
-        pressed = partial(self._march, name, [(None, 1.0)], ())
-        self.static = grouted(
-            self.model, self.static, joints, gap=gap, pressure=pressure, pressed=pressed
+        press = partial(self._march, name, [(None, 1.0)], ())
+        self.static = grout_joints(
+            self.model, self.static, joints, gap=gap, pressure=pressure, press=press
         )
         self._add_stage(grout_record(self.model, name, self.static, self.stages))
         return self.static
@@ -207,7 +207,7 @@ class Simulation:
         name: str | None = None,
         allow_jumps: bool = False,
     ) -> StaticState:
-        """Compute the equilibrium at each of a sequence of times, in order (collective).
+        """Compute the equilibrium at each time of a sequence (collective).
 
         Loads and prescribed displacements follow their functions of time; inertia and damping are
         neglected. The stage starts from the last static stage, or from the unloaded body.
@@ -224,14 +224,14 @@ class Simulation:
         """
         name = stage_name(name, "quasi-statics", self.stages)
 
-        def reached(time: float, state: StaticState) -> None:
-            one = name if len(times) == 1 else f"{name}, t = {time:g} s"
+        def add_step(time: float, state: StaticState) -> None:
+            label = name if len(times) == 1 else f"{name}, t = {time:g} s"
             self.static = state
-            self._add_stage(stage_record(self.model, one, time, state, self.model.loads))
+            self._add_stage(stage_record(self.model, label, time, state, self.model.loads))
 
         check_grouted(self.static)
         path = [(float(t), 1.0) for t in times]
-        options = {"reached": reached, "allow_jumps": allow_jumps}
+        options = {"reached": add_step, "allow_jumps": allow_jumps}
         self.static = self._march(name, path, self.model.loads, **options)
         return self.static
 
@@ -249,8 +249,8 @@ class Simulation:
         **arguments: Any,
     ) -> StaticState:
         """Run `march` from the last static state with the simulation's solver (collective)."""
-        with self._phase("static"), failures_shown(name, self.model, self.monitors, self.stages):
-            start = self.model, self.static or unloaded(self.model), path, acting
+        with self._phase("static"), report_failures(name, self.model, self.monitors, self.stages):
+            start = self.model, self.static or unloaded_state(self.model), path, acting
             arguments |= {"options": self._options, "kind": self.solver, "watch": self._watch}
             state = march(*start, **arguments)
         free_petsc_garbage(self.model.jointed.mesh.comm)  # Matrices of the stage's solver.
@@ -259,7 +259,7 @@ class Simulation:
     def save_static(self, path: str | Path) -> None:
         """Write the static stages so far to a file, replacing an existing one (collective)."""
         if self.static is None:
-            raise JointsError("There is no static state to save yet: run statics() first.")
+            raise JointsError("save_static() needs a static stage: run statics() first.")
         static_keeper(path, self.model).save_static(self.static, self.stages)
 
     def load_static(self, path: str | Path) -> StaticState:
@@ -293,24 +293,24 @@ class Simulation:
                 `DifferingMotion`, as returned by `Motion.for_steps`; for axes in 2-D see
                 `BaseMotion`. Other functions are not resampled: use `Motion.scaled` instead of
                 ``lambda t: 2 * m(t)``.
-            loads: Loads of this stage in addition to those of the model.
+            loads: Loads of this stage in addition to the loads of the model.
             scheme: Time scheme, `EnergyConsistent` by default.
             control: Step-size control; by default, steps are halved if their solve fails.
-            start: `InitialFields` in addition to the static state, or a dynamic state to continue
-                from instead, such as ``state`` of an earlier outcome; at rest by default.
-            checkpoint: File for checkpoints, and whether to restart from it with the arguments and
-                monitors of the run that wrote it. At a restart the states are read from the file,
-                and only the time of ``start`` is used. No checkpoints by default.
+            start: `InitialFields` in addition to the static state; or, instead of the static state,
+                a dynamic state, such as ``state`` of an earlier outcome. At rest by default.
+            checkpoint: File for checkpoints; no checkpoints by default. To restart from the file,
+                pass the arguments and monitors of the run that wrote it. Then the states are read
+                from the file, and only the time of ``start`` is used.
 
         Raises:
-            CheckpointError: A checkpoint cannot be written, is missing, damaged or another run's.
-            ConvergenceError: A step failed even at the smallest size; monitors have all before it.
+            CheckpointError: A checkpoint cannot be written, is missing, damaged or of another run.
+            ConvergenceError: A shortest substep failed; the monitors have all previous steps.
         """
-        scheme, control = checked_settings(scheme, control, start, checkpoint)
-        given = given_fields(self.model, start)
+        scheme, control = check_settings(scheme, control, start, checkpoint)
+        fields = field_vectors(self.model, start)
         resume = checkpoint is not None and checkpoint.resume
-        (motion, *loads), lost = for_steps([motion, *loads], dt, self.model.jointed.mesh.comm)
-        acting, stage = shaken_by(motion, loads), dict[str, Any]({"ground motion": motion})
+        (motion, *loads), resampling = for_steps([motion, *loads], dt, self.model.jointed.mesh.comm)
+        acting, stage = dynamic_loads(motion, loads), dict[str, Any]({"ground motion": motion})
         differing = None
         if isinstance(motion, DifferingMotion):
             differing = DifferingGround(self.model, motion)
@@ -322,27 +322,27 @@ class Simulation:
         if checkpoint is not None:
             checkpoint.check(self.model.jointed.mesh.comm)
         with self._phase("set-up of the dynamic stage"), released(checkpoint, at_end=False):
-            kept = [SupportForces(self.model)] if self.model.absorbing else []
-            shaking: list[Load] = [*moved_by(motion, dt), *kept, *loads]
-            system = self.model.system(shaking, waves=dt, shared=self.shared)
+            reactions = [SupportForces(self.model)] if self.model.absorbing else []
+            added: list[Load] = [*moved_by(motion, dt), *reactions, *loads]
+            system = self.model.system(added, waves=dt, shared=self.shared)
             system = differing.moving(system) if differing else system
             solver = make_solver(system, self._options, self.solver)
             times = ends_of_steps(state.time if state else 0.0, dt, steps)
             facts = {"time step": dt, "number of steps": steps, "time scheme": scheme}
             facts |= {"start at": float(times[0]), "step control": control}
             facts |= {"solver": self.solver, "Newton": self._options}
-            facts |= {f"initial {name}": vector for name, vector in given.items()}
+            facts |= {f"initial {name}": vector for name, vector in fields.items()}
             keeper = None
             if checkpoint is not None:
                 stage |= facts
                 keeper = CheckpointKeeper(checkpoint, self.model, system, stage, loads, times)
             saved = keeper.load(self.monitors) if keeper and resume else None
             self.static = self.static if saved is None else saved.static
-            if kept and self.static is not None:
-                kept[0].take(self.static.reaction, system.constrained)
-            state = saved.state if saved else first_state(solver, dt, self.static, state, given)
+            if reactions and self.static is not None:
+                reactions[0].take(self.static.reaction, system.constrained)
+            state = saved.state if saved else first_state(solver, dt, self.static, state, fields)
             before = self.static, self.stages
-            doubts = sudden_loads(self.model, system, state, *before, shaking) if begins else []
+            sudden = sudden_loads(self.model, system, state, *before, added) if begins else []
             run = DynamicRun(
                 self.model,
                 Stepper(scheme, solver, EnergyLedger(system), control),
@@ -351,9 +351,9 @@ class Simulation:
                 ground=ground,
                 monitors=self.monitors,
                 watch=self._watch,
-                warnings=[*self.model.doubts, *lost, *doubts],
+                warnings=[*self.model.doubts, *resampling, *sudden],
             )
-        with released(checkpoint, at_end=True), run.watched(self.seconds):
+        with released(checkpoint, at_end=True), run.finishing_monitors(self.seconds):
             if saved is None:
                 settings = {name: in_words(fact) for name, fact in facts.items()} | acting
                 run.start(settings=settings, stages=tuple(self.stages))
@@ -369,10 +369,10 @@ class Simulation:
         """Compute a step and pass it to the monitors (collective)."""
         with self._phase("time steps"):
             try:
-                report = run.take(dt, end)
+                report = run.advance(dt, end)
             except ConvergenceError as failure:
                 run.warn_of_slip()
-                raise located(failure, stage="dynamic", step=run.step + 1) from None
+                raise locate(failure, stage="dynamic", step=run.step + 1) from None
         with self._phase("monitors"):
             run.show(report)
         if run.step % GARBAGE_INTERVAL == 0:
@@ -386,14 +386,14 @@ class Simulation:
                 keeper.save_if_due(run, self.static)
 
     def report(self, outcome: Outcome) -> str:
-        """Return closing lines: energy error, accuracy, iterations and seconds by phase."""
+        """Return a summary: energy error, accuracy, iterations and wall time by phase."""
         return closing_lines(outcome, self.model, self.seconds)
 
     @contextmanager
     def _phase(self, name: str) -> Iterator[None]:
-        """Add the wall time of a block to a phase."""
-        began = clock.perf_counter()
+        """Measure the wall time of a ``with`` block and add it to a phase."""
+        start = clock.perf_counter()
         try:
             yield
         finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + clock.perf_counter() - began
+            self.seconds[name] = self.seconds.get(name, 0.0) + clock.perf_counter() - start

@@ -16,23 +16,23 @@ class StaticEnergy:
     """Energies after static stages, all in [J]; works and losses count from the unloaded body.
 
     Attributes:
-        strain: u.K u / 2 of bulk and springs; in plastic cells the energy of the elastic strain.
+        strain: Strain energy u.K u / 2 of bulk and springs; elastic strains only in plastic cells.
         joint_elastic: Elastic energy of each joint, shape (number of joints,).
-        input_by_load: Work of each load by name. The name ``grout`` is for grout under pressure.
-            The name ``construction`` is for forces that earlier stages left in inactive joints and
-            absent blocks.
+        input_by_load: Work of each load by name. ``grout`` is grout under pressure, and
+            ``construction`` are residual forces of earlier stages in inactive joints and absent
+            blocks.
         supports: Work of supports and prescribed displacements.
         joint_friction: Work done against friction in each joint, shape (number of joints,).
-        joint_numerical: Integration error of the work of each joint on straight increments, by the
-            formulas of its law, positive for a loss, shape (number of joints,).
+        joint_numerical: Integration error of the work of each joint on straight increments, from
+            formulas of the law, positive for a loss, shape (number of joints,).
         joint_bonds: Energy lost in each joint at points whose bonds broke, including the motion
             after the break, shape (number of joints,).
         plastic: Plastic work of the bulk.
-        joint_released: Energy released in each joint by jumps (31b), shape (number of joints,). It
-            is a part of friction and numerical loss.
-        water_released: Energy released in increments in which water entered or left joint points.
+        joint_released: Energy released in each joint by jumps (31b), shape (number of joints,); a
+            part of friction and numerical loss.
+        water_released: Energy released in increments in which joint points become wet or dry.
         error: Stored energy plus losses minus work; zero up to rounding and the solver tolerance.
-        scale: Largest of stored energy, |input| and losses so far.
+        scale: Largest stored energy, |input| or losses so far.
     """
 
     strain: float = 0.0
@@ -65,13 +65,13 @@ class StaticEnergy:
 
     @property
     def relative_error(self) -> float:
-        """Absolute error of the balance over the scale."""
+        """Absolute error of the energy balance, divided by ``scale``."""
         return abs(self.error) / self.scale if self.scale else 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Jump:
-    """Increment in which the structure left its path of equilibria.
+    """Increment in which the structure jumps from its equilibrium path to another equilibrium.
 
     Attributes:
         step: Number of the load step in its stage.
@@ -79,7 +79,7 @@ class Jump:
         start: Load factor at the start of the increment.
         end: Load factor at the end of the increment.
         energy: Energy released [J].
-        joints: Names of the joints that released it, the largest share first.
+        joints: Names of the joints that released the energy, in descending order of energy.
     """
 
     step: int

@@ -24,26 +24,26 @@ class EnergyRow:
     """Energies at one time, all in [J]; works and losses count from the start of the ledger.
 
     Attributes:
-        kinetic: v.M v / 2.
-        strain: u.K u / 2 of bulk and springs; in plastic cells, of the elastic strain.
+        kinetic: Kinetic energy v.M v / 2.
+        strain: Strain energy u.K u / 2 of bulk and springs; elastic strains only in plastic cells.
         joint_elastic: Elastic energy of each joint, shape (number of joints,).
         input: Work of loads and of moving supports.
         input_by_load: Work of each load by name.
-        viscous: Work done against the damping.
+        viscous: Work done against damping.
         joint_friction: Work done against friction in each joint, shape (number of joints,).
-        joint_numerical: Energy lost, or created if negative, by the time scheme in each joint, as
-            it opens, closes or slides within a step, shape (number of joints,). Zero for laws that
-            are evaluated over whole steps, else as in `LawWithLosses`. For laws with neither
-            formula it is the remainder of the work, and ``imbalance`` does not check their joints
-            (`Contact.without_losses` names these laws).
-        joint_imbalance: Part of ``imbalance`` that arises in each joint: its elastic energy,
-            friction and numerical loss less the work of the body on it, shape (number of joints,).
-        error: stored - stored at the start - input + viscous + friction + plastic + impact.
+        joint_numerical: Energy lost (created if negative) by the time scheme in each joint that
+            opens, closes or slides within a step, shape (number of joints,). Zero for laws that
+            are evaluated over whole steps, and computed by `LawWithLosses` for others. For a law
+            with neither method, it is the remaining work, and ``imbalance`` does not check joints
+            with this law; `Contact.without_losses` lists these laws.
+        joint_imbalance: Part of ``imbalance`` that arises in each joint: elastic energy, friction
+            and losses less the work of the body on the joint, shape (number of joints,).
+        error: Equation (31): stored - stored at start - input + viscous + friction + plastic +
+            impact.
         plastic: Plastic work of the bulk.
         absorbed: Part of ``viscous`` absorbed by viscous boundaries and boundaries of the water.
-        impact: Energy lost by joint points that strike without rebound.
-        water: Energy of waves in water, rho |grad phi|^2 / 2 + p^2 / (2 rho c^2); not included in
-            the other terms.
+        impact: Energy lost by joint points that close without rebound.
+        water: Kinetic and compression energy of water waves, not part of ``kinetic``, ``strain``.
     """
 
     kinetic: float
@@ -88,26 +88,26 @@ class EnergyRow:
 
     @cached_property
     def body_imbalance(self) -> float:
-        """Imbalance of the body alone; only rounding error if the solves are accurate."""
+        """Imbalance without the joints' parts; only rounding error if all solves are accurate."""
         return self.imbalance - float(self.joint_imbalance.sum())
 
 
 class EnergyLedger:
     """Accumulates energies and works step by step.
 
-    The works are those of the scheme's own balance (`StepWork`). For schemes with ``conserves`` the
-    energies and works of an accurate solve add up to rounding error. Each term has its own formula;
-    none is computed as the remainder of the others.
+    Works are evaluated as in the energy balance of the scheme (`StepWork`). If the scheme conserves
+    energy and the solve is accurate, the balance closes to rounding error. Each term has its own
+    formula; none is computed as the remainder of the others.
 
     Attributes:
         row: The newest row.
-        scale: Largest of stored energy, |input| and losses so far, for rounding errors [J].
-        largest: Same maximum with the net energy through viscous boundaries, incoming less outgoing
-            waves; the difference is much less than either [J].
+        scale: Largest stored energy, |input| or losses so far, reference for rounding errors [J].
+        largest: Maximum as for ``scale``, with the absorbed energy subtracted from input and
+            losses, because incoming and outgoing waves nearly cancel; denominator of (32) [J].
     """
 
     def __init__(self, system: MatrixSystem) -> None:
-        """Keep the system; `start` begins the accounting."""
+        """Store the system; `start` begins the accounting."""
         self._system = system
         self._zeros = np.zeros(0 if system.contact is None else len(system.contact.operator.names))
 
@@ -155,7 +155,7 @@ class EnergyLedger:
             viscous=viscous,
             joint_friction=friction,
             joint_numerical=last.joint_numerical + joints.numerical,
-            joint_imbalance=last.joint_imbalance + change - joints.taken,
+            joint_imbalance=last.joint_imbalance + change - joints.total,
             error=missing if np.isfinite(missing) else float("inf"),
             plastic=plastic,
             absorbed=last.absorbed + work.absorbed,
@@ -164,11 +164,11 @@ class EnergyLedger:
         )
 
     def record(self, row: EnergyRow) -> EnergyRow:
-        """Account for one accepted step."""
+        """Add the row of an accepted step to the ledger."""
         losses = row.viscous + row.friction + row.plastic + row.impact
         self.scale = max(self.scale, row.stored, abs(row.input), losses)
-        net = abs(row.input - row.absorbed)
-        self.largest = max(self.largest, row.stored, net, losses - row.absorbed)
+        net_input = abs(row.input - row.absorbed)
+        self.largest = max(self.largest, row.stored, net_input, losses - row.absorbed)
         self._error = max(self._error, abs(row.error))
         self._imbalance = max(self._imbalance, abs(row.imbalance))
         self.row = row
@@ -186,12 +186,12 @@ class EnergyLedger:
 
     @property
     def relative_error(self) -> float:
-        """Energy error as in the paper: largest |error| so far over the largest energy."""
+        """Energy error (32): largest |error| so far, divided by ``largest``."""
         return self._error / self.largest if self.largest else 0.0
 
     @property
     def relative_imbalance(self) -> float:
-        """Largest |imbalance| so far over the scale."""
+        """Largest |imbalance| so far, divided by ``scale``."""
         return self._imbalance / self.scale if self.scale else 0.0
 
     def _joint_energy(self, state: DynamicState) -> Floats:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Midpoint steps that are exact in the lowest modes, by modified mass and damping (`ModalStep`).
 
-With the modal mass m', v1 = 2 x/dt - v0 and the energy balance still apply to the whole body. But v
-is no longer the velocity. In each mode it is the velocity over sqrt(m'), and m' v^2 / 2 is the
+The update v1 = 2 x/dt - v0 and the energy balance also apply with the modal masses m' (19a). In an
+exact mode the stored velocity v is the true velocity divided by sqrt(m'), so that m' v^2 / 2 is the
 kinetic energy.
 """
 
@@ -22,10 +22,10 @@ from dolfinx_joints.time_integration.products import Products
 from dolfinx_joints.time_integration.states import DynamicState
 
 
-def scaled(system: MatrixSystem, state: DynamicState, count: int, rate: float) -> DynamicState:
-    """Return a state with modal velocities scaled for a step, same kinetic energy (collective).
+def rescale(system: MatrixSystem, state: DynamicState, count: int, rate: float) -> DynamicState:
+    """Return the state with the velocities of ``count`` exact modes scaled for a step (collective).
 
-    The step is exact in ``count`` modes, and ``rate`` is its 2 / dt [1/s].
+    The kinetic energy does not change; ``rate`` is 2 / dt of the step [1/s].
     """
     if state.exact_modes == count and (count == 0 or state.rate == rate):
         return state
@@ -52,7 +52,7 @@ def _scale(
 
 
 def add_inertia(step: ModalStep, velocity: PETSc.Vec, momentum: PETSc.Vec) -> None:
-    """Add the contribution of m' to the momentum of a velocity (collective)."""
+    """Add the contribution of the modal masses m' to the momentum M v (collective)."""
     modal = step.modes.amounts(step.used, velocity)
     momentum.getArray()[:] += _inertia(step, velocity, modal)
 
@@ -69,7 +69,7 @@ def add_free_vibration(
     acceleration.getArray()[:] += step.modes.combined(change)
 
 
-def complete(
+def add_modes(
     step: ModalStep,
     products: Products,
     effective: MatrixCoefficients,
@@ -77,9 +77,9 @@ def complete(
     modal: Floats,
     fixed: Ints,
 ) -> None:
-    """Add the contributions of m' and c' to the products of a step (collective).
+    """Add the contributions of modal mass m' and damping c' to a step's products (collective).
 
-    x is the displacement increment, ``modal`` is Phi.M x, and ``fixed`` are constrained dofs.
+    x is the displacement increment, ``modal`` its modal amplitudes, ``fixed`` the constrained dofs.
     """
     inertia = _inertia(step, x, modal)
     products.mass.getArray()[:] += inertia
@@ -93,19 +93,19 @@ def complete(
 
 
 def _inertia(step: ModalStep, x: PETSc.Vec, modal: Floats) -> Floats:
-    """Return the change of M x by m' at the owned rows (collective)."""
-    change = step.modes.weighed((step.mass - 1.0) * modal + step.of_supports(x))
-    step.modes.add_at_supports((step.root - 1.0) * modal, change)
-    return change
+    """Return the contribution of the modal masses m' to M x, at the owned rows (collective)."""
+    inertia = step.modes.weighed((step.mass - 1.0) * modal + step.of_supports(x))
+    step.modes.add_at_supports((step.root - 1.0) * modal, inertia)
+    return inertia
 
 
 class LoadKick:
-    """Velocity correction for loads that change along a step, in the exact modes.
+    """Velocity correction (kick) of the exact modes for loads that change within a step (19c).
 
-    With v1 = 2 x/dt - v0 + kick, x is exact for a load that is linear in time over the step.
+    With v1 = 2 x/dt - v0 + kick, undamped modes are exact for loads that are linear over the step.
 
     Attributes:
-        of_patterns: Modal kick of each load pattern, shape (modes, patterns), [m/s].
+        of_patterns: Kick of each mode by each load pattern, shape (modes, patterns), [m/s].
     """
 
     def __init__(self, system: MatrixSystem, step: ModalStep, start: float, end: float) -> None:
@@ -115,7 +115,7 @@ class LoadKick:
         self.of_patterns: Floats = step.kick[:, None] * loads
 
     def add(self, velocity: PETSc.Vec, momentum: PETSc.Vec) -> None:
-        """Add the kick to a velocity, and S^T M S times it to a momentum."""
+        """Add the kick to a velocity, and the modified mass M' times the kick to a momentum."""
         step, kick = self._step, self.of_patterns.sum(axis=1)
         velocity.getArray()[:] += step.modes.combined(kick)
         momentum.getArray()[:] += step.modes.weighed(step.mass * kick)
@@ -124,11 +124,11 @@ class LoadKick:
     def work(
         self, x: Floats, velocity: Floats, rate: float, of_supports: Floats
     ) -> dict[str, float]:
-        """Return the work of each load on the kick [J].
+        """Return the work of each load due to the kick [J].
 
-        The modal displacement increments are x, the modal velocities at the start ``velocity``.
-        Further, ``rate`` is 2 / dt [1/s], and ``of_supports`` Phi.M times the change of the support
-        velocities.
+        x contains the modal displacement increments, ``velocity`` the modal velocities at the
+        start, and ``of_supports`` the modal momenta of the change of the support velocities.
+        ``rate`` is 2 / dt [1/s].
         """
         change = rate * x - 2.0 * velocity + self.of_patterns.sum(axis=1)
         momentum = self._step.mass * change + self._step.root * of_supports

@@ -18,10 +18,10 @@ from dolfinx_joints.time_integration.states import DynamicState
 
 # Interval of the finite differences for the initial velocity and acceleration of moving supports,
 # as a fraction of the step. If the steps resolve the motion, the error of the differences is far
-# below that of the time scheme, and about eight digits remain after rounding.
+# below the error of the time scheme, and about eight digits remain after rounding.
 INTERVAL = 1.0 / 16.0
 
-# Largest unbalanced force at massless dofs at the start, over the loads or the elastic forces.
+# Largest unbalanced force at massless dofs at the start, divided by the load or elastic force norm.
 LARGEST_FORCE = 1e-6
 
 
@@ -38,9 +38,9 @@ def initial_state(
     """Return the state at a time [s] whose acceleration balances the forces (collective).
 
     The length dt [s] of the next step is required if supports move, see `INTERVAL`. Displacement
-    [m] and velocity [m/s] are zero by default, except at prescribed dofs. A state of the
-    ``joints`` is evaluated at the displacement, a response is used unchanged. By default the joints
-    are at rest. By default ``water``, see `DynamicState`, follows from the openings.
+    [m] and velocity [m/s] are zero by default, except at prescribed dofs. If ``joints`` is a joint
+    state, the laws are evaluated at the displacement; a response is used unchanged. By default the
+    joints are at rest, and the joint water (`DynamicState.water`) follows from their openings.
     """
     system = solver.system
     u, v = system.unknowns(displacement), system.unknowns(velocity)
@@ -66,7 +66,7 @@ def initial_state(
         force.axpy(-1.0, forces.force_at_end(response, work))
     if velocity is None:
         _check_massless(system, force, max(load.norm(), elastic_force.norm()))
-    a = _balance(system, force)
+    a = _acceleration(system, force)
     imbalance = combination((1.0, system.mass * a), (-1.0, force))
     reaction = system.vector()
     reaction.getArray()[system.constrained] = imbalance.array_r[system.constrained]
@@ -88,7 +88,7 @@ def initial_state(
 def _check_massless(system: MatrixSystem, force: PETSc.Vec, scale: float) -> None:
     """Check that massless dofs outside joints are in balance at a start from rest (collective).
 
-    Without inertia to balance it, an initial residual would oscillate there in all later steps.
+    No inertia balances a residual at these dofs, so it would oscillate in all later steps.
     """
     comm = force.comm.tompi4py()
     if not sum(comm.allgather(len(system.massless))):
@@ -102,13 +102,13 @@ def _check_massless(system: MatrixSystem, force: PETSc.Vec, scale: float) -> Non
     residual = max(comm.allgather(residual))
     if residual > LARGEST_FORCE * scale:
         raise JointsError(
-            f"A part of the body without mass is not in balance at the start: a nodal force of "
-            f"{residual:.3g} N is left. Let its loads start at zero, or begin with statics()."
+            f"A part of the body without mass is not in balance at the start: the largest residual "
+            f"nodal force is {residual:.3g} N. Start its loads at zero, or begin with statics()."
         )
 
 
-def _balance(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
-    """Return a with M a = force at unconstrained dofs with mass, and zero at all other dofs."""
+def _acceleration(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
+    """Solve M a = force for a at unconstrained dofs with mass; a is zero at all other dofs."""
     mask = system.vector(1.0)
     mask.getArray()[system.constrained] = 0.0
     unconstrained = mask.sum()
@@ -134,8 +134,8 @@ def _balance(system: MatrixSystem, force: PETSc.Vec) -> PETSc.Vec:
     ksp.solve(b, a)
     if ksp.getConvergedReason() < 0:
         raise JointsError(
-            "The initial acceleration could not be computed: the mass matrix is singular. Check "
-            "for parts of the body that have mass in some directions only."
+            "The initial acceleration cannot be computed: the mass matrix is singular. Check for "
+            "parts of the body that have mass in some directions only."
         )
     ksp.destroy()
     mass.destroy()

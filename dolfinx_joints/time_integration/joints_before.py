@@ -16,7 +16,7 @@ from dolfinx_joints.time_integration.states import DynamicState
 def joints_before(
     system: MatrixSystem, state: DynamicState, correction: PETSc.Vec | None, rate: float
 ) -> JointState | None:
-    """Return the joint state with slips scaled to the step, and approaches if points don't rebound.
+    """Return the joint state with slips scaled to the step length, and approaches without rebound.
 
     ``correction`` is v1 - (2 x / dt - v0), None if zero [m/s]; ``rate`` is 2 / dt [1/s].
     """
@@ -24,22 +24,22 @@ def joints_before(
         return None
     joints = state.joints.state
     if len(joints.slips) and state.rate not in (0.0, rate):
-        joints = replace(joints, slips=_rescaled(joints.slips, state.rate / rate))
+        joints = replace(joints, slips=_rescale(joints.slips, state.rate / rate))
     if system.contact is None or not system.contact.stops:
         return joints
     velocity = state.velocity.copy()
     if correction is not None:
         velocity.axpy(-1.0, correction)  # Without rebound, 0 = v1 = 2 x / dt - (v0 - correction).
     if len(system.massless):
-        # Velocities of massless dofs belong to the middle of the last step; advance to its end.
+        # Velocities of massless dofs are means of the last step: extrapolate them to its end.
         massless = system.massless
         velocity.getArray()[massless] += state.acceleration.array[massless] / rate
     approach = 2.0 / rate * system.contact.operator.jump(velocity)[:, 0]
     return replace(joints, approach=approach)
 
 
-def _rescaled(slips: Floats, times: float) -> Floats:
-    """Return slips for steps ``times`` as long as the last ones, on the same parabola in time."""
+def _rescale(slips: Floats, times: float) -> Floats:
+    """Return the last two slips for steps ``times`` as long; slip is a parabola in time."""
     slips = slips.copy()
     last, before = slips[:, :2], slips[:, 2:4]
     change = times**2 * (last - before)

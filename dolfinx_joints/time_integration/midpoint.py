@@ -24,11 +24,11 @@ from dolfinx_joints.time_integration.exact_steps import (
     LoadKick,
     add_free_vibration,
     add_inertia,
-    complete,
-    scaled,
+    add_modes,
+    rescale,
 )
 from dolfinx_joints.time_integration.joints_before import joints_before
-from dolfinx_joints.time_integration.products import Products, combination, guess, joint_works
+from dolfinx_joints.time_integration.products import Products, combination, joint_works, predictor
 from dolfinx_joints.time_integration.scheme import StepReport, StepWork
 from dolfinx_joints.time_integration.states import DynamicState
 
@@ -37,12 +37,12 @@ from dolfinx_joints.time_integration.states import DynamicState
 class _Midpoint:
     """Step of the midpoint schemes, which differ in the rule that evaluates the joint laws.
 
-    With x = u1 - u0 and v1 = 2 x / dt - v0,
+    With x = u1 - u0 and v1 = 2 x / dt - v0, equation (14) is
 
         (2/dt^2 M + 1/dt C + 1/2 K) x + B^T w t = (F0 + F1)/2 + 2/dt M v0 - K u0.
 
-    The product of this equation and x is the energy balance of the step. It contains the changes of
-    kinetic and strain energy, the viscous loss, and the works of loads and joints. It closes to
+    The product of this equation and x is the energy balance of the step: the changes of kinetic and
+    strain energy, the viscous loss, and the works of loads and joints. The balance closes to
     rounding error.
     """
 
@@ -61,7 +61,7 @@ class _Midpoint:
         if solver.system.bulk is not None and self.rule != DISCRETE_GRADIENT:
             raise ValueError(
                 f"{type(self).__name__} evaluates the laws at the end of a step and the body at "
-                "its middle, which plastic cells do not support; use EnergyConsistent."
+                "mid-step, which plastic cells do not support; use EnergyConsistent."
             )
         rule = self.rule.over(dt)
         end = state.time + dt if end is None else end
@@ -79,15 +79,15 @@ class _Midpoint:
 class EnergyConsistent(_Midpoint):
     """Midpoint rule with a discrete gradient of the joint energy: the energy balance always closes.
 
-    The joints take from a step exactly the energy that friction dissipates, for any step length
-    and joint stiffness (`laws.points.discrete_gradient`). If all joints stick, or without joints,
-    the scheme equals Newmark's average acceleration. The scheme is accurate only if the step
-    resolves the motion. Check the local error, or let `StepControl` shorten the steps in which
-    joints open or close.
+    In each step the joints dissipate exactly the friction work, for any step length and joint
+    stiffness (`laws.points.discrete_gradient`). If all joints stick, or without joints, the scheme
+    equals Newmark's average acceleration. The scheme is accurate only if the step resolves the
+    motion. Check the local error, or let `StepControl` shorten the steps in which joints open or
+    close.
 
     Attributes:
-        exact_modes: Number of lowest modes, of the body cut at its joints, whose phase and damping
-            are exact. A step treats only those with omega dt up to 1.5 exactly.
+        exact_modes: Number of lowest modes, of the body cut at its joints, whose frequency and
+            damping are exact; only modes with a circular frequency up to 1.5 / dt are corrected.
 
     Example:
         >>> from mpi4py import MPI
@@ -109,10 +109,10 @@ class EnergyConsistent(_Midpoint):
 
 @dataclass(frozen=True, kw_only=True)
 class ImplicitContact(_Midpoint):
-    """Midpoint rule for the body, backward Euler for the joints: impacts lose energy, never gain.
+    """Midpoint rule for the body, backward Euler for the joints: impacts never create energy.
 
     The tractions at the end of a step act over the whole step (Kane, Repetto, Ortiz, Marsden 1999).
-    The energy lost in impacts is counted as numerical.
+    The energy lost in impacts counts as a numerical loss.
     """
 
     rule: ClassVar[Rule] = BACKWARD_EULER
@@ -123,9 +123,9 @@ class _Step:
 
     Attributes:
         effective: Coefficients of the matrix.
-        rhs: (F0 + F1)/2 + 2/dt M v0 - K u0, less the remainder of the last step, plus the
-            contributions of prescribed dofs and exact modes [N].
-        x: u1 - u0, an initial guess until the step is solved; prescribed dofs are exact [m].
+        rhs: Right-hand side of (14), less the remainder of the last step, plus the contributions
+            of prescribed dofs and exact modes [N].
+        x: u1 - u0, an initial guess until the step is solved; at prescribed dofs exact [m].
         joints: State of the joints at the start, as passed to the laws.
     """
 
@@ -135,7 +135,7 @@ class _Step:
         """Set up the step of length dt [s] from a state to the time ``end`` [s] (collective)."""
         self._system, self._dt, self._time = system, dt, end
         self._rate = rate = exact_square(2.0 / dt)
-        self._before = state = scaled(system, state, modes, rate)
+        self._before = state = rescale(system, state, modes, rate)
         self.effective = MatrixCoefficients(
             mass=0.5 * rate**2, damping=0.5 * rate, stiffness=0.5, exact_modes=modes
         )
@@ -146,17 +146,17 @@ class _Step:
         if state.remainder is not None:
             terms.append((-1.0, state.remainder))
         self.rhs = combination(*terms)
-        self.x = guess(state, (dt, state.velocity))
+        self.x = predictor(state, (dt, state.velocity))
         fixed = system.constrained
-        moved = system.prescribed(self._time) - state.displacement.array[fixed]
-        self.x.getArray()[fixed] = moved
+        increment = system.prescribed(self._time) - state.displacement.array[fixed]
+        self.x.getArray()[fixed] = increment
         self._prescribed = _PrescribedChange(system, state, self.x, rate, self._time, dt, exact)
         self._prescribed.add(self._prescribed.momentum, self.rhs, -0.5 * rate)
         self.joints = joints_before(system, state, self._prescribed.velocity, rate)
 
     @cached_property
     def _modal(self) -> Floats:
-        """Modal displacements Phi.M x of the exact modes, available once x is solved, [m]."""
+        """Displacement increments of the exact modes, once x is solved, shape (used,), [m]."""
         return self._amounts(self.x)
 
     @cached_property
@@ -169,11 +169,11 @@ class _Step:
         return np.zeros(0) if exact is None else exact.modes.amounts(exact.used, vector)
 
     def products(self, joints: Response | None) -> Products:
-        """Return M x and K x, including the mass and damping of exact modes (collective)."""
+        """Return the products with x, including mass and damping of exact modes (collective)."""
         system, exact = self._system, self._exact
         products = Products(system, self.effective, self.rhs, self.x, joints)
         if exact is not None:
-            complete(exact, products, self.effective, self.x, self._modal, system.constrained)
+            add_modes(exact, products, self.effective, self.x, self._modal, system.constrained)
         return products
 
     def state_after(self, products: Products, joints: Response | None) -> DynamicState:
@@ -183,7 +183,7 @@ class _Step:
         momentum = combination((self._rate, products.mass), (-1.0, before.momentum))
         self._prescribed.add(self._prescribed.velocity, velocity)
         if len(massless):
-            # The scheme does not determine the velocities of massless dofs: use the step's mean.
+            # The scheme does not determine velocities of massless dofs: use the mean of the step.
             velocity.getArray()[massless] = self.x.array[massless] / self._dt
         self._prescribed.add(self._prescribed.momentum, momentum)
         acceleration = combination((1.0, velocity), (-1.0, before.velocity))
@@ -210,8 +210,8 @@ class _Step:
         if exact is not None:
             of_supports = self._dt * exact.modes.carried(exact.used, after.acceleration)
             kicks = self._prescribed.works(self._modal, self._modal_rates, self._rate, of_supports)
-            for name, kicked in kicks.items():
-                loads[name] += kicked
+            for name, kick_work in kicks.items():
+                loads[name] += kick_work
         supports = float(products.reaction.dot(self.x))
         supports += self._prescribed.work(before.momentum, after.momentum)
         return StepWork(
@@ -231,10 +231,10 @@ class _Step:
 
 
 class _PrescribedChange:
-    """Correction of v1 = 2 x / dt - v0 by prescribed dofs and exact modes.
+    """Correction of the update v1 = 2 x / dt - v0 at prescribed dofs and in exact modes.
 
-    Prescribed dofs have prescribed velocities. By the midpoint formula their velocities would
-    oscillate without decay after each corner of the motion. Exact modes add a `LoadKick`.
+    Prescribed dofs get the prescribed velocities. With the midpoint update their velocities would
+    oscillate without decay after each kink of the prescribed motion. Exact modes add a `LoadKick`.
 
     Attributes:
         velocity: v1 - (2 x / dt - v0), None if zero [m/s].
@@ -263,8 +263,8 @@ class _PrescribedChange:
         self.velocity.set(0.0)
         self.momentum.set(0.0)
         if rates is not None:
-            by_rule = rate * x.array[self._fixed] - state.velocity.array[self._fixed]
-            self.velocity.getArray()[self._fixed] = rates[0] - by_rule
+            midpoint = rate * x.array[self._fixed] - state.velocity.array[self._fixed]
+            self.velocity.getArray()[self._fixed] = rates[0] - midpoint
             system.mass.mult(self.velocity, self.momentum)
             if exact is not None:
                 add_inertia(exact, self.velocity, self.momentum)
@@ -278,22 +278,22 @@ class _PrescribedChange:
             to.axpy(factor, part)
 
     def work(self, before: PETSc.Vec, after: PETSc.Vec) -> float:
-        """Return the work of the supports on the velocity correction, from body momenta [J]."""
+        """Return the work of the supports due to the correction, from M v of start and end [J]."""
         if self.velocity is None:
             return 0.0
-        gained = (after.array_r - before.array_r)[self._fixed]
-        own_work = 0.5 * float(self.velocity.array_r[self._fixed] @ gained)
-        return float(np.sum(before.comm.tompi4py().allgather(own_work)))
+        change = (after.array_r - before.array_r)[self._fixed]
+        local_work = 0.5 * float(self.velocity.array_r[self._fixed] @ change)
+        return float(np.sum(before.comm.tompi4py().allgather(local_work)))
 
     def works(self, *parts: Any) -> dict[str, float]:
-        """Return the work of each load on the velocity correction [J], see `LoadKick.work`."""
+        """Return the work of each load due to the correction [J], see `LoadKick.work`."""
         return {} if self._kick is None else self._kick.work(*parts)
 
 
 def exact_square(rate: float) -> float:
     """Return a rate within a relative 2e-8 of ``rate`` whose square is exact in double precision.
 
-    Otherwise the roundings of 2/dt and 2/dt^2 would be inconsistent, equally in every step. Over
+    Otherwise 2/dt and 2/dt^2 would be rounded inconsistently, with the same error in each step. In
     1e5 steps the energy would drift by a relative 1e-11.
     """
     mantissa, exponent = math.frexp(rate)

@@ -15,7 +15,7 @@ from dolfinx_joints.laws.law import BACKWARD_EULER, Rule
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers.effective_matrix import MatrixCoefficients
 from dolfinx_joints.solvers.step_solver import StepSolver
-from dolfinx_joints.time_integration.products import Products, combination, guess, joint_works
+from dolfinx_joints.time_integration.products import Products, combination, joint_works, predictor
 from dolfinx_joints.time_integration.scheme import StepReport, StepWork
 from dolfinx_joints.time_integration.states import DynamicState
 
@@ -23,8 +23,8 @@ from dolfinx_joints.time_integration.states import DynamicState
 class _Alpha:
     """Step of the generalized-alpha method, shared by all schemes of this module.
 
-    M a_m + C v_f + K u_f + B^T w t_f = F_f, where a_m = (1 - alpha_m) a1 + alpha_m a0; v_f, u_f,
-    t_f and F_f are the same means with alpha_f, and
+    Equations (18) and (19): M a_m + C v_f + K u_f + B^T w t_f = F_f, where
+    a_m = (1 - alpha_m) a1 + alpha_m a0, v_f to F_f are weighted with alpha_f in the same way, and
 
     u1 = u0 + dt v0 + dt^2 ((1/2 - beta) a0 + beta a1),  v1 = v0 + dt ((1 - gamma) a0 + gamma a1).
     """
@@ -44,16 +44,16 @@ class _Alpha:
 
     @property
     def beta(self) -> float:
-        """Newmark's beta with the largest damping of high frequencies."""
+        """Newmark's beta, chosen for the largest damping of high frequencies."""
         return 0.25 * (1.0 - self.alpha_m + self.alpha_f) ** 2
 
     @property
     def gamma(self) -> float:
-        """Newmark's gamma for second-order accuracy."""
+        """Newmark's gamma, chosen for second-order accuracy."""
         return 0.5 - self.alpha_m + self.alpha_f
 
     def conserves(self, system: MatrixSystem) -> bool:
-        """Return True for average acceleration with fixed supports: the balance is then exact."""
+        """Return True for average acceleration with symmetric K and supports at rest."""
         average = (self.alpha_m, self.alpha_f, self.beta, self.gamma) == (0.0, 0.0, 0.25, 0.5)
         return average and system.symmetric and system.values is None
 
@@ -70,13 +70,13 @@ class _Alpha:
         v_known = combination(
             (1.0 - self.gamma / self.beta, v), (dt * (1.0 - 0.5 * self.gamma / self.beta), a)
         )
-        x = guess(state, (dt, v), (0.5 * dt**2, a))
+        x = predictor(state, (dt, v), (0.5 * dt**2, a))
         fixed = system.constrained
         x.getArray()[fixed] = system.prescribed(time) - state.displacement.array[fixed]
-        # a_m balances the forces at t1 - alpha_f dt, so a1 is second-order accurate before t1.
+        # a1 is second-order accurate at the time t1 - (alpha_f - alpha_m) dt, not at t1.
         rates = system.prescribed_rates(time, dt, late=self.alpha_f - self.alpha_m)
         if rates is not None:
-            # Support accelerations derived from the displacements alone would oscillate.
+            # Support accelerations computed from the displacements by (19) would oscillate.
             a_known.getArray()[fixed] = rates[1] - of_mass * x.array[fixed]
             v_known.getArray()[fixed] = rates[0] - of_damping * x.array[fixed]
         load = system.load(time, state.load.duplicate())
@@ -121,7 +121,7 @@ class _Alpha:
         a_known: PETSc.Vec,
         v_known: PETSc.Vec,
     ) -> PETSc.Vec:
-        """Return the known part of the equation, divided by 1 - alpha_f, [N]."""
+        """Return the right-hand side of the equation, divided by 1 - alpha_f, [N]."""
         system, old, share = solver.system, self.alpha_f, 1.0 - self.alpha_f
         b = combination((1.0, load), (old / share, state.load), (-1.0 / share, state.elastic_force))
         mean = combination((1.0 - self.alpha_m, a_known), (self.alpha_m, state.acceleration))
@@ -131,7 +131,7 @@ class _Alpha:
         mean.waxpy(old / share, state.velocity, v_known)
         b.axpy(-1.0, system.damping_force(mean, work))
         if old:
-            # With the forces of the start, the residual at supports is the reaction at the end.
+            # Add the forces at the start: the residual at supports is then the reaction at the end.
             b.axpy(old / share, state.reaction)
             if system.internal_forces is not None and state.joints is not None:
                 b.axpy(-old / share, system.internal_forces.force_at_end(state.joints, work))
@@ -143,12 +143,12 @@ class _Alpha:
 class Newmark(_Alpha):
     """Newmark's method (1959); by default average acceleration, the scheme of the paper.
 
-    Average acceleration (beta 1/4, gamma 1/2) conserves the energy of a linear system, but not that
-    of joints that open and close.
+    Average acceleration (beta 1/4, gamma 1/2) conserves the energy of a linear system, but not the
+    energy of joints that open and close.
 
     Attributes:
-        beta: Weight of the end acceleration in the displacement of the step.
-        gamma: Weight of the end acceleration in the velocity; below 1/2 the method is unstable.
+        beta: Weight of a1, the acceleration at the end of the step, in the displacement (19).
+        gamma: Weight of a1 in the velocity (19); below 1/2 the method is unstable.
 
     Example:
         >>> from mpi4py import MPI
@@ -192,7 +192,7 @@ class GeneralizedAlpha(_Alpha):
     """Generalized-alpha method (Chung and Hulbert 1993) with given damping of high frequencies.
 
     Attributes:
-        spectral_radius: At infinite frequency, from 0 (damped out in a step) to 1 (undamped).
+        spectral_radius: Value at infinite frequency, from 0 (damped out in a step) to 1 (undamped).
     """
 
     spectral_radius: Annotated[float, at.Ge(0), at.Le(1)] = 0.8

@@ -24,8 +24,8 @@ class Products:
     Attributes:
         mass: M x, zero in statics.
         stiffness: K x.
-        viscous: x.C x times the coefficient of C in the equation, without absorption [J].
-        absorbed: The same product for the dashpots of absorbing boundaries [J].
+        viscous: x.C x times the coefficient of C in the equation, without absorbing boundaries [J].
+        absorbed: Corresponding product with the dashpots of absorbing boundaries [J].
         reaction: Residual of the step's equation at the constrained dofs, zero elsewhere [N].
         remainder: Residual at the unconstrained dofs, zero elsewhere [N].
     """
@@ -42,13 +42,13 @@ class Products:
         self.mass, self.stiffness, self.reaction = (b.duplicate() for _ in range(3))
         if effective.mass or effective.damping:
             system.multiply(x, self.mass, self.stiffness)
-        else:  # Statics need too few products to pay for the set-up of `system.multiply`.
+        else:  # Static stages compute too few products for `system.multiply` and its set-up.
             self.mass.set(0.0)
             system.stiffness.mult(x, self.stiffness)
         residual = combination(
             (-1.0, b), (effective.mass, self.mass), (effective.stiffness, self.stiffness)
         )
-        # Compute C x independently of the solved matrix: the balance then detects its errors.
+        # Compute C x separately, so that the energy balance detects errors of the solved matrix.
         damped = combination(
             (system.rayleigh.mass_factor, self.mass),
             (system.rayleigh.stiffness_factor, self.stiffness),
@@ -78,7 +78,7 @@ class Products:
 
 
 def combination(*terms: tuple[float, PETSc.Vec]) -> PETSc.Vec:
-    """Return a new vector, the sum of the factors times the vectors."""
+    """Return the sum of factors times vectors as a new vector."""
     (factor, first), *others = terms
     total = first.copy()
     total.scale(factor)
@@ -87,10 +87,10 @@ def combination(*terms: tuple[float, PETSc.Vec]) -> PETSc.Vec:
     return total
 
 
-def guess(state: DynamicState, *terms: tuple[float, PETSc.Vec]) -> PETSc.Vec:
-    """Return the initial guess of a step, a sum as in `combination`; zero if laws have a history.
+def predictor(state: DynamicState, *terms: tuple[float, PETSc.Vec]) -> PETSc.Vec:
+    """Return the initial guess of a step: the sum of terms, or zero if laws have a history.
 
-    A bond that the guess breaks stays broken, and the solver often converges to that state.
+    A bond that breaks at the initial guess stays broken, and the solver may converge with it.
     """
     x = combination(*terms)
     if state.joints is not None and state.joints.state.internal.shape[1]:
@@ -102,13 +102,13 @@ def guess(state: DynamicState, *terms: tuple[float, PETSc.Vec]) -> PETSc.Vec:
 class JointWorks:
     """Works of a step on each joint, all of shape (number of joints,), [J].
 
-    taken: Work of the body on the joint.
-    friction: Dissipated part of it.
-    numerical: Part lost by the time scheme, by the formulae of the laws.
-    impact: Part lost by points that strike without rebound.
+    total: Work of the body on the joint.
+    friction: Part of ``total`` that friction dissipates.
+    numerical: Part lost by the time scheme, from formulas of the laws.
+    impact: Part lost at points that close without rebound.
     """
 
-    taken: Floats
+    total: Floats
     friction: Floats
     numerical: Floats
     impact: Floats
@@ -124,11 +124,11 @@ def joint_works(
 ) -> JointWorks:
     """Return the works on the joints in a step that ends with the response ``joints`` (collective).
 
-    ``mean_traction`` uses the mean of the tractions at both ends instead of those of the response.
+    If ``mean_traction``, the mean of the tractions at start and end acts, else the end tractions.
     """
     if system.contact is None or before.joints is None or joints is None:
-        none = np.zeros(0)
-        return JointWorks(taken=none, friction=none, numerical=none, impact=none)
+        empty = np.zeros(0)
+        return JointWorks(total=empty, friction=empty, numerical=empty, impact=empty)
     traction, start = joints.traction, before.joints.state
     if mean_traction:
         traction = 0.5 * (traction + before.joints.traction)
@@ -136,4 +136,4 @@ def joint_works(
         lost = system.contact.losses(rule, start, joints, traction)
     work_of_body = work(traction, joints.state.gap - start.gap)
     sums = system.contact.integrals(np.array([work_of_body, *lost]))
-    return JointWorks(taken=sums[0], friction=sums[1], numerical=sums[2], impact=sums[3])
+    return JointWorks(total=sums[0], friction=sums[1], numerical=sums[2], impact=sums[3])

@@ -22,7 +22,7 @@ class StepWork:
     Attributes:
         loads: Work of each load by name [J].
         supports: Work of moving supports [J].
-        viscous: Work against damping, without absorption [J].
+        viscous: Work against damping, without absorbing boundaries [J].
         absorbed: Work against the dashpots of absorbing boundaries, of rock and water [J].
         joints: Work of the body on each joint, and the losses of the joints [J].
     """
@@ -36,9 +36,9 @@ class StepWork:
 
 @dataclass(frozen=True, kw_only=True)
 class StepReport:
-    """Length [s], solve and works of a step.
+    """Report of a step: length dt [s], report of the solve, and works.
 
-    ``local_error`` is an estimate of the displacement error of this step, 2-norm over all dofs [m].
+    ``local_error`` estimates the displacement error of this step (33), 2-norm over all dofs [m].
     """
 
     dt: float
@@ -56,18 +56,18 @@ class Scheme(Protocol):
 
     @property
     def forces_over_steps(self) -> bool:
-        """Whether tractions and reactions act over a step instead of at its end."""
+        """True if tractions and reactions act over a whole step, False if at its end."""
 
     def conserves(self, system: MatrixSystem) -> bool:
-        """Return True if the energy balance is exact, so that it can be used to check a solve."""
+        """Return True if the energy balance is exact: an imbalance then shows a wrong solve."""
 
     def advance(
         self, solver: StepSolver, state: DynamicState, dt: float, end: float | None = None
     ) -> tuple[DynamicState, StepReport]:
         """Return the state after a step of length dt [s], and the report (collective).
 
-        The step ends at ``end`` [s]. It may differ from the sum of start and dt by rounding, and
-        must be passed if loads jump at that time.
+        ``end`` [s] is the start time plus dt except for rounding. Pass this value if loads jump at
+        the end of the step.
 
         Raises:
             ConvergenceError: The solve failed; ``state`` is unchanged.

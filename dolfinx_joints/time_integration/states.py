@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""State of a system at one time: start and result of a step of a time scheme."""
+"""State of a system at a time: start and result of a step of a time scheme."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ class DynamicState(Summarised):
         time: Time [s].
         displacement: u [m].
         velocity: v [m/s].
-        acceleration: a, or the mean over the last step if the scheme gives only that [m/s^2].
+        acceleration: a, or its mean over the last step with midpoint schemes [m/s^2].
         load: Nodal loads F [N].
-        reaction: Forces of the supports on the body at constrained dofs, zero elsewhere [N]. They
-            are means over the last step if the scheme gives only those.
+        reaction: Forces of the supports on the body at constrained dofs, zero elsewhere [N]. With
+            midpoint schemes they are means over the last step.
         momentum: M v [N s].
         elastic_force: K u [N].
-        joints: Response of the joints and of plastic cells, None without both.
+        joints: Response of the joints and of plastic cells, None if the model has neither.
         remainder: Rounding residual of the last step at the unconstrained dofs, None at the start
-            [N]. The next step includes it, so that these residuals do not accumulate.
+            [N]. The next step subtracts this residual, so that residuals do not accumulate.
         water: State of the water in ``load`` at the local joint points (`Wetness`), shape (n,),
             None if no load depends on the joints.
-        exact_modes: Number of modes whose velocities are scaled for a step that is exact in them
+        exact_modes: Number of modes that the step integrates exactly; their velocities are scaled
             (`exact_steps`).
-        rate: 2 / dt of the last step, scales these velocities and joint slips, 0 at start [1/s].
+        rate: 2 / dt of the last step, used to scale modal velocities and slips; 0 at start [1/s].
     """
 
     time: float
@@ -69,10 +69,10 @@ class DynamicState(Summarised):
 
 
 def with_means(previous: DynamicState | None, after: DynamicState, share: float) -> DynamicState:
-    """Return the state after a substep with means of tractions and reactions over the step so far.
+    """Return the state after a substep, with tractions and reactions summed for step means.
 
-    ``previous`` is the result of the previous substep, None at the first. ``share`` is the length
-    of the substep as a fraction of the step.
+    Each substep is weighted with ``share``, its fraction of the step, so the sums are means at the
+    end of the step. ``previous`` is the result for the previous substep, None at the first.
     """
     reaction, joints = after.reaction.copy(), after.joints
     reaction.scale(share)

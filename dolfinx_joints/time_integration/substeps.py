@@ -22,7 +22,7 @@ from dolfinx_joints.time_integration.energy import EnergyLedger, EnergyRow
 from dolfinx_joints.time_integration.scheme import Scheme, StepReport
 from dolfinx_joints.time_integration.states import DynamicState
 
-# Largest energy imbalance of a step from rounding and the solver's tolerance, over ledger.scale.
+# Largest energy imbalance of an accurately solved step, divided by the ledger's ``scale``.
 LARGEST_IMBALANCE = 1e-10
 
 
@@ -31,17 +31,17 @@ LARGEST_IMBALANCE = 1e-10
 class StepControl:
     """Rules for dividing a step of length dt into substeps, the shortest dt / 2^max_halvings.
 
-    A step is always halved if its solve fails. It is also halved if the energies do not add up
-    although the scheme conserves energy, which shows an inaccurate solve. With ``tolerance`` it is
+    A step is halved if its solve fails. With a scheme that conserves energy, a step is also halved
+    if its energy balance does not close: the solve is then inaccurate. With ``tolerance`` steps are
     also halved for accuracy; a substep of the shortest length is accepted at any local error.
 
     Attributes:
         max_halvings: Largest number of halvings.
         tolerance: Largest local error of a step relative to the largest displacement so far,
-            statics included (2-norms over all dofs); None to disable. Once a joint chatters
-            (`joints.chatter`), the tolerance is ignored: shorter steps chatter more.
+            static displacement included (2-norms over dofs); None to disable. Once a joint chatters
+            (`joints.chatter`), the tolerance is ignored: shorter steps increase chatter.
         landing: Halve steps in which a joint point opens or closes, so that such steps are short.
-            Meant for few points: if many points change in every step, every step is short.
+            Use it for few points: if many points open and close, all steps become short.
 
     Example:
         >>> from mpi4py import MPI
@@ -69,9 +69,9 @@ class StepCounts:
 
     Attributes:
         landed: Accepted substeps of the shortest length in which a point opened or closed.
-        unbalanced: Attempts whose energies did not add up.
+        unbalanced: Attempts rejected because of their energy imbalance.
         inaccurate: Attempts rejected because of their local error.
-        held: Attempts with too large a local error that were accepted because joints chatter.
+        held: Attempts that were accepted in spite of their local error, because joints chatter.
         crossed: Attempts rejected because a point opened or closed.
     """
 
@@ -92,8 +92,8 @@ class StepCounts:
 class Stepper:
     """Computes steps of a given length, in substeps if necessary.
 
-    The substep lengths are dt / 2^k only, so that few matrices are factored. The ledger must have
-    been started before.
+    The substep lengths are dt / 2^k only, so that few matrices are factored. Start the ledger
+    before the first step.
 
     Attributes:
         counts: Accepted substeps and rejected attempts.
@@ -103,7 +103,7 @@ class Stepper:
     def __init__(
         self, scheme: Scheme, solver: StepSolver, ledger: EnergyLedger, control: StepControl
     ) -> None:
-        """Keep the parts; no step is computed."""
+        """Store the arguments; no step is computed."""
         self.scheme, self.solver, self.ledger = scheme, solver, ledger
         self.forces_over_steps = scheme.forces_over_steps
         self._control, self.counts = control, StepCounts()
@@ -115,26 +115,26 @@ class Stepper:
     def substeps(
         self, state: DynamicState, dt: float, end: float | None = None
     ) -> Iterator[tuple[DynamicState, StepReport, EnergyRow]]:
-        """Yield the accepted substeps from ``state`` over dt [s] with energies (collective).
+        """Yield the accepted substeps of a step from ``state`` with energies (collective).
 
-        The last one ends at ``end`` [s], by default the time of ``state`` plus dt.
+        The step has the length dt [s] and ends at ``end`` [s], by default ``state.time`` plus dt.
         """
         if self._tolerance and not self._ignores_tolerance:
             self._ignores_tolerance = bool(self.chatter.joints())
         finest = 2**self._control.max_halvings
         end = state.time + dt if end is None else end
-        done = 0  # counts substeps of the shortest length
+        done = 0  # completed part of the step, in units of the shortest substep
         while done < finest:
             length = finest >> self._level
-            shortest, part = length == 1, dt * length / finest
-            # Substeps that meet share the same floating-point time, as loads may jump at it.
-            part_end = end if done + length == finest else state.time + part
+            shortest, substep = length == 1, dt * length / finest
+            # End the last substep exactly at ``end``, without rounding: loads may jump there.
+            substep_end = end if done + length == finest else state.time + substep
             try:
-                after, report = self._attempt(state, part, part_end)
+                after, report = self._attempt(state, substep, substep_end)
             except ConvergenceError as failure:
                 self.counts.failed += 1
                 if shortest:
-                    raise located(failure, time=part_end) from None
+                    raise locate(failure, time=substep_end) from None
                 self._level += 1
                 continue
             row = self.ledger.after(after, report)
@@ -151,7 +151,7 @@ class Stepper:
     def _attempt(
         self, state: DynamicState, dt: float, end: float
     ) -> tuple[DynamicState, StepReport]:
-        """Compute a step of the scheme with the joint water that follows from its start."""
+        """Compute a step, with joint water that follows from the state at the start."""
         water = self.solver.system.water
         if water is None or state.joints is None or state.water is None:
             return self.scheme.advance(self.solver, state, dt, end)
@@ -183,7 +183,7 @@ class Stepper:
         *,
         shortest: bool,
     ) -> bool:
-        """Return True if the attempt must be repeated in shorter steps (collective)."""
+        """Return True if the attempt must be repeated in shorter substeps (collective)."""
         if self.scheme.conserves(self.solver.system):
             scale = max(self.ledger.scale, row.stored, abs(row.input))
             missing = abs(row.body_imbalance - self.ledger.row.body_imbalance)
@@ -191,9 +191,9 @@ class Stepper:
             if missing > allowed > 0.0 and missing > self._rounding_error(before, after):
                 self.counts.unbalanced += 1
                 if shortest:
-                    raise _imbalance(self.solver.system, before, after, missing / scale)
+                    raise _balance_error(self.solver.system, before, after, missing / scale)
                 return True
-        if not shortest and self._inaccurate(after, report):
+        if not shortest and self._exceeds_tolerance(after, report):
             self.counts.held += self._ignores_tolerance
             self.counts.inaccurate += not self._ignores_tolerance
             if not self._ignores_tolerance:
@@ -207,7 +207,7 @@ class Stepper:
     def _rounding_error(self, before: DynamicState, after: DynamicState) -> float:
         """Return the rounding error of K u in the energies of a step [J] (collective).
 
-        If a body moves far with little strain, K u is a difference of large forces.
+        If a body moves far with small strain, K u is a small difference of large forces.
         """
         size = self.solver.system.stiffness.getDiagonal()
         increment = after.displacement - before.displacement
@@ -215,7 +215,7 @@ class Stepper:
             size.pointwiseMult(size, factor)
         return float(np.finfo(float).eps * size.norm(PETSc.NormType.NORM_1))
 
-    def _inaccurate(self, after: DynamicState, report: StepReport) -> bool:
+    def _exceeds_tolerance(self, after: DynamicState, report: StepReport) -> bool:
         """Return True if the local error exceeds the tolerance times the largest displacement."""
         if not self._tolerance:
             return False
@@ -223,7 +223,7 @@ class Stepper:
         return report.local_error > self._tolerance * max(self._largest, displacement)
 
     def _can_grow(self, report: StepReport) -> bool:
-        """Return True if a substep of twice the length, with 8 times the error, is acceptable."""
+        """Return True if a substep of twice the length, with 8 times the error, is accurate."""
         tolerance = 0.0 if self._ignores_tolerance else self._tolerance
         return not tolerance or 8.0 * report.local_error <= tolerance * self._largest
 
@@ -237,17 +237,17 @@ class Stepper:
 
 
 def ends_of_steps(start: float, dt: float, steps: int) -> NDArray[np.float64]:
-    """Return times from ``start`` at equal steps [s], shape (steps + 1,), rounded to 15 digits.
+    """Return start and end times of equal steps [s], shape (steps + 1,), rounded to 15 digits.
 
-    Summed steps would give 4.499999999999926 instead of 4.5.
+    Adding up the steps would give 4.499999999999926 instead of 4.5.
     """
     return np.array([float(f"{start + dt * step:.15g}") for step in range(steps + 1)])
 
 
-def _imbalance(
+def _balance_error(
     system: MatrixSystem, before: DynamicState, after: DynamicState, missing: float
 ) -> JointsError:
-    """Return the error for a step whose energies do not add up (collective)."""
+    """Return the error for a step whose energy balance does not close (collective)."""
     contact, where, stiff = system.contact, "", ""
     if contact is not None and before.joints is not None and after.joints is not None:
         change = after.joints.state.gap - before.joints.state.gap
@@ -256,8 +256,8 @@ def _imbalance(
         where = f" (joint {worst!r} did the largest work)" if worst else ""
         stiff = ", for example because joints are much stiffer than the body"
     return JointsError(
-        f"The energy lines of the step to t = {after.time:.6g} s do not add up{where}: "
-        f"{missing:.1e} of the largest energy is missing; the limit is {LARGEST_IMBALANCE:g}. "
+        f"The energy balance of the step to t = {after.time:.6g} s does not close{where}: the "
+        f"imbalance is {missing:.1e} of the largest energy; the limit is {LARGEST_IMBALANCE:g}. "
         f"The solve is not accurate enough{stiff}."
     )
 
@@ -270,7 +270,7 @@ def _contact_changes(system: MatrixSystem, before: DynamicState, after: DynamicS
     return max(system.contact.operator.comm.allgather(bool(np.any(was_open != is_open))))
 
 
-def located(failure: ConvergenceError, **where: Any) -> ConvergenceError:
+def locate(failure: ConvergenceError, **where: Any) -> ConvergenceError:
     """Return a copy of the failure with stage, step or time filled in."""
     values = {name: value for name, value in vars(failure).items() if not name.startswith("_")}
     return type(failure)(**{**values, **where})

@@ -120,7 +120,7 @@ def shaken(jointed, law, scheme):
     return [static.displacement, last.displacement, last.velocity], [static.joints, last.joints]
 
 
-@pytest.mark.filterwarnings("ignore:A single step errs")
+@pytest.mark.filterwarnings("ignore:The estimated error of a single step")
 @pytest.mark.mpi
 @pytest.mark.parametrize("scheme", [None, Newmark()], ids=["default", "Newmark"])
 def test_statics_and_steps_are_the_same_by_hand(blocks_file, read, comm, scheme):
@@ -172,7 +172,7 @@ def test_keys_in_a_shaken_wall(wall_file, read):
     assert (ends[0] - ends[1]).norm() < 1e-12 * ends[1].norm()
 
 
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
+@pytest.mark.filterwarnings("ignore:Loads are applied suddenly")
 @pytest.mark.mpi
 def test_energy_of_an_impact(blocks_file, read, comm):
     """A block falls on another, sticks a little, and leaves: every line from its own formula.

@@ -471,8 +471,8 @@ def test_water_that_does_not_settle_is_said():
     model = model_of(blocks(), water, held=("base", "top"))
     points = model.operator.num_points
     sentence = (
-        rf"The water in the joint 'joint' does not settle in a static stage: after 2 "
-        rf"iterations {points} of its points still change between wet and dry"
+        rf"water in the joint 'joint' does not converge in a static stage: after 2 "
+        rf"iterations {points} joint points still change between wet and dry"
     )
     with pytest.raises(dj.JointsError, match=sentence) as error:
         dj.Simulation(model).statics(steps=2, name="filling")
@@ -641,7 +641,7 @@ def test_a_stage_that_goes_on_keeps_its_water(in_dynamics):
     assert relative_difference(parts.displacement, whole.displacement) < 1e-9
 
 
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
+@pytest.mark.filterwarnings("ignore:Loads are applied suddenly")
 def test_water_given_to_a_stage_alone():
     """Its work is in the ledger as that of a load of the model is."""
     model = model_of(blocks(), dj.Gravity())

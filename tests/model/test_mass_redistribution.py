@@ -259,7 +259,7 @@ def test_force_on_missing_mass_is_refused():
         load=lambda t: [0, 0, 0, 0, 1.0],
     )
     with pytest.raises(
-        dj.JointsError, match="without mass is not in balance .* force of 1 N is left"
+        dj.JointsError, match="without mass is not in balance .* nodal force is 1 N"
     ):
         initial_state(make_solver(wrong))
 

@@ -190,7 +190,7 @@ def test_solvers_and_ranks_agree(comm, wall):
         assert found.energy.viscous == pytest.approx(expected.energy.viscous, rel=1e-7)
 
 
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
+@pytest.mark.filterwarnings("ignore:Loads are applied suddenly")
 def test_errors(wall):
     with pytest.raises(ValueError, match="ratio has 2 values for 3 modes"):
         dj.ModalRatios(ratio=(0.05, 0.05), modes=3)

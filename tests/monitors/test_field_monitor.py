@@ -107,7 +107,7 @@ def test_plane_body(comm, two_rectangles_file, read, new_path, plane, cell, orde
 WATER = dj.ReservoirWaves(group="y_min", level=18.5, length=30.0, bottom_reflection=0.7)
 
 
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
+@pytest.mark.filterwarnings("ignore:Loads are applied suddenly")
 @pytest.mark.parametrize(
     ("waves", "volume"),
     [
@@ -152,7 +152,7 @@ def test_pressure_in_the_reservoir(comm, wall_file, read, new_path, waves, volum
     on_root(comm, look)
 
 
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
+@pytest.mark.filterwarnings("ignore:Loads are applied suddenly")
 def test_names_keep_their_dots_and_files_their_content(comm, wall_file, read, new_path):
     path = new_path("dt0.005")
     simulation = dj.Simulation(wall(read(wall_file())), monitors=[dj.FieldMonitor(path)])

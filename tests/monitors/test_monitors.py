@@ -340,7 +340,7 @@ def test_point_far_from_the_body_is_refused(comm, wall_file, read, new_path):
     monitor = dj.ResultsMonitor(new_path("far.h5"), points={"moon": (0.0, 0.0, 384e6)})
     with pytest.raises(dj.MeshError) as failure:
         shake(model, [monitor], steps=1)
-    assert str(failure.value).startswith("Monitor point (0, 0, 3.84e+08) lies 3.84e+08 m")
+    assert str(failure.value).startswith("Monitor point (0, 0, 3.84e+08) is 3.84e+08 m")
     assert len(set(comm.allgather(str(failure.value)))) == 1
 
 

@@ -179,7 +179,7 @@ def test_stages_saved_travel(comm, column, new_path):
     first.save_static(kept)
     second = dj.Simulation(column(), monitors=[dj.ResultsMonitor(path, points=POINTS)])
     second.load_static(kept)
-    with pytest.raises(dj.JointsError, match="'weight' already; the stages so far are: weight"):
+    with pytest.raises(dj.JointsError, match="'weight' is in use; choose a name other than weight"):
         second.statics(name="weight")
     second.statics(name="winter")
     for _ in range(2):

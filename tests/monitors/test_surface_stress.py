@@ -133,7 +133,7 @@ def test_pure_bending(comm, wall_file, read, cell):
 def test_plane_models_are_refused(comm, two_rectangles_file, read):
     model = wall(read(two_rectangles_file()))
     monitor = dj.ResultsMonitor("plane.h5", points={"top": (0.0, 2.0)}, envelopes=True)
-    with pytest.raises(ValueError, match="three-dimensional model, got a plane model"):
+    with pytest.raises(ValueError, match="need a 3-D model; this model is 2-D"):
         dj.Simulation(model, monitors=[monitor])  # before anything is solved
 
 

@@ -176,8 +176,8 @@ def test_effective_and_total_forces_with_uplift(blocks_file, read, new_path, com
     np.testing.assert_allclose(each.total_force[0], [-up, up], **tolerance)
 
 
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
-@pytest.mark.filterwarnings("ignore:A single step errs")  # hardly anything moves
+@pytest.mark.filterwarnings("ignore:Loads are applied suddenly")
+@pytest.mark.filterwarnings("ignore:The estimated error of a single step")  # hardly anything moves
 def test_water_that_comes_in_the_stage(blocks_file, read, new_path, comm):
     # Uplift among the loads of the stage, p t / 3 ms: the water's force grows with it. Water by the
     # opening has its closed pressure where nothing opens.

@@ -222,18 +222,18 @@ def weaker(time):
 
 
 DIFFERENT = {
-    "dt": ({"dt": 2e-3}, "time step: 0.004 in the checkpoint, 0.002 here"),
-    "steps": ({"steps": 5}, "number of steps: 4 in the checkpoint, 5 here"),
-    "motion": ({"motion": weaker}, "ground motion: not the same"),
-    "loads": ({"loads": [dj.Gravity()]}, "load Gravity_1: only this run has it"),
+    "dt": ({"dt": 2e-3}, "time step: 0.004 in the checkpoint, 0.002 in this run"),
+    "steps": ({"steps": 5}, "number of steps: 4 in the checkpoint, 5 in this run"),
+    "motion": ({"motion": weaker}, "ground motion: different"),
+    "loads": ({"loads": [dj.Gravity()]}, "load Gravity_1: missing in the checkpoint"),
     "scheme": (
         {"scheme": dj.Newmark()},
         "time scheme: EnergyConsistent in the checkpoint, Newmark",
     ),
-    "control": ({"control": CUT}, "step control.max_halvings: 6 in the checkpoint, 3 here"),
+    "control": ({"control": CUT}, "step control.max_halvings: 6 in the checkpoint, 3 in this run"),
     "start": (
         {"start": dj.InitialFields(velocity=(0.0, 0.0, 0.0))},
-        "initial velocity: only this run has it",
+        "initial velocity: missing in the checkpoint",
     ),
     "solver": ({"run": {"solver": "monolithic"}}, "solver: 'auto' in the checkpoint, 'mono"),
     "options": ({"run": {"options": dj.SolverOptions(max_iterations=9)}}, "Newton.max_iterations"),
@@ -256,7 +256,7 @@ def test_another_run_is_refused(case, wall_file, read, tmp_path):
     short(read(wall_file()), tmp_path)
     with pytest.raises(dj.CheckpointError, match=re.escape(sentence)) as raised:
         short(read(wall_file()), tmp_path, resume=True, **options)
-    assert str(raised.value).startswith(f"The checkpoint {tmp_path / 'run.ckpt'} is of a")
+    assert str(raised.value).startswith(f"The checkpoint {tmp_path / 'run.ckpt'} belongs to a")
 
 
 def test_what_cannot_be_compared_is_named(wall_file, read, tmp_path):
@@ -271,7 +271,7 @@ def test_what_cannot_be_compared_is_named(wall_file, read, tmp_path):
 
     jointed = read(wall_file())
     short(jointed, tmp_path, monitors=[], motion=Stream())
-    sentence = r"check for changes of ground motion\.source \(generator\)\.$"
+    sentence = r"detect changes of ground motion\.source \(generator\)\.$"
     with pytest.warns(UserWarning, match=sentence):
         short(jointed, tmp_path, monitors=[], motion=Stream(), resume=True)
 
@@ -285,9 +285,11 @@ def test_results_of_another_run_are_refused(wall_file, read, tmp_path):
         monitor = dj.ResultsMonitor(file, **{"points": POINTS, **options})
         short(jointed, tmp_path, monitors=[monitor, Killer()], resume=True)
 
-    with pytest.raises(dj.CheckpointError, match="it was recorded with every=10, now every=5"):
+    with pytest.raises(
+        dj.CheckpointError, match="recorded with every=10, but this run has every=5"
+    ):
         resumed(every=5)
-    with pytest.raises(dj.CheckpointError, match="it was recorded with points="):
+    with pytest.raises(dj.CheckpointError, match="the file was recorded with points="):
         resumed(points={"corner": POINTS["corner"]})
     file.rename(tmp_path / "elsewhere.h5")
     with pytest.raises(dj.ResultsError, match="There is no results file"):
@@ -300,7 +302,7 @@ def test_results_of_another_run_are_refused(wall_file, read, tmp_path):
         checkpoint=None,
     )
     with pytest.raises(
-        dj.ResultsError, match="holds 2 records of 'energy', .* 3 records of 'energy'"
+        dj.ResultsError, match="contains 2 records of 'energy', .* 3 records of 'energy'"
     ):
         resumed()
     assert content(file)  # refused, the file stays as it was
@@ -331,18 +333,18 @@ def test_checkpoint_files_that_are_refused(comm, wall_file, read, new_path, monk
     comm.barrier()
     for size in (0, 7, len(whole) // 2, len(whole) - 1):
         leave(lambda size=size: path.write_bytes(whole[:size]))
-        refused("is no checkpoint, or a damaged one", resume=True)
+        refused("is not a checkpoint, or is damaged", resume=True)
     damaged = bytearray(whole)
     damaged[len(whole) // 2] ^= 1
     leave(lambda: path.write_bytes(damaged))
-    refused("is no checkpoint, or a damaged one: its checksum", resume=True)
+    refused("is not a checkpoint, or is damaged: its checksum", resume=True)
 
     def foreign():
         with h5py.File(path, "w") as file:
             file["x"] = 1.0
 
     leave(foreign)
-    refused("is no checkpoint, or a damaged one", resume=True)
+    refused("is not a checkpoint, or is damaged", resume=True)
 
     def of_another_program():
         foreign()
@@ -358,9 +360,9 @@ def test_checkpoint_files_that_are_refused(comm, wall_file, read, new_path, monk
         monkeypatch.undo()
 
     leave(newer)
-    refused("has version 6 of the layout, this program reads version 5", resume=True)
+    refused("has the layout version 6; this program reads version 5", resume=True)
     leave(lambda: checkpoint_file.write_checkpoint(path, {"run": {}}))
-    refused("is no checkpoint, or a damaged one: 'monitors'", resume=True)
+    refused("is not a checkpoint, or is damaged: 'monitors'", resume=True)
 
 
 @pytest.mark.parametrize("stop", ["killed", "disk full"])
@@ -384,7 +386,7 @@ def test_a_checkpoint_that_is_not_finished_leaves_the_old_one(
         with pytest.raises(Killed):
             short(jointed, tmp_path)
     else:
-        sentence = "run.ckpt cannot be written: .*No space left on device; the previous one is"
+        sentence = "run.ckpt cannot be written: .*No space left on device; the previous checkpoint"
         with pytest.raises(dj.CheckpointError, match=sentence):
             short(jointed, tmp_path)
     assert path.with_name("run.ckpt.part").exists() == (stop == "killed")
@@ -395,7 +397,7 @@ def test_a_checkpoint_that_is_not_finished_leaves_the_old_one(
     assert content(tmp_path / "run.h5")[1]["steps"] == 4
 
 
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
+@pytest.mark.filterwarnings("ignore:Loads are applied suddenly")
 def test_a_stage_after_another_goes_on_at_its_time(wall_file, read, tmp_path):
     """Without ``start``, whose time counts, its steps would end at times from zero on."""
     model = wall(read(wall_file()))
@@ -408,7 +410,9 @@ def test_a_stage_after_another_goes_on_at_its_time(wall_file, read, tmp_path):
 
     with pytest.raises(Killed):
         run(3)
-    with pytest.raises(dj.CheckpointError, match=r"start at: 0\.012 in the checkpoint, 0\.0 here"):
+    with pytest.raises(
+        dj.CheckpointError, match=r"start at: 0\.012 in the checkpoint, 0\.0 in this run"
+    ):
         run(None, None, resume=True)
     assert run(None, resume=True).state.time == pytest.approx(7 * DT, rel=1e-14)
 
@@ -458,7 +462,7 @@ def test_a_damaged_file_of_fields_does_not_stop_a_continued_run(wall_file, read,
     assert len(read_vtk(tmp_path / "run_joints.vtkhdf")) == 5
 
 
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
+@pytest.mark.filterwarnings("ignore:Loads are applied suddenly")
 def test_without_joints_and_without_a_static_state(wall_file, read, tmp_path):
     body = wall(read(wall_file(), joints=[]), None)
 

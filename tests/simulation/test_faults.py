@@ -533,11 +533,11 @@ def test_warnings_of_a_run_are_kept(wall, tmp_path):
     # Steps as long as half the periods of the shaking: each errs by more than 5 %.
     run = Simulation(wall(), monitors=[ResultsMonitor(tmp_path / "run.h5", points=POINTS)])
     run.statics()
-    with pytest.warns(UserWarning, match="A single step errs") as said:
+    with pytest.warns(UserWarning, match="error of a single step") as said:
         run.dynamics(dt=0.15, steps=3, motion=shaking)
     assert said.list[-1].filename == __file__  # the line that asks for the run
     with Results(tmp_path / "run.h5") as results:
-        assert any("A single step errs" in text for text in results.summary["warnings"])
+        assert any("error of a single step" in text for text in results.summary["warnings"])
 
 
 def test_a_monitor_that_fails_at_the_end_leaves_the_others_theirs(wall):

@@ -133,7 +133,7 @@ def test_each_declared_parameter_counts(kind, name):
         return found.facts
 
     assert first_difference(facts(), facts()) is None
-    changed = f"it.{name}: 1.0 in the checkpoint, 2.0 here"
+    changed = f"it.{name}: 1.0 in the checkpoint, 2.0 in this run"
     assert first_difference(facts(), facts(**{name: 2.0})) == changed
 
 
@@ -213,7 +213,7 @@ def test_equal_models_have_equal_facts(wall_file, read):
 def test_another_mesh_is_another_run(wall_file, read):
     finer = facts_of(read(wall_file(divisions=(4, 1, 4))))
     found = first_difference(facts_of(read(wall_file())), finer)
-    assert found == "node coordinates: the numbers are not the same"
+    assert found == "node coordinates: the numbers differ"
 
 
 OUTSIDE = {
@@ -242,7 +242,7 @@ def test_values_from_outside_count(name, wall_file, read, monkeypatch):
         return facts_of(read(wall_file()), **OUTSIDE[name])
 
     assert first_difference(facts("1e-3"), facts("1e-3")) is None
-    assert first_difference(facts("1e-3"), facts("2e-3")) == f"{name}: the numbers are not the same"
+    assert first_difference(facts("1e-3"), facts("2e-3")) == f"{name}: the numbers differ"
 
 
 @pytest.mark.parametrize("name", ["loads", "body"])
@@ -259,7 +259,7 @@ def test_fields_of_dolfinx_count_by_what_is_assembled_from_them(name, wall_file,
     matrix = {"loads": "pattern 1 of the loads", "body": "stiffness matrix"}[name]
     assert first_difference(facts(1e6), facts(1e6)) is None
     found = first_difference(facts(1e6), facts(2e6))
-    assert found == f"{matrix}: the numbers are not the same"
+    assert found == f"{matrix}: the numbers differ"
 
 
 def test_a_static_state_depends_on_loads_at_its_time_alone(wall_file, read):
@@ -278,7 +278,7 @@ def test_a_static_state_depends_on_loads_at_its_time_alone(wall_file, read):
         assert first_difference(facts_at_zero, facts(static, later)[kind]) is None
         assert "at the start" in first_difference(facts_at_zero, facts(static, first)[kind])
         found = first_difference(facts(dynamic, one)[kind], facts(dynamic, later)[kind])
-        assert found.endswith(".factor: not the same")
+        assert found.endswith(".factor: different")
 
 
 class PlainLaw:
@@ -308,9 +308,7 @@ def test_arrays_of_a_law_are_compared_on_every_rank(comm, wall_file, read):
     assert first_difference(one, same) is None
     found = first_difference(one, other)
     assert found == (
-        "law of joint_1.of_points: not the same"
-        if last
-        else "laws as each rank holds them: not the same"
+        "law of joint_1.of_points: different" if last else "laws as each rank holds them: different"
     )
 
 

@@ -230,7 +230,7 @@ def test_ranks_agree(wall):
 @mpi
 def test_errors(wall):
     model = wall()
-    with pytest.raises(dj.MeshError, match="The point 'far' lies"):
+    with pytest.raises(dj.MeshError, match="The point 'far' is"):
         dj.frequency_response(model, [1.0], points={"far": (0.0, 0.0, 90.0)})
     with pytest.raises(ValueError, match="direction is .*; it must be 3 finite numbers"):
         dj.frequency_response(model, [1.0], points=CREST, direction=(1.0, 0.0))

@@ -71,7 +71,7 @@ def test_what_a_model_made_outlives_it(wall):
     assert displacement.copy().norm() > 0.0
 
 
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
+@pytest.mark.filterwarnings("ignore:Loads are applied suddenly")
 @pytest.mark.mpi
 def test_memory_does_not_grow_with_the_steps(wall_file, comm):
     # A dozen vectors are made in each step; on several ranks PETSc would keep them all.
@@ -96,6 +96,6 @@ def test_prescribed_displacements_do_not_jump(wall):
     simulation = dj.Simulation(wall(supports=[dj.Fixed(group="base"), top]))
     simulation.quasi_statics([1.0])
     with pytest.raises(
-        ValueError, match="of the supports at t = 0 differ from those at the start of"
+        ValueError, match="of the supports at t = 0 s differ from the displacements at"
     ):
         simulation.dynamics(dt=0.005, steps=1)

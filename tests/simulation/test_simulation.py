@@ -51,12 +51,12 @@ def test_a_body_at_rest_stays_at_rest_and_nothing_warns(wall, recwarn):
     simulation.statics()
     outcome = simulation.dynamics(dt=0.005, steps=3)
     assert outcome.local_error == 0.0
-    assert not [w for w in recwarn if "single step errs" in str(w.message)]
+    assert not [w for w in recwarn if "error of a single step" in str(w.message)]
 
 
 def sudden(recorded):
-    """Warnings of loads that act suddenly."""
-    return [str(w.message) for w in recorded if "act suddenly" in str(w.message)]
+    """Warnings of loads that are applied suddenly."""
+    return [str(w.message) for w in recorded if "applied suddenly" in str(w.message)]
 
 
 def test_loads_of_another_time_are_warned_of(wall, recwarn):
@@ -107,13 +107,13 @@ def test_loads_without_a_static_stage_are_warned_of(wall_file, read, recwarn):
         comm = model.jointed.mesh.comm
         said = comm.allgather(sudden(recwarn))
         assert not any(said[1:])
-        kept = [text for text in monitor.summary.get("warnings", []) if "act suddenly" in text]
+        kept = [text for text in monitor.summary.get("warnings", []) if "applied suddenly" in text]
         if comm.rank == 0:
             assert kept == said[0]
         return said[0]
 
     (said,) = started([dj.Gravity(), ramp])
-    assert "t = 0 s: Gravity; no static stage was run. For a start at rest run statics()" in said
+    assert "t = 0 s: Gravity; no static stage was run. To start at rest, run statics()" in said
     (said,) = started([dj.Gravity(), ramp], static=True, loads=[push])
     assert ": Traction_crest_2; they are not part of the static state." in said
     assert not started([dj.Gravity(), push], static=True, loads=[ramp], motion=swaying)
@@ -189,7 +189,7 @@ class Impulses(Monitor):
         """Nothing is left to do."""
 
 
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
+@pytest.mark.filterwarnings("ignore:Loads are applied suddenly")
 @pytest.mark.parametrize(
     "control", [None, dj.StepControl(tolerance=1e-4), dj.StepControl(landing=True)]
 )

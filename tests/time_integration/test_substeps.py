@@ -26,7 +26,7 @@ from dolfinx_joints.solvers.choice import make_solver
 from dolfinx_joints.time_integration.energy import EnergyLedger
 from dolfinx_joints.time_integration.initial_state import initial_state
 from dolfinx_joints.time_integration.states import DynamicState
-from dolfinx_joints.time_integration.substeps import StepCounts, Stepper, ends_of_steps, located
+from dolfinx_joints.time_integration.substeps import StepCounts, Stepper, ends_of_steps, locate
 
 
 class Reluctant:
@@ -134,7 +134,7 @@ def test_exhausted_halving_says_when():
         take(stepper(scheme, control=StepControl(max_halvings=2), time=0.5), 0.1)
     assert failure.value.time == pytest.approx(0.525)  # the end of the shortest step
     assert failure.value.iteration == 3
-    whole = located(failure.value, stage="dynamic", step=7)
+    whole = locate(failure.value, stage="dynamic", step=7)
     assert (whole.stage, whole.step, whole.time) == ("dynamic", 7, failure.value.time)
     assert str(whole).startswith("The dynamic stage, step 7, at t = 0.525 s did not converge in 3")
     assert len(scheme.taken) == 0
@@ -164,7 +164,7 @@ def test_missing_energy_is_a_failed_solve():
     assert work[0].counts.unbalanced == 3  # 0.1 s, 0.05 s, and 0.05 s again at half time
     # 1e-8 of the momentum is as much of the kinetic energy, momentum times velocity, which a
     # twentieth of a second after the start is nearly all there is.
-    said = "t = 0.05 s do not add up: 1.0e-08 of the largest energy is missing; the limit is 1e-10"
+    said = "t = 0.05 s does not close: the imbalance is 1.0e-08 of the largest energy; the limit"
     with pytest.raises(JointsError, match=said):
         take(stepper(Leaky(lambda time: 0.0), control=StepControl(max_halvings=1)), 0.1)
 
@@ -174,7 +174,7 @@ def test_missing_energy_names_the_joint_that_did_most():
     system = MatrixSystem.from_arrays(mass=1.0, stiffness=1.0, gap=[[1.0], [0.0], [0.0]], law=law)
     name = system.contact.operator.names[0]
     leaky = Leaky(lambda time: 0.0)
-    with pytest.raises(JointsError, match=rf"add up \(joint '{name}' did the largest work\)"):
+    with pytest.raises(JointsError, match=rf"close \(joint '{name}' did the largest work\)"):
         take(stepper(leaky, system, StepControl(max_halvings=0), v0=-1.0), 0.01)
 
 

@@ -388,7 +388,7 @@ def test_a_rigid_joint_is_the_limit_of_stiff_ones():
 
 
 @pytest.mark.mpi
-@pytest.mark.filterwarnings("ignore:A single step errs")
+@pytest.mark.filterwarnings("ignore:The estimated error of a single step")
 @pytest.mark.parametrize("name", ["medium", "rigid"])
 def test_dynamics_from_a_static_state(name):
     """At rest nothing moves; shaken, the lines of the ledger add up."""
@@ -422,7 +422,7 @@ def wall_on_a_wall(law: Any) -> Any:
 
 
 @pytest.mark.mpi
-@pytest.mark.filterwarnings("ignore:A single step errs")
+@pytest.mark.filterwarnings("ignore:The estimated error of a single step")
 @pytest.mark.parametrize("k_n", [1e11, 1e13])
 def test_stiff_joints_that_meet_take_no_more_iterations(k_n):
     """With W than without: it is another way to solve the same system."""
@@ -438,7 +438,7 @@ def test_stiff_joints_that_meet_take_no_more_iterations(k_n):
 
 
 @pytest.mark.mpi
-@pytest.mark.filterwarnings("ignore:A single step errs")
+@pytest.mark.filterwarnings("ignore:The estimated error of a single step")
 @pytest.mark.parametrize("kind", ["dense", "matrix-free"])
 def test_rigid_joints_that_meet(kind):
     """Where they meet, forces of points that stick are not unique, but nothing else depends on it.

@@ -328,7 +328,7 @@ class HalfALaw:
         raise NotImplementedError
 
 
-@pytest.mark.filterwarnings("ignore:Loads act suddenly")
+@pytest.mark.filterwarnings("ignore:Loads are applied suddenly")
 def test_what_it_does_not_do_is_said(comm, new_path):
     jointed = block(comm, joint=True)
     model = standing(jointed, rock())
@@ -341,13 +341,13 @@ def test_what_it_does_not_do_is_said(comm, new_path):
         dj.Simulation(rigid).statics()
     with pytest.raises(ValueError, match="ImplicitContact evaluates the laws .* use Energy"):
         dj.Simulation(model).dynamics(dt=1e-3, steps=1, scheme=dj.ImplicitContact())
-    with pytest.raises(dj.CheckpointError, match="do not hold the state of plastic cells"):
+    with pytest.raises(dj.CheckpointError, match="do not store plastic cells"):
         dj.Simulation(model).dynamics(dt=1e-3, steps=1, checkpoint=dj.Checkpoints(new_path("c.h5")))
     with pytest.raises(
-        dj.JointsError, match="of a body with plastic cells cannot be inactive, nor"
+        dj.JointsError, match="with plastic cells cannot have inactive or grouted joints"
     ):
         dj.Simulation(model).statics(joints="inactive")
-    with pytest.raises(ValueError, match="Stress envelopes are recorded of elastic bodies"):
+    with pytest.raises(ValueError, match="Stress envelopes need an elastic body"):
         SurfaceStress(model, NodeNumbering(model.V))
     with pytest.raises(ValueError, match=r"Plastic materials need plane='strain'"):
         standing(block(comm, "triangle"), rock(), body=dj.Body(plane="stress"))

@@ -205,7 +205,9 @@ def test_energies_balance_while_the_body_cools(comm):
     assert comm.allreduce(int((opened > 0.0).sum())) > 0
 
 
-@pytest.mark.filterwarnings("ignore:A single step errs")  # relative to a motion of rounding
+@pytest.mark.filterwarnings(
+    "ignore:The estimated error of a single step"
+)  # relative to a motion of rounding
 def test_envelopes_of_a_run(comm, new_path):
     """Of a warm bar that nothing moves: its static stress, none sideways."""
     warm = dj.Temperature(value=20.0, reference=12.0, expansion=ALPHA)

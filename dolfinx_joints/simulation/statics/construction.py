@@ -20,18 +20,18 @@ from dolfinx_joints.model.model import Model
 from dolfinx_joints.model.plausibility import warn_of_grout
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.statics.ledger import with_stored
-from dolfinx_joints.simulation.statics.stage_start import carrying_nothing
+from dolfinx_joints.simulation.statics.stage_start import without_traction
 from dolfinx_joints.simulation.statics.unfinished import (
     Rows,
     Unfinished,
     check_elastic,
     check_joints,
+    find_unfinished,
     idle_points,
     points_of,
-    unfinished,
 )
 
-# Newton iterations to find the gap at which a law carries the pressure of the grout.
+# Largest number of Newton iterations for the gap at which a law carries the grout pressure.
 MOST_ITERATIONS = 50
 
 # Tractions below this fraction of k_n times the opening count as zero.
@@ -47,32 +47,32 @@ def with_inactive(
 ) -> Response:
     """Return the response of all points at a displacement [m], idle points at rest (collective).
 
-    ``response`` is that of the active points, None without any; ``before`` is the start of the
-    stage. Points next to absent blocks get their initial gap, as the blocks are cast later.
+    ``response`` belongs to the active points, None if no joint is active; ``before`` is the initial
+    state. Points next to absent blocks have their initial gap: these blocks are cast later.
     """
     gap = contact.gap(u)
     if before.joints is not None:
-        moved = u.copy()
-        moved.axpy(-1.0, before.displacement)
-        gap = before.joints.state.gap + contact.operator.jump(moved)
+        increment = u.copy()
+        increment.axpy(-1.0, before.displacement)
+        gap = before.joints.state.gap + contact.operator.jump(increment)
     gap[stage.uncast] = contact.initial_gap[stage.uncast]
-    idle = carrying_nothing(contact.resting(gap))
-    return idle if response is None else _chosen(stage.idle, idle, response)
+    idle = without_traction(contact.resting(gap))
+    return idle if response is None else _combine(stage.idle, idle, response)
 
 
-def grouted(
+def grout_joints(
     model: Model,
     before: StaticState,
     names: Sequence[str] | None,
     *,
     gap: float,
     pressure: float,
-    pressed: Callable[..., StaticState],
+    press: Callable[..., StaticState],
 ) -> StaticState:
-    """Return a static state with joints grouted; without pressure nothing moves (collective).
+    """Return the static state after grouting; displacements change only if ``pressure`` > 0.
 
-    Arguments are those of `Simulation.grout`. The function ``pressed`` runs `march` from
-    ``before`` with inactive parts ``stage`` and tractions ``apart`` that push faces apart.
+    See `Simulation.grout` for the arguments (collective). The function ``press`` runs `march` from
+    ``before`` with inactive parts ``stage`` and tractions ``apart`` that push joint faces apart.
     """
     check_joints(model, names or ())
     check_elastic(model)
@@ -81,35 +81,35 @@ def grouted(
         return replace(before, inactive=())
     if gap and pressure:
         raise ValueError(
-            f"gap is {gap:g} m and pressure {pressure:g} Pa; grout under pressure leaves no gap."
+            f"gap is {gap:g} m and pressure {pressure:g} Pa; at least one must be zero."
         )
     warn_of_grout(model.jointed.mesh.comm, pressure)
     chosen = (before.inactive or model.jointed.joint_names) if names is None else names
-    stage, missing = unfinished(model, before.inactive, before.absent), before.missing
+    stage, missing = find_unfinished(model, before.inactive, before.absent), before.missing
     selected, inactive = points_of(model, chosen) & ~stage.uncast, points_of(model, before.inactive)
     earlier, filled = response, selected & _groutable_points(model, contact, response)
     if pressure:
-        before, earlier, filled = _filled(model, before, selected, stage, pressure, pressed)
+        before, earlier, filled = _press(model, before, selected, stage, pressure, press)
         response = before.joints
         assert response is not None
     idle = idle_points(response)
     target = np.where(idle[:, None], response.state.gap, 0.0)
     target[filled] = [gap, 0.0, 0.0]
     if pressure:
-        target[filled] = _gap_under(model, contact, filled, pressure)[filled]
-    # Remove overlap of adjacent blocks: the later block was cast against the earlier one.
+        target[filled] = _gap_at_pressure(model, contact, filled, pressure)[filled]
+    # Remove overlap of adjacent blocks: the later block was cast against the earlier block.
     unfilled = idle & ~filled
     target[unfilled, 0] = np.maximum(target[unfilled, 0], 0.0)
     slip = np.where((filled & ~idle_points(earlier))[:, None], earlier.state.elastic_slip, 0.0)
-    fresh = _bearing(contact, _at_rest(model, contact, target, slip), filled, pressure)
+    reset = _with_pressure(contact, _at_rest(model, contact, target, slip), filled, pressure)
     if gap:
-        _check_open(contact, (fresh.traction - earlier.traction) * filled[:, None], gap)
+        _check_open(contact, (reset.traction - earlier.traction) * filled[:, None], gap)
     # Joints with laws that pull across a gap, such as bonds in UFL, remain inactive until grouted.
-    pull = contact.integrals((unfilled & inactive & ~idle_points(fresh)).astype(np.float64))
+    pull = contact.integrals((unfilled & inactive & ~idle_points(reset)).astype(np.float64))
     areas = zip(model.jointed.joint_names, pull, strict=True)
     remaining = tuple(name for name, area in areas if name not in chosen and area > 0.0)
     activated = idle & inactive & ~points_of(model, remaining)
-    joints = _chosen(filled | activated, fresh, response)
+    joints = _combine(filled | activated, reset, response)
     # Water in a grouted joint follows the earlier opening until the next static stage updates it.
     named = zip(load_names(model.loads), model.loads, strict=True)
     wet = [n for n, load in named if isinstance(load, FollowsJoints) and load.joint in chosen]
@@ -121,28 +121,28 @@ def grouted(
 
 
 def _groutable_points(model: Model, contact: Contact, response: Response) -> Rows:
-    """Return the local points that grout can fill, as a mask (collective).
+    """Return a mask of the local points that grout can fill (collective).
 
-    They carry nothing, or are open with keys that carry the same tractions in the closed joint.
+    These points have no traction, or are open with keys whose traction would not change by closing.
     """
     gap, slip = response.state.gap, response.state.elastic_slip
     closed, open_ = _at_rest(model, contact, np.zeros_like(gap), slip), gap[:, 0] > 0.0
-    off = np.linalg.norm(closed.traction - response.traction, axis=1)
-    least = SAME * contact.closed_stiffness()[:, 0] * np.where(open_, gap[:, 0], 1.0)
-    return idle_points(response) | (open_ & (off <= least))
+    change = np.linalg.norm(closed.traction - response.traction, axis=1)
+    limit = SAME * contact.closed_stiffness()[:, 0] * np.where(open_, gap[:, 0], 1.0)
+    return idle_points(response) | (open_ & (change <= limit))
 
 
-def _filled(
+def _press(
     model: Model,
     before: StaticState,
     selected: Rows,
     stage: Unfinished,
     pressure: float,
-    pressed: Callable[..., StaticState],
+    press: Callable[..., StaticState],
 ) -> tuple[StaticState, Response, Rows]:
     """Return the state under grout pressure, the earlier response and filled points (collective).
 
-    Grout fills selected points that are open, then those that its pressure opens.
+    Grout fills the selected open points, then selected points that the grout pressure opens.
     """
     contact, joints = model.contact, before.joints
     assert contact is not None
@@ -152,37 +152,37 @@ def _filled(
     while True:
         traction = np.where(filled[:, None], earlier.traction, 0.0)
         traction[filled, 0] = -pressure
-        state = pressed(stage=replace(stage, idle=stage.idle | filled), apart=traction)
+        state = press(stage=replace(stage, idle=stage.idle | filled), apart=traction)
         assert state.joints is not None
         opened = selected & _groutable_points(model, contact, state.joints) & ~filled
         if not contact.operator.comm.allreduce(int(opened.sum())):
             return state, earlier, filled
-        earlier = _chosen(opened, state.joints, earlier)
+        earlier = _combine(opened, state.joints, earlier)
         filled |= opened
 
 
-def _gap_under(model: Model, contact: Contact, filled: Rows, pressure: float) -> Floats:
+def _gap_at_pressure(model: Model, contact: Contact, filled: Rows, pressure: float) -> Floats:
     """Return gaps at which filled points at rest carry a pressure [Pa], (n, 3), [m] (collective).
 
     Raises:
-        JointsError: A law carries the pressure at no gap, or only with shear, which would be out
-            of balance.
+        JointsError: A law cannot carry the pressure at any gap, or only together with a shear
+            traction, which nothing balances.
     """
     stiffness = contact.closed_stiffness()[:, 0]
-    gap, least = np.zeros((len(stiffness), 3)), math.inf
+    gap, smallest = np.zeros((len(stiffness), 3)), math.inf
     gap[:, 0], follows = -pressure / stiffness, filled & np.isfinite(stiffness)
     for _ in range(MOST_ITERATIONS):
         response = _at_rest(model, contact, gap)
         excess = np.where(follows, response.traction[:, 0] + pressure, 0.0)
         errors = contact.operator.comm.allgather(float(np.abs(excess).max(initial=0.0)))
-        if max(errors) <= 1e-6 * pressure and not max(errors) < 0.5 * least:
+        if max(errors) <= 1e-6 * pressure and not max(errors) < 0.5 * smallest:
             _check_no_shear(contact, response.traction * filled[:, None], pressure)
             return gap
-        least, slope = max(errors), response.tangent[:, 0, 0]
+        smallest, slope = max(errors), response.tangent[:, 0, 0]
         gap[:, 0] -= np.divide(excess, slope, out=np.zeros_like(excess), where=slope != 0.0)
     raise JointsError(
-        f"The joint laws carry {pressure:g} Pa of grout at no gap: the closest gap misses it by "
-        f"{least:.3g} Pa. Grout without pressure."
+        f"The joint laws cannot carry the grout pressure of {pressure:g} Pa at any gap: the "
+        f"smallest difference is {smallest:.3g} Pa. Grout without pressure."
     )
 
 
@@ -194,45 +194,45 @@ def _check_no_shear(contact: Contact, traction: Floats, pressure: float) -> None
         raise JointsError(
             f"The {type(contact.laws[joint]).__name__} of {joint!r} responds to {pressure:g} Pa of "
             "grout with shear, for example because only one flank of its keys is in contact. Grout "
-            "without pressure, or give both flanks equal play, or more than overlap / tan(alpha)."
+            "without pressure, or set equal play on both flanks, or more than overlap / tan(alpha)."
         )
 
 
 def _check_open(contact: Contact, traction: Floats, gap: float) -> None:
     """Check that no law pulls across the gap that remains after grouting [m] (collective)."""
-    pull, most = np.linalg.norm(traction, axis=1), gap * contact.closed_stiffness()[:, 0]
-    joint = contact.worst_joint(np.where(pull > SAME * most, pull, 0.0))
+    pull, scale = np.linalg.norm(traction, axis=1), gap * contact.closed_stiffness()[:, 0]
+    joint = contact.worst_joint(np.where(pull > SAME * scale, pull, 0.0))
     if joint is not None:
         raise JointsError(
             f"The {type(contact.laws[joint]).__name__} of {joint!r} pulls across the gap of "
-            f"{gap:g} m that would remain, which is out of balance; grout without a gap."
+            f"{gap:g} m that would remain, and nothing balances this traction. Grout without a gap."
         )
 
 
 def _at_rest(model: Model, contact: Contact, gap: Floats, slip: Floats | float = 0.0) -> Response:
-    """Return the response to gaps (n, 3) and elastic slips (n, 2), [m], no history (collective)."""
-    still = model.stiffness.createVecRight()
-    still.set(0.0)
+    """Return the response to gaps (n, 3) and elastic slips (n, 2) [m], no history (collective)."""
+    zero = model.stiffness.createVecRight()
+    zero.set(0.0)
     rest = contact.resting(gap)
     rest = replace(rest, elastic_slip=rest.elastic_slip + slip)
-    return contact.respond(still, rest, BACKWARD_EULER)
+    return contact.respond(zero, rest, BACKWARD_EULER)
 
 
-def _bearing(contact: Contact, response: Response, filled: Rows, pressure: float) -> Response:
-    """Return the response with the pressure in rigid points, whose gap does not determine it."""
+def _with_pressure(contact: Contact, response: Response, filled: Rows, pressure: float) -> Response:
+    """Return the response with the grout pressure as traction of filled rigid points."""
     rigid = filled & np.isinf(contact.closed_stiffness()[:, 0]) & (pressure > 0.0)
     traction = np.where(rigid[:, None], [-pressure, 0.0, 0.0], response.traction)
     status = np.where(rigid & (response.status == Status.OPEN), Status.STICK, response.status)
     return replace(response, traction=traction, status=status)
 
 
-def _chosen(rows: Rows, one: Any, other: Any) -> Any:
-    """Return the given rows of ``one`` and the others of ``other``, responses or arrays."""
-    if isinstance(one, np.ndarray):
-        if not one.size and not other.size:
-            return one
+def _combine(rows: Rows, new: Any, old: Any) -> Any:
+    """Return a response or array with the given rows of ``new`` and all other rows of ``old``."""
+    if isinstance(new, np.ndarray):
+        if not new.size and not old.size:
+            return new
         # A field that a law does not use is empty.
-        one, other = (a if a.size else np.zeros_like(b) for a, b in ((one, other), (other, one)))
-        return np.where(rows.reshape((-1,) + (1,) * (one.ndim - 1)), one, other)
-    parts = [f.name for f in fields(one)]
-    return replace(one, **{n: _chosen(rows, getattr(one, n), getattr(other, n)) for n in parts})
+        new, old = (a if a.size else np.zeros_like(b) for a, b in ((new, old), (old, new)))
+        return np.where(rows.reshape((-1,) + (1,) * (new.ndim - 1)), new, old)
+    parts = [f.name for f in fields(new)]
+    return replace(new, **{n: _combine(rows, getattr(new, n), getattr(old, n)) for n in parts})

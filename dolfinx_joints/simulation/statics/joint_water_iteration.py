@@ -21,13 +21,13 @@ MOST_SOLVES = 100
 class JointWaterIteration(SolverAround):
     """Repeats a static load step until the water agrees with the resulting openings.
 
-    The first solve uses the water of the last load step. If water opens joints and openings admit
-    water, the openings only grow, and the smallest consistent ones are found. At the end the
-    right-hand side includes the water forces.
+    The first solve uses the water of the last load step. If water opens joints and open joints
+    admit water, openings only grow, and the iteration ends at the smallest consistent openings. At
+    the end the right-hand side includes the water forces.
     """
 
     def __init__(self, water: JointWaters, inner: StepSolver) -> None:
-        """Keep the water and the solver."""
+        """Store the water and the inner solver."""
         super().__init__(inner)
         self._water = water
 
@@ -41,14 +41,14 @@ class JointWaterIteration(SolverAround):
             toggled = self._water.toggled(codes, seen[-1])
             if not toggled.any():
                 return response, report
-            again = any(not self._water.toggled(codes, old).any() for old in seen)
-            if again or len(seen) == MOST_SOLVES:
+            repeats = any(not self._water.toggled(codes, old).any() for old in seen)
+            if repeats or len(seen) == MOST_SOLVES:
                 worst = int(np.argmax(toggled))
                 raise JointsError(
-                    f"The water in the joint {self._water.joints[worst]!r} does not settle in a "
-                    f"static stage: after {len(seen)} iterations "
-                    f"{toggled[worst]} of its points still change between wet and dry. Use more "
-                    "load steps, a larger aperture, or a given Uplift."
+                    f"The iteration on water in the joint {self._water.joints[worst]!r} does not "
+                    f"converge in a static stage: after {len(seen)} iterations {toggled[worst]} "
+                    "joint points still change between wet and dry. Use more load steps, a larger "
+                    "aperture, or a given Uplift."
                 )
             seen.append(codes)
             self._water.change(codes, equation.b)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Jumps of a static stage: increments in which the structure leaves its path of equilibria."""
+"""Jumps of a static stage: increments in which the structure leaves its equilibrium path."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ NAMED_SHARE = 0.05
 
 
 class Jumps:
-    """Jumps ``found`` in a stage, which are shortest increments that release energy.
+    """Jumps of a stage: increments of the shortest length that release energy.
 
-    Unless jumps are ``allowed``, the first one raises an error.
+    Unless jumps are ``allowed``, the first jump raises an error; else ``recorded`` lists all jumps.
     """
 
     def __init__(self, ledger: StaticLedger, model: Model, allowed: bool) -> None:
         """Start without jumps."""
         self._ledger, self._allowed = ledger, allowed
         self._names = () if model.contact is None else model.contact.operator.names
-        self.found: list[Jump] = []
+        self.recorded: list[Jump] = []
 
-    def take(self, energy: StaticEnergy, increment: Increment) -> None:
-        """Add the increment that led to these energies, if it is a jump.
+    def add(self, energy: StaticEnergy, increment: Increment) -> None:
+        """Record an increment if it is a jump; ``energy`` are the energies at its end.
 
         Raises:
-            JumpError: It is a jump, and jumps are not allowed.
+            JumpError: The increment is a jump, and jumps are not allowed.
         """
         by_joint = energy.joint_released - self._ledger.energy.joint_released
         total = float(by_joint.sum())
@@ -41,12 +41,12 @@ class Jumps:
         order = [i for i in np.argsort(-by_joint) if by_joint[i] > NAMED_SHARE * total]
         names = tuple(self._names[i] for i in order)
         if not self._allowed:
-            raise increment.located(
+            raise increment.locate(
                 JumpError(released=total, joints=names),
-                "The loads are beyond what the joints can carry on this path. "
+                "The loads exceed what the joints can carry on this equilibrium path. "
                 "In statics and quasi_statics allow_jumps=True accepts the state after the jump.",
             )
-        self.found.append(
+        self.recorded.append(
             Jump(
                 step=increment.step,
                 time=increment.time,
@@ -59,4 +59,4 @@ class Jumps:
 
     def of_step(self, step: int) -> list[Jump]:
         """Return the jumps of a load step."""
-        return [jump for jump in self.found if jump.step == step]
+        return [jump for jump in self.recorded if jump.step == step]

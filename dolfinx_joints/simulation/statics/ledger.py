@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Energy ledger of static stages: works, stored energy, losses.
 
-Loads and displacements of an increment lie on straight paths between its ends. The work of the
-loads f and the supports r on the increment x is exact on these paths, and so is that of the bulk:
+Loads and displacements of an increment are on straight paths between its ends. The work of
+loads f and supports r on the increment x, and the work of the bulk, are exact on these paths:
 
     (f0 + f1) . x / 2 + (r0 + r1) . x / 2
         = change of (u.K u / 2) + sum of w (t0 + t1) . dg / 2.                               (31a)
-The work on the joints splits into stored energy, friction and numerical loss by the formulas (30)
-of the laws. `released` gives the energy that an increment releases if the structure jumps.
+The joints have the areas w, tractions t and gap changes dg. Formulas (30) of the laws split their
+work into stored energy, friction and numerical loss. `released` computes the energy of a jump.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from dolfinx_joints.time_integration.products import Products
 EPS = float(np.finfo(np.float64).eps)
 
 # An increment is a jump if it releases more than this fraction of a reference energy: the work of
-# the loads meanwhile plus the energy stored at its start (docs/decisions/two_solvers.md).
+# the loads during the release plus the energy stored at the start (docs/decisions/two_solvers.md).
 RELEASED_SHARE = 0.05
 
-# Friction and numerical loss of an increment over the energy stored at its start. Smaller losses
-# are not examined, as the released energy of a jump is a part of them.
+# Smallest loss of an increment that is checked for a jump, divided by the energy stored at its
+# start. The loss is friction and numerical loss, of which the energy of a jump is a part.
 LEAST_LOSS = 0.1 * RELEASED_SHARE
 
-# A stage warns if the error of the balance exceeds this fraction of the largest energy. Solvers
-# leave at most 1e-6 of the forces.
+# Largest error of the energy balance without a warning, divided by the largest energy. Residuals of
+# the solvers are at most 1e-6 of the forces.
 LARGEST_ERROR = 1e-6
 
 
@@ -50,13 +50,13 @@ class SolvedIncrement:
     Attributes:
         displacement: u at the start [m].
         elastic_force: K u at the start [N].
-        change: x [m].
+        change: Displacement increment x [m].
         products: K x and the reactions at the end.
         reaction: Reactions at the start [N].
         loads: Loads by name at the start and at the end [N].
         before: Response of the joints at the start, None without joints.
         after: Response of the joints at the end, None if no joint acts.
-        water_moved: Whether water entered or left joint points.
+        water_moved: True if joint points became wet or dry.
         report: Report of the solver.
     """
 
@@ -75,12 +75,12 @@ class SolvedIncrement:
 class StaticLedger:
     """Adds up works and energies of a static stage, increment by increment.
 
-    ``energy`` are the energies after the last accepted increment. At first they are those of the
-    last stage, with the elastic energy of the joints in the response ``start``.
+    ``energy`` contains the energies after the last accepted increment. A stage starts with the
+    energies of the last stage, but with the elastic joint energy of the response ``start``.
     """
 
     def __init__(self, system: MatrixSystem, before: StaticEnergy, start: Response | None) -> None:
-        """Start; count a change of the stored energy since the last stage as construction work."""
+        """Start the ledger; changes of joint energy between stages are work of construction."""
         self._system = system
         self._zeros: Floats = np.zeros(len(before.joint_elastic))
         self._norm = float(system.stiffness.norm(PETSc.NormType.NORM_INFINITY))
@@ -90,15 +90,15 @@ class StaticLedger:
     def after(self, increment: SolvedIncrement) -> StaticEnergy:
         """Return the energies after an increment without adding it to the ledger (collective)."""
         last, x = self.energy, increment.change
-        moved = float(increment.displacement.norm()) + float(x.norm())
-        self._rounding = EPS * self._norm * moved**2
+        size = float(increment.displacement.norm()) + float(x.norm())
+        self._rounding = EPS * self._norm * size**2
         friction, numerical, broken = self._joint_losses(increment)
         works = _works(increment)
         supports = [float(r.dot(x)) for r in (increment.reaction, increment.products.reaction)]
         forces = np.sum([*works.values(), supports], axis=0)
-        freed, lost = self._zeros, float(np.abs([friction, numerical]).sum())
-        if lost > LEAST_LOSS * self.energy.stored:
-            freed = self._released(increment, *forces)
+        jump, losses = self._zeros, float(np.abs([friction, numerical]).sum())
+        if losses > LEAST_LOSS * self.energy.stored:
+            jump = self._released_energy(increment, *forces)
         energy = replace(
             last,
             strain=self._strain(increment),
@@ -109,30 +109,30 @@ class StaticLedger:
             joint_numerical=last.joint_numerical + numerical,
             joint_bonds=last.joint_bonds + broken,
             plastic=last.plastic + self._system.plastic_terms(increment.after)[1],
-            joint_released=last.joint_released + freed * (not increment.water_moved),
-            water_released=last.water_released + float(freed.sum()) * increment.water_moved,
+            joint_released=last.joint_released + jump * (not increment.water_moved),
+            water_released=last.water_released + float(jump.sum()) * increment.water_moved,
         )
         joints = energy.joint_friction + energy.joint_numerical + energy.joint_bonds
-        lost = float(joints.sum()) + energy.plastic
-        sizes = (last.scale, energy.stored, abs(energy.input), abs(lost))
-        return replace(energy, error=energy.stored + lost - energy.input, scale=max(sizes))
+        losses = float(joints.sum()) + energy.plastic
+        sizes = (last.scale, energy.stored, abs(energy.input), abs(losses))
+        return replace(energy, error=energy.stored + losses - energy.input, scale=max(sizes))
 
     def warn(self) -> None:
-        """Warn on rank 0 if the energies do not balance up to rounding (collective)."""
+        """Warn on rank 0 if the energy balance does not close to rounding error (collective)."""
         error, comm = self.energy.relative_error, self._system.stiffness.comm
-        off = abs(self.energy.error) > LARGEST_ERROR * self.energy.scale + self._rounding
-        if off and comm.rank == 0:
+        is_open = abs(self.energy.error) > LARGEST_ERROR * self.energy.scale + self._rounding
+        if is_open and comm.rank == 0:
             warn(
-                f"The energies of the static stages do not balance: {error:.2g} of the largest is "
-                "missing. The cause may be loss of digits, with stiff joints or blocks that move "
-                "far, or a law whose tractions and stored energy are inconsistent."
+                f"The energy balance of the static stages does not close: {error:.2g} of the "
+                "largest energy is missing. Possible causes: rounding errors, with stiff joints or "
+                "large displacements, or a law with inconsistent tractions and stored energy."
             )
 
     def _joint_losses(self, increment: SolvedIncrement) -> Floats:
         """Return the losses of an increment in each joint, shape (3, number of joints), [J].
 
         The rows are friction, numerical loss, and energy of broken bonds. At points whose bonds
-        break the whole loss is in the last row (collective).
+        break, the last row contains the whole loss (collective).
         """
         contact, before, after = self._system.contact, increment.before, increment.after
         if contact is None or before is None or after is None:
@@ -140,15 +140,15 @@ class StaticLedger:
         traction = 0.5 * (before.traction + after.traction)
         with raised_together(contact.operator.comm):
             lost = contact.losses(BACKWARD_EULER, before.state, after, traction)
-        numerical, none = lost.numerical + lost.impact, np.zeros(len(traction))
+        numerical, zero = lost.numerical + lost.impact, np.zeros(len(traction))
         broken = contact.broken(before.state, after.state)
-        bonds = [none, none, lost.friction + numerical]
-        return contact.integrals(np.where(broken, bonds, [lost.friction, numerical, none]))
+        bonds = [zero, zero, lost.friction + numerical]
+        return contact.integrals(np.where(broken, bonds, [lost.friction, numerical, zero]))
 
-    def _released(self, increment: SolvedIncrement, start: float, end: float) -> Floats:
+    def _released_energy(self, increment: SolvedIncrement, start: float, end: float) -> Floats:
         """Return the energy released in each joint [J], zero if there is no jump (collective).
 
-        ``start`` and ``end`` are loads and supports at both ends times the displacement x [J].
+        ``start`` and ``end`` are R0 and R1 (31b): loads and support forces times x [J].
         """
         contact, before, after = self._system.contact, increment.before, increment.after
         if contact is None or before is None or after is None:
@@ -174,10 +174,10 @@ class StaticLedger:
 
 
 def with_stored(energy: StaticEnergy, elastic: Floats) -> StaticEnergy:
-    """Return energies with another elastic energy of each joint [J].
+    """Return the energies with new elastic energies of the joints [J].
 
-    The difference is work of the construction: grout under pressure stores energy in joints
-    without moving them.
+    The difference counts as work of construction: grout under pressure stores energy in joints
+    without a displacement.
     """
     added = float(np.sum(elastic - energy.joint_elastic))
     if not added:
@@ -187,7 +187,7 @@ def with_stored(energy: StaticEnergy, elastic: Floats) -> StaticEnergy:
 
 
 def _works(increment: SolvedIncrement) -> dict[str, list[float]]:
-    """Return the works of each load at start and end of an increment on x [J] (collective)."""
+    """Return each load at start and end of an increment, times x [J] (collective)."""
     x, ends = increment.change, increment.loads
     names = dict.fromkeys([*ends[0], *ends[1]])
     return {

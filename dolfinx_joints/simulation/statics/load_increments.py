@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from dolfinx_joints.common.errors import ConvergenceError
-from dolfinx_joints.time_integration.substeps import located
+from dolfinx_joints.time_integration.substeps import locate
 
 # Number of shortest increments in a load step.
 FINEST = 2**6
@@ -22,9 +22,9 @@ class Increment:
         time: Time [s] at the end of the load step, None for a ramp at time zero.
         share: Load factor at the end of the increment: 0 for the loads before the step (before the
             first step of a ramp), 1 for the loads at ``time``.
-        whole: Whether the load step ends with the increment.
-        shortest: Whether the increment cannot be halved.
-        step: Number of its load step, from 1.
+        whole: True if the load step ends with the increment.
+        shortest: True if the increment cannot be halved.
+        step: Number of the load step, from 1.
         start: Load factor at the start of the increment.
     """
 
@@ -35,52 +35,52 @@ class Increment:
     step: int
     start: float
 
-    def located(self, failure: ConvergenceError, remedy: str | None) -> ConvergenceError:
+    def locate(self, failure: ConvergenceError, remedy: str | None) -> ConvergenceError:
         """Return a failure with the position of the increment and a possible remedy."""
         place = {"stage": "static", "step": self.step, "time": self.time, "reached": self.start}
-        return located(failure, **place, remedy=remedy)
+        return locate(failure, **place, remedy=remedy)
 
 
 class LoadIncrements:
-    """Increments of the load steps of a path: whole steps, and parts of them after a `cut`.
+    """Increments of the load steps of a path: whole steps, or fractions of steps after a `cut`.
 
-    An increment is a step divided by 2^k, k up to 6. Its length doubles again after two increments
-    of one length. The loads change on a straight line over the step, regardless of the increments.
-    The path has the time [s] of each step, None for a ramp at time zero, and its load factor. The
-    attribute ``cuts`` is the number of halved increments.
+    An increment is a step divided by 2^k, k up to 6. The length doubles again after two increments
+    of equal length. Loads vary linearly over a step, whatever its increments. The path contains
+    time [s] and load factor of each step; the time is None for a ramp at time zero. The attribute
+    ``cuts`` is the number of halved increments.
     """
 
     def __init__(self, path: Sequence[tuple[float | None, float]]) -> None:
         """Start with whole steps."""
-        self._path, self._level, self._again, self.cuts = path, 0, False, 0
+        self._path, self._level, self._repeats, self.cuts = path, 0, False, 0
         self._step, self._reached = 0, 0.0
 
     def __iter__(self) -> Iterator[Increment]:
-        """Yield the increments; after a `cut` a shorter one from the same start."""
+        """Yield the increments; after a `cut`, a shorter increment from the same start."""
         for time, share in self._path:
             self._step += 1
             start = self._reached if time is None else 0.0
             done = 0
             while done < FINEST:
-                reached = start + (share - start) * done / FINEST
+                current = start + (share - start) * done / FINEST
                 end = done + (FINEST >> self._level)
                 whole = end == FINEST
-                part = share if whole else start + (share - start) * end / FINEST
+                factor = share if whole else start + (share - start) * end / FINEST
                 yield Increment(
                     time=time,
-                    share=part,
+                    share=factor,
                     whole=whole,
                     shortest=FINEST >> self._level == 1,
                     step=self._step,
-                    start=reached,
+                    start=current,
                 )
-                if self._again:
-                    self._again = False
+                if self._repeats:
+                    self._repeats = False
                     continue
-                done, self._reached = end, part
+                done, self._reached = end, factor
                 if self._level and done % (FINEST >> (self._level - 1)) == 0:
                     self._level -= 1
 
     def cut(self) -> None:
-        """Repeat the increment from its start with half of its length."""
-        self._level, self._again, self.cuts = self._level + 1, True, self.cuts + 1
+        """Halve the increment: the next one starts from the same load factor."""
+        self._level, self._repeats, self.cuts = self._level + 1, True, self.cuts + 1

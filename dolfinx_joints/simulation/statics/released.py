@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Energy that an increment of the loads releases because the structure jumps.
 
-On the straight path g0 + s dg the internal forces, times the displacement x of the increment, are
+The gaps vary from g0 to g0 + dg on a straight path, 0 <= s <= 1, with tractions t0 and t1 at its
+ends and areas w. The product of internal forces and displacement increment x is
 
     R(s) = (1 - s) R0 + s R1 + sum of w [t(g0 + s dg) - (1 - s) t0 - s t1] . dg.
 
-At both ends they equal the loads and supports times x. If the structure follows its path of
-equilibria under growing loads, R(s) increases from R0 to R1. A joint that closes, opens or begins
-to slide only changes the slope. If R decreases, the loads exceed the internal forces, and their
-work sets the structure in motion:
+R0 and R1 are the loads and support forces at the ends, times x. On an equilibrium path under
+growing loads R(s) increases from R0 to R1; joints that close, open or begin to slide only change
+the slope. If R decreases, the loads exceed the internal forces and accelerate the structure:
 
     D_rel = integral of [P(s) - R(s)] over s from 0 to 1,
     P(s) = largest R up to s, within R0 and R1.                                              (31b)
@@ -24,18 +24,18 @@ from dolfinx_joints.joints.contact import Contact
 from dolfinx_joints.laws.law import Floats, Response
 from dolfinx_joints.laws.losses import work
 
-# Positions on the path. If a jump is long compared with the elastic path, R falls near s = 0.
+# Positions s, dense near 0: if a jump is long compared with the elastic path, R decreases there.
 PLACES = np.concatenate([[0.0], 0.5 ** np.arange(16.0, 4.0, -0.25), np.arange(1.0, 17.0) / 16.0])
 
 
 def released(
     contact: Contact, before: Response, after: Response, start: float, end: float
 ) -> tuple[Floats, float]:
-    """Return the energy released in each joint, and the work of the loads meanwhile (collective).
+    """Return the energy released in each joint, and the load work during the release (collective).
 
-    The shares of the joints are proportional to the drop of the work of their tractions below its
-    previous maximum. Responses and R, loads and supports times x [J], are given at both ends. The
-    result is (31b), shape (number of joints,), and the integral of |P| where P > R, both [J].
+    The share of a joint is proportional to the drop of its traction work below the previous
+    maximum. ``start`` and ``end`` are R0 and R1 [J]. The result is (31b), shape (number of
+    joints,), and the integral of |P| where P > R, both [J].
     """
     opening = after.state.gap - before.state.gap
     broken = contact.broken(before.state, after.state)
@@ -50,8 +50,8 @@ def released(
     loads = np.clip(np.maximum.accumulate(inner), start, max(start, end))
     total = float(np.trapezoid(loads - inner, PLACES))
     meanwhile = float(np.trapezoid(np.where(loads > inner, np.abs(loads), 0.0), PLACES))
-    lost = np.trapezoid(np.maximum.accumulate(density) - density, PLACES, axis=0)
-    by_joint = contact.integrals(lost)
+    drop = np.trapezoid(np.maximum.accumulate(density) - density, PLACES, axis=0)
+    by_joint = contact.integrals(drop)
     return max(total, 0.0) * by_joint / (by_joint.sum() or 1.0), meanwhile
 
 
@@ -60,8 +60,8 @@ def _on_path(
 ) -> Floats:
     """Return the tractions at a position of the path, shape (n, 3), [Pa] (collective).
 
-    Tractions of rigid points do not follow from their gaps. They are interpolated while the point
-    is closed, and zero while it is open.
+    Rigid points have no traction-gap relation: their tractions are interpolated if the point is
+    closed at both ends, and zero otherwise.
     """
     if place in (0.0, 1.0):
         return chord

@@ -55,9 +55,9 @@ def march(
     An increment is halved if its solve does not converge, or if it releases energy (31b). Each step
     of the path has a time [s], None for a ramp at time zero, and a load factor. The factor applies
     to the change of loads and prescribed displacements since ``before``. Only the loads ``acting``
-    of the model act. Without a ``stage`` all joints and blocks act. If tractions ``apart`` on joint
-    faces are given, shape (n, 3), [Pa], they are added and all other loads stay constant. The
-    function ``reached`` is called with time [s] and state after each step.
+    of the model act. Without a ``stage`` all joints and blocks act. ``apart`` are additional
+    tractions on joint faces, shape (n, 3), [Pa]; all other loads are then constant. The function
+    ``reached`` is called with time [s] and state after each step.
 
     Raises:
         JumpError: No equilibrium without a jump was found and ``allow_jumps`` is false.
@@ -67,7 +67,7 @@ def march(
     start = start_of_stage(system, before)
     carried = carried_loads(system, before, start)
     named = zip(load_names(model.loads), model.loads, strict=True)
-    missing = tuple(n for n, one in named if not any(one is other for other in acting))
+    missing = tuple(n for n, load in named if not any(load is active for active in acting))
     facts: dict[str, Any] = {"missing": missing}
     if apart is not None and contact is not None:
         facts["loads"] = before.loads
@@ -77,63 +77,63 @@ def march(
         idle = None if contact is None else contact.without(stage.idle)
         system = _constrained(replace(system, contact=idle), before, stage.dofs)
     solver = make_solver(system, options, kind, static_steps=len(path))
-    at = _Equilibrium(system, solver, before, start, carried, stays=apart is not None)
-    increments, jumps = LoadIncrements(path), Jumps(at.ledger, model, allow_jumps)
+    last = _Equilibrium(system, solver, before, start, carried, constant=apart is not None)
+    increments, jumps = LoadIncrements(path), Jumps(last.ledger, model, allow_jumps)
     progress = Progress("static stage", len(path), "steps", model.jointed.mesh.comm.rank)
-    for increment in _accepted(at, increments, jumps, kind, watch):
+    for increment in _solve_increments(last, increments, jumps, kind, watch):
         free_petsc_garbage(model.jointed.mesh.comm)
         progress.advance(int(increment.whole))
         if reached is not None and increment.whole:
             facts |= {"cuts": increments.cuts, "jumps": jumps.of_step(increment.step)}
-            reached(increment.time or 0.0, at.state(facts))
+            reached(increment.time or 0.0, last.state(facts))
     progress.finish()
     watch.warn("in a static stage")
-    at.ledger.warn()
+    last.ledger.warn()
     if stage is not None:
         # Absent blocks have no loads and no support reactions.
-        for force in (at.reaction, *at.loads.values()):
+        for force in (last.reaction, *last.loads.values()):
             force.getArray()[stage.dofs] = 0.0
         if contact is not None:
-            at.response = with_inactive(contact, at.response, before, at.displacement, stage)
-    return at.state(facts | {"cuts": increments.cuts, "jumps": jumps.found})
+            last.response = with_inactive(contact, last.response, before, last.displacement, stage)
+    return last.state(facts | {"cuts": increments.cuts, "jumps": jumps.recorded})
 
 
-def _accepted(
-    at: _Equilibrium,
+def _solve_increments(
+    last: _Equilibrium,
     increments: LoadIncrements,
     jumps: Jumps,
     kind: SolverKind,
     watch: SmallDisplacements,
 ) -> Iterator[Increment]:
-    """Solve the increments, halve those that fail, and yield the accepted ones (collective)."""
+    """Solve increments, halve increments that fail, and yield accepted increments (collective)."""
     for increment in increments:
         try:
-            solved = at.solve(increment)
+            solved = last.solve(increment)
         except ConvergenceError as failure:
             watch.warn("in a static stage")
             if increment.shortest:
-                remedy = _remedy(failure, kind, at.solver.name, increment.start)
-                raise increment.located(failure, remedy) from None
+                remedy = _remedy(failure, kind, last.solver.name, increment.start)
+                raise increment.locate(failure, remedy) from None
             increments.cut()
             continue
-        energy = at.ledger.after(solved)
+        energy = last.ledger.after(solved)
         if increment.shortest:
-            jumps.take(energy, increment)
-        elif energy.released > at.ledger.energy.released:
+            jumps.add(energy, increment)
+        elif energy.released > last.ledger.energy.released:
             increments.cut()
             continue
-        at.ledger.energy = energy
-        at.accept(solved, increment)
-        if at.joints is not None:
-            watch.see(at.joints.gap)
+        last.ledger.energy = energy
+        last.accept(solved, increment)
+        if last.joints is not None:
+            watch.see(last.joints.gap)
         yield increment
 
 
 class _Equilibrium:
     """Last accepted equilibrium of a stage, and the solution of the next increment.
 
-    Attributes are those of a `StaticState`; ``joints`` is the state of the joints, None without
-    joints, and ``response`` their response. The solver includes the iteration on water in joints.
+    The attributes are as in `StaticState`, except that ``joints`` is the state of the joints, None
+    without joints, and ``response`` is their response. The solver includes the iteration on water.
     """
 
     def __init__(
@@ -144,13 +144,13 @@ class _Equilibrium:
         start: Response | None,
         carried: Mapping[str, PETSc.Vec],
         *,
-        stays: bool,
+        constant: bool,
     ) -> None:
         """Start from a static state with a response and loads [N] (collective).
 
-        If ``stays`` is true, these loads stay constant while those of the system are added.
+        If ``constant`` is true, these loads stay constant while loads of the system are added.
         """
-        self._system, self._stays, self._unloaded = system, stays, before.unloaded
+        self._system, self._constant, self._unloaded = system, constant, before.unloaded
         self._without_water = self.solver = solver
         self.displacement, self.reaction = before.displacement.copy(), before.reaction.copy()
         self._start = None if system.internal_forces is None else start
@@ -184,8 +184,8 @@ class _Equilibrium:
         """
         system, x, water = self._system, self._x, self._system.water
         self._set_up(increment)
-        # From the unloaded body without gaps the equations scale with the load, so a shorter
-        # increment would fail as well.
+        # From the unloaded body without gaps, the solution is proportional to the load, so a
+        # shorter increment would fail as well.
         unloaded = self._unloaded and increment.whole and not self.reports
         _prepare(self._without_water, increment.shortest or unloaded, self._start)
         response, report = self.solver.solve(STATIC, self._b, x, self.joints)
@@ -214,7 +214,7 @@ class _Equilibrium:
             self._start, self.joints = solved.after, solved.after.state
         self.reports.append(solved.report)
         if increment.time is not None and increment.whole:
-            # The next step in time starts from these loads and supports.
+            # The next step in time starts from these loads and support displacements.
             self._step_loads = self.loads
             self._supported = self.displacement.getArray()[self._system.constrained]
 
@@ -237,12 +237,12 @@ class _Equilibrium:
         """Return the loads by name at the end of an increment [N] (collective)."""
         share = increment.share
         loads = self._system.loads_by_name(increment.time or 0.0, share)
-        remains = 1.0 if self._stays else 1.0 - share
-        for name, load in self._step_loads.items() if remains else ():
+        factor = 1.0 if self._constant else 1.0 - share
+        for name, load in self._step_loads.items() if factor else ():
             if name in loads:
-                loads[name].axpy(remains, load)
+                loads[name].axpy(factor, load)
             else:
-                loads[name] = remains * load
+                loads[name] = factor * load
         return loads
 
 
@@ -258,48 +258,48 @@ def _under_grout(
     system: MatrixSystem, before: StaticState, operator: GapOperator, apart: Floats
 ) -> MatrixSystem:
     """Return the system under constant tractions of the grout, with fixed supports."""
-    push = operator.force(-apart, before.displacement.duplicate())
-    present = before.displacement.getArray()[system.constrained]
-    patterns, names = [(push, always)], ["grout"]
-    return replace(system, patterns=patterns, load_names=names, values=lambda _: present)
+    force = operator.force(-apart, before.displacement.duplicate())
+    fixed = before.displacement.getArray()[system.constrained]
+    patterns, names = [(force, always)], ["grout"]
+    return replace(system, patterns=patterns, load_names=names, values=lambda _: fixed)
 
 
 def _constrained(
     system: MatrixSystem, before: StaticState, dofs: NDArray[np.int64]
 ) -> MatrixSystem:
     """Return the system with further dofs constrained at their present displacement."""
-    every = np.union1d(system.constrained, dofs)
-    present = before.displacement.getArray()[every]
-    supported, fixed = np.searchsorted(every, system.constrained), np.isin(every, dofs)
+    union = np.union1d(system.constrained, dofs)
+    present = before.displacement.getArray()[union]
+    supported, fixed = np.searchsorted(union, system.constrained), np.isin(union, dofs)
 
     def values(time: float) -> Floats:
         prescribed = present.copy()
         prescribed[supported] = system.prescribed(time)
         return np.where(fixed, present, prescribed)
 
-    return replace(system, constrained=every, values=values)
+    return replace(system, constrained=union, values=values)
 
 
 def _remedy(failure: ConvergenceError, kind: str, solver: str, reached: float) -> str | None:
-    """Return a remedy for a failure at the shortest increment, or None."""
+    """Return a remedy for the failure of a shortest increment, None if the law is the cause."""
     if failure.law is not None:
         return None
-    limit = "The joints or the bulk may carry no more load: add strength or supports, or unload."
+    limit = "The limit load may be reached: add strength or supports, or reduce the loads."
     if reached == 0.0 and not failure.yielding:
         limit = "Is each block restrained by supports, springs, or joints under enough pressure?"
     if kind != "auto":
         return f'solver="auto" also tries the other solver and pseudo-time. {limit}'
     if solver != "condensed":
         softer = "" if failure.yielding else " or softer joints"
-        return f"SolverOptions(max_iterations=100){softer} may go further. {limit}"
+        return f"SolverOptions(max_iterations=100){softer} may reach larger loads. {limit}"
     return limit
 
 
 def check_acting(model: Model, loads: Any) -> None:
-    """Check that the loads of a static stage are the model's own."""
+    """Check that the loads of a static stage belong to the model."""
     for load in loads:
-        if not any(load is one for one in model.loads):
+        if not any(load is member for member in model.loads):
             raise ValueError(
-                f"A {type(load).__name__} was given to a static stage that is not among the "
-                "model's loads; add it to Model(loads=...) as well."
+                f"A {type(load).__name__} of this static stage is not a load of the model; add it "
+                "to Model(loads=...), too."
             )

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Start of a static stage: response of the joints, and the loads in balance with it."""
+"""Start of a static stage: response of the joints, and the loads that balance this response."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.simulation.outcome import StaticState
 from dolfinx_joints.simulation.static_energy import StaticEnergy
 
-# Name in the ledger of forces that earlier stages left in inactive joints and absent blocks.
+# Name in the ledger of residual forces of earlier stages, in inactive joints and absent blocks.
 CONSTRUCTION = "construction"
 
 
-def unloaded(model: Model) -> StaticState:
+def unloaded_state(model: Model) -> StaticState:
     """Return the state of the unloaded body, its joints at rest (collective)."""
-    none = np.zeros(0 if model.contact is None else len(model.contact.operator.names))
+    zeros = np.zeros(0 if model.contact is None else len(model.contact.operator.names))
     energy = StaticEnergy(
-        joint_elastic=none,
-        joint_friction=none,
-        joint_numerical=none,
-        joint_bonds=none,
-        joint_released=none,
+        joint_elastic=zeros,
+        joint_friction=zeros,
+        joint_numerical=zeros,
+        joint_bonds=zeros,
+        joint_released=zeros,
     )
-    still = model.stiffness.createVecRight()
-    still.set(0.0)
+    zero = model.stiffness.createVecRight()
+    zero.set(0.0)
     return StaticState(
-        displacement=still, joints=None, reaction=still, reports=[], energy=energy, loads={}
+        displacement=zero, joints=None, reaction=zero, reports=[], energy=energy, loads={}
     )
 
 
 def start_of_stage(system: MatrixSystem, before: StaticState) -> Response | None:
     """Return the response of joints and plastic cells at the start of a stage (collective).
 
-    It is the response at the end of the last stage, or that of the unloaded body; None without
-    joints and plastic cells.
+    This is the response at the end of the last stage, or of the unloaded body; None without joints
+    and plastic cells.
     """
     internal_forces = system.internal_forces
     if internal_forces is None or before.joints is not None:
@@ -47,11 +47,11 @@ def start_of_stage(system: MatrixSystem, before: StaticState) -> Response | None
     if system.bulk is not None or system.contact is None or not system.contact.rigid:
         response: Response = internal_forces.respond(system.vector(), at_rest, BACKWARD_EULER)
         return response
-    return carrying_nothing(at_rest)
+    return without_traction(at_rest)
 
 
-def carrying_nothing(state: JointState) -> Response:
-    """Return the response of points without tractions in a given state."""
+def without_traction(state: JointState) -> Response:
+    """Return the response of open points without tractions in a given state."""
     count = len(state.gap)
     return Response(
         traction=np.zeros((count, 3)),
@@ -65,9 +65,9 @@ def carrying_nothing(state: JointState) -> Response:
 def carried_loads(
     system: MatrixSystem, before: StaticState, start: Response | None
 ) -> dict[str, PETSc.Vec]:
-    """Return the loads by name that are in balance at the start of a stage [N] (collective).
+    """Return the loads by name that balance the state at the start of a stage [N] (collective).
 
-    The system has all joints and blocks; ``start`` is their response, see `start_of_stage`.
+    The system has all joints and blocks; ``start`` is the response from `start_of_stage`.
     """
     loads = {name: load for name, load in before.loads.items() if name != CONSTRUCTION}
     residual = system.stiffness * before.displacement

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Inactive joints and absent blocks of a static stage; check that the other blocks stand."""
+"""Inactive joints and absent blocks of a static stage; check of the supports of blocks."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from dolfinx_joints.simulation.outcome import StaticState
 
 Rows = NDArray[np.bool_]
 
-# Stiffness against a rigid motion, relative to the block's total; below it the motion is free.
+# Smallest stiffness that restrains a rigid motion, divided by the total stiffness of the block.
 FREE = 1e-12
 
 
@@ -33,10 +33,10 @@ class Unfinished:
     """Joints and blocks that do not act yet in a static stage.
 
     Attributes:
-        inactive: Names of the joints that carry nothing.
+        inactive: Names of the inactive joints, which have no tractions.
         absent: Cell groups of the absent blocks.
-        idle: Whether each local joint point carries nothing, shape (n,).
-        uncast: Whether each local joint point is next to an absent block, shape (n,).
+        idle: True at local joint points of inactive joints or next to absent blocks, shape (n,).
+        uncast: True at local joint points next to an absent block, shape (n,).
         dofs: Owned dofs of absent blocks, local numbers.
     """
 
@@ -47,7 +47,7 @@ class Unfinished:
     dofs: NDArray[np.int64]
 
 
-def unfinished(model: Model, inactive: Sequence[str], absent: Sequence[str]) -> Unfinished:
+def find_unfinished(model: Model, inactive: Sequence[str], absent: Sequence[str]) -> Unfinished:
     """Return the points and dofs of inactive joints and absent blocks (collective).
 
     Raises:
@@ -79,22 +79,22 @@ def unfinished_stage(
     absent: Sequence[str],
     acting: Sequence[Load],
 ) -> Unfinished | None:
-    """Return what does not act in a stage, None if all acts; arguments of `Simulation.statics`.
+    """Return inactive joints and absent blocks of a stage, None if everything acts (collective).
 
-    Also check that the stage may follow the previous one (collective).
+    See `Simulation.statics` for the arguments. Also check that the stage can follow the last one.
 
     Raises:
         MeshError: A joint does not exist.
     """
     names = model.jointed.joint_names
-    named = {"active": names, "inactive": ()}.get(joints) if isinstance(joints, str) else joints
-    assert named is not None
-    check_joints(model, named)
-    inactive = tuple(name for name in names if name not in named)
+    active = {"active": names, "inactive": ()}.get(joints) if isinstance(joints, str) else joints
+    assert active is not None
+    check_joints(model, active)
+    inactive = tuple(name for name in names if name not in active)
     check_grouted(before, inactive)
     if not (inactive or absent or joints == "inactive"):
         return None
-    stage = unfinished(model, inactive, absent)
+    stage = find_unfinished(model, inactive, absent)
     check_may_begin(model, before, acting, stage)
     return stage
 
@@ -105,8 +105,8 @@ class _Blocks:
     Attributes:
         of_node: Block of each local node.
         of_pair: Blocks on the - and + side of each facet pair of this rank, shape (pairs, 2).
-        absent: Whether each block is absent.
-        beside_absent: Whether each facet pair has an absent block on one side.
+        absent: True for absent blocks.
+        beside_absent: True for facet pairs with an absent block on one or both sides.
     """
 
     def __init__(self, model: Model, absent: Sequence[str]) -> None:
@@ -124,13 +124,13 @@ class _Blocks:
             inside, outside = (sum(comm.allgather(counts)) for counts in (inside, outside))
             if (inside * outside).any():
                 raise MeshError(
-                    f"The cell group {name!r} holds a part of a block only: give whole blocks, "
-                    "which joints separate from each other."
+                    f"The cell group {name!r} contains only a part of a block: absent= needs whole "
+                    "blocks, which joints separate from each other."
                 )
             self.absent[np.flatnonzero(inside)] = True
         if self.absent.all():
             given = shown(list(absent))
-            raise MeshError(f"absent is {given}, which are all blocks; at least one must act.")
+            raise MeshError(f"absent is {given}, which are all blocks; at least one must exist.")
         minus, plus = self.of_pair.T
         self.beside_absent: Rows = self.absent[minus] | self.absent[plus]
 
@@ -144,7 +144,7 @@ def check_joints(model: Model, names: Sequence[str]) -> None:
 
 
 def points_of(model: Model, names: Sequence[str]) -> Rows:
-    """Return whether each local joint point belongs to one of the named joints, shape (n,)."""
+    """Return a mask of the local joint points of the named joints, shape (n,)."""
     operator = model.operator
     if operator is None:
         return np.zeros(0, dtype=bool)
@@ -152,14 +152,14 @@ def points_of(model: Model, names: Sequence[str]) -> Rows:
 
 
 def idle_points(response: Response) -> Rows:
-    """Return whether each local point carries nothing."""
+    """Return a mask of the local points without traction, shape (n,)."""
     return np.all(response.traction == 0.0, axis=1)
 
 
 def check_may_begin(
     model: Model, before: StaticState, acting: Sequence[Load], stage: Unfinished
 ) -> None:
-    """Check that joints to be inactive carry nothing, and that all blocks stand (collective)."""
+    """Check that joints to be inactive have no tractions and blocks have supports (collective)."""
     check_elastic(model)
     removed = sorted(set(stage.absent) - set(before.absent))
     if removed and not before.unloaded:
@@ -177,33 +177,32 @@ def check_may_begin(
         for name, area in zip(model.jointed.joint_names, carrying, strict=True):
             if name in stage.inactive and area > 0.0:
                 raise JointsError(
-                    f"The joint {name!r} cannot become inactive: the last static stage left "
-                    "tractions in it."
+                    f"The joint {name!r} cannot become inactive: it has tractions at the end of "
+                    "the last static stage."
                 )
-    check_blocks_stand(model, stage)
+    check_blocks_restrained(model, stage)
 
 
 def check_grouted(static: StaticState | None, inactive: Sequence[str] = ()) -> None:
-    """Check that all joints act except those that are to be inactive."""
+    """Check that all joints are active, except the given joints."""
     ungrouted = [n for n in (static.inactive if static else ()) if n not in inactive]
     if ungrouted:
         raise JointsError(
-            f"The joints are still inactive: {', '.join(ungrouted)}; call grout() to close them. "
-            "grout([]) keeps the openings between their blocks, if their laws do not pull across "
-            "a gap."
+            f"These joints are still inactive: {', '.join(ungrouted)}; call grout() to close them. "
+            "grout([]) activates them with their present openings, if their laws do not pull "
+            "across an opening."
         )
 
 
 def check_elastic(model: Model) -> None:
-    """Check that there are no plastic cells, whose state is not kept with idle joints."""
+    """Check that the body has no plastic cells, whose state stages of construction do not store."""
     if model.bulk is not None:
         raise JointsError(
-            "Joints of a body with plastic cells cannot be inactive, nor grouted; nor can its "
-            "blocks be absent."
+            "A body with plastic cells cannot have inactive or grouted joints, or absent blocks."
         )
 
 
-def check_blocks_stand(model: Model, stage: Unfinished) -> None:
+def check_blocks_restrained(model: Model, stage: Unfinished) -> None:
     """Check that supports and active joints restrain every block (collective).
 
     Blocks connected by active joints are treated as one.
@@ -211,21 +210,21 @@ def check_blocks_stand(model: Model, stage: Unfinished) -> None:
     blocks, names = _Blocks(model, stage.absent), model.jointed.joint_names
     acting = [i for i, name in enumerate(names) if name not in stage.inactive]
     acts = np.isin(model.jointed.pairs.joint, acting) & ~blocks.beside_absent
-    own = np.unique(blocks.of_pair[acts], axis=0)
-    joined = np.concatenate(model.jointed.mesh.comm.allgather(own))
+    local = np.unique(blocks.of_pair[acts], axis=0)
+    joined = np.concatenate(model.jointed.mesh.comm.allgather(local))
     part = connected(joined[:, 0], joined[:, 1], len(blocks.absent))
     owned = model.V.dofmap.index_map.size_local
     stiffness, centres = _against_rigid_motions(
         model, part[blocks.of_node[:owned]], stage.dofs, int(part.max()) + 1
     )
-    by = "supports and the joints that act" if len(joined) else "supports alone"
+    restraints = "supports and active joints" if len(joined) else "supports only"
     motions = stiffness.shape[1]
     for i in range(len(centres)):
         supported = int((np.linalg.eigvalsh(stiffness[i]) > FREE).sum())
         if supported < motions:
             place = ", ".join(f"{c:.4g}" for c in centres[i])
             raise JointsError(
-                f"The block around ({place}) m is restrained by its {by} against "
+                f"The block around ({place}) m is restrained by {restraints}, which prevent "
                 f"{supported} of {motions} rigid motions. With inactive joints each block needs "
                 "sufficient supports or active joints: add a support, activate a joint, or list "
                 "the block in absent=."
@@ -238,8 +237,8 @@ def _against_rigid_motions(
     """Return the stiffness against rigid motions of parts, and their centres (collective).
 
     ``part`` is the part of each owned node; ``fixed_dofs`` are owned dofs constrained in addition
-    to those of supports. The stiffness of springs and supports, shape (parts, motions, motions), is
-    relative to that of the part; the centres have shape (parts, gdim), [m].
+    to supported dofs. The stiffness of springs and supports, shape (parts, motions, motions), is
+    divided by the stiffness of the part; the centres have shape (parts, gdim), [m].
     """
     comm, gdim = model.jointed.mesh.comm, model.gdim
 
@@ -259,10 +258,10 @@ def _against_rigid_motions(
     fixed[model.constraints.static_dofs] = fixed[fixed_dofs] = 1.0
     fixed = fixed.reshape(-1, gdim)
     diagonal = model.stiffness.getDiagonal().getArray(readonly=True).reshape(-1, gdim)
-    moved, forces = model.stiffness.createVecRight(), []
+    displacement, forces = model.stiffness.createVecRight(), []
     for motion in motions:
-        moved.setArray(motion.ravel())
-        forces.append((model.stiffness * moved).getArray().reshape(-1, gdim).copy())
+        displacement.setArray(motion.ravel())
+        forces.append((model.stiffness * displacement).getArray().reshape(-1, gdim).copy())
     springs = np.einsum("anc,bnc->nab", motions, forces)
     supports = np.einsum("anc,bnc,nc->nab", motions, motions, fixed)
     weight = total(diagonal.sum(axis=1))[:, None, None]
@@ -274,7 +273,7 @@ def _rigid_motions(arms: Floats) -> Floats:
     count, gdim = arms.shape
     motions = [np.tile(np.eye(gdim)[axis], (count, 1)) for axis in range(gdim)]
     for a, b in ((0, 1), (1, 2), (0, 2))[: 1 if gdim == 2 else 3]:
-        turned = np.zeros((count, gdim))
-        turned[:, a], turned[:, b] = -arms[:, b], arms[:, a]
-        motions.append(turned)
+        rotation = np.zeros((count, gdim))
+        rotation[:, a], rotation[:, b] = -arms[:, b], arms[:, a]
+        motions.append(rotation)
     return np.stack(motions)

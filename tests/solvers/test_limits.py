@@ -90,7 +90,7 @@ REASONS: dict[str, str] = {
     "PSEUDO_STEPS": f"{PATH} after too many steps (`PSEUDO_STEPS`)",
     "PSEUDO_SETTLED": rf"{PATH} in a step that hardly changes $\mathbf x$ (`PSEUDO_SETTLED`)",
     "MOST_PRODUCTS": f"{TESTS}test_gmres.py::test_what_is_spent_buys_the_best_of_the_space",
-    "TYPICAL_PRODUCTS": f"{ITERATION} took 14 and 11 products there",
+    "TYPICAL_PRODUCTS": f"{ITERATION} took 14 and 11 products",
     "FINEST_SINGLE": f"{CONDENSED} are in single precision (`FINEST_SINGLE`)",
     "FINEST_COMPRESSED": rf"{CONDENSED} with a compressed $\mathbf S$ (`FINEST_COMPRESSED`)",
     "ORTHOGONAL_REST": f"{TESTS}test_gmres.py::test_directions_stay_orthogonal",

@@ -36,7 +36,7 @@ from benchmarks.shared.scenes import GRAVITY, TIME_STEP, Scene, ground_accelerat
 from dolfinx_joints.geometry.two_blocks import two_blocks
 from validation.atlas import LeftOutError, Outcome, curve, estimate, new_figure
 
-SOURCE = "OpenSees 3.8, zeroLengthContactASDimplex, run beside"
+SOURCE = "OpenSees 3.8, zeroLengthContactASDimplex, run for comparison"
 
 Floats = NDArray[np.float64]
 

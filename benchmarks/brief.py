@@ -74,7 +74,7 @@ def elongation() -> str:
         )
     moved = -dj.Simulation(model).statics().displacement.getArray().min()
     expected = pressure * 20.0 / young + pressure / stiffness
-    return f"bar and joint in series off by {abs(moved / expected - 1.0):.0e}"
+    return f"bar and joint in series: error {abs(moved / expected - 1.0):.0e}"
 
 
 def shaken(solver: str, comm: MPI.Comm) -> np.ndarray:
@@ -93,7 +93,7 @@ def shaken(solver: str, comm: MPI.Comm) -> np.ndarray:
 def forms() -> str:
     """Compare joints by interior-facet integrals with the condensed default."""
     one, other = (shaken(solver, MPI.COMM_WORLD) for solver in ("forms", "auto"))
-    return f"same motion as by default to {np.abs(one - other).max() / np.abs(one).max():.0e}"
+    return f"difference from the default solver {np.abs(one - other).max() / np.abs(one).max():.0e}"
 
 
 def order() -> str:
@@ -118,7 +118,7 @@ def ranks() -> str:
         command = [sys.executable, "-m", "benchmarks.brief", "--crest", str(path)]
         subprocess.run(["mpirun", "-n", "2", "--oversubscribe", *command], check=True, cwd=PROJECT)
         two, one = np.load(path), shaken("auto", MPI.COMM_WORLD)
-    return f"2 ranks as 1 to {np.abs(two - one).max() / np.abs(one).max():.0e}"
+    return f"2 ranks and 1 differ by {np.abs(two - one).max() / np.abs(one).max():.0e}"
 
 
 def impact_error() -> str:
@@ -126,7 +126,7 @@ def impact_error() -> str:
     problem, control = impact(100.0), dj.StepControl(tolerance=3e-5, max_halvings=8)
     run = march(problem, SCHEMES["ec"], problem.period / 120.0, control)
     off = errors(problem, run, midpoint=True)["displacement"]
-    return f"default scheme within {100 * off:.2g} % in {run.steps} adaptive steps"
+    return f"default scheme: error {100 * off:.2g} % in {run.steps} adaptive steps"
 
 
 def stated(page: str, pattern: str, text: str) -> Callable[[], str]:

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Arrays that objects of this package hold, and that its functions have in their variables."""
+"""Arrays in attributes of this package's objects and in local variables of its functions."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -13,12 +13,12 @@ import dolfinx_joints
 
 PACKAGE = str(Path(dolfinx_joints.__file__).parent)
 
-# Entries of sparse matrices and blocks, which by chance are as many as there are unknowns.
+# Arrays of matrix entries; by chance they may be as long as the number of unknowns.
 ENTRIES = ("_rows", "_columns", "_sends", "_adds")
 
 
 def arrays(thing: Any, seen: set[int], path: str) -> Iterator[tuple[str, np.ndarray]]:
-    """Arrays that can be reached from an object of this package, with the way to them."""
+    """Yield the arrays that an object of this package refers to, with their attribute paths."""
     if id(thing) in seen:
         return
     seen.add(id(thing))
@@ -37,9 +37,10 @@ def arrays(thing: Any, seen: set[int], path: str) -> Iterator[tuple[str, np.ndar
 
 
 def of_functions(call: Callable[[], Any], seen: dict[str, set[tuple[int, ...]]]) -> Any:
-    """Call a function, and add the shapes of arrays in variables of the package's as they return.
+    """Call a function and collect the shapes of arrays in local variables of the package.
 
-    Those in lists and dictionaries too, by the name of the function and of the variable.
+    Variables are examined when a function of the package returns, lists and dictionaries included.
+    Shapes are added to ``seen`` by the name of the function and of the variable.
     """
 
     def look(frame: Any, event: str, _: Any) -> None:
@@ -61,7 +62,7 @@ def of_functions(call: Callable[[], Any], seen: dict[str, set[tuple[int, ...]]])
 
 
 def plain_arrays(thing: Any) -> Iterator[tuple[str, np.ndarray]]:
-    """Arrays in dictionaries and sequences, but not in objects."""
+    """Yield arrays in dictionaries and sequences, but not in attributes of objects."""
     if isinstance(thing, np.ndarray):
         yield "", thing
     elif isinstance(thing, dict):

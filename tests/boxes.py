@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Boxes of DOLFINx with joints and groups by place, and what a run leaves on all ranks."""
+"""Box meshes of DOLFINx with joints and groups by position; records and norms on all ranks."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ COMM = MPI.COMM_WORLD
 def box(
     size, counts, cell=None, *, joints=(), groups=(), cells=(), place=None, comm=COMM, **options
 ):
-    """Return a rectangle or box of cells, hexahedra and the like unless given (collective).
+    """Return a rectangle or box, of quadrilaterals or hexahedra by default (collective).
 
     Args:
-        size: Its opposite corner, the origin being the other; or both corners.
+        size: Corner opposite to the origin, or two opposite corners.
         counts: Cells along each axis.
         cell: Type of the cells, or its name.
-        joints: By name, a plane (axis, value), or a function of the points (3, n) of facets on it.
-        groups: Groups of facets, likewise.
-        cells: Groups of cells: by name, (low, high) along the last axis.
-        place: Moves nodes (n, 3) to their places; the groups are those of the box.
+        joints: Joints by name: a plane (axis, value), or a function of points (3, n) that is true
+            on the joint.
+        groups: Groups of facets, in the same form.
+        cells: Groups of cells by name: limits (low, high) along the last axis.
+        place: Function that moves the nodes (n, 3) after the groups have been located.
         comm: MPI communicator.
-        options: Of DOLFINx's function that creates the mesh.
+        options: Options of DOLFINx's function that creates the mesh.
     """
     dim = len(counts)
     corners = size if np.ndim(size) == 2 else [np.zeros(dim), size]
@@ -59,7 +60,7 @@ def box(
 
 
 class Rows(Monitor):
-    """Monitor that keeps what a function makes of the first record and of each step."""
+    """Monitor that collects the value of a function for the first record and for each step."""
 
     def __init__(self, make):
         self._make = make

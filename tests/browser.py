@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A headless Chromium that opens the page of a file, for tests of the report and of the site."""
+"""Headless Chromium that opens an HTML file, for tests of the report and of the site."""
 
 import base64
 import hashlib
@@ -18,11 +18,11 @@ OPTIONS = (
     "--disable-dev-shm-usage",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
-    "--host-resolver-rules=MAP * ~NOTFOUND",  # what a page asks of others is an error
+    "--host-resolver-rules=MAP * ~NOTFOUND",  # any network access is an error
     "--virtual-time-budget=10000",
     "--dump-dom",
 )
-# Leaves in the page what a promise brings, and the errors until then.
+# Script that writes the value of a promise, and all errors until then, into the page.
 PROBE = """
 const errors = [], page = document.documentElement;
 console.error = (...words) => errors.push(words.join(' '));
@@ -37,13 +37,13 @@ addEventListener('load', async () => {
 
 
 def chromium() -> str | None:
-    """Path of the browser, None where there is none."""
+    """Return the path of the browser, or None if no browser is installed."""
     names = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
     return next((path for name in names if (path := shutil.which(name))), None)
 
 
 def value_in(page: Path, promise: str, *, width: int = 1200) -> Any:
-    """Value of a promise in a page, where nothing may fail or come from elsewhere."""
+    """Return the value of a promise in a page; fail on any error or network access."""
     script = PROBE % promise
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     html = page.read_text("utf-8").replace("script-src ", f"script-src 'sha256-{digest}' ", 1)

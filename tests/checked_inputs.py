@@ -1,17 +1,17 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Inputs that are checked: where, what, the result, and the test that shows it.
+"""Checks of inputs: where, which input, the result, and the test of the check.
 
-All readers of meshes are `read_msh`, `read_xdmf`, `split_mesh`, `mesh_from_arrays` and
-`read_split`; a STEP file becomes a `.msh` file. All formats of records are PEER AT2, ESM, K-NET,
-COSMOS, SMC and plain columns.
+"All readers" are the readers of meshes `read_msh`, `read_xdmf`, `split_mesh`, `mesh_from_arrays`
+and `read_split`; a STEP file becomes a `.msh` file. "All formats" are the formats of records PEER
+AT2, ESM, K-NET, COSMOS, SMC and plain columns.
 """
 
 from typing import NamedTuple
 
 
 class Check(NamedTuple):
-    """Input that is checked, and the file and name of its test."""
+    """Check of an input, with the file and name of its test."""
 
     where: str
     given: str
@@ -37,7 +37,7 @@ CHECKS = (
     ),
     Check(
         "all readers",
-        "cells turned inside out, other kinds of cells, a surface in space",
+        "cells turned inside out, other kinds of cells, a surface in 3-D",
         "error",
         "mesh/test_dolfinx_mesh.py",
         "test_a_curved_cell_turned_inside_out_is_refused",
@@ -276,7 +276,7 @@ CHECKS = (
     Check(
         "results",
         "damaged, foreign or older files",
-        "error that says which",
+        "error that states which",
         "results/test_results.py",
         "test_foreign_files_are_errors",
     ),

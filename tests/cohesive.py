@@ -34,7 +34,7 @@ COHESIVE = {"normal_stiffness": K_N, "shear_stiffness": K_S}
 
 
 class ByHand:
-    """The cohesive law with traction and tangent worked out on paper."""
+    """The cohesive law with traction and tangent derived by hand."""
 
     def closed_stiffness(self) -> tuple[float, float]:
         """k_n and k_s at the gap of zero, [Pa/m]."""
@@ -51,7 +51,7 @@ class ByHand:
         return self._response(after, *self._tractions(self._seen(after)))
 
     def discrete_gradient(self, gap: Floats, state: JointState) -> Response:
-        """Mean traction over the way to a gap of shape (n, 3), [m]."""
+        """Mean traction over the path to a gap of shape (n, 3), [m]."""
         after = self._after(gap, state)
         mean = path_mean(self._tractions, self._seen(state), self._seen(after))
         return self._response(after, *mean)
@@ -82,7 +82,7 @@ class ByHand:
 
 
 def random_steps(count: int = 3000, seed: int = 1, *, size: float = A) -> tuple[Floats, JointState]:
-    """Gaps of all kinds at the end of a step, and states at its start."""
+    """Random gaps at the end of a step, and states at its start."""
     rng = np.random.default_rng(seed)
     before = size * rng.normal(size=(count, 3))
     slip = before[:, 1:] + size * rng.normal(size=(count, 2))
@@ -95,7 +95,7 @@ def energy_lines(
     """Energies and works of each record from matrices and states, [J] (collective).
 
     Args:
-        system: The system, with no moving supports.
+        system: The system, without moving supports.
         records: All steps of a run of the energy-consistent scheme, from its start on.
         density: Stored energy of the joint points, shape (n,), [J/m^2].
     """
@@ -129,6 +129,6 @@ def energy_lines(
 
 
 def left_over(first: dict[str, float], line: dict[str, float]) -> float:
-    """What the lines of a record leave unexplained since the first, [J]."""
+    """Return the energy error of a record: the sum of its lines since the first record, [J]."""
     stored = sum(line[name] - first[name] for name in ("kinetic", "strain", "joint"))
     return stored - line["input"] + line["viscous"] + line["friction"]

@@ -13,17 +13,18 @@ import pytest
 
 try:
     from mpi4py import MPI
-except ImportError:  # records, spectra, results and plots are tested without MPI as well
+except ImportError:  # tests of records, spectra, results and plots also run without MPI
     MPI = None
 
 
-# Of the largest energy of a static stage: the residual that solvers accept is 1e-10 of the forces.
+# Allowed energy errors of a static stage, relative to its largest energy. Solvers accept a residual
+# of 1e-10 of the forces.
 LEDGER_ERROR = 1e-10
 RIGID_ERROR = 1e-7
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out on several ranks what is written for one."""
+    """Deselect the tests without the marker ``mpi`` on several ranks."""
     if MPI is None or MPI.COMM_WORLD.size == 1:
         return
     single = [item for item in items if item.get_closest_marker("mpi") is None]
@@ -32,7 +33,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    """End every rank where the tests of one failed, which may have left the others waiting."""
+    """End all ranks if a test failed on one of them: the others may be waiting for it."""
     reporter = config.pluginmanager.get_plugin("terminalreporter")
     failed = reporter is not None and any(reporter.stats.get(k) for k in ("failed", "error"))
     if MPI is not None and MPI.COMM_WORLD.size > 1 and failed:
@@ -42,9 +43,9 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def freed_only_together() -> None:
-    """Leave it to `freed_together` to free meshes on several ranks.
+    """Disable garbage collection on several ranks, so that only `freed_together` frees meshes.
 
-    What has been imported is left out: to look through it would take longer than most tests.
+    Imported objects are excluded (``gc.freeze``): examining them takes longer than most tests.
     """
     if MPI is not None and MPI.COMM_WORLD.size > 1:
         gc.disable()
@@ -53,10 +54,10 @@ def freed_only_together() -> None:
 
 @pytest.fixture(autouse=True)
 def freed_together() -> Iterator[None]:
-    """Free meshes on all ranks at the same place, as MPI asks for their communicators.
+    """Free meshes after each test, on all ranks at the same point.
 
-    Left to Python's collector, which runs at another time on each rank, Open MPI 5.0.7 was seen to
-    wait for ever in the next MPI_Comm_dup.
+    MPI requires that all ranks free a communicator together. Python's collector runs at a different
+    time on each rank, and Open MPI 5.0.7 then waited without end in the next MPI_Comm_dup.
     """
     yield
     if MPI is not None and MPI.COMM_WORLD.size > 1:
@@ -67,9 +68,9 @@ def freed_together() -> Iterator[None]:
 def static_ledgers_close(monkeypatch: pytest.MonkeyPatch) -> None:
     """Check in all tests that the energies of each static stage balance to `LEDGER_ERROR`.
 
-    Beside it the residual that a solver reports is allowed, and rounding of K u, of some
-    eps |K| |u|: of stiff blocks that move far. Openings of rigid points that a solve does not
-    resolve are set to zero, which leaves `RIGID_ERROR`.
+    A larger residual that a solver reports is allowed, too, and the rounding error of K u, about
+    eps |K| |u|, which matters for stiff blocks with large displacements. With rigid joints
+    `RIGID_ERROR` is allowed, because unresolved openings of rigid points are set to zero.
     """
     stages = sys.modules.get("dolfinx_joints.simulation.simulation")
     if stages is None:
@@ -81,9 +82,9 @@ def static_ledgers_close(monkeypatch: pytest.MonkeyPatch) -> None:
         size = model.stiffness.norm() * state.displacement.norm() ** 2
         rigid = model.contact is not None and model.contact.rigid
         least = RIGID_ERROR if rigid else LEDGER_ERROR
-        left = max([least, *(report.residual for report in state.reports)])
+        allowed = max([least, *(report.residual for report in state.reports)])
         rounding = 16.0 * sys.float_info.epsilon * size
-        assert abs(state.energy.error) <= left * state.energy.scale + rounding
+        assert abs(state.energy.error) <= allowed * state.energy.scale + rounding
         return state
 
     monkeypatch.setattr(stages, "march", checked)
@@ -91,13 +92,13 @@ def static_ledgers_close(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="session")
 def comm() -> Any:
-    """The communicator of all ranks that run the tests."""
+    """Communicator of all ranks that run the tests."""
     return pytest.importorskip("mpi4py.MPI").COMM_WORLD
 
 
 @pytest.fixture(scope="session")
 def new_path(comm: Any, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
-    """Paths in one folder that all ranks see, a new one for each call (collective)."""
+    """``new_path(name)``: a new path at each call, in a folder shared by all ranks (collective)."""
     made = str(tmp_path_factory.mktemp("shared")) if comm.rank == 0 else None
     folder = Path(comm.bcast(made, root=0))
     count = itertools.count()
@@ -106,24 +107,24 @@ def new_path(comm: Any, tmp_path_factory: pytest.TempPathFactory) -> Callable[[s
 
 @pytest.fixture(scope="session")
 def mesh_file(comm: Any, new_path: Callable[[str], Path]) -> Callable[..., Path]:
-    """``mesh_file(script, **parameters)``: its .msh file, written once by rank 0 (collective)."""
+    """``mesh_file(script, **parameters)``: a script's .msh file, written once (collective)."""
     pytest.importorskip("gmsh")
-    known: dict[tuple[Any, ...], Path] = {}
+    cache: dict[tuple[Any, ...], Path] = {}
 
     def make(script: Callable[..., Any], **parameters: Any) -> Path:
         key = (script.__name__, repr(sorted(parameters.items())))
-        if key not in known:
-            known[key] = new_path(f"{script.__name__}.msh")
+        if key not in cache:
+            cache[key] = new_path(f"{script.__name__}.msh")
             failure = None
             if comm.rank == 0:
                 try:
-                    script(known[key], **parameters)
+                    script(cache[key], **parameters)
                 except Exception as exc:
                     failure = exc
             failure = comm.bcast(failure, root=0)
             if failure is not None:
                 raise failure
-        return known[key]
+        return cache[key]
 
     return make
 
@@ -149,8 +150,8 @@ def _two_rectangles(
         p = [geo.addPoint(x, y, 0) for x, y in corners]
         ends = [(0, 1), (1, 2), (2, 3), (3, 0), (2, 4), (4, 5), (5, 3)]
         lines = [geo.addLine(p[a], p[b]) for a, b in ends]
-        base, right, joint, left, up_right, top, up_left = lines
-        lower = geo.addPlaneSurface([geo.addCurveLoop([base, right, joint, left])])
+        base, low_right, joint, low_left, up_right, top, up_left = lines
+        lower = geo.addPlaneSurface([geo.addCurveLoop([base, low_right, joint, low_left])])
         upper = geo.addPlaneSurface([geo.addCurveLoop([-joint, up_right, top, up_left])])
         for line in lines:
             geo.mesh.setTransfiniteCurve(line, divisions + 1)
@@ -162,7 +163,7 @@ def _two_rectangles(
         gmsh.model.mesh.generate(2)
         gmsh.model.mesh.setOrder(order)
         groups = [("lower", 2, [lower]), ("upper", 2, [upper]), ("base", 1, [base])]
-        groups += [("top", 1, [top]), ("sides", 1, [right, left, up_right, up_left])]
+        groups += [("top", 1, [top]), ("sides", 1, [low_right, low_left, up_right, up_left])]
         for name, dim, tags in [*groups, ("joint_1", 1, [joint])]:
             gmsh.model.addPhysicalGroup(dim, tags, name=name)
         gmsh.write(str(out))
@@ -170,7 +171,7 @@ def _two_rectangles(
 
 @pytest.fixture(scope="session")
 def two_rectangles_file(mesh_file: Callable[..., Path]) -> Callable[..., Path]:
-    """``two_rectangles_file(cell=, order=, angle=)``: the plane twin of ``two_blocks``."""
+    """``two_rectangles_file(cell=, order=, angle=)``: ``two_blocks`` in 2-D."""
     return lambda **parameters: mesh_file(_two_rectangles, **parameters)
 
 
@@ -192,16 +193,16 @@ def wall_file(mesh_file: Callable[..., Path]) -> Callable[..., Path]:
 
 @pytest.fixture(scope="session")
 def read(comm: Any) -> Callable[..., Any]:
-    """``read(path)``: the mesh on all ranks, or on ``comm=``; read once (collective)."""
+    """``read(path)``: the mesh on all ranks, or on those of ``on``; read once (collective)."""
     from dolfinx_joints import read_msh
 
-    known: dict[tuple[Any, ...], Any] = {}
+    cache: dict[tuple[Any, ...], Any] = {}
 
     def load(path: Path, on: Any = None, joints: list[str] | None = None) -> Any:
         on = comm if on is None else on
         key = (str(path), on.size, None if joints is None else tuple(joints))
-        if key not in known:
-            known[key] = read_msh(path, on, joints=joints)
-        return known[key]
+        if key not in cache:
+            cache[key] = read_msh(path, on, joints=joints)
+        return cache[key]
 
     return load

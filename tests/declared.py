@@ -23,9 +23,9 @@ def declare_histories(
     accelerations: bool = False,
     free_surface: bool = False,
 ) -> None:
-    """Declare histories of points, with accelerations of points and ground if these are asked for.
+    """Declare histories of points, optionally with accelerations of points and ground.
 
-    Under waves the ground moves by the velocity of the free surface.
+    Under waves the ground motion is the velocity of the free surface.
     """
     declare_points(writer, points)
     moved = np.reshape(points, (-1, 3))
@@ -38,7 +38,7 @@ def declare_histories(
 def declare_energy(
     writer: ResultsWriter, joints: Iterable[str] = (), loads: Iterable[str] = ()
 ) -> None:
-    """Declare the energies of every run, of joints and loads."""
+    """Declare the energies of a run, of its joints and of its loads."""
     of_joints = [
         row.name.replace("*", joint)
         for joint in joints
@@ -57,7 +57,7 @@ def declare_states(
     *,
     status: bool = False,
 ) -> None:
-    """Write a body and declare its states, with the status of joint points if it is asked for."""
+    """Write a body and declare its states, optionally with the status of joint points."""
     declare_body(writer, nodes, surface, joints, cells)
     declare(writer, "states", _fields(nodes, joints, status=status))
 
@@ -71,14 +71,14 @@ def write_states(
     cells: Any = None,
     **facts: Any,
 ) -> Path:
-    """Write a run of states, each a time and values by name, zero where none is given."""
+    """Write a run of states, each a time and values by name; fields without a value are zero."""
     with ResultsWriter(path, facts) as writer:
         declare_states(writer, nodes, surface, joints, cells)
         writer.start()
         for time, values in states:
             fields = _fields(nodes, joints, status=False)
-            still = {name: np.zeros_like(each, dtype=float) for name, each in fields.items()}
-            writer.append("states", time, still | dict(values))
+            zeros = {name: np.zeros_like(field, dtype=float) for name, field in fields.items()}
+            writer.append("states", time, zeros | dict(values))
         writer.finish("complete", {})
     return path
 
@@ -92,16 +92,18 @@ def declare_static_stages(
 
 
 def declare_envelopes(writer: ResultsWriter, nodes: Any, arch: Any, cantilever: Any) -> None:
-    """Write nodes and directions of envelopes and declare these."""
+    """Write nodes and directions of envelopes, and declare the envelopes."""
     declare_directions(writer, nodes, arch, cantilever)
     declare(writer, "envelopes", dict.fromkeys(ENVELOPE_NAMES, nodes))
 
 
 def _fields(nodes: Any, joints: Mapping[str, Mapping[str, Any]], *, status: bool) -> dict[str, Any]:
-    """Arrays of the shapes of the displacement and of what joint points have."""
-    found = {"displacement": nodes}
+    """Return arrays with the shapes of the displacement and of the fields of joint points."""
+    fields = {"displacement": nodes}
     for name, joint in joints.items():
-        found |= dict.fromkeys([f"joints/{name}/{k}" for k in ("gap", "traction")], joint["points"])
+        fields |= dict.fromkeys(
+            [f"joints/{name}/{k}" for k in ("gap", "traction")], joint["points"]
+        )
         if status:
-            found[f"joints/{name}/status"] = joint["areas"]
-    return found
+            fields[f"joints/{name}/status"] = joint["areas"]
+    return fields

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Grids of unit cells with joints, whose counts of vertices are known by hand."""
+"""Grids of unit cells with joints, whose numbers of split vertices are counted by hand."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def grid(shape, divisions):
     corners = np.array(grid_cells(shape.name in ("triangle", "tetrahedron"), dim))
     origins = np.array(list(itertools.product(*(range(n) for n in divisions))))
     vertices = (origins[:, None, None, :] + corners[None]).reshape(-1, corners.shape[1], dim)
-    # Nodes of higher degree by the vertex functions of the reference cell.
+    # Place nodes of higher degree by the linear shape functions of the reference cell.
     linear = basix.create_element(
         basix.ElementFamily.P, shape.type, 1, basix.LagrangeVariant.gll_warped
     )
@@ -119,7 +119,7 @@ CASES = {
     "T": ({"a": (through,), "b": (half_across,)}, 4 + 2 + 2),
     # 8 become two, the crossing becomes four.
     "X": ({"a": (through,), "b": (across,)}, 8 + 3),
-    # U of 9 vertices, met from above at its middle by a joint with 3 more.
+    # A U of 9 vertices, and a joint with 3 more that meets its middle from above.
     "perimetral": (
         {"perimetral": PERIMETER, "a": (lambda x, y, z: x == 2 and y >= 1,)},
         8 + 2 + 3,
@@ -139,7 +139,7 @@ def case(name: str, shape: CellShape) -> Case:
 
 
 def already_split(shape: CellShape, distance: float = 0.0) -> tuple[SplitMesh, NDArray[np.float64]]:
-    """The through joint with duplicated nodes, its + side moved by ``distance``."""
+    """Return the case "through" with duplicated nodes, its + side moved by ``distance``."""
     cells, x, joints, _ = case("through", shape)
     split = split_cells(shape, cells, x, joints)
     x = x[split.parent].copy()
@@ -150,9 +150,9 @@ def already_split(shape: CellShape, distance: float = 0.0) -> tuple[SplitMesh, N
 
 
 def distorted(comm: Any, shape: CellShape, scene: str) -> JointedMesh:
-    """A case with its nodes moved, and its cells and nodes in another order (collective).
+    """Return a case with moved nodes and with cells and nodes in another order (collective).
 
-    ``gap`` is the through joint with duplicated nodes and faces apart.
+    ``gap`` is the case "through" with duplicated nodes and a distance between the faces.
     """
     if scene == "gap":
         split, x = already_split(shape)

@@ -22,7 +22,7 @@ POINTS = 40
 
 
 def scaled_compliance(seed: int = 1, *, dead: np.ndarray | None = None) -> np.ndarray:
-    """S = G - I of random points on a plate: G positive definite, diagonal about 1."""
+    """Return S = G - I of random points on a plate, with positive definite G, diagonal about 1."""
     rng = np.random.default_rng(seed)
     places = rng.uniform(0.0, 4.0, (POINTS, 2))
     distance = np.linalg.norm(places[:, None] - places[None], axis=2)
@@ -42,7 +42,7 @@ def stuck_tangent(stiffness: float, *, shear: float = 0.4) -> np.ndarray:
 
 
 def tangents(status: np.ndarray, stuck: np.ndarray, seed: int = 3) -> np.ndarray:
-    """Of open (0), sticking (1) and sliding (2) points: the last unsymmetric, with mu = tan 30."""
+    """Tangents of open (0), sticking (1) and sliding (2) points; sliding ones with mu = tan 30."""
     rng = np.random.default_rng(seed)
     angle, part = rng.uniform(0.0, 2.0 * np.pi, POINTS), rng.uniform(0.0, 1.0, POINTS)
     along = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -57,7 +57,7 @@ def tangents(status: np.ndarray, stuck: np.ndarray, seed: int = 3) -> np.ndarray
 
 
 def states(kind: str, seed: int = 4) -> np.ndarray:
-    """Mixtures: which share of the points is open, sticks and slides."""
+    """Random status of the points, with given shares of open, sticking and sliding points."""
     shares = {
         "open": [1.0, 0.0, 0.0],
         "one closed": [1.0, 0.0, 0.0],
@@ -74,7 +74,7 @@ def states(kind: str, seed: int = 4) -> np.ndarray:
 
 
 def row_matrix(whole: np.ndarray, comm: Any, local: int | None = None) -> RowMatrix:
-    """A symmetric matrix over the ranks: so many rows on this one, or equal numbers of points."""
+    """Distribute a symmetric matrix: ``local`` rows on this rank, or equal numbers of points."""
     if local is None:
         ends = 3 * np.linspace(0, len(whole) // 3, comm.size + 1).astype(int)
         local = int(np.diff(ends)[comm.rank])
@@ -89,14 +89,14 @@ def right_side(kind: str = "all", seed: int = 5) -> np.ndarray:
 
 
 class WholeCorrections:
-    """Corrections of several ranks that take and give vectors of all points.
+    """Corrections on several ranks, with vectors of all points as input and output.
 
     Args:
         split: S.
-        stuck: T0 of all points for the compiled corrections with W, None for those without.
+        stuck: T0 of all points for compiled corrections with W, or None without W.
         comm: Communicator.
-        krylov: Whether PETSc's GMRES makes the corrections.
-        rough: A rougher S for it.
+        krylov: Whether PETSc's GMRES solves for the corrections.
+        rough: A less accurate S for GMRES.
         rigid: Whether joints are rigid.
     """
 
@@ -122,14 +122,14 @@ class WholeCorrections:
         if krylov:
             self.of_rank = KrylovCorrections(given, rigid, comm)
         else:
-            known = None if stuck is None else self._own(stuck)
-            self.of_rank = CompiledCorrections(given, known, comm)
+            own_stuck = None if stuck is None else self._own(stuck)
+            self.of_rank = CompiledCorrections(given, own_stuck, comm)
 
     def _own(self, every: np.ndarray) -> np.ndarray:
         return own_part(self._comm, every, self._points)
 
     def solve(self, residual: np.ndarray, tangent: np.ndarray, tolerance: float) -> Correction:
-        right = self._own(residual.reshape(-1, 3)).ravel()
-        found = self.of_rank.solve(right, self._own(tangent), 0.0, tolerance, couples=True)
-        step, coupled = (all_of(self._comm, part) for part in (found.step, found.coupled))
-        return Correction(step, coupled, found.error)
+        own_residual = self._own(residual.reshape(-1, 3)).ravel()
+        own = self.of_rank.solve(own_residual, self._own(tangent), 0.0, tolerance, couples=True)
+        step, coupled = (all_of(self._comm, part) for part in (own.step, own.coupled))
+        return Correction(step, coupled, own.error)

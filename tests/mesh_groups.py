@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What a mesh file of Gmsh holds, by group, and the volume of a dam from its formulas."""
+"""Content of a Gmsh mesh file by group, and the volume of a dam from its formulas."""
 
 import gmsh
 import numpy as np
@@ -43,7 +43,7 @@ class Groups:
 
 
 def check_groups(groups):
-    """Check that outer facets are in one group each, and joint facets lie between two cells."""
+    """Check that each outer facet is in one group and each joint facet between two cells."""
     cells = np.concatenate(list(groups.cells.values()))
     faces = np.array(FACES[groups.dim, cells.shape[1]])
     faces = np.sort(cells[:, faces].reshape(-1, faces.shape[1]))

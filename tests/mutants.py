@@ -1,9 +1,9 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Small faults put into the package by cosmic-ray: a sample of them, and the tests that reach one.
+"""Sample of small faults that cosmic-ray puts into the package, and the tests that run each fault.
 
-`make mutants` runs it in a copy of the last commit; docs/decisions/mutants.md says what came of it.
-As a plugin of pytest it notes which tests run a line, and how long they take.
+`make mutants` runs this in a copy of the last commit; docs/decisions/mutants.md has the results.
+As a plugin of pytest this module records which tests run a line, and how long they take.
 """
 
 import ast
@@ -16,7 +16,7 @@ from pathlib import Path
 
 REACH = Path("build/reach.json")  # {"seconds": {test: s}, "lines": {file: {line: [tests]}}}
 ORIGINAL = Path("build/original")  # the package without a fault
-MOST = 40.0  # processor time that a mutant's tests may take, [s]
+MOST = 40.0  # largest processor time of a mutant's tests [s]
 SECONDS: dict[str, float] = {}
 
 
@@ -44,7 +44,7 @@ def pytest_sessionfinish():
 
 
 def sample(session: str, size: str, seed: str) -> None:
-    """Leave a sample of a session: places drawn with equal chances, at each one of its mutants."""
+    """Reduce a session to a random sample of places, with one mutant at each place."""
     from cosmic_ray.mutating import mutate_code
     from cosmic_ray.plugins import get_operator
     from cosmic_ray.work_db import use_db
@@ -62,7 +62,7 @@ def sample(session: str, size: str, seed: str) -> None:
             try:
                 mutated = mutate_code(source, get_operator(operator)(), occurrence)
                 compile(mutated, place[0], "exec")
-            except SyntaxError:  # no interpreter would take it
+            except SyntaxError:  # not valid Python
                 continue
             chosen.append(item)
             if len(chosen) == int(size):
@@ -72,7 +72,7 @@ def sample(session: str, size: str, seed: str) -> None:
 
 
 def changed() -> tuple[str, int]:
-    """File and line of the fault; the first law's where there is none."""
+    """Return file and line of the fault; without a fault, the first line of the friction law."""
     for path in Path("dolfinx_joints").rglob("*.py"):
         lines = (ORIGINAL / path).read_text(encoding="utf-8").splitlines()
         mutated = path.read_text(encoding="utf-8").splitlines()
@@ -83,7 +83,7 @@ def changed() -> tuple[str, int]:
 
 
 def reaching(file: str, line: int) -> list[str]:
-    """Tests that run the statement of a line, the quickest first; of all lines where none does."""
+    """Return the tests that run the statement of a line, quickest first; all tests if none does."""
     reach = json.loads(REACH.read_text(encoding="utf-8"))
     lines, seconds = reach["lines"].get(file, {}), reach["seconds"]
     source = (ORIGINAL / file).read_text(encoding="utf-8")
@@ -91,12 +91,13 @@ def reaching(file: str, line: int) -> list[str]:
     around = [n for n in statements if n.lineno <= line <= n.end_lineno] or statements[:1]
     inner = max(around, key=lambda node: node.lineno)
     near = {t for n in range(inner.lineno, inner.end_lineno + 1) for t in lines.get(str(n), ())}
-    found = near - {""} or {test for tests in lines.values() for test in tests} - {""}
-    if is_compiled(file):  # of which coverage sees nothing: all that call compiled code of the wing
-        beside = [reach["lines"][f] for f in reach["lines"] if Path(f).parent == Path(file).parent]
-        found = {test for each in beside for tests in each.values() for test in tests} - {""}
+    reached = near - {""} or {test for tests in lines.values() for test in tests} - {""}
+    # Coverage does not see compiled code: take all tests that run a module of the same folder.
+    if is_compiled(file):
+        folder = [reach["lines"][f] for f in reach["lines"] if Path(f).parent == Path(file).parent]
+        reached = {t for module in folder for tests in module.values() for t in tests} - {""}
     spent, tests = 0.0, []
-    for test in sorted(found, key=lambda test: seconds.get(test, float("inf"))):
+    for test in sorted(reached, key=lambda test: seconds.get(test, float("inf"))):
         spent += seconds.get(test, float("inf")) + 0.1
         if spent > MOST:
             break
@@ -105,12 +106,12 @@ def reaching(file: str, line: int) -> list[str]:
 
 
 def is_compiled(file: str) -> bool:
-    """Whether a module has functions that numba compiles."""
+    """Return True if a module has functions that numba compiles."""
     return "jit" in (ORIGINAL / file).read_text(encoding="utf-8")
 
 
 def test() -> int:
-    """Run the tests that reach the fault; loops that it is part of are compiled anew."""
+    """Run the tests that reach the fault. Compiled loops that contain it are compiled again."""
     tests = reaching(*changed())
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
     return subprocess.run(command, check=False).returncode if tests else 0

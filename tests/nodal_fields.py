@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Nodal vectors of functions of the place, and products of matrices with them."""
+"""Nodal vectors of functions of position, and products of matrices with them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def field(model, values):
 
 
 def along(axis, profile=lambda x: np.ones(len(x)), gdim=3):
-    """Displacements along an axis, of a size (n,) that may depend on the place."""
+    """Displacements along an axis, of a size (n,) that may depend on position."""
     return lambda x: profile(x)[:, None] * np.eye(gdim)[axis]
 
 

@@ -1,10 +1,10 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
 
-"""Check of the language: openings of docstrings, riddling phrases, vague names, long sentences.
+"""Check the language: openings of docstrings, unclear phrases, vague names, long sentences.
 
-``python3 tests/plain_english.py PATH ...`` prints each fault of Python files and pages, and
-``--pages`` the words and the mean and longest sentence of each page.
+``python3 tests/plain_english.py PATH ...`` prints the faults of Python files and pages. With
+``--pages`` it prints, for each page, the number of words and of words per sentence: mean, longest.
 """
 
 from __future__ import annotations
@@ -18,15 +18,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 LONGEST_SENTENCE = 35  # words
+FSTRING_PART = getattr(tokenize, "FSTRING_MIDDLE", -1)  # since Python 3.12
 
-# Words that a function's docstring must not begin with: it begins with a verb.
+# A function's docstring begins with a verb, and not with one of these words.
 OPENINGS = (
     "What Whether Those That Which Who How Of Its Their The A An All Any As At By For From If In "
     "No None Not On One Only Other Same Such This These To Two Under When Where With Without "
     "True False Each Every Both Another Again Also Then There It"
 )
 VAGUE_NAMES = "found each known here what told asked rest more right left taken caused"
-# Phrases that readers stumbled over, with the plain words.
+# Phrases that readers had to read twice, and the plain words for them.
 PHRASES = {
     r"\b(?:are|is|be|were|was|been) (?:told|asked|said|heard)\b": "given, reported, evaluated",
     r"\b(?:tells|told|heard)\b": "gives, reports, states",
@@ -69,7 +70,6 @@ PHRASES = {
     r"\bnothing holds\b": "unsupported",
     r"\b(?:hold|holds) (?:it|that|these|those)\b": "constrains, contains",
 }
-TEXTS = (tokenize.STRING, getattr(tokenize, "FSTRING_MIDDLE", tokenize.STRING))
 PATTERN = re.compile("|".join(f"(?P<p{i}>{p})" for i, p in enumerate(PHRASES)), re.IGNORECASE)
 PLAIN = list(PHRASES.values())
 
@@ -77,7 +77,7 @@ Fault = tuple[int, str]
 
 
 def phrases(text: str, line: int) -> Iterator[Fault]:
-    """Yield the riddling phrases of a text that begins at ``line``, with what to write."""
+    """Yield the unclear phrases of a text that begins at ``line``, with the plain words."""
     for match in PATTERN.finditer(re.sub(r"`[^`\n]*`", lambda m: "x" * len(m[0]), text)):
         plain = PLAIN[int(match.lastgroup[1:])]
         yield line + text.count("\n", 0, match.start()), f"phrase {match[0]!r}: {plain}"
@@ -94,7 +94,7 @@ def _is_property(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
 
 
 def openings(tree: ast.AST) -> Iterator[Fault]:
-    """Yield docstrings of functions that begin with one of ``OPENINGS``."""
+    """Yield the functions whose docstring begins with one of ``OPENINGS``."""
     for node in _functions(tree):
         text = ast.get_docstring(node)
         if text and not _is_property(node) and text.split()[0].strip(",.:;") in OPENINGS.split():
@@ -117,7 +117,7 @@ def vague_names(tree: ast.AST) -> Iterator[Fault]:
 
 
 def _texts(source: str) -> Iterator[tuple[int, str]]:
-    """Yield comments, joined over consecutive lines, and strings, with their first lines."""
+    """Yield the first line and the text of each string and of each block of comment lines."""
     comment: list[str] = []
     start = 0
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
@@ -128,14 +128,18 @@ def _texts(source: str) -> Iterator[tuple[int, str]]:
             if comment:
                 yield start, "\n".join(comment)
             comment, start = [token.string], token.start[0]
-        elif token.type in TEXTS and " " in token.string:  # others are values, not texts
+        # A string without a space is a value, not a text.
+        elif " " in token.string and token.type in (tokenize.STRING, FSTRING_PART):
             yield token.start[0], token.string
     if comment:
         yield start, "\n".join(comment)
 
 
 def paragraphs(page: str) -> Iterator[tuple[int, str]]:
-    """Yield the paragraphs and list items of a page in Markdown, without code and tables."""
+    """Yield the first line and the text of each paragraph and list item of a Markdown page.
+
+    Code, tables and headings are left out.
+    """
     page = re.sub(r"\A---\n.*?\n---\n", lambda m: "\n" * m[0].count("\n"), page, flags=re.DOTALL)
     blanked = re.sub(
         r"^ *(```|~~~).*?^ *\1 *$|\$\$.*?\$\$|<!--.*?-->",
@@ -158,7 +162,7 @@ def paragraphs(page: str) -> Iterator[tuple[int, str]]:
 
 
 def sentences(text: str) -> list[str]:
-    """Return the sentences of a paragraph; code, formulas and links count as one word."""
+    """Return the sentences of a paragraph; code and formulas become one word."""
     text = re.sub(r"`+[^`]*`+|\$[^$]*\$", "Code", text)
     text = re.sub(r"!?\[([^\]]*)\](?:\([^)]*\)|\[[^\]]*\])?", r"\1", text)
     text = re.sub(r"\b(e\.g|i\.e|cf|eq|eqs|Fig|No|vs|approx)\.", r"\1", text)

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Points of parallel plates, a smooth kernel between them, and its compressed matrix."""
+"""Points on parallel plates, a smooth kernel between the points, and its compressed matrix."""
 
 from mpi4py import MPI
 
@@ -22,7 +22,7 @@ def plates(across: int = 14, joints: int = 3) -> tuple[np.ndarray, np.ndarray]:
 
 
 def kernel(points: np.ndarray, joint: np.ndarray, *, symmetric: bool = True) -> np.ndarray:
-    """Smooth, positive definite, zero between joints that share no body."""
+    """Smooth positive definite matrix, zero between joints without a common body."""
     distance = np.linalg.norm(points[:, None] - points[None], axis=2)
     near = np.abs(joint[:, None] - joint[None]) <= 1
     own = np.array([[2.0, 0.3, 0.1], [0.3, 1.0, 0.2], [0.1, 0.2, 1.5]])

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What people read, as numbers in SI, by the unit in a label whatever its words are."""
+"""Numbers in figures and reports, converted to SI by the unit in their labels."""
 
 from __future__ import annotations
 
@@ -42,18 +42,18 @@ UNITS = {
 
 
 def si(label: str, values: Any) -> np.ndarray:
-    """Values in SI of an axis, a column or a row whose label has a unit in brackets."""
+    """Convert values of an axis, column or row to SI by the unit in brackets in its label."""
     return UNITS[re.findall(r"\[(.*?)\]", label)[-1]] * np.asarray(values, dtype=float)
 
 
 def lines(ax: Any) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Abscissas and ordinates of the lines of matplotlib's axes, in SI, in the order drawn."""
+    """Return x and y of the lines of matplotlib's axes, in SI, in the order drawn."""
     x, y = ax.get_xlabel(), ax.get_ylabel()
     return [(si(x, line.get_xdata()), si(y, line.get_ydata())) for line in ax.get_lines()]
 
 
 def low_passed(values: np.ndarray, dt: float, band: float) -> np.ndarray:
-    """A signal, mirrored at its first and last value, 1 / (1 + (f / band)^8) of it at f."""
+    """Filter a signal by 1 / (1 + (f / band)^8), mirrored at its first and last value."""
     mirrored = np.concatenate([values, values[-2:0:-1]])
     frequency = np.fft.rfftfreq(len(mirrored), dt)
     spectrum = np.fft.rfft(mirrored) / (1.0 + (frequency / band) ** 8)
@@ -61,7 +61,10 @@ def low_passed(values: np.ndarray, dt: float, band: float) -> np.ndarray:
 
 
 def equal_means(time: np.ndarray, means: np.ndarray) -> tuple[float, np.ndarray]:
-    """Means over as many equal steps as the shortest one gives, of those over steps up to times."""
+    """Convert means over steps that end at ``time`` to means over equal steps.
+
+    The number of equal steps is the duration divided by the shortest step.
+    """
     count = round(np.ptp(time) / np.diff(time).min())
     equal = np.linspace(time[0], time[-1], count + 1)
     shares = np.clip(equal[1:, None], time[:-1], time[1:]) - np.clip(
@@ -72,13 +75,13 @@ def equal_means(time: np.ndarray, means: np.ndarray) -> tuple[float, np.ndarray]
 
 
 def number(cell: str) -> float:
-    """The number that a cell of a report begins with; NaN of a dash."""
+    """Return the number at the start of a report's cell; NaN for a dash."""
     first = cell.replace("\N{NARROW NO-BREAK SPACE}", "").replace("\N{MINUS SIGN}", "-").split()[0]
     return np.nan if first == "–" else float(first)
 
 
 class Tables(HTMLParser):
-    """Tables of a page, each a list of rows of texts, the first its head."""
+    """Tables of a page, each a list of rows of texts; the first row is the head."""
 
     def __init__(self, html: str = "") -> None:
         super().__init__()
@@ -103,14 +106,17 @@ class Tables(HTMLParser):
             self.tables[-1][-1][-1] += data
 
     def having(self, *words: str) -> Tables:
-        """The tables in whose heads all the words stand."""
+        """Return the tables whose heads contain all the words."""
         chosen = Tables()
         heads = ((table, " ".join(table[0])) for table in self.tables)
         chosen.tables = [table for table, head in heads if all(word in head for word in words)]
         return chosen
 
     def under(self, name: str) -> Tables:
-        """The tables with those rows alone that follow a row of one cell, to the next such row."""
+        """Return the tables, reduced to the rows below the one-cell row ``name``.
+
+        The rows end at the next row of one cell.
+        """
         chosen = Tables()
         for top, *body in self.tables:
             titles = [*(i for i, line in enumerate(body) if len(line) == 1), len(body)]
@@ -120,32 +126,32 @@ class Tables(HTMLParser):
         return chosen
 
     def value(self, row: str, *words: str) -> float:
-        """The number, in SI, in a row of a name and the one column whose head has all the words.
+        """Return the number in SI of a row, in the one column whose head has all the words.
 
-        Where a column has no unit, the row's name or the head of the names may have one.
+        The unit is in the column's head, in the row's name, or in the head of the first column.
         """
-        found = [
+        matches = [
             (next((t for t in (head, line[0], top[0]) if "[" in t), "[-]"), line[column])
             for top, *body in self.tables
             for column, head in enumerate(top[1:], 1)
             for line in body
             if line[0] == row and len(line) == len(top) and all(word in head for word in words)
         ]
-        assert len(found) == 1, (row, words, found)
-        ((label, cell),) = found
+        assert len(matches) == 1, (row, words, matches)
+        ((label, cell),) = matches
         return float(si(label, number(cell)))
 
 
 def curves(html: str, plot: str) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
-    """Abscissas and ordinates, in SI, that a page draws, by name and panel, from 0 at the top."""
+    """Return x and y in SI of a page's curves, by name and panel, numbered from 0 at the top."""
     text = re.search(r'<script type="application/json" id="data">(.*?)</script>', html)
     assert text is not None
     spec = json.loads(text[1])["plots"][plot]
-    found = {}
+    xy = {}
     for trace in spec["data"]:
         panel = trace["yaxis"].removeprefix("y")
         titles = (spec["layout"][a]["title"]["text"] for a in ("xaxis", f"yaxis{panel}"))
         arrays = (np.frombuffer(base64.b64decode(trace[k]["f4"]), dtype="<f4") for k in "xy")
         titled = ((t if "[" in t else f"{t} [-]", a) for t, a in zip(titles, arrays, strict=True))
-        found[trace["name"], int(panel or 1) - 1] = tuple(si(t, a) for t, a in titled)
-    return found
+        xy[trace["name"], int(panel or 1) - 1] = tuple(si(t, a) for t, a in titled)
+    return xy

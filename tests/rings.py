@@ -9,7 +9,7 @@ from dolfinx_joints.mesh.cells import CellShape
 INSIDE, JOINT, OUTSIDE = 1.0, 2.0, 3.0  # radii [m]
 HEIGHT = 0.5  # in 3-D, along z [m]
 
-# Simplices that fill a box alike along its diagonals, by the corners of the box.
+# Simplices of a box, by its corners; all boxes are divided along the same diagonals.
 _SIMPLICES = {
     "triangle": [[0, 1, 3], [0, 2, 3]],
     "tetrahedron": [
@@ -19,7 +19,7 @@ _SIMPLICES = {
 
 
 def quarter_ring(cell, boxes, degree=2):
-    """Arguments of `mesh_from_arrays`: that many boxes across the wall, and as many around it.
+    """Return arguments of `mesh_from_arrays`, with ``boxes`` boxes across and around the wall.
 
     Facet groups are ``joint``, ``inside``, ``outside``, ``flat`` (y = 0), ``upright`` (x = 0), in
     3-D ``bottom`` and ``top``; the cells inside of the joint are the group ``core``.
@@ -54,7 +54,7 @@ def quarter_ring(cell, boxes, degree=2):
 
 
 def nodes_of_boxes(shape):
-    """Whole coordinates of the nodes of the cells in a box that is ``degree`` wide."""
+    """Return integer coordinates of the nodes of the cells in a box of width ``degree``."""
     dim, points = shape.dim, shape.element().points
     corners = np.array([[(c >> k) & 1 for k in range(dim)] for c in range(2**dim)])
     if shape.name in _SIMPLICES:

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A jointed wall that is shaken, the guide's reservoir before it, a monitor that stops its run."""
+"""A shaken jointed wall, the guide's reservoir in front of it, a monitor that stops its run."""
 
 import re
 from dataclasses import replace
@@ -29,7 +29,7 @@ STEPS, DT = 12, 4e-3
 
 
 class Killed(BaseException):
-    """In the place of a signal: nobody handles it."""
+    """Replacement of a kill signal; no code handles it."""
 
 
 class Killer(Monitor):
@@ -44,12 +44,12 @@ class Killer(Monitor):
 
 
 def shaking(time):
-    """A ground acceleration strong enough to open the joints, [m/s^2]."""
+    """Ground acceleration strong enough to open the joints, [m/s^2]."""
     return 12.0 * np.sin(2 * np.pi * np.array([2.3, 2.9, 3.1]) * time + [0.0, 0.7, 1.9])
 
 
 def swaying(time):
-    """A third as strong and faster: joints open and slide here and there, [m/s^2]."""
+    """Weaker and faster ground acceleration: some joint points open and slide, [m/s^2]."""
     return 4.0 * np.array([np.sin(40.0 * time), np.sin(25.0 * time), 0.5 * np.sin(55.0 * time)])
 
 
@@ -59,17 +59,17 @@ def wall(jointed, joints=LAW, **changes):
 
 
 def valley():
-    """The water above a bed of its own that the guide makes, before the wall's face y_min."""
+    """Return the reservoir of the guide with a meshed bed, in front of the wall's face y_min."""
     guide = Path(__file__).parents[1] / "docs/guide/water.md"
     blocks = re.findall("```python\n(.*?)```", guide.read_text("utf-8"), re.S)
-    (block,) = (each for each in blocks if "bed =" in each)
+    (block,) = (text for text in blocks if "bed =" in text)
     names = {"dj": dj, "np": np, "MPI": MPI}
     exec(block, names)
     return replace(names["valley"], group="y_min")
 
 
 class JointPath(Monitor):
-    """Gaps, tractions and friction work of all points, and the counts of points, of each step."""
+    """Monitor that collects gaps, tractions, friction work and numbers of points at each step."""
 
     def __init__(self):
         self.gaps, self.tractions, self.works, self.counts = [], [], [], []
@@ -86,12 +86,12 @@ class JointPath(Monitor):
 
 
 def far(one, two):
-    """Largest difference over a path, relative to the largest value."""
+    """Return the largest difference of two paths, relative to the largest value."""
     return float(np.abs(np.array(one) - two).max() / np.abs(two).max())
 
 
 def march(model, steps=20, solver="auto", scheme=None, **options):
-    """Self weight and some steps to rounding: the path, the static stage and the outcome."""
+    """Run self weight and some steps; return the path, the static stage and the outcome."""
     path, newton = JointPath(), dj.SolverOptions(**{"relative_tolerance": 1e-12, **options})
     simulation = dj.Simulation(model, options=newton, solver=solver, monitors=[path])
     static = simulation.statics()

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Tangents against differences of the tractions."""
+"""Tangents compared with finite differences of the tractions."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ import numpy as np
 
 
 def central_differences(traction, gap, step):
-    """Derivatives of tractions (n, 3) by gaps (n, 3) or ways added to them, shape (n, 3, 3)."""
+    """Return derivatives of tractions (n, 3) with respect to gaps (n, 3), shape (n, 3, 3)."""
     moves = step * np.eye(3)
     columns = [(traction(gap + e) - traction(gap - e)) / (2 * step) for e in moves]
     return np.stack(columns, axis=2)
 
 
 def largest_error(evaluate, gap, steps, *, over=2):
-    """Largest error of the tangent relative to its largest entry, by default of each row.
+    """Return the largest error of the tangent, relative to its largest entry.
 
-    Second-order differences: central where both neighbours are on the same piece, one-sided where
-    one is. Points that Newton's method does not find are NaN and not compared.
+    Differences are of second order: central if both neighbours are on the same piece of the law,
+    one-sided if only one is. Points where Newton's method fails are NaN and not compared.
 
     Args:
-        evaluate: Traction, tangent and piece at gaps.
-        gap: Where, shape (n, 3), [m].
+        evaluate: Function that returns traction, tangent and piece at gaps.
+        gap: Gaps of the points, shape (n, 3), [m].
         steps: Step of each point, shape (n,), [m].
-        over: Axes of the tangent over which the largest entry is taken.
+        over: Axes of the tangent over which the largest entry is taken, by default each row.
 
     Returns:
         The error, and the share of the points that could be compared.

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What a file for ParaView holds, read by VTK, as ParaView does."""
+"""Content of a file for ParaView, read by VTK, as in ParaView."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +11,7 @@ import pytest
 
 
 def read_vtk(path: Path) -> list[tuple[float, Any]]:
-    """Times [s] and the grid of each, as PyVista wraps it."""
+    """Return the times [s] and the grid at each time, as an object of PyVista."""
     pyvista = pytest.importorskip("pyvista")
     from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline as Pipeline
     from vtkmodules.vtkIOHDF import vtkHDFReader
@@ -20,20 +20,20 @@ def read_vtk(path: Path) -> list[tuple[float, Any]]:
     reader.SetFileName(str(path))
     reader.UpdateInformation()
     times = reader.GetOutputInformation(0).Get(Pipeline.TIME_STEPS())
-    if times is None:  # VTK's way to say that there is one time only
+    if times is None:  # None for a file with a single time
         reader.Update()
         with h5py.File(path) as file:
             times = tuple(file["VTKHDF/Steps/Values"][:])
     assert reader.GetNumberOfSteps() == len(times)
-    found = []
+    grids = []
     for time in times:
         reader.UpdateTimeStep(time)
-        found.append((time, pyvista.wrap(reader.GetOutput()).copy()))
-    return found
+        grids.append((time, pyvista.wrap(reader.GetOutput()).copy()))
+    return grids
 
 
 def on_root(comm: Any, look: Callable[[], None]) -> None:
-    """Look at files on rank 0; every rank fails alike."""
+    """Check files on rank 0; if the check fails, every rank fails with the same message."""
     failure = None
     if comm.rank == 0:
         try:

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Joint vectors of all ranks, taken and given as a whole to be compared with dense ones."""
+"""Joint vectors gathered from all ranks, for comparison with dense matrices."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ if TYPE_CHECKING:
 
 
 def own_part(comm: Any, every: np.ndarray, count: int) -> np.ndarray:
-    """The ``count`` rows of this rank of an array in the order of the ranks (collective)."""
+    """Return this rank's ``count`` rows of an array in the order of the ranks (collective)."""
     stop = comm.scan(count)
     return every[stop - count : stop]
 
 
 def all_of(comm: Any, part: np.ndarray) -> np.ndarray:
-    """Parts of all ranks, one after the other, on each of them (collective)."""
+    """Concatenate the parts of all ranks on each rank (collective)."""
     return np.concatenate(comm.allgather(part))
 
 
 def as_read(state_dict: dict[str, Any]) -> dict[str, Any]:
-    """What a checkpoint of a ``state_dict`` gives back on the same ranks."""
-    return {k: each.mine if isinstance(each, Dealt) else each for k, each in state_dict.items()}
+    """Return a ``state_dict`` as a checkpoint restores it on the same number of ranks."""
+    return {k: v.mine if isinstance(v, Dealt) else v for k, v in state_dict.items()}
 
 
 def whole_layout(comm: Any, layout: JointPoints) -> JointPoints:
-    """Facets and points of all ranks, on each of them (collective)."""
+    """Gather facets and points of all ranks on each rank (collective)."""
     order = np.argsort(all_of(comm, layout.facet))
     of_facets = {
         name: all_of(comm, getattr(layout, name))[order] for name in ("facet", "number", "share")
@@ -42,15 +42,15 @@ def whole_layout(comm: Any, layout: JointPoints) -> JointPoints:
     return replace(layout, **of_facets, **of_points)
 
 
-def relative_difference(found: Any, expected: Any) -> float:
+def relative_difference(computed: Any, expected: Any) -> float:
     """Norm of the difference of two PETSc vectors, relative to the second one (collective)."""
-    change = found.copy()
+    change = computed.copy()
     change.axpy(-1.0, expected)
     return change.norm() / expected.norm()
 
 
 class Whole:
-    """S of all ranks, by products with vectors of all unknowns."""
+    """S of all ranks, through products with vectors of all unknowns."""
 
     def __init__(self, split: Any, comm: Any) -> None:
         self._split, self._comm = split, comm

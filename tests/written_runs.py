@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Results files of runs that were never made, with known motions, gaps and stresses."""
+"""Artificial results files with known motions, gaps and stresses."""
 
 from pathlib import Path
 from typing import Any
@@ -56,10 +56,10 @@ def write_run(
 ) -> Path:
     """Write a run whose point mid-crest moves in sines of 5.22, 5.0 and 5.22 Hz.
 
-    The joint opens by 3 mm at its two upper points at the end. With ``waves`` everything moves with
-    the free surface as well, by ``SURFACE_ACCELERATION`` along x from rest, and waves bring 69 GJ
-    of which all but the kinetic energy leaves. Friction takes 1 kJ/s in the joint, where the time
-    scheme loses ``lost`` [J/s].
+    At the end the joint is open by 3 mm at its two upper points. With ``waves`` everything also
+    moves with the free surface, by ``SURFACE_ACCELERATION`` along x from rest. Waves bring 69 GJ/s,
+    and all of it except the kinetic energy leaves. Friction in the joint dissipates 1 kJ/s, the
+    time scheme loses ``lost`` [J/s] there.
     """
     rows = round(seconds / STEP) + 1
     metadata = {"point_names": ["mid-crest"], "run": name, "dofs": 48, "steps": rows - 1}
@@ -110,7 +110,7 @@ def write_run(
 
 
 def paper_pair(folder: Path, *, seconds: float = 11.0, **facts: Any) -> list[Path]:
-    """A linear and a jointed run that say they are the paper's case."""
+    """Write a linear and a jointed run with the metadata of the paper's case."""
     folder.mkdir(exist_ok=True)
     case = {"case": "ambiesta", "record": "TMZ", "size": 8.0, "active_height": 0.75, **facts}
     return [
@@ -120,7 +120,7 @@ def paper_pair(folder: Path, *, seconds: float = 11.0, **facts: Any) -> list[Pat
 
 
 def write_tip(path: Path, rows: int, *, plane: bool = False, **facts: Any) -> Path:
-    """Write a failed run of one point, with accelerations, of a plane model or one in space."""
+    """Write a failed run of one point, with accelerations, of a 2-D or 3-D model."""
     surface = [[0, 1], [1, 2], [2, 0]] if plane else [[0, 1, 2]]
     nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     with ResultsWriter(path, {"point_names": ["tip"], **facts}) as writer:
@@ -136,15 +136,15 @@ def write_tip(path: Path, rows: int, *, plane: bool = False, **facts: Any) -> Pa
     return path
 
 
-def write_envelopes(path: Path, known: dict[str, Any], **facts: Any) -> Path:
-    """Write a run of one state and envelopes of stresses, NaN where no value is known."""
+def write_envelopes(path: Path, stresses: dict[str, Any], **facts: Any) -> Path:
+    """Write a run of one state and envelopes of stresses, NaN if no value is given."""
     missing = np.full((len(NODES), 3), np.nan)
     with ResultsWriter(path, {"point_names": [], **facts}) as writer:
         declare_states(writer, NODES, SURFACE, {})
         declare_envelopes(writer, np.arange(len(NODES)), missing, missing)
         writer.start()
         writer.append("states", 0.0, {"displacement": np.zeros(NODES.shape)})
-        writer.append("envelopes", 0.0, dict.fromkeys(ENVELOPE_NAMES, missing[:, 0]) | known)
+        writer.append("envelopes", 0.0, dict.fromkeys(ENVELOPE_NAMES, missing[:, 0]) | stresses)
         writer.finish("complete", {})
     return path
 
@@ -152,11 +152,12 @@ def write_envelopes(path: Path, known: dict[str, Any], **facts: Any) -> Path:
 def write_stages(
     path: Path, manifest: dict[str, Any] | None = None, *, open_from: float = 1.0
 ) -> Path:
-    """A file of two static stages: the joint, 4 m^2 in the plane y = 0, pressed, then half open.
+    """Write two static stages: the joint, 4 m^2 in the plane y = 0, is closed, then half open.
 
-    At first all four points of 1 m^2 bear 2 MPa and 0.5 MPa along x, then the lower two do and the
-    upper two are open by 3 mm and hold water of 0.1 MPa. The cube on the + side moves by 1 mm along
-    the normal in each stage. ``open_from`` is the height that the joint is open above [m].
+    In the first stage all four points of 1 m^2 carry a pressure of 2 MPa and a shear of 0.5 MPa
+    along x. In the second only the lower two do; the upper two are open by 3 mm and have a water
+    pressure of 0.1 MPa. In each stage the cube on the + side moves by 1 mm along the normal. The
+    joint opens above the height ``open_from`` [m].
     """
     law = {"kind": "Friction", "friction_angle_deg": 45.0, "cohesion": 0.0}
     facts = {"point_names": ["crest"], "laws": {"joint_1": law}, "manifest": manifest or {}}
@@ -188,7 +189,7 @@ def write_stages(
 
 
 def write_distinct(path: Path, seed: int = 1) -> Path:
-    """A run of two points and two joints in which no two numbers, steps or records are alike.
+    """Write a run of two points and two joints in which all numbers, steps and records differ.
 
     Sizes are those of a dam. Half of the points with a positive gap transmit nothing.
     """
@@ -226,7 +227,7 @@ def write_distinct(path: Path, seed: int = 1) -> Path:
                     traction = 1e6 * random.standard_normal((4, 3)) - [2e6, 0.0, 0.0]
                     traction[(gap[:, 0] > 0.0) & (random.random(4) < 0.5)] = 0.0
                     values = {"gap": gap, "traction": traction, "status": random.integers(0, 3, 4)}
-                    state |= {f"joints/{name}/{what}": value for what, value in values.items()}
+                    state |= {f"joints/{name}/{field}": value for field, value in values.items()}
                 state["joints/joint_2/broken"] = [0, 1, 0, step > 30]
                 writer.append("states", t, state)
         stresses = {name: 1e6 * random.standard_normal(len(nodes)) for name in ENVELOPE_NAMES}

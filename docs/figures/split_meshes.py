@@ -28,7 +28,7 @@ from dolfinx_joints.mesh.cells import CellShape, Floats, Ints
 from dolfinx_joints.mesh.splitting import SplitMesh, split_cells
 
 OUT = Path(__file__).resolve().parents[1] / "images" / "split_meshes.png"
-OPENING = 0.2  # how far a duplicated node is moved towards the middle of its own cells
+OPENING = 0.2  # distance by which a duplicated node moves towards the middle of its cells
 BODY, CUT, MINUS, PLUS = "#dfe3e8", "#f6f1e4", "#e8853a", "#3b78b5"
 COPIES = {1: "white", 2: "#222222", 3: "#d81b8c", 4: "#34b35a"}
 LABELS = {1: "front: node stays single", 2: "node made two", 3: "three (T)", 4: "four (X)"}
@@ -38,16 +38,16 @@ Surface = Callable[[Floats], Floats]
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """One picture: a grid, its joints, and in 3-D what is left out to see inside.
+    """One picture: a grid, its joints, and in 3-D the cells that are hidden to show the inside.
 
     Attributes:
-        title: What is shown.
+        title: Title of the picture.
         shape: Cells of the grid, ``triangle``, ``quadrilateral``, ``tetrahedron``, ``hexahedron``.
         divisions: Cells along each axis; the grid is centred on the origin, cells have size 1.
-        joints: For each joint its surfaces, functions that are true at the vertices (n, gdim) on
-            them.
-        round: Whether squares about the axis become circles.
-        hidden: True where the cells with these centres (n, 3) are not drawn.
+        joints: Surfaces of each joint: functions that are true for vertices (n, gdim) on the
+            surface.
+        round: Whether squares about the origin become circles.
+        hidden: Function that is true for cells, given by their centres (n, 3), that are not drawn.
         view: Elevation and azimuth [degrees].
     """
 
@@ -61,7 +61,7 @@ class Panel:
 
 
 def plane(axis: int, value: float, *limits: tuple[int, float, float]) -> Surface:
-    """The plane where a coordinate has a value, within limits (axis, lowest, highest)."""
+    """Return the plane of one value of a coordinate, within limits (axis, lowest, highest)."""
 
     def on(x: Floats) -> Floats:
         inside = np.abs(x[:, axis] - value) < 1e-9
@@ -73,7 +73,7 @@ def plane(axis: int, value: float, *limits: tuple[int, float, float]) -> Surface
 
 
 def ring(radius: float) -> list[Surface]:
-    """The four sides of a square about the origin, which `Panel.round` makes a circle."""
+    """Return the four sides of a square about the origin, which `Panel.round` makes a circle."""
     return [
         plane(axis, side * radius, (1 - axis, -radius, radius))
         for axis in range(2)
@@ -82,13 +82,13 @@ def ring(radius: float) -> list[Surface]:
 
 
 def perimeter(up: int) -> list[Surface]:
-    """A U: bottom at -1 along the axis ``up``, arms at -2 and 2 along the first axis."""
+    """Return a U with its bottom at -1 along the axis ``up`` and its arms at x = -2 and 2."""
     arms = [plane(0, side, (up, -1, 9)) for side in (-2, 2)]
     return [plane(up, -1, (0, -2, 2)), *arms]
 
 
 def ribs(up: int) -> list[list[Surface]]:
-    """Three joints that end on the bottom of the U."""
+    """Return three joints that end on the bottom of the U."""
     return [[plane(0, place, (up, -1, 9))] for place in (-1, 0, 1)]
 
 
@@ -161,7 +161,7 @@ PANELS = [
 
 
 def grid(shape: CellShape, divisions: tuple[int, ...]) -> tuple[Ints, Floats]:
-    """Cells and vertices of a grid about the origin; simplices cut each unit cell (Kuhn)."""
+    """Return cells and vertices of a grid about the origin; Kuhn's simplices cut each unit cell."""
     dim = shape.dim
     if shape.name in ("quadrilateral", "hexahedron"):
         corners = [[c[::-1] for c in itertools.product((0, 1), repeat=dim)]]
@@ -176,14 +176,14 @@ def grid(shape: CellShape, divisions: tuple[int, ...]) -> tuple[Ints, Floats]:
 
 
 def interior_facets(shape: CellShape, cells: Ints) -> Ints:
-    """Vertices of the facets between two cells, shape (n, vertices per facet)."""
+    """Return the vertices of interior facets, shape (n, vertices per facet)."""
     facets = np.sort(cells[:, shape.facet_vertices], axis=2)
     facets, count = np.unique(facets.reshape(-1, facets.shape[2]), axis=0, return_counts=True)
     return facets[count == 2]
 
 
 def rounded(x: Floats) -> Floats:
-    """Squares about the first two axes made circles."""
+    """Turn squares about the origin of the first two axes into circles."""
     longest, length = np.abs(x[:, :2]).max(axis=1), np.linalg.norm(x[:, :2], axis=1)
     y = x.copy()
     y[:, :2] *= (longest / np.where(length > 0, length, 1.0))[:, None]
@@ -191,7 +191,7 @@ def rounded(x: Floats) -> Floats:
 
 
 def pulled_apart(split: SplitMesh, x: Floats) -> tuple[Floats, Ints]:
-    """Coordinates with each duplicated node moved into its own cells; copies of each node."""
+    """Move duplicated nodes into their cells; return coordinates and number of copies of nodes."""
     x = x[split.parent]
     copies = np.bincount(split.parent)[split.parent]
     middle = x[split.cells].mean(axis=1)
@@ -200,15 +200,15 @@ def pulled_apart(split: SplitMesh, x: Floats) -> tuple[Floats, Ints]:
     own = np.column_stack(
         [np.bincount(split.cells.ravel(), np.repeat(m, size)) / number for m in middle.T]
     )
-    way = own - x
+    shift = own - x
     split_up = copies > 1
-    way[~split_up] = 0.0
-    way[split_up] *= OPENING / np.linalg.norm(way[split_up], axis=1, keepdims=True)
-    return x + way, copies
+    shift[~split_up] = 0.0
+    shift[split_up] *= OPENING / np.linalg.norm(shift[split_up], axis=1, keepdims=True)
+    return x + shift, copies
 
 
 def outer_faces(shape: CellShape, split: SplitMesh, shown: Ints) -> tuple[Ints, list[str]]:
-    """Faces of the cells that are shown, in cyclic order, and their colours."""
+    """Return the outer faces of the shown cells, in cyclic vertex order, and their colours."""
     slots = np.array(list(itertools.product(shown, range(len(shape.facet_vertices)))))
     faces = split.cells[slots[:, :1], shape.facet_vertices[slots[:, 1]]]
     every = np.sort(split.cells[:, shape.facet_vertices], axis=2).reshape(-1, faces.shape[1])
@@ -252,7 +252,7 @@ def draw(axes: Axes, panel: Panel) -> None:
 
 
 def draw_plane(axes: Axes, shape: CellShape, split: SplitMesh, x: Floats, copies: Ints) -> None:
-    """Cells, the two sides of the joints, and the nodes on them."""
+    """Draw cells, the two sides of the joints, and the nodes on the joints."""
     cycle = [0, 1, 3, 2] if shape.name == "quadrilateral" else [0, 1, 2]
     axes.add_collection(
         PolyCollection(x[split.cells][:, cycle], facecolor=BODY, edgecolor="#8a929b", lw=0.5)
@@ -270,7 +270,7 @@ def draw_plane(axes: Axes, shape: CellShape, split: SplitMesh, x: Floats, copies
 
 
 def draw_solid(axes: Axes, shape: CellShape, split: SplitMesh, x: Floats, panel: Panel) -> None:
-    """Faces of the cells that are shown."""
+    """Draw the faces of the shown cells."""
     middle = x[split.cells].mean(axis=1)
     hidden = np.zeros(len(middle), dtype=bool) if panel.hidden is None else panel.hidden(middle)
     faces, colours = outer_faces(shape, split, np.flatnonzero(~hidden))

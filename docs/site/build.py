@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Build the documentation site: ``make docs``.
 
-Any warning is a failure: a link that leads nowhere, a name that does not exist, a docstring that
-is not well formed. So is a page that would ask the net for a script, a style or a picture.
+Any warning of Sphinx fails the build: a link without a target, an unknown name, a malformed
+docstring. A page that would load a script, a style or a picture from the network fails it, too.
 """
 
 from __future__ import annotations
@@ -20,14 +20,16 @@ from sphinx.cmd.build import main as sphinx
 
 HERE = Path(__file__).resolve().parent
 REMOTE = re.compile(r"<(?:script|img|link|iframe)\b[^>]*\b(?:src|href)=\"(?:https?:)?//[^>]*>")
-# What a page needs of MathJax, a tenth of what comes with it.
+# The files of MathJax that pages need, a tenth of the package.
 MATHJAX = ("tex-chtml-full.js", "output/chtml/fonts/woff-v2")
 
 
 def main() -> int:
-    """Build the site; 0, or 1 where something is wrong."""
+    """Build the site and return 0, or 1 if anything is wrong."""
     parser = argparse.ArgumentParser(description="Build the documentation site.")
-    parser.add_argument("--runs", type=Path, required=True, help="what the demos printed and drew")
+    parser.add_argument(
+        "--runs", type=Path, required=True, help="folder of the output and figures of the demos"
+    )
     parser.add_argument("--out", type=Path, required=True, help="folder of the site")
     options = parser.parse_args()
     sources = options.out.with_name(options.out.name + "-sources")
@@ -54,15 +56,15 @@ def copy_mathjax(target: Path) -> None:
 
 
 def report_remote(site: Path) -> int:
-    """Name what pages would ask the net for; 1 if there is any."""
-    found = [
+    """Print what pages would load from the network; return 1 if there is anything, otherwise 0."""
+    remote = [
         (page, tag) for page in site.rglob("*.html") for tag in REMOTE.findall(page.read_text())
     ]
-    for page, tag in found:
-        print(f"{page} asks the net: {tag}", file=sys.stderr)
-    if not found:
+    for page, tag in remote:
+        print(f"{page} loads from the network: {tag}", file=sys.stderr)
+    if not remote:
         print(f"{site / 'index.html'}")
-    return int(bool(found))
+    return int(bool(remote))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Sphinx's settings for the documentation site; ``build.py`` gathers its pages."""
+"""Settings of Sphinx for the documentation site; ``build.py`` collects the pages."""
 
 import re
 from typing import Any
@@ -28,7 +28,7 @@ default_role = "py:obj"
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
-mathjax_path = "mathjax/tex-chtml-full.js"  # a copy in the site: a page asks the net for nothing
+mathjax_path = "mathjax/tex-chtml-full.js"  # copied into the site: pages need no network
 
 autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"
@@ -47,7 +47,7 @@ html_css_files = ["site.css"]
 
 
 def leave_equations_alone(_: Sphinx, document: nodes.document) -> None:
-    r"""Keep Sphinx from wrapping equations of several lines, where TeX allows no \tag."""
+    r"""Keep Sphinx from wrapping equations of several lines in environments without \tag."""
     for block in document.findall(nodes.math_block):
         text = f"\\[{block.astext()}\\]"
         block.children.clear()
@@ -56,17 +56,17 @@ def leave_equations_alone(_: Sphinx, document: nodes.document) -> None:
 
 
 def keep_bars(*arguments: Any) -> None:
-    """Let bars in docstrings be magnitudes, which they are, and not docutils' substitutions."""
+    """Escape bars in docstrings: they are magnitudes, and not docutils' substitutions."""
     lines = arguments[-1]
     for i, line in enumerate(lines):
         parts = re.split(r"(``.*?``)", line)
         lines[i] = "".join(p if p.startswith("``") else p.replace("|", "\\|") for p in parts)
 
 
-def lead_back(_: Sphinx, page: str, __: str, context: dict[str, Any], *___: Any) -> None:
-    """Let sources lead back to what is documented by the name of its module.
+def correct_back_links(_: Sphinx, page: str, __: str, context: dict[str, Any], *___: Any) -> None:
+    """Correct the links from source pages back to names that are documented in their modules.
 
-    Sphinx takes all that a module holds for public names where one of them is.
+    If one name of a module is public, Sphinx treats all names of the module as public.
     """
     if page.startswith("_modules/"):
         module = page.removeprefix("_modules/").replace("/", ".")
@@ -78,7 +78,7 @@ def lead_back(_: Sphinx, page: str, __: str, context: dict[str, Any], *___: Any)
 
 
 def setup(app: Sphinx) -> None:
-    """Connect what this file adds to Sphinx."""
+    """Connect the functions of this file to Sphinx's events."""
     app.connect("doctree-read", leave_equations_alone)
     app.connect("autodoc-process-docstring", keep_bars)
-    app.connect("html-page-context", lead_back)
+    app.connect("html-page-context", correct_back_links)

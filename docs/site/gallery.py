@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The page of demos: a card for each with a small picture, its title and its first sentence."""
+"""Page of demos: one card per demo, with a small picture, the title and the first sentence."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from pathlib import Path
 
 from PIL import Image
 
-# The picture of a demo that draws several; the first otherwise.
+# Picture of a demo that draws several; without an entry it is the first one.
 PICTURES = {"03_ambiesta": "deformed"}
-WIDTH = 640  # of a small picture, twice that of a card on the screen, [pixels]
+WIDTH = 640  # of a small picture [pixels], twice the width of a card on the screen
 HEIGHT = 400
 
 
 def gallery(pages: Mapping[str, str], runs: Path) -> str:
-    """Markdown of the page, pictures in it.
+    """Return the Markdown of the page, pictures included.
 
     Args:
-        pages: By the name of the demo, the Markdown of its page.
-        runs: Folder with a folder for each demo, in which it ran.
+        pages: Markdown of each demo's page, by the name of the demo.
+        runs: Folder with one folder per demo, in which the demo ran.
     """
     cards = [_card(name, text, runs / name) for name, text in pages.items()]
     return "# Demos\n\n" + '<div class="gallery">\n' + "\n".join(cards) + "\n</div>\n"
@@ -42,7 +42,7 @@ def _card(name: str, page: str, run: Path) -> str:
 
 
 def first_sentence(page: str) -> str:
-    """The first sentence below a page's title, without marks of Markdown."""
+    """Return the first sentence below a page's title, without Markdown."""
     paragraphs = [p for p in page.split("\n\n")[1:] if p[:1].isalnum()]
     words = " ".join(paragraphs[0].split()) if paragraphs else ""
     plain = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", words).replace("`", "").replace("*", "")
@@ -50,7 +50,7 @@ def first_sentence(page: str) -> str:
 
 
 def small(figure: Path) -> str:
-    """A picture's upper part in the format of a card, as an address that holds it."""
+    """Return a picture, scaled to the width of a card and cut to its height, as a data URL."""
     with Image.open(figure) as whole:
         picture = whole.convert("RGB")
     height = round(picture.height * WIDTH / picture.width)

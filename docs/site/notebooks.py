@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Demos that are run as notebooks, without a screen: what each cell shows becomes a page."""
+"""Demos that run as notebooks, without a screen: cells and their output become a page."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ import nbformat
 from nbclient import NotebookClient
 
 PROJECT = Path(__file__).resolve().parents[2]
-_SECONDS = 600  # for a cell
+_SECONDS = 600  # limit for a cell
 
 
 def notebook_page(script: Path, target: Path) -> str:
-    """A demo as a page with what its cells show; the notebook itself lies beside it.
+    """Return a demo as a page with the output of its cells, and write the notebook.
 
     Args:
         script: The demo.
-        target: Folder of the page's pictures and of the notebook, made anew.
+        target: New folder for the page's pictures and the notebook.
 
     Raises:
         CellExecutionError: A cell fails.
@@ -34,13 +34,13 @@ def notebook_page(script: Path, target: Path) -> str:
     notebook = executed(script)
     nbformat.write(notebook, target / f"{script.stem}.ipynb")
     parts = [_cell(cell, f"{script.stem}_{i}", target) for i, cell in enumerate(notebook.cells)]
-    title, *rest = filter(None, parts)
+    title, *sections = filter(None, parts)
     link = f"*[This page as a notebook]({target.name}/{script.stem}.ipynb)*"
-    return "\n\n".join([title, link, *rest]) + "\n"
+    return "\n\n".join([title, link, *sections]) + "\n"
 
 
 def executed(script: Path) -> Any:
-    """The notebook of a script after all its cells have run in an empty folder."""
+    """Run all cells of a script in an empty folder and return the notebook."""
     notebook = jupytext.read(script, fmt="py:percent")
     notebook.cells = [c for c in notebook.cells if not c.source.startswith("# Copyright")]
     with tempfile.TemporaryDirectory() as name:
@@ -58,7 +58,7 @@ def executed(script: Path) -> Any:
 
 
 def _cell(cell: Any, name: str, target: Path) -> str:
-    """Markdown of a cell and of what it shows."""
+    """Return the Markdown of a cell and of its output."""
     if cell.cell_type == "markdown":
         return str(cell.source)
     parts = [f"```python\n{cell.source}\n```"] if cell.source else []
@@ -69,7 +69,7 @@ def _cell(cell: Any, name: str, target: Path) -> str:
         elif "image/png" in output.get("data", {}):
             picture = target / f"{name}_{i}.png"
             picture.write_bytes(base64.b64decode(output.data["image/png"]))
-            parts.append(f"![what the cell shows]({target.name}/{picture.name})")
+            parts.append(f"![output of the cell]({target.name}/{picture.name})")
         elif "text/html" in output.get("data", {}):
             parts.append(f'<div class="shown">{output.data["text/html"]}</div>')
     return "\n\n".join(parts)

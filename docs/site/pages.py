@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Pages of the documentation site: texts of the project, demos, and the reference."""
+"""Pages of the documentation site: texts of the project, demos and the reference."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import parameters
 from gallery import gallery
 
 PROJECT = Path(__file__).resolve().parents[2]
-# In the order of the menu. The pages of a folder are in the order of the links of its index.
+# Pages in the order of the menu. Those of a folder are in the order of the links in its index.
 MENU = {
     "Use": [
         "docs/guide/index.md",
@@ -40,8 +40,8 @@ MENU = {
         "CHANGELOG.md",
     ],
 }
-NOTEBOOKS = ("00_first_steps", "08_results")  # demos whose cells show what they give
-# Modules that users import by name, as the guide does; each is on the page of its wing.
+NOTEBOOKS = ("00_first_steps", "08_results")  # demos whose page shows the output of each cell
+# Modules that users import by name. Each is on the page of its wing in the reference.
 MODULES = (
     "exact",
     "export",
@@ -62,7 +62,7 @@ MODULES = (
     "results.reader",
     "study",
 )
-# Pages of the guide that use what a wing holds.
+# Pages of the guide that use a wing.
 GUIDES = {
     "body": ("loads", "foundation", "modes"),
     "common": ("errors", "install"),
@@ -86,27 +86,27 @@ GUIDES = {
 LINK = re.compile(r"\]\(([^)\s:#]+)(#[^)\s]*)?\)")
 REFERENCE = """# Reference
 
-The public names of `import dolfinx_joints as dj`, by the wing of the package that they come from,
-and modules that are imported by name. All units are SI units; angles are in degrees where the name
-says so. [Parameters](parameters.md): kind, range, unit and default of each.
+The public names of `import dolfinx_joints as dj`, by wing of the package, and modules that are
+imported by name. Units are SI units; angles whose name ends in `_deg` are in degrees. The page
+[Parameters](parameters.md) gives kind, range, unit and default of each parameter.
 
 """
 
 
 def demos() -> list[Path]:
-    """The demos in their order."""
+    """Return the demos in their order."""
     return sorted((PROJECT / "demos").glob("[0-9]*.py"))
 
 
 def gather(target: Path, runs: Path) -> None:
     """Write the sources of all pages.
 
-    The folders are those of the project, so that links between its texts need no change, but
-    for the demos, which are pages here, and the README, which is the first page.
+    Folders are those of the project, so that links between its texts need no change. Exceptions
+    are links to the demos, which become pages, and to the README, which is the first page.
 
     Args:
-        target: Folder of the sources, made anew.
-        runs: Folder with a folder for each demo, in which it ran: ``printed.txt`` and figures.
+        target: New folder for the sources.
+        runs: Folder with one folder per demo, which has ``printed.txt`` and the figures.
     """
     shutil.rmtree(target, ignore_errors=True)
     shutil.copytree(PROJECT / "docs" / "images", target / "docs" / "images")
@@ -116,15 +116,15 @@ def gather(target: Path, runs: Path) -> None:
         _write(target / name, with_page_links(text, source))
         for file in linked_files(text, source):
             _write(target / file.relative_to(PROJECT), file.read_text("utf-8"))
-    from notebooks import notebook_page  # its packages are there where the site is built
+    from notebooks import notebook_page  # its packages are only installed to build the site
 
     pages = {}
     for script in demos():
-        beside = target / "demos" / script.stem
+        folder = target / "demos" / script.stem
         if script.stem in NOTEBOOKS:
-            pages[script.stem] = with_page_links(notebook_page(script, beside), script)
+            pages[script.stem] = with_page_links(notebook_page(script, folder), script)
         else:
-            pages[script.stem] = demo_page(script, runs / script.stem, beside)
+            pages[script.stem] = demo_page(script, runs / script.stem, folder)
     pages["index"] = gallery(pages, runs) + _toctree("", list(pages))
     for name, text in pages.items():
         _write(target / "demos" / f"{name}.md", text)
@@ -139,28 +139,28 @@ def gather(target: Path, runs: Path) -> None:
 
 
 def texts() -> list[Path]:
-    """The texts of the menu, those of its folders included."""
-    found = [PROJECT / name for group in MENU.values() for name in group]
-    found = [file for file in found if file.is_file()]
-    return found + [page for file in found if file.name == "index.md" for page in listed(file)]
+    """Return the texts of the menu, including those of its folders."""
+    files = [PROJECT / name for group in MENU.values() for name in group]
+    files = [file for file in files if file.is_file()]
+    return files + [page for file in files if file.name == "index.md" for page in listed(file)]
 
 
 def linked_files(text: str, source: Path) -> list[Path]:
-    """Return the files that a text links to and that are no pages or images, as modules."""
-    found = {(source.parent / match[1]).resolve() for match in LINK.finditer(text) if match[1]}
-    others = {file for file in found if file.is_file() and file.suffix not in (".md", ".png")}
+    """Return the files that a text links to, such as modules, without pages and images."""
+    files = {(source.parent / match[1]).resolve() for match in LINK.finditer(text) if match[1]}
+    others = {file for file in files if file.is_file() and file.suffix not in (".md", ".png")}
     return sorted(others - set(demos()))
 
 
 def listed(index: Path) -> list[Path]:
-    """The pages of a folder in the order of the links of its index."""
+    """Return the pages of a folder in the order of the links in its index."""
     links = [index.parent / match[1] for match in LINK.finditer(index.read_text("utf-8"))]
     inside = [link for link in links if link.parent == index.parent and link.suffix == ".md"]
     return list(dict.fromkeys(inside))
 
 
 def with_page_links(text: str, source: Path) -> str:
-    """A text whose links lead to pages where these have other names than their sources."""
+    """Replace links to sources by links to their pages if these have other names."""
 
     def page(match: re.Match[str]) -> str:
         link, anchor = match[1], match[2] or ""
@@ -175,19 +175,19 @@ def with_page_links(text: str, source: Path) -> str:
 
 
 def demo_page(script: Path, run: Path, pictures: Path) -> str:
-    """A demo as a page: its text and code, its printed lines, its figures.
+    """Return a demo as a page: text and code, printed lines, figures.
 
     Args:
-        script: The demo, cells of text and code between ``# %%`` lines.
-        run: Folder in which it ran.
-        pictures: Folder beside the page, where figures are copied to.
+        script: The demo, whose cells of text and code are separated by ``# %%`` lines.
+        run: Folder in which the demo ran.
+        pictures: Folder next to the page, to which figures are copied.
     """
     cells = re.split(r"^# %%", script.read_text("utf-8"), flags=re.M)[1:]
     title, *parts = filter(None, map(_cell, cells))
-    # One title; what follows at its level is a section.
+    # A page has one title; later headings of the same level become sections.
     parts = [re.sub(r"\A# ", "## ", part) for part in parts]
     printed = (run / "printed.txt").read_text("utf-8").strip("\n")
-    page = "\n\n".join([title, *parts, "## What it prints", f"```text\n{printed}\n```\n"])
+    page = "\n\n".join([title, *parts, "## Output", f"```text\n{printed}\n```\n"])
     figures = sorted(run.rglob("*.png"))
     if figures:
         pictures.mkdir(parents=True)
@@ -200,7 +200,7 @@ def demo_page(script: Path, run: Path, pictures: Path) -> str:
 
 
 def _cell(cell: str) -> str:
-    """Markdown of a cell."""
+    """Return the Markdown of a cell."""
     kind, _, body = cell.partition("\n")
     if "[markdown]" in kind:
         return "\n".join(re.sub(r"^# ?", "", line) for line in body.strip().split("\n"))
@@ -209,7 +209,7 @@ def _cell(cell: str) -> str:
 
 
 def reference_pages() -> dict[str, str]:
-    """The reference: its index, a page per wing, the table of parameters."""
+    """Return the pages of the reference: index, one page per wing, table of parameters."""
     homes = public_names()
     wings = {module.split(".")[0] for module in homes.values()}
     pages = {}
@@ -219,16 +219,16 @@ def reference_pages() -> dict[str, str]:
             names = sorted(name for name, home in homes.items() if home == module)
             pages[wing] += _section(module, [_directive(module, name) for name in names])
         for module in [m for m in MODULES if m.split(".")[0] == wing]:
-            known = ", ".join(name for name, home in homes.items() if home == module)
+            listed_names = ", ".join(name for name, home in homes.items() if home == module)
             lines = f".. automodule:: dolfinx_joints.{module}\n   :members:"
-            pages[wing] += _section(module, [lines + f"\n   :exclude-members: {known}"])
+            pages[wing] += _section(module, [lines + f"\n   :exclude-members: {listed_names}"])
     rows = "".join(f"- [{name}]({name}.md): {_brief(name)}\n" for name in pages)
     pages["parameters"] = f"# Parameters\n\n{parameters.table()}"
     return {"index": REFERENCE + rows, **pages}
 
 
 def _guides(wing: str) -> str:
-    """Links to the pages of the guide that use a wing."""
+    """Return links to the pages of the guide that use a wing."""
     links = []
     for name in GUIDES.get(wing, ()):
         title = (PROJECT / "docs" / "guide" / f"{name}.md").read_text("utf-8").partition("\n")[0]
@@ -237,13 +237,13 @@ def _guides(wing: str) -> str:
 
 
 def public_names() -> dict[str, str]:
-    """The module of each public class and function, from the stub of the package."""
+    """Return the module of each public class and function, from the stub of the package."""
     homes = {}
     for node in ast.parse(_source("", "__init__.pyi")).body:
         for alias in node.names if isinstance(node, ast.ImportFrom) else ():
             home = node.module or ""
-            here = PROJECT / "dolfinx_joints" / home.replace(".", "/") / alias.name
-            if not (here.is_dir() or here.with_suffix(".py").exists()):
+            path = PROJECT / "dolfinx_joints" / home.replace(".", "/") / alias.name
+            if not (path.is_dir() or path.with_suffix(".py").exists()):
                 homes[alias.name] = home
     return homes
 
@@ -267,12 +267,12 @@ def _source(module: str, file: str = "__init__.py") -> str:
 
 
 def _summary(module: str) -> str:
-    """The docstring of a module."""
+    """Return the docstring of a module."""
     return (ast.get_docstring(ast.parse(_source(module))) or module).replace("``", "`")
 
 
 def _brief(module: str) -> str:
-    """The first sentence of a module."""
+    """Return the first line of a module's docstring, without the full stop."""
     return _summary(module).split("\n")[0].rstrip(".")
 
 

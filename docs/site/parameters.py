@@ -1,6 +1,6 @@
 # Copyright (C) 2026 The dolfinx_joints developers
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The table of declared parameters for the reference, from the declarations themselves."""
+"""Table of parameters for the reference, generated from their declarations."""
 
 from __future__ import annotations
 
@@ -11,20 +11,22 @@ from dolfinx_joints.common.declared import CHECKED, REQUIRED, Declaration, decla
 
 
 def table() -> str:
-    """Markdown: for each wing the name, unit, range and default of every declared parameter."""
+    """Return a Markdown table per wing: name, unit, range and default of each parameter."""
     for name in dolfinx_joints.__all__:
         getattr(dolfinx_joints, name)
-    known = sorted({(of.__module__.split(".")[1], of.__qualname__): of for of in CHECKED}.items())
+    owners = sorted(
+        {(cls.__module__.split(".")[1], cls.__qualname__): cls for cls in CHECKED}.items()
+    )
     text = ""
-    for wing, members in groupby(known, key=lambda item: item[0][0]):
-        text += f"## {wing}\n\n| parameter | unit | may be | default |\n|---|---|---|---|\n"
-        for (_, name), of in members:
-            text += "".join(_row(name, each) for each in declarations(of))
+    for wing, members in groupby(owners, key=lambda item: item[0][0]):
+        text += f"## {wing}\n\n| parameter | unit | allowed | default |\n|---|---|---|---|\n"
+        for (_, name), cls in members:
+            text += "".join(_row(name, declared) for declared in declarations(cls))
         text += "\n"
     return text
 
 
-def _row(owner: str, each: Declaration) -> str:
-    default = "required" if each.default is REQUIRED else f"`{each.default!r}`"
-    allowed = each.allowed.replace("|", "\\|")
-    return f"| `{owner}.{each.name}` | {each.unit} | {allowed} | {default} |\n"
+def _row(owner: str, declared: Declaration) -> str:
+    default = "required" if declared.default is REQUIRED else f"`{declared.default!r}`"
+    allowed = declared.allowed.replace("|", "\\|")
+    return f"| `{owner}.{declared.name}` | {declared.unit} | {allowed} | {default} |\n"

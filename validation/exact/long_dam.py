@@ -36,7 +36,7 @@ from dolfinx_joints.simulation.monitor import Monitor
 from dolfinx_joints.simulation.record import Record
 from validation.atlas import Outcome, curve, estimate, new_figure
 
-SOURCE = "closed form: d'Alembert's waves that go along with the ground; Fourier series"
+SOURCE = "closed form: d'Alembert's waves that travel with the ground motion; Fourier series"
 
 Floats = NDArray[np.float64]
 LENGTH, HEIGHT, WIDTH = 500.0, 50.0, 5.0  # [m]
@@ -164,7 +164,9 @@ def run(quick: bool) -> Outcome:
     rows = [
         curve("crest away from the ends", ours[alone], exact[alone], **limits),
         curve("static part at the crest", own, still, tolerance=1e-4, reason="third order: cells"),
-        curve("dynamic part there", (ours - own)[alone], (exact - still)[alone], **limits),
+        curve(
+            "dynamic part away from the ends", (ours - own)[alone], (exact - still)[alone], **limits
+        ),
     ]
     figure, ax = new_figure()
     for time in (0.06, 0.08, 0.1, 0.12):

@@ -31,7 +31,7 @@ from validation.grids import line, quads
 
 SOURCE = (
     "code_aster's test SSNP143 (V6.03.143): reference by GEFDYN, and code_aster's results in "
-    "the plane (A) and in space (B)"
+    "2-D (A) and 3-D (B)"
 )
 
 WIDTH, HEIGHT, GROUT, STIFFNESS = 5.0, 10.0, 5e4, 1e12
@@ -46,8 +46,8 @@ CELLS = 0.0015
 DIFFERS = {
     "GEFDYN": {2.0: -0.0124, 5.0: -0.0302, 8.0: -0.0344},
     "code_aster, plane": {2.0: 0.0463, 5.0: 0.0359, 8.0: 0.0341},
-    "code_aster, space": {4.5: 0.0538, 8.5: 0.0481},
-    "code_aster, space, in plane strain": {4.5: 0.0033, 8.5: -0.0039},
+    "code_aster, 3-D": {4.5: 0.0538, 8.5: 0.0481},
+    "code_aster, 3-D, in plane strain": {4.5: 0.0033, 8.5: -0.0039},
 }
 
 
@@ -104,8 +104,8 @@ def run(quick: bool, *, fine: bool = False) -> Outcome:
     for name, theirs, points, digits in (
         ("GEFDYN", GEFDYN, strain, 3),
         ("code_aster, plane", PLANE, strain, 5),
-        ("code_aster, space", SPACE, stress, 5),
-        ("code_aster, space, in plane strain", SPACE, strain, 5),
+        ("code_aster, 3-D", SPACE, stress, 5),
+        ("code_aster, 3-D, in plane strain", SPACE, strain, 5),
     ):
         for height, value in theirs.items():
             rows.append(
@@ -121,7 +121,7 @@ def run(quick: bool, *, fine: bool = False) -> Outcome:
     ax.plot(1e6 * strain[1], strain[0], label="ours, plane strain")
     ax.plot(1e6 * stress[1], stress[0], ":", label="ours, plane stress")
     theirs = (("GEFDYN", GEFDYN, "o"), ("code_aster, plane", PLANE, "s"))
-    for label, numbers, mark in (*theirs, ("code_aster, space", SPACE, "^")):
+    for label, numbers, mark in (*theirs, ("code_aster, 3-D", SPACE, "^")):
         ax.plot(1e6 * np.array(list(numbers.values())), list(numbers), mark, label=label)
     ax.set_xlabel("opening [µm]")
     ax.set_ylabel("height [m]")

@@ -32,7 +32,7 @@ import dolfinx_joints as dj
 from validation.atlas import Outcome, Row, estimate, new_figure
 from validation.grids import line, quads
 
-SOURCE = "code_aster's test SSNP142 A (V6.03.142): reference by GEFDYN, and its own results"
+SOURCE = "code_aster's test SSNP142 A (V6.03.142): reference by GEFDYN, and code_aster's results"
 
 Floats = NDArray[np.float64]
 HEIGHT, BASE, CREST, DEPTH, LEVEL = 10.0, 5.0, 1.5, 5.0, 9.0

@@ -25,7 +25,7 @@ import dolfinx_joints as dj
 from validation.atlas import Outcome, Row, estimate, new_figure
 from validation.grids import line, quads
 
-SOURCE = "code_aster's test SSNV128 A (V6.04.128): reference of the GRECO group, own results"
+SOURCE = "code_aster's test SSNV128 A (V6.04.128): results of the GRECO group and of code_aster"
 
 SIDE, CELL = 0.04, 0.00125
 # Displacement along the plane [um] by x [mm].

@@ -148,7 +148,7 @@ class LawPoints:
     def compiled_over(self, rule: Rule) -> CompiledLaw | None:
         """Return `law_over` if its compiled loops give all its responses, else None."""
         law = self.law_over(rule)
-        return law if isinstance(law, CompiledLaw) and law.has_loops_alone() else None
+        return law if isinstance(law, CompiledLaw) and law.uses_only_loops() else None
 
     def ask(
         self, rule: Rule, gap: Floats, compliance: Floats | None, state: JointState

@@ -19,7 +19,7 @@ from dolfinx_joints.joints.operator import diagonal_compliance
 from dolfinx_joints.model.system import MatrixSystem
 from dolfinx_joints.solvers import limits
 from dolfinx_joints.solvers.effective_matrix import iterates
-from dolfinx_joints.solvers.first_that_works import HoldingBonds, OtherStarts, StaticSolver
+from dolfinx_joints.solvers.first_that_works import BondReleaseSolver, OtherStarts, StaticSolver
 from dolfinx_joints.solvers.newton import NewtonSolver
 from dolfinx_joints.solvers.step_solver import SolverOptions, StepSolver
 
@@ -52,7 +52,7 @@ def make_solver(
     """
     solver = _solver_of(system, options, kind, static_steps)
     brittle = system.contact is not None and system.contact.brittle
-    return HoldingBonds(solver) if brittle else solver
+    return BondReleaseSolver(solver) if brittle else solver
 
 
 def _solver_of(

@@ -82,7 +82,7 @@ class OtherStarts(SolverAround):
             self.inner.follows_path = True
 
 
-class HoldingBonds(SolverAround):
+class BondReleaseSolver(SolverAround):
     """Wrapper that solves a step with intact bonds, then again without the most overloaded ones.
 
     A step often has one solution with intact bonds and another with broken bonds. A bond breaks

@@ -113,7 +113,7 @@ class JointFunctions:
             self._shown_status(found.status)[:, None].astype(np.float64),
         )
         for function, each in zip(self._at_points, values, strict=True):
-            self._exchange.give(function, each)
+            self._exchange.set_function(function, each)
         if "fields" in self.__dict__:
             self._fill(self.fields)
 

@@ -125,7 +125,7 @@ def _accepted(
         at.ledger.energy = energy
         at.accept(solved, increment)
         if at.joints is not None:
-            watch.see(at.joints.gap)
+            watch.record(at.joints.gap)
         yield increment
 
 

@@ -70,17 +70,17 @@ class BatchScheduler:
         self._abandoned = False
 
     def run(
-        self, functions: Mapping[str, Callable[[], Any]], largest_count: int
+        self, functions: Mapping[str, Callable[[], Any]], at_once: int
     ) -> dict[str, Any | Exception]:
         """Return the result or the `Exception` of each function; other exceptions end all runs.
 
         Args:
             functions: Functions by name, started in this order.
-            largest_count: Largest number of concurrent functions; one ends, the next one starts.
+            at_once: Largest number of concurrent functions; one ends, the next one starts.
         """
         runs = {name: _Run(function, self._back) for name, function in functions.items()}
         begin = deque(runs.values())
-        ready = deque(begin.popleft() for _ in range(min(largest_count, len(begin))))
+        ready = deque(begin.popleft() for _ in range(min(at_once, len(begin))))
         waiting: dict[Hashable, list[_Run]] = {}
         try:
             while ready or waiting:

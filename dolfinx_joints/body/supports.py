@@ -169,7 +169,7 @@ class Constraints:
         points: Owned nodes, local numbers, of supports at points, by `place_of`.
 
     Raises:
-        ValueError: A component is unknown, or is both Fixed by name and Prescribed at one place.
+        ValueError: A component is unknown, or both Fixed by name and Prescribed at one place.
         MeshError: A group does not exist, or a point has no node or several nodes.
     """
 

@@ -3,7 +3,7 @@
 """Thresholds of the solvers: tolerances, sizes at which a method changes, limits of iterations.
 
 Each comment states the trade-off behind a value and its source. `tests/solvers/test_limits.py`
-names the test or the page that shows its effect. The symbols are those of docs/theory/solvers.md.
+names the test or the page that shows its effect. docs/theory/solvers.md defines the symbols.
 User options are in `SolverOptions`, PETSc options next to their solvers. Read a value as
 ``limits.NAME``, so that a test can replace it; compiled loops read it when they are compiled.
 """
@@ -42,7 +42,7 @@ SINGULAR_GROWTH = 0.01 / EPSILON
 FACTOR_RESIDUAL, SUPPORTED_RESIDUAL = 1e-2, 1e-6
 
 # NEWTON'S METHOD
-# If the residual is not below LEAST_FALL times that of PATIENCE iterations ago, take
+# If the residual is not below LEAST_FALL times the residual PATIENCE iterations ago, apply
 # WHOLE_CORRECTIONS full corrections: halved ones may creep towards a kink that is not a solution.
 PATIENCE, LEAST_FALL, WHOLE_CORRECTIONS = 5, 0.9, 2
 
@@ -182,7 +182,7 @@ ADMISSIBLE_SIZE, LOW_RANK_SHARE = 4.0, 0.9
 STORE_GROWTH = 1_000_000
 
 # Matrices kept, one per step length. The condensed solver keeps as many as dense compliances fit
-# into KEPT_BYTES, from FEWEST_KEPT to MOST_KEPT. The monolithic one keeps TANGENTS_KEPT tangents,
+# into KEPT_BYTES, from FEWEST_KEPT to MOST_KEPT. The monolithic solver has TANGENTS_KEPT tangents,
 # or FEWEST_KEPT if they are solved by iteration.
 KEPT_BYTES, FEWEST_KEPT, TANGENTS_KEPT, MOST_KEPT = 2_000_000_000, 2, 4, 8
 

@@ -69,7 +69,7 @@ class ModalChange:
 class ChangedSolver:
     """Solver with A + Psi delta Psi^T that uses a solver with A, by the Woodbury formula (34b).
 
-    For each factor of A, Z = A^-1 Psi takes one back-substitution per mode. With y = A^-1 b and
+    For each factor of A, Z = A^-1 Psi costs one back-substitution per mode. With y = A^-1 b and
     W = delta (I + Psi^T Z delta)^-1 the solution is y - Z W Psi^T y.
 
     Args:

@@ -127,7 +127,7 @@ class BodyIterate:
         unit: Unit of reported norms.
         relative: Residual relative to the forces.
         accepted: True if the residual is within the tolerance or rounding error.
-        target: Share of the residual that a correction should leave.
+        target: Share of the residual that should remain after a correction.
     """
 
     change: PETSc.Vec

@@ -111,7 +111,7 @@ def _best(
 
 
 def forcing(first: float, reduction: float, target: float) -> float:
-    """Return the share of the residual that a correction may leave (Eisenstat and Walker 1996).
+    """Return the share of the residual allowed after a correction (Eisenstat and Walker 1996).
 
     Args:
         first: Share for the first correction.

@@ -63,7 +63,7 @@ class Condensed:
 
     Attributes:
         static: True in statics (no inertia).
-        unsupported: True if joints alone support a block, in statics.
+        unsupported: True if only joints support a block, in statics.
         used: True if a step has been solved with this object.
     """
 
@@ -178,7 +178,7 @@ class Condensed:
         """Set rigid-point openings below the step's resolution to zero (collective).
 
         Where rigid joints meet, sticking points determine whether other points are open. An opening
-        within the resolution would contradict them in later steps, especially in short ones.
+        within the resolution would contradict these points in later steps, especially short steps.
         """
         if not self._contact.rigid:
             return
@@ -210,7 +210,7 @@ class Condensed:
 
 
 def _is_regular(matrix: EffectiveMatrix, unconstrained: PETSc.Vec) -> bool:
-    """Return True if a static matrix is regular: no block is supported by joints alone."""
+    """Return True if a static matrix is regular: no block is supported only by joints."""
     load, displacement = unconstrained.duplicate(), unconstrained.duplicate()
     load.setRandom()
     load.pointwiseMult(load, unconstrained)

@@ -52,13 +52,13 @@ Floats = NDArray[np.float64]
 class InterfaceSolver(StepSolver):
     """Solver that iterates only on the joint forces, by a semi-smooth Newton method.
 
-    The result equals that of `NewtonSolver`. The compliance matrix is computed once per set of
+    The result equals the `NewtonSolver` result. The compliance matrix is computed once per set of
     coefficients and costs one back-substitution per joint unknown. Each step then costs two
     back-substitutions, regardless of the number of Newton iterations.
 
-    In statics, blocks that are supported by joints alone are stabilised by artificial springs
-    across the joints. The spring forces are subtracted from the joint tractions, so that the
-    solution does not depend on the springs.
+    In statics, artificial springs across the joints stabilise blocks that only joints support. The
+    spring forces are subtracted from the joint tractions, so that the solution does not depend on
+    the springs.
 
     Args:
         system: The system, with joints.

@@ -85,7 +85,7 @@ class _MixedProblem(BodyProblem[_Iterate]):
     def start(self) -> _Iterate:
         """Return the first iterate (collective).
 
-        In statics the tractions are those of the accepted state, so that the first correction is
+        In statics start from the tractions of the accepted state, so that the first correction is
         the elastic predictor.
         """
         if self.matrix.inertia:
